@@ -1734,6 +1734,13 @@ export interface components {
              */
             pins?: string | null;
             /**
+             * Xmalab
+             * @description CSV only: it is a frame specification of XMALab, with numbers in this unit: the content, or, if that is no CSV, what is made of it.
+             * @default null
+             * @example cm
+             */
+            xmalab?: ("mm" | "cm") | null;
+            /**
              * Format
              * @description What the content is; yaml and json are designs.
              * @enum {string}
@@ -9600,6 +9607,8 @@ export interface operations {
                 seats?: string;
                 /** @description Not with a JSON body. STEP only: pattern of the names of cylinders and coordinate systems that hold the structure across their axis: the first both ways, each other one across the line to it. */
                 pins?: string;
+                /** @description Not with a JSON body. CSV only: it is a frame specification of XMALab, with numbers in this unit: the content, or, if that is no CSV, what is made of it. */
+                xmalab?: "mm" | "cm";
             };
             header?: never;
             path?: never;

@@ -105,7 +105,16 @@ class StepOptions(Options):
         )
 
 
-class ConversionOptions(StepOptions):
+class FileOptions(StepOptions):
+    """What the files themselves do not say."""
+
+    xmalab: Literal["mm", "cm"] | None = Field(
+        None, description="CSV only: it is a frame specification of XMALab, with numbers in this unit: the content, "
+        "or, if that is no CSV, what is made of it.", examples=["cm"],
+    )  # fmt: skip
+
+
+class ConversionOptions(FileOptions):
     """The content and what to make of it."""
 
     format: SourceFormat = Field(description="What the content is; yaml and json are designs.")
@@ -168,9 +177,10 @@ class Wish:
     content: bytes
     source: str
     target: str
-    options: StepOptions
+    options: FileOptions
     base: Design | None = None
     base_text: str | None = None  # the YAML of the base, whose comments stay
+    references: tuple[bytes, str] | None = None  # content and name of the .ref of a cage of XMALab
 
 
 def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> Made:
@@ -179,6 +189,7 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     directory: what files that a design names are relative to; None: it may name none.
     """
     from tailstack.design import convert, load_design
+    from tailstack.design.calibration_cages import CageForm
     from tailstack.design.reading import DOCUMENTS
     from tailstack.design.write import STEP_FILES
 
@@ -192,10 +203,12 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
         starts.append(design_of_beads(Beads(fiducials.labels, fiducials.positions_mm, wish.source)))
         return load_design(starts[0], limits=limits)
 
+    unit = wish.options.xmalab
     begins = is_step and wish.base is None and wish.target.lower().endswith(DOCUMENTS)
     made = convert(
         wish.content, wish.source, wish.target, directory=directory, allow_files=directory is not None, limits=limits,
         selection=wish.options.select(), base=begin if begins else wish.base,
+        cage=None if unit is None else CageForm(unit, wish.references),
     )  # fmt: skip
     base, text = (load_design(starts[0], limits=limits), starts[0]) if starts else (wish.base, wish.base_text)
     if base is None or not wish.target.lower().endswith(DOCUMENTS):
@@ -216,6 +229,10 @@ def _refuse_unused(wish: Wish, is_step: bool) -> None:
     if unused:
         detail = f"{unused[0]} is for STEP files; the content is {wish.source.rpartition('.')[2]}"
         raise RequestError(Problem(f"/{unused[0]}", "unused-option", detail, "leave it out"))
+    endings = [name.rpartition(".")[2].lower() for name in (wish.source, wish.target)]
+    if wish.options.xmalab is not None and "csv" not in endings:
+        detail = f"xmalab is for CSV files; {endings[0]} becomes {endings[1]}"
+        raise RequestError(Problem("/xmalab", "unused-option", detail, "leave it out"))
 
 
 def _what_is_missing(text: str, limits: Limits) -> list[str]:
@@ -265,7 +282,7 @@ def receive(sent: Sent, settings: Settings) -> Reception:
     else:
         refuse_query(sent.query, QUERY_NAMES)
         source, target, place = _source_format(sent), _format(sent.query, "to", TARGETS) or "yaml", ""
-        wish = Wish(sent.body, f"content.{source}", f"converted.{target}", _step_options(sent.query))
+        wish = Wish(sent.body, f"content.{source}", f"converted.{target}", _file_options(sent.query))
     try:
         made = convert_wish(wish, limits_of(settings))
     except (DesignError, LimitError) as error:
@@ -292,13 +309,13 @@ def _source_format(sent: Sent) -> str:
     return source
 
 
-def _step_options(query: Query) -> StepOptions:
-    """What the query says of a STEP file.  Raises RequestError."""
+def _file_options(query: Query) -> FileOptions:
+    """What the query says of a file.  Raises RequestError."""
     from .sent import from_text, read_options, single
 
-    schema = StepOptions.model_json_schema()["properties"]
+    schema = FileOptions.model_json_schema()["properties"]
     given = {name: single(query, name) for name in schema}
-    return read_options(StepOptions, {name: from_text(text, schema[name]) for name, text in given.items()
+    return read_options(FileOptions, {name: from_text(text, schema[name]) for name, text in given.items()
                                       if text is not None}, ())  # fmt: skip
 
 
@@ -339,6 +356,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     step.add_argument("--pins", metavar="PATTERN", help="cylinders or coordinate systems that hold across their axis; "
                       "with --seats they are the six locators of the structure")  # fmt: skip
 
+    cage = parser.add_argument_group("of a cage of XMALab")
+    cage.add_argument("--xmalab", choices=("mm", "cm"), help="the .csv that is read, or else written, is a frame "
+                      "specification in this unit; a .ref beside one that is read is read too")  # fmt: skip
+    cage.add_argument("--references", metavar="LABEL,...", help="beads that are marked: writes the .ref, too")
+
 
 def read_diameter(text: str) -> tuple[float, float]:
     """An argparse type: a diameter and how far one may be from it, as 3±0.1, 3+-0.1, 3+/-0.1 or 3."""
@@ -363,19 +385,51 @@ def _run(arguments: argparse.Namespace) -> Answer:
         given |= dict(zip(("sphere_diameter_mm", "sphere_tolerance_mm"), arguments.sphere_diameter, strict=True))
     source, target = Path(arguments.design), Path(arguments.output)
     base = None if arguments.base is None else read_design(arguments.base)
-    options = StepOptions(**{name: value for name, value in given.items() if value is not None})
+    options = FileOptions(
+        xmalab=arguments.xmalab, **{name: value for name, value in given.items() if value is not None}
+    )
     text = None if base is None else own_text(base)
-    wish = Wish(read_source_file(source), source.name, target.name, options, base, text)
+    references = _read_references(source) if arguments.xmalab else None
+    wish = Wish(read_source_file(source), source.name, target.name, options, base, text, references)
     made = convert_wish(wish, DEFAULT_LIMITS, source.parent)
+    files = {target: made.text, **_write_references(arguments, source, target, made)}
     for note in made.notes:
         print(f"note: {note}", file=sys.stderr)
-    try:
-        write_document(target, made.text)
-    except OSError as error:
-        detail = f"cannot write {target}: {error.strerror}"
-        raise DesignError(Problem("", "file-unwritable", detail)) from None
-    print(f"wrote {target}", file=sys.stderr)
+    for file, content in files.items():
+        try:
+            write_document(file, content)
+        except OSError as error:
+            detail = f"cannot write {file}: {error.strerror}"
+            raise DesignError(Problem("", "file-unwritable", detail)) from None
+        print(f"wrote {file}", file=sys.stderr)
     return Answer(describe_bodies(made.bodies))
+
+
+def _read_references(source: Path) -> tuple[bytes, str] | None:
+    """Content and name of the references beside a frame specification, if there are any."""
+    from tailstack.design.reading import DEFAULT_LIMITS, read_bytes
+
+    file = source.with_suffix(".ref")
+    if source.suffix.lower() != ".csv" or not file.is_file():
+        return None
+    return read_bytes(file, DEFAULT_LIMITS.fiducial_file_bytes, str(file)), file.name
+
+
+def _write_references(arguments: argparse.Namespace, source: Path, target: Path, made: Made) -> dict[Path, str]:
+    """The references to write beside a frame specification that is written, as wished.  Raises RequestError."""
+    from tailstack.design.calibration_cages import write_references
+
+    writes_cage = arguments.xmalab and target.suffix.lower() == ".csv" and source.suffix.lower() != ".csv"
+    if arguments.references is None:
+        if writes_cage:
+            print("note: XMALab wants a .ref, too: name the marked beads with --references", file=sys.stderr)
+        return {}
+    if not writes_cage:
+        detail = "--references go beside a frame specification that is written"
+        raise RequestError(Problem("", "unused-option", detail, "with --xmalab, and -o ending in .csv"))
+    file = target.with_suffix(".ref")
+    marked = tuple(label.strip() for label in arguments.references.split(","))
+    return {file: write_references(made.fiducials, marked, file.name)}
 
 
 LISTED = 30  # bodies that were left, on the page
@@ -407,7 +461,7 @@ def describe_bodies(bodies: Sequence[StepBody]) -> str:
     return f"{text}\n{len(left)} were left:\n\n{table(['in the file', 'because', *columns], rows, left=2)}\n{more}"
 
 
-QUERY_NAMES = ("from", "to", *StepOptions.model_fields)
+QUERY_NAMES = ("from", "to", *FileOptions.model_fields)
 
 
 def _query_schemas() -> dict[str, Any]:
@@ -419,7 +473,7 @@ def _query_schemas() -> dict[str, Any]:
         },
         "to": {"type": "string", "enum": list(TARGETS), "default": "yaml", "description": "What to make of it."},
     }
-    return {**named, **StepOptions.model_json_schema()["properties"]}
+    return {**named, **FileOptions.model_json_schema()["properties"]}
 
 
 def _refuse(call: Any) -> Conversion:

@@ -28,8 +28,8 @@ _SYSTEMS: dict[str, System] = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS
 
 
 @dataclass(frozen=True, slots=True)
-class _Table:
-    """What a file holds, as it stands there."""
+class Table:
+    """What a file of fiducials holds, as it stands there."""
 
     rows: Sequence[tuple[str, list[float]]]  # label and x, y, z
     unit: str
@@ -92,6 +92,11 @@ def read_fiducials(content: bytes, name: str, limits: Limits) -> FiducialList:
             table = _read_fcsv(text, name) if ending == ".fcsv" else _read_csv(text, name)
     except csv.Error as error:
         raise DesignError(Problem("", "csv-syntax", f"this is not CSV: {error}", file=name)) from None
+    return make_list(table, content, name, limits)
+
+
+def make_list(table: Table, content: bytes, name: str, limits: Limits) -> FiducialList:
+    """The fiducials of a table that was read from a file: in mm and LPS, each with a label.  Raises as reading does."""
     if not table.rows:
         raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial", file=name))
     for count, what in ((len(table.rows), "fiducials"), (len(table.left_out), "points that are not defined")):
@@ -102,7 +107,7 @@ def read_fiducials(content: bytes, name: str, limits: Limits) -> FiducialList:
     return FiducialList(labels, positions_mm, _origin(table, name, hashlib.sha256(content).hexdigest()))
 
 
-def _origin(table: _Table, name: str, sha256: str) -> FiducialOrigin:
+def _origin(table: Table, name: str, sha256: str) -> FiducialOrigin:
     """What is not as usual is stated, and nothing else: it is written into designs."""
     unusual: dict[str, Any] = {} if table.stated else {"coordinate_system_stated": False}
     if table.unit != "mm":
@@ -151,39 +156,41 @@ def _is_name(label: str) -> bool:
     return len(label) <= 80 and not re.search(r"[\x00-\x1f\x7f]", label)
 
 
-def _refuse(name: str, line: int | None, code: str, detail: str, hint: str = "") -> DesignError:
+def refuse(name: str, line: int | None, code: str, detail: str, hint: str = "") -> DesignError:
+    """What is wrong in a line of a file, to be raised."""
     return DesignError(Problem("", code, detail, hint, name, line))
 
 
-def _number(text: Any, name: str, line: int | None, what: str) -> float:
+def read_number(text: Any, name: str, line: int | None, what: str) -> float:
+    """A number of a file, finite and of a size that a coordinate can have.  Raises DesignError."""
     if isinstance(text, str):
         cleaned = text.strip()
         if not re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?", cleaned):
             hint = "write decimals with a point" if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", cleaned) else ""
-            raise _refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}", hint)
+            raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}", hint)
         value = float(cleaned)
     elif isinstance(text, bool) or not isinstance(text, int | float):
-        raise _refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}")
+        raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}")
     else:
         value = float(text)
     if not math.isfinite(value) or abs(value) > 1e9:
-        raise _refuse(name, line, "out-of-range", f"{what} is not a usable number: {show(text)}")
+        raise refuse(name, line, "out-of-range", f"{what} is not a usable number: {show(text)}")
     return value
 
 
-def _read_position(table: _Table, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
+def _read_position(table: Table, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
     """Scale to mm, turn RAS into LPS, fill in labels."""
     scale, flip = _MM[table.unit], -1.0 if table.system == "RAS" else 1.0
     labels = tuple(label or f"F{number}" for number, (label, _) in enumerate(table.rows, 1))
     for label in labels:
         if not _is_name(label):
             detail = f"a label has at most 80 characters and no control characters; got {show(label)}"
-            raise _refuse(name, None, "bad-label", detail, "rename it in the file")
+            raise refuse(name, None, "bad-label", detail, "rename it in the file")
     # adding 0.0 turns -0.0 into 0.0
     points = tuple((flip * scale * x + 0.0, flip * scale * y + 0.0, scale * z + 0.0) for _, (x, y, z) in table.rows)
     for label, point in zip(labels, points, strict=True):
         if max(map(abs, point)) > 1e5:
-            raise _refuse(name, None, "out-of-range", f"{label} lies more than 100 m away: {list(point)} mm")
+            raise refuse(name, None, "out-of-range", f"{label} lies more than 100 m away: {list(point)} mm")
     return labels, points
 
 
@@ -195,7 +202,7 @@ def _system_comment(line: str) -> str | None:
 def _system(text: str, name: str, line: int | None) -> System:
     known = _SYSTEMS.get(text.upper())
     if known is None:
-        raise _refuse(
+        raise refuse(
             name, line, "unknown-value", f"coordinate system {text[:40]!r} cannot be read", "export in LPS or RAS"
         )
     return known
@@ -221,7 +228,7 @@ def _unit_of(cell: str) -> str:
     return cell.strip(" []()").replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
 
 
-def _read_csv(text: str, name: str) -> _Table:
+def _read_csv(text: str, name: str) -> Table:
     system: System = "LPS"
     body: list[tuple[int, str]] = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -231,7 +238,7 @@ def _read_csv(text: str, name: str) -> _Table:
         elif line.strip():
             body.append((number, line))
     if not body:
-        raise _refuse(name, None, "empty-document", f"{name} holds no fiducial")
+        raise refuse(name, None, "empty-document", f"{name} holds no fiducial")
     delimiter = next((mark for mark in ("\t", ";") if mark in body[0][1]), ",")
     header, *below = [_split(line, delimiter) for _, line in body[:2]]
     units_below = [_unit_of(cell) for cell in below[0]] if below else []
@@ -245,23 +252,24 @@ def _read_csv(text: str, name: str) -> _Table:
         if index >= 0 and not unit and index < len(units_below):
             unit, unit_row = units_below[index], True
         if unit not in _MM:
-            raise _refuse(
+            raise refuse(
                 name,
                 body[0][0],
                 "csv-header",
                 f"the header needs one column for {axis} with its unit ({', '.join(f'{axis}_{u}' for u in _MM)}); "
                 f"got {show(body[0][1])}",
-                f"for example {example}; {axis} [mm], {axis} (mm), or the units in a row of their own are read too",
+                f"for example {example}; {axis} [mm], {axis} (mm), or the units in a row of their own are read too; "
+                "of a cage of XMALab, convert --xmalab says the unit",
             )
         columns.append(index)
         units.append(unit)
     if len(set(units)) > 1 or (unit_row and [units_below[index] for index in columns] != units):
         stated = ", ".join(units_below[index] for index in columns) if unit_row else ", ".join(units)
-        raise _refuse(name, body[int(unit_row)][0], "csv-header", f"x, y and z have different units: {stated}")
+        raise refuse(name, body[int(unit_row)][0], "csv-header", f"x, y and z have different units: {stated}")
     others = [cell for index, cell in enumerate(header) if index not in columns]
     unknown = [cell for cell in others if cell not in ("label", "name")]
     if unknown or len(others) > 1:
-        raise _refuse(
+        raise refuse(
             name, body[0][0], "csv-header", f"unknown or repeated column {show((unknown or others)[0])}", example
         )
     at_label = header.index(others[0]) if others else None
@@ -269,13 +277,13 @@ def _read_csv(text: str, name: str) -> _Table:
     for number, line in body[2 if unit_row else 1 :]:
         cells = next(csv.reader([line], delimiter=delimiter))
         if len(cells) != len(header):
-            raise _refuse(name, number, "csv-row", f"{len(cells)} cells in a table of {len(header)} columns")
-        xyz = [_number(cells[index], name, number, axis) for axis, index in zip("xyz", columns, strict=True)]
+            raise refuse(name, number, "csv-row", f"{len(cells)} cells in a table of {len(header)} columns")
+        xyz = [read_number(cells[index], name, number, axis) for axis, index in zip("xyz", columns, strict=True)]
         rows.append(("" if at_label is None else cells[at_label].strip(), xyz))
-    return _Table(rows, units[0], system)
+    return Table(rows, units[0], system)
 
 
-def _read_fcsv(text: str, name: str) -> _Table:
+def _read_fcsv(text: str, name: str) -> Table:
     """Slicer's legacy format.  Without a stated system the file is RAS, as Slicer wrote it then."""
     system: System | None = None
     columns = ["id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatednodeid"]
@@ -292,27 +300,27 @@ def _read_fcsv(text: str, name: str) -> _Table:
         cells = next(csv.reader([line]))
         entry = dict(zip(columns, cells, strict=False))
         if not {"x", "y", "z"} <= entry.keys():
-            raise _refuse(name, number, "csv-row", f"a row needs x, y and z; got {show(line)}")
-        xyz = [_number(entry[axis], name, number, axis) for axis in "xyz"]
+            raise refuse(name, number, "csv-row", f"a row needs x, y and z; got {show(line)}")
+        xyz = [read_number(entry[axis], name, number, axis) for axis in "xyz"]
         rows.append((entry.get("label", "").strip(), xyz))
-    return _Table(rows, "mm", system or "RAS", stated=system is not None)
+    return Table(rows, "mm", system or "RAS", stated=system is not None)
 
 
-def _read_markups(text: str, name: str, limits: Limits) -> _Table:
+def _read_markups(text: str, name: str, limits: Limits) -> Table:
     source = read_text(text, limits, file=name, directory=None, form="json")
     data = source.data
 
-    def refuse(path: tuple[str | int, ...], code: str, detail: str, hint: str = "") -> DesignError:
-        return _refuse(name, source.locate(path)[0], code, detail, hint)
+    def refuse_at(path: tuple[str | int, ...], code: str, detail: str, hint: str = "") -> DesignError:
+        return refuse(name, source.locate(path)[0], code, detail, hint)
 
     markups = data.get("markups") if isinstance(data, dict) else None
     if not isinstance(markups, list) or not markups or not all(isinstance(item, dict) for item in markups):
-        raise refuse(
+        raise refuse_at(
             (), "not-markups", "a .mrk.json file has a list called markups", "save it from 3D Slicer's Markups"
         )
     filled = [index for index, item in enumerate(markups) if item.get("controlPoints")]
     if len(filled) != 1:
-        raise refuse(
+        raise refuse_at(
             ("markups",),
             "several-lists",
             f"the file holds {len(filled)} point lists with points; one is needed",
@@ -322,14 +330,14 @@ def _read_markups(text: str, name: str, limits: Limits) -> _Table:
     markup = markups[at]
     stated = markup.get("coordinateSystem", "LPS")
     if not isinstance(stated, str | int):
-        raise refuse(
+        raise refuse_at(
             ("markups", at, "coordinateSystem"), "wrong-type", f"coordinateSystem is a text; got {show(stated)}"
         )
     system = _system(str(stated), name, source.locate(("markups", at, "coordinateSystem"))[0])
     unit = markup.get("coordinateUnits", "mm")
     unit = unit[0] if isinstance(unit, list) and unit else unit  # newer schemas: [code, scheme, meaning]
     if not isinstance(unit, str) or unit not in _MM:
-        raise refuse(
+        raise refuse_at(
             ("markups", at, "coordinateUnits"),
             "unknown-value",
             f"coordinateUnits {show(unit)} cannot be read",
@@ -337,22 +345,26 @@ def _read_markups(text: str, name: str, limits: Limits) -> _Table:
         )
     points = markup["controlPoints"]
     if not isinstance(points, list):
-        raise refuse(("markups", at, "controlPoints"), "wrong-type", f"controlPoints is a list; got {show(points)}")
+        raise refuse_at(("markups", at, "controlPoints"), "wrong-type", f"controlPoints is a list; got {show(points)}")
     rows: list[tuple[str, list[float]]] = []
     skipped: list[str] = []
     for index, point in enumerate(points):
         path = ("markups", at, "controlPoints", index)
         if not isinstance(point, dict):
-            raise refuse(path, "wrong-type", f"a control point is a mapping; got {show(point)}")
+            raise refuse_at(path, "wrong-type", f"a control point is a mapping; got {show(point)}")
         label = point.get("label") or ""
         if not isinstance(label, str):
-            raise refuse((*path, "label"), "wrong-type", f"a label is a text; got {show(label)}")
+            raise refuse_at((*path, "label"), "wrong-type", f"a label is a text; got {show(label)}")
         if point.get("positionStatus", "defined") != "defined":
             skipped.append(label if label and _is_name(label) else f"number {index + 1}")
             continue
         position = point.get("position")
         if not isinstance(position, list) or len(position) != 3:
-            raise refuse((*path, "position"), "wrong-type", f"a position is a list of 3 numbers; got {show(position)}")
+            raise refuse_at(
+                (*path, "position"), "wrong-type", f"a position is a list of 3 numbers; got {show(position)}"
+            )
         line = source.locate((*path, "position"))[0] if any(not isinstance(v, float | int) for v in position) else None
-        rows.append((label, [_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)]))
-    return _Table(rows, unit, system, left_out=skipped)
+        rows.append(
+            (label, [read_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)])
+        )
+    return Table(rows, unit, system, left_out=skipped)

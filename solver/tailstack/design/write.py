@@ -25,6 +25,7 @@ from .loading import (
 from .reading import DEFAULT_LIMITS, DOCUMENTS, Format, Limits, read_bytes, scalar
 
 if TYPE_CHECKING:
+    from .calibration_cages import CageForm
     from .step import StepBody, StepContact, StepSelection
 
 
@@ -215,6 +216,7 @@ def convert(
     limits: Limits = DEFAULT_LIMITS,
     selection: StepSelection | None = None,
     base: Base | None = None,
+    cage: CageForm | None = None,
 ) -> Conversion:
     """Convert by the endings of two file names: .csv, .fcsv, .mrk.json (fiducials); .yaml, .yml, .json (designs).
 
@@ -222,7 +224,8 @@ def convert(
     fiducials.  Fiducials convert to another fiducial file, or to the ``fiducials`` section of a design.
     A STEP file (.step, .stp, .p21) is read for its balls, which are fiducials; ``selection`` says for which.
     With ``base``, a design or what makes one for the fiducials, they replace those of that design, as its seat is
-    replaced where ``selection`` names seats and pins.  Raises DesignError, LimitError.
+    replaced where ``selection`` names seats and pins.  With ``cage``, a .csv that is read is a frame specification of
+    XMALab, or else the one that is written.  Raises DesignError, LimitError.
     """
     known = (*FORMATS, *DOCUMENTS)
     for name, endings in ((source_name, (*known, *STEP_FILES)), (target_name, known)):
@@ -231,22 +234,29 @@ def convert(
                 "", "unknown-format", f"{name[:80]!r} has no known ending", f"known: {', '.join(endings)}"
             )
             raise DesignError(problem)
+    reads_table = source_name.lower().endswith(".csv")
+    written = None if reads_table else cage
     if source_name.lower().endswith(STEP_FILES):
         from .step import read_step
 
         reading = read_step(content, source_name, selection, limits)
         data, notes = _place_fiducials(base, reading.fiducials, reading.contacts)
-        text = _write_data(data, reading.fiducials, target_name)
+        text = _write_data(data, reading.fiducials, target_name, written)
         return Conversion(text, (*reading.notes, *notes), reading.fiducials, reading.bodies)
     if len(content) > limits.document_bytes:
         raise LimitError(Problem("", "too-large", f"{source_name} is longer than {limits.document_bytes} bytes"))
     if source_name.lower().endswith(FORMATS):
-        fiducials = read_fiducials(content, source_name, limits)
+        if cage is not None and reads_table:
+            from .calibration_cages import read_cage
+
+            fiducials = read_cage(content, source_name, cage, limits)
+        else:
+            fiducials = read_fiducials(content, source_name, limits)
         data, _ = _place_fiducials(base, fiducials)
-        return Conversion(_write_data(data, fiducials, target_name), fiducials.notes, fiducials)
+        return Conversion(_write_data(data, fiducials, target_name, written), fiducials.notes, fiducials)
     form: Format = "json" if source_name.lower().endswith(".json") else "yaml"
     design = load_design(content, form=form, base_directory=directory, allow_files=allow_files, limits=limits)
-    text = _write_data(design_to_data(design), design.fiducials, target_name)
+    text = _write_data(design_to_data(design), design.fiducials, target_name, written)
     return Conversion(text, design.fiducials.notes, design.fiducials)
 
 
@@ -334,8 +344,12 @@ def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tu
     return (words,)
 
 
-def _write_data(data: Mapping[str, Any], fiducials: FiducialList, target: str) -> str:
+def _write_data(data: Mapping[str, Any], fiducials: FiducialList, target: str, cage: CageForm | None = None) -> str:
     """A design or sections of one as the target's ending asks for, or only the fiducials."""
+    if cage is not None and target.lower().endswith(".csv"):
+        from .calibration_cages import write_cage
+
+        return write_cage(fiducials, cage.unit)
     if target.lower().endswith(FORMATS):
         return write_fiducials(fiducials, target)
     return to_json(data) if target.lower().endswith(".json") else data_to_yaml(data)

@@ -32,6 +32,7 @@ from .conversion_request import ConversionRequest
 from .conversion_request_base_type_0 import ConversionRequestBaseType0
 from .conversion_request_format import ConversionRequestFormat
 from .conversion_request_to import ConversionRequestTo
+from .conversion_request_xmalab_type_0 import ConversionRequestXmalabType0
 from .converted_body import ConvertedBody
 from .converted_point import ConvertedPoint
 from .count_tried import CountTried
@@ -243,6 +244,7 @@ __all__ = (
     "ConversionRequestBaseType0",
     "ConversionRequestFormat",
     "ConversionRequestTo",
+    "ConversionRequestXmalabType0",
     "ConvertedBody",
     "ConvertedPoint",
     "CountTried",

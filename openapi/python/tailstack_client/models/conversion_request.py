@@ -12,6 +12,8 @@ from ..models.conversion_request_format import check_conversion_request_format
 from ..models.conversion_request_format import ConversionRequestFormat
 from ..models.conversion_request_to import check_conversion_request_to
 from ..models.conversion_request_to import ConversionRequestTo
+from ..models.conversion_request_xmalab_type_0 import check_conversion_request_xmalab_type_0
+from ..models.conversion_request_xmalab_type_0 import ConversionRequestXmalabType0
 from ..types import UNSET, Unset
 from typing import cast
 
@@ -38,6 +40,8 @@ class ConversionRequest:
             structure along their axis; with pins they become its six locators.
         pins (None | str | Unset): STEP only: pattern of the names of cylinders and coordinate systems that hold the
             structure across their axis: the first both ways, each other one across the line to it.
+        xmalab (ConversionRequestXmalabType0 | None | Unset): CSV only: it is a frame specification of XMALab, with
+            numbers in this unit: the content, or, if that is no CSV, what is made of it.
         to (ConversionRequestTo | Unset): What to make of it; a design becomes a design, or its fiducials. Default:
             'yaml'.
         base (ConversionRequestBaseType0 | None | Unset): A design whose fiducials are to be replaced by those of the
@@ -52,6 +56,7 @@ class ConversionRequest:
     frame: None | str | Unset = UNSET
     seats: None | str | Unset = UNSET
     pins: None | str | Unset = UNSET
+    xmalab: ConversionRequestXmalabType0 | None | Unset = UNSET
     to: ConversionRequestTo | Unset = "yaml"
     base: ConversionRequestBaseType0 | None | Unset = UNSET
 
@@ -94,6 +99,14 @@ class ConversionRequest:
         else:
             pins = self.pins
 
+        xmalab: None | str | Unset
+        if isinstance(self.xmalab, Unset):
+            xmalab = UNSET
+        elif isinstance(self.xmalab, str):
+            xmalab = self.xmalab
+        else:
+            xmalab = self.xmalab
+
         to: str | Unset = UNSET
         if not isinstance(self.to, Unset):
             to = self.to
@@ -126,6 +139,8 @@ class ConversionRequest:
             field_dict["seats"] = seats
         if pins is not UNSET:
             field_dict["pins"] = pins
+        if xmalab is not UNSET:
+            field_dict["xmalab"] = xmalab
         if to is not UNSET:
             field_dict["to"] = to
         if base is not UNSET:
@@ -189,6 +204,23 @@ class ConversionRequest:
 
         pins = _parse_pins(d.pop("pins", UNSET))
 
+        def _parse_xmalab(data: object) -> ConversionRequestXmalabType0 | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            try:
+                if not isinstance(data, str):
+                    raise TypeError()
+                xmalab_type_0 = check_conversion_request_xmalab_type_0(data)
+
+                return xmalab_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(ConversionRequestXmalabType0 | None | Unset, data)
+
+        xmalab = _parse_xmalab(d.pop("xmalab", UNSET))
+
         _to = d.pop("to", UNSET)
         to: ConversionRequestTo | Unset
         if isinstance(_to, Unset):
@@ -222,6 +254,7 @@ class ConversionRequest:
             frame=frame,
             seats=seats,
             pins=pins,
+            xmalab=xmalab,
             to=to,
             base=base,
         )
