@@ -5162,6 +5162,11 @@ export interface components {
             /** @description Which design (the new one), by which version, under which model, and what is not included. */
             provenance: components["schemas"]["Provenance"];
             /**
+             * @description The worst loss of so many fiducials as `optimise.survive` says; null where that was not asked for.
+             * @default null
+             */
+            survived: components["schemas"]["SurvivedLoss"] | null;
+            /**
              * Not Asked
              * @description Requirements that `optimise.requirement` left out; the check judges them all the same.
              * @default []
@@ -5249,6 +5254,8 @@ export interface components {
             fixed?: string[];
             /** @description How many fiducials may be used. Absent: as many as there are. */
             count?: components["schemas"]["Count"];
+            /** @description What must hold when fiducials are lost, beside the limits with all of them. Default nothing. */
+            survive?: components["schemas"]["Survive"];
             /**
              * Min Spacing Mm
              * @description Smallest distance between two fiducials, mm. Default 10.
@@ -7498,6 +7505,69 @@ export interface components {
              * @default 0
              */
             seed?: number;
+        };
+        /**
+         * Survive
+         * @description What holds when fiducials are lost.
+         */
+        Survive: {
+            /**
+             * Lost
+             * @description So many fiducials may be lost in all views, whichever.
+             * @example 1
+             * @enum {integer}
+             */
+            lost: 1 | 2;
+            /**
+             * Limit Mm
+             * @description P95 of the error at the tool stays within this then, at every target that a requirement names, mm.
+             * @example 0.5
+             */
+            limit_mm: number;
+        };
+        /**
+         * SurvivedLoss
+         * @description What was asked for when fiducials are lost, and the worst loss of the new design.
+         */
+        SurvivedLoss: {
+            /**
+             * Limit Mm
+             * @description Limit of P95 of the error at the tool after a loss, mm.
+             */
+            limit_mm: number;
+            /**
+             * Lost
+             * @description Labels of the fiducials whose loss is worst.
+             */
+            lost: string[];
+            /**
+             * Target
+             * @description Target at which it is.
+             */
+            target: string;
+            /**
+             * Estimate Mm
+             * @description P95 there without them, by estimate, mm.
+             */
+            estimate_mm: number;
+            /**
+             * P95 Mm
+             * @description The same by Monte Carlo, with a fresh seed, mm.
+             */
+            p95_mm: number;
+            /**
+             * Interval Mm
+             * @description Where that lies, mm; the upper end null where it is not known.
+             */
+            interval_mm: [
+                number,
+                number | null
+            ];
+            /**
+             * Trials
+             * @description Trials of the check.
+             */
+            trials: number;
         };
         /**
          * Sweep

@@ -107,6 +107,8 @@ def subsets(count: int, lost: int) -> Array:
 
 def without_fiducials(system: System, lost: Sequence[str]) -> System:
     """The system as if these fiducials had never been there."""
+    if not lost:
+        return system
     rest = [i for i, label in enumerate(system.fiducial_labels) if label not in lost]
     labels = tuple(system.fiducial_labels[i] for i in rest)
     views = tuple(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tailstack.results import Optimisation, Vector3
+from tailstack.results import Optimisation, SurvivedLoss, Vector3
 from tailstack.results.verdicts import STATED
 
 from .page import current
-from .tables import decimal, number, percent, table, wrap
+from .tables import decimal, number, percent, table, visible, wrap
 from .verdict import (
     checks_table,
     decided_by,
@@ -77,9 +77,22 @@ def before_after_text(result: Optimisation) -> str:
         lines.append(wrap(made_of, first="cost: ", indent="  "))
     if result.scaling is not None:
         lines.append(wrap(f"all free half-widths times {number(result.scaling)}", first="scaling: ", indent="  "))
+    if result.survived is not None:
+        lines.append(wrap(survived_sentence(result.survived), first="if fiducials are lost: ", indent="  "))
     if result.placement_value is not None:
         lines.append(wrap(result.placement_value.sentence, first="places of the fiducials: ", indent="  "))
     return "\n".join(lines).rstrip("\n")
+
+
+def survived_sentence(worst: SurvivedLoss) -> str:
+    """What the new design comes to without the fiducials whose loss is worst."""
+    low, high = worst.interval_mm
+    ends = f"{low:.3f} to {'unknown' if high is None else f'{high:.3f}'}"
+    lost = " and ".join(map(visible, worst.lost))
+    return (
+        f"without {lost}, the worst to lose, P95 at {visible(worst.target)} is {worst.estimate_mm:.4f} mm by estimate "
+        f"and {worst.p95_mm:.4f} mm ({ends}) simulated, within the limit of {worst.limit_mm:g} mm."
+    )
 
 
 def _change(before: float | None, after: float) -> str:

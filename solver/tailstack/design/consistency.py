@@ -298,6 +298,11 @@ def _groups(document: DesignDocument, labels: tuple[str, ...]) -> list[Problem]:
 def _counts(document: DesignDocument, present: int) -> list[Problem]:
     wanted = document.optimise
     assert wanted is not None
+    if wanted.survive is not None:
+        left = (present if wanted.count is None else wanted.count.min) - wanted.survive.lost
+        if left < 6:
+            detail = f"{left} fiducials would be left after a loss of {wanted.survive.lost}; an estimate needs 6"
+            return [Problem("/optimise/survive/lost", "too-few-fiducials", detail, "add fiducials, or lose fewer")]
     if wanted.count is None:
         return []
     listed = [index for index, view in enumerate(document.views) if view.sees is not None]

@@ -35,6 +35,17 @@ class Count(Record):
         return self
 
 
+class Survive(Record):
+    """What holds when fiducials are lost."""
+
+    lost: Literal[1, 2] = Field(description="So many fiducials may be lost in all views, whichever.", examples=[1])
+    limit_mm: Length = Field(
+        description="P95 of the error at the tool stays within this then, at every target that a requirement names, "
+        "mm.",
+        examples=[0.5],
+    )
+
+
 class CostCurve(Record):
     """What a half-width h costs; falling with h."""
 
@@ -269,6 +280,10 @@ class Optimise(Record):
     count: Count | None = Field(
         default=None, description="How many fiducials may be used. Absent: as many as there are."
     )
+    survive: Survive | None = Field(
+        default=None,
+        description="What must hold when fiducials are lost, beside the limits with all of them. Default nothing.",
+    )
     min_spacing_mm: _Spacing = Field(
         default=10.0, description="Smallest distance between two fiducials, mm. Default 10.", examples=[12.0]
     )
@@ -353,6 +368,8 @@ class Optimise(Record):
         if self.cost_limit is not None and not (self.goal == "quantile" and free):
             message = "cost_limit is read only with objective: quantile and free tolerances"
             raise refusal("unused-field", message, at="cost_limit")
+        if self.survive is not None and self.goal == "pareto":
+            raise refusal("unsupported", "a front is not traced with survive", "objective: cost, or leave out survive")
         if self.front is not None and self.goal != "pareto":
             raise refusal("unused-field", "front is read only with objective: pareto", at="front")
         graded = [index for index, free in enumerate(self.tolerances) if free.grades is not None]

@@ -19,6 +19,7 @@ from scipy.special import ndtri
 
 from ..arrays import Array
 from ..contributors import Part, WorstCase, declared_law, law_of, part_of, worst_case
+from ..losses import without_fiducials
 from ..propagation.linear import LinearModel, linearise
 from ..system import Law
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
@@ -75,7 +76,8 @@ def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     """Exact quantile of the declared law for one demand, at the worst vertex of the bounded sources: the number the
     score reports.  Raises IllPosedError or NotConvergedError."""
     requirement = terms.demand.requirement
-    model = linearise(apply_choice(problem, choice), terms.demand.target)
+    system = without_fiducials(apply_choice(problem, choice), terms.demand.lost)
+    model = linearise(system, terms.demand.target)
     exact = exact_quantile(model, terms.demand)
     noise, made = image_parts(model, requirement.error)
     keys = [(terms.sources[b].contributor, terms.sources[b].index) for b in terms.bounded]

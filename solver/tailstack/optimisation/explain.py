@@ -24,7 +24,7 @@ from ..verification import UNITS
 from .exact_law import Evaluation, evaluate_demand, exact_quantile
 from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, least_half_widths, present_choice
 from .program import QUIET, Parameters, Point, Program, Row
-from .terms import DemandTerms, blind_half_widths, is_flat, scatter, terms_of
+from .terms import DemandTerms, blind_half_widths, every_terms, is_flat, scatter
 
 LEADING = 3  # contributors named
 NOISE = ("fiducial_noise:", "target_noise:")
@@ -234,7 +234,7 @@ HARDLY = 0.005  # relative: a layout that can change the quantile by less hardly
 
 def influence_of(problem: PlacementProblem) -> tuple[Finding, ...]:
     """Remarks on what can be gained.  Raises DesignError when nothing that is free acts on any limited error."""
-    terms = tuple(terms_of(problem, demand) for demand in problem.demands)
+    terms = every_terms(problem)
     blind = blind_half_widths(problem, terms)
     acting = bool(problem.places) or not bool(blind.all())
     findings = [

@@ -39,7 +39,7 @@ from .prices import Grade, Price, cost_of, drop_dominated
 from .problem import Choice, PlacementProblem, apply_choice, present_choice
 from .program import build_program, solve
 from .search import Iterate, Search, Stop, start_at
-from .terms import terms_of
+from .terms import every_terms
 
 MAX_ALTERNATIONS = 4
 PAYS = 1e-6  # relative: a cheaper choice than that is worth another round
@@ -262,7 +262,7 @@ def _place(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice,
     if not (rest.half_widths or rest.places or rest.pivots or rest.spacings):
         ratios = tuple(float(ratio) for ratio in exact_ratios(whole, search.terms, choice))
         return Optimum(whole, choice, whole.cost(choice.half_width), ratios, None, bought)
-    program = build_program(rest, search.estimator, tuple(terms_of(rest, demand) for demand in rest.demands))
+    program = build_program(rest, search.estimator, every_terms(rest))
     start = start_at(program, choice.fiducials_mm)
     point = solve(program, start.x, start.parameters)
     inner = replace(search, program=program, iterates=(Iterate(point, start.parameters),), terms=program.terms)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations, product
 from math import degrees
 from typing import Any, Literal
 
@@ -79,15 +80,17 @@ class Demand:
 
     requirement: Requirement
     target: Target
+    lost: tuple[str, ...] = ()  # labels of the fiducials that are lost, in all views
 
     @property
-    def key(self) -> tuple[str, str]:
-        return self.requirement.name, self.target.name
+    def key(self) -> tuple[str, ...]:
+        return self.requirement.name, self.target.name, *self.lost
 
     @property
     def text(self) -> str:
         per_unit = f" of {100 * self.fraction:g} % of units" if self.per_unit else ""
-        return f"P{100 * self.requirement.quantile:g}{per_unit} at target {self.target.name!r}"
+        without = f" without {' and '.join(self.lost)}" if self.lost else ""
+        return f"P{100 * self.requirement.quantile:g}{per_unit} at target {self.target.name!r}{without}"
 
     @property
     def per_unit(self) -> bool:
@@ -98,6 +101,14 @@ class Demand:
         """Per unit: the fraction of units whose own quantile must meet the limit, as the verdict takes it."""
         required = self.requirement.min_yield
         return self.requirement.quantile if required is None else required
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survival:
+    """What must hold when fiducials are lost."""
+
+    lost: int  # so many, whichever
+    requirement: Requirement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,6 +134,7 @@ class PlacementProblem:
     min_projected_spacing_px: float = 0.0  # between the images of two fiducials, in every view
     image_margin_px: float = 0.0  # from the image's border, in views whose size is stated
     target_clearance_px: float = 0.0  # between the image of a fiducial and that of a required target
+    survival: Survival | None = None
 
     @property
     def free_fiducials(self) -> tuple[int, ...]:
@@ -131,13 +143,19 @@ class PlacementProblem:
 
     @property
     def demands(self) -> tuple[Demand, ...]:
-        """Every requirement at every target it names, in the order of the system."""
-        return tuple(
+        """Every requirement at every target it names, in the order of the system; then what must hold after every
+        loss."""
+        asked = tuple(
             Demand(requirement, target)
             for requirement in self.requirements
             for target in self.system.targets
             if target.name in requirement.targets
         )
+        if self.survival is None:
+            return asked
+        losses = combinations(self.system.fiducial_labels, self.survival.lost)
+        survived = (Demand(self.survival.requirement, *each) for each in product(self.targets, losses))
+        return (*asked, *survived)
 
     @property
     def targets(self) -> tuple[Target, ...]:

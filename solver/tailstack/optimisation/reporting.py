@@ -114,6 +114,7 @@ def report(
         front=front,
         design_before=design_to_data(request.design),
         design=design_to_data(verified.design),
+        survived=verified.survived,
         not_asked=tuple(
             item.name
             for item in request.problem.system.requirements
@@ -130,6 +131,11 @@ def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:
         + f" within {item.limit_mm:g} mm"
         for item in problem.requirements
     )
+    if problem.survival is not None:
+        limits += (
+            f", and P95 of {ERRORS['tcp']} within {problem.survival.requirement.limit_mm:g} mm when any "
+            f"{problem.survival.lost} fiducial{'s are' if problem.survival.lost > 1 else ' is'} lost"
+        )
     count = len(problem.half_widths)
     if problem.objective == "scaling":
         return f"largest common factor on {count} free half-widths with {limits}"
@@ -150,6 +156,8 @@ def _p95(system: System, demands: tuple[Demand, ...]) -> float:
     """Largest P95 over the demanded errors and targets, pooled, whatever the requirements limit."""
     values = []
     for demand in demands:
+        if demand.lost:
+            continue
         wanted = replace(demand.requirement, quantile=0.95, risk="pooled", min_yield=None)
         model = linearise(system, demand.target)
         values.append(exact_quantile(model, Demand(wanted, demand.target)).value_mm)

@@ -19,6 +19,7 @@ from ..design.optimise_document import (
     SearchBall,
     SearchBox,
     SearchCylinder,
+    Survive,
     Symmetry,
     TranslationBounds,
 )
@@ -33,6 +34,7 @@ from .problem import (
     FreePivot,
     FreeSpacing,
     PlacementProblem,
+    Survival,
     unit_of,
 )
 from .regions import Ball, Box, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
@@ -86,6 +88,8 @@ def read_request(design: Design) -> Request:
         image_margin_px=section.image_margin_px,
         target_clearance_px=section.target_clearance_px,
     )
+    if section.survive is not None:
+        problem = replace(problem, survival=_survival(section.survive, problem))
     graded = tuple(k for k, free in enumerate(half_widths) if free.price.curve == "grades")
     return Request(design, section, problem, graded)
 
@@ -93,6 +97,11 @@ def read_request(design: Design) -> Request:
 def _requirements(system: System, named: str | list[str] | None) -> tuple[Requirement, ...]:
     names = [named] if isinstance(named, str) else named
     return tuple(item for item in system.requirements if names is None or item.name in names)
+
+
+def _survival(wanted: Survive, problem: PlacementProblem) -> Survival:
+    names = tuple(target.name for target in problem.targets)
+    return Survival(wanted.lost, Requirement("survive", "tcp", 0.95, wanted.limit_mm, 0.95, names))
 
 
 def _shape(shape: SearchBox | SearchCylinder | SearchBall) -> Shape:

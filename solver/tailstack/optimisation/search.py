@@ -34,7 +34,7 @@ from .problem import Choice, PlacementProblem, least_half_widths, present_choice
 from .program import Parameters, Point, Program, build_program, solve
 from .regions import bounding_box
 from .starts import starting_layouts
-from .terms import DemandTerms, Estimator, estimator_of, is_flat, terms_of
+from .terms import DemandTerms, Estimator, estimator_of, every_terms, is_flat
 
 POLISHED = 3  # best explored points that are solved to full precision
 ATTEMPTS = 8  # starts asked for the smallest quantile before a limit is called out of reach
@@ -140,7 +140,7 @@ def prepare_search(
     problem: PlacementProblem, *, starts: int = 8, seed: int = 0, control: Control = ALONE
 ) -> PreparedSearch:
     """The programme of a problem and where it is to be solved from.  Raises InfeasibleError."""
-    terms = tuple(terms_of(problem, demand) for demand in problem.demands)
+    terms = every_terms(problem)
     estimator = estimator_of(problem.system)
     layouts = starting_layouts(problem, estimator, farthest(problem, terms), starts, seed, control.reporter("layout"))
     active = terms
@@ -300,6 +300,7 @@ def farthest(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple
     centre = problem.system.fiducials_mm.mean(axis=0)
     if problem.places:
         centre = np.mean([bounding_box(place.region).mean(axis=0) for place in problem.places], axis=0)
+    terms = tuple(term for term in terms if not term.demand.lost)
     apart = [-float(np.linalg.norm(term.demand.target.position_mm - centre)) for term in terms]
     return tuple(terms[k] for k in sorted(np.argsort(apart, kind="stable")[:STEERING]))
 

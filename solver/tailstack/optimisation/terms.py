@@ -133,6 +133,7 @@ class DemandTerms:
     gains: Affine  # (S, 3) mm per native unit of each source
     sources: tuple[SourceTerm, ...]
     to_error: Array  # (3, 3): displacement of the triangulated point to the error that is limited
+    kept: Array  # (N,) 0 of a fiducial that is lost, otherwise 1
 
     @property
     def bounded(self) -> tuple[int, ...]:
@@ -171,6 +172,19 @@ class DemandTerms:
             if k is not None:
                 found[:, k] = gain
         return found
+
+
+def every_terms(problem: PlacementProblem) -> tuple[DemandTerms, ...]:
+    """Coefficients of every demand; those of a loss are those of the same error with all fiducials."""
+    made: dict[tuple[str, str], DemandTerms] = {}
+    found = []
+    for demand in problem.demands:
+        key = demand.requirement.error, demand.target.name
+        if key not in made:
+            made[key] = terms_of(problem, demand)
+        kept = np.array([label not in demand.lost for label in problem.system.fiducial_labels], dtype=float)
+        found.append(replace(made[key], demand=demand, kept=kept))
+    return tuple(found)
 
 
 def terms_of(problem: PlacementProblem, demand: Demand) -> DemandTerms:
@@ -212,6 +226,7 @@ def terms_of(problem: PlacementProblem, demand: Demand) -> DemandTerms:
         gains=affine(2),
         sources=sources,
         to_error=base.model.tcp_from_localisation if demand.requirement.error == "tcp" else np.eye(3),
+        kept=np.ones(len(system.fiducial_labels)),
     )
 
 
@@ -299,7 +314,7 @@ def image_covariances(
     noise_gains(
         projections,
         points,
-        estimator.weights,
+        estimator.weights * terms.kept,
         told,
         reconstructed,
         fiducial,

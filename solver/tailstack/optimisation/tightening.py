@@ -11,14 +11,15 @@ import numpy as np
 from ..arrays import Array
 from ..design import Design, compile_design
 from ..errors import InfeasibleError, NotConvergedError, Problem
-from ..results import Check, Verification
+from ..losses import without_fiducials
+from ..results import Check, SurvivedLoss, Verification
 from ..system import System
 from ..verdict import conclude
 from ..verification import UNITS, verify
 from .exact_law import Evaluation, evaluate_demand
 from .grades import Optimum, settle_grades
 from .placement import PlacementSolution, settle
-from .problem import Demand, PlacementProblem
+from .problem import Demand, PlacementProblem, Survival
 from .request import Request, revise
 from .search import Control, Search
 
@@ -50,6 +51,7 @@ class VerifiedOptimum:
     verification: Verification
     rounds: int  # of tightening
     exact: PlacementSolution | None = None  # by the exact law at the limits themselves
+    survived: SurvivedLoss | None = None  # the worst loss, where some must be survived
 
     @property
     def count(self) -> int:
@@ -83,9 +85,15 @@ def tighten(
         reached = max(optimum.ratios) if problem.objective == "quantile" else optimum.cost
         control.report(settings.stage, attempt + 1, MAX_TIGHTENING, reached)
         limited = {item.name for item in problem.requirements}
-        checks = {(c.requirement, c.target): c for c in verification.verdict.checks if c.requirement in limited}
+        checks: dict[tuple[str, ...], Check] = {
+            (c.requirement, c.target): c for c in verification.verdict.checks if c.requirement in limited
+        }
+        survived: SurvivedLoss | None = None
+        if problem.survival is not None:
+            check, survived = _check_loss(problem.survival, search, optimum, system, fresh, trials, control)
+            checks |= {term.demand.key: check for term in search.terms if term.demand.lost}
         if all(check.status == "pass" for check in checks.values()):
-            return VerifiedOptimum(search, optimum, design, verification, attempt)
+            return VerifiedOptimum(search, optimum, design, verification, attempt, survived=survived)
         if problem.objective == "quantile":
             raise _explain_miss(optimum, checks, problem)
         aims = np.minimum(aims, optimum.ratios)
@@ -100,6 +108,27 @@ def tighten(
             "the estimate that guides the search does not hold here: spread the fiducials or reduce the noise",
         )
     )
+
+
+def _check_loss(
+    survival: Survival, search: Search, optimum: Optimum, system: System, seed: int, trials: int, control: Control
+) -> tuple[Check, SurvivedLoss]:
+    """The design without the fiducials whose loss is worst by estimate, by Monte Carlo."""
+    ratio, term = max(
+        ((ratio, term) for ratio, term in zip(optimum.ratios, search.terms, strict=True) if term.demand.lost),
+        key=lambda each: each[0],
+    )
+    lost, target = term.demand.lost, term.demand.target
+    left = replace(
+        without_fiducials(system, lost),
+        requirements=(replace(survival.requirement, targets=(target.name,)),),
+        targets=(target,),
+    )
+    found = verify(left, seed=seed, trials=trials, threads=control.threads)
+    (check,) = found.verdict.checks
+    limit = survival.requirement.limit_mm
+    survived = SurvivedLoss(limit, lost, target.name, ratio * limit, check.value_mm, check.interval_mm, found.trials)
+    return check, survived
 
 
 def trials_for(targets: int) -> int:
@@ -154,7 +183,7 @@ def _tightening(check: Check, attempt: int) -> float:
     return (check.limit_mm / upper) * (1 - (MARGIN - 1 + attempt / 2) * (upper / check.value_mm - 1))
 
 
-def _explain_miss(optimum: Optimum, checks: dict[tuple[str, str], Check], problem: PlacementProblem) -> InfeasibleError:
+def _explain_miss(optimum: Optimum, checks: dict[tuple[str, ...], Check], problem: PlacementProblem) -> InfeasibleError:
     worst = max(checks.values(), key=lambda check: check.upper_mm / check.limit_mm)
     within = "" if problem.cost_limit is None else f" within the cost limit of {problem.cost_limit:g}"
     first = max(optimum.ratios) * worst.limit_mm

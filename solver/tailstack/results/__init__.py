@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         PlacementValue,
         Relaxation,
         ShadowPrice,
+        SurvivedLoss,
     )
     from .score import (
         Bounds,
@@ -65,6 +66,7 @@ _HOME = {
         (
             "Certificate", "ChangedSpacing", "ChangedTolerance", "CountTried", "FrontPoint", "LocalOptimum",
             "MovedFiducial", "MovedPivot", "Optimisation", "PlacementValue", "Relaxation", "ShadowPrice",
+            "SurvivedLoss",
         ),
         "optimisation",
     ),
@@ -122,6 +124,7 @@ __all__ = [
     "SecondOrder",
     "Severity",
     "ShadowPrice",
+    "SurvivedLoss",
     "Sweep",
     "SweepAxis",
     "SweepPoint",

@@ -152,6 +152,26 @@ class Certificate:
 
 
 @dataclass(frozen=True, slots=True)
+class SurvivedLoss:
+    """What was asked for when fiducials are lost, and the worst loss of the new design."""
+
+    limit_mm: float
+    """Limit of P95 of the error at the tool after a loss, mm."""
+    lost: tuple[str, ...]
+    """Labels of the fiducials whose loss is worst."""
+    target: str
+    """Target at which it is."""
+    estimate_mm: float
+    """P95 there without them, by estimate, mm."""
+    p95_mm: float
+    """The same by Monte Carlo, with a fresh seed, mm."""
+    interval_mm: tuple[float, float | None]
+    """Where that lies, mm; the upper end null where it is not known."""
+    trials: int
+    """Trials of the check."""
+
+
+@dataclass(frozen=True, slots=True)
 class FrontPoint:
     """One limit of the front of cost and limit; with a design that was verified like the one returned, or without.
 
@@ -278,6 +298,8 @@ class Optimisation(Result):
     """The new design document, complete."""
     provenance: Provenance
     """Which design (the new one), by which version, under which model, and what is not included."""
+    survived: SurvivedLoss | None = None
+    """The worst loss of so many fiducials as `optimise.survive` says; null where that was not asked for."""
     not_asked: tuple[str, ...] = ()
     """Requirements that `optimise.requirement` left out; the check judges them all the same."""
     verdict_status: Literal["pass", "fail", "inconclusive", "no requirement"] = "pass"

@@ -185,6 +185,7 @@ from .study_linearity_request import StudyLinearityRequest
 from .study_linearity_request_error import StudyLinearityRequestError
 from .study_paper import StudyPaper
 from .study_paper_request import StudyPaperRequest
+from .survived_loss import SurvivedLoss
 from .sweep import Sweep
 from .sweep_axis import SweepAxis
 from .sweep_check import SweepCheck
@@ -397,6 +398,7 @@ __all__ = (
     "StudyLinearityRequestError",
     "StudyPaper",
     "StudyPaperRequest",
+    "SurvivedLoss",
     "Sweep",
     "SweepAxis",
     "SweepCheck",

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ..models.placement_value import PlacementValue
     from ..models.provenance import Provenance
     from ..models.shadow_price import ShadowPrice
+    from ..models.survived_loss import SurvivedLoss
 
 
 T = TypeVar("T", bound="Optimisation")
@@ -69,6 +70,8 @@ class Optimisation:
             design_before (OptimisationDesignBefore): The design document that it started from, complete.
             design (OptimisationDesign): The new design document, complete.
             provenance (Provenance): Which design, by which version, under which model, and what is not included.
+            survived (None | SurvivedLoss): The worst loss of so many fiducials as `optimise.survive` says; null where that
+                was not asked for.
             not_asked (list[str]): Requirements that `optimise.requirement` left out; the check judges them all the same.
             verdict_status (OptimisationVerdictStatus): Of all requirements of the new design, asked for or not: that of the
                 check's verdict. Default: 'pass'.
@@ -98,6 +101,7 @@ class Optimisation:
     design_before: OptimisationDesignBefore
     design: OptimisationDesign
     provenance: Provenance
+    survived: None | SurvivedLoss
     not_asked: list[str]
     verdict_status: OptimisationVerdictStatus = "pass"
 
@@ -115,6 +119,7 @@ class Optimisation:
         from ..models.placement_value import PlacementValue  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
+        from ..models.survived_loss import SurvivedLoss  # noqa: PLC0415
 
         schema = self.schema
 
@@ -197,6 +202,12 @@ class Optimisation:
 
         provenance = self.provenance.to_dict()
 
+        survived: dict[str, Any] | None
+        if isinstance(self.survived, SurvivedLoss):
+            survived = self.survived.to_dict()
+        else:
+            survived = self.survived
+
         not_asked = self.not_asked
 
         verdict_status: str = self.verdict_status
@@ -229,6 +240,7 @@ class Optimisation:
                 "design_before": design_before,
                 "design": design,
                 "provenance": provenance,
+                "survived": survived,
                 "not_asked": not_asked,
                 "verdict_status": verdict_status,
             }
@@ -251,6 +263,7 @@ class Optimisation:
         from ..models.placement_value import PlacementValue  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
+        from ..models.survived_loss import SurvivedLoss  # noqa: PLC0415
 
         d = dict(src_dict)
         schema = cast(Literal["tailstack/optimisation/1"], d.pop("schema"))
@@ -383,6 +396,21 @@ class Optimisation:
 
         provenance = Provenance.from_dict(d.pop("provenance"))
 
+        def _parse_survived(data: object) -> None | SurvivedLoss:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                survived_type_0 = SurvivedLoss.from_dict(data)
+
+                return survived_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(None | SurvivedLoss, data)
+
+        survived = _parse_survived(d.pop("survived"))
+
         not_asked = cast(list[str], d.pop("not_asked"))
 
         verdict_status = check_optimisation_verdict_status(d.pop("verdict_status"))
@@ -412,6 +440,7 @@ class Optimisation:
             design_before=design_before,
             design=design,
             provenance=provenance,
+            survived=survived,
             not_asked=not_asked,
             verdict_status=verdict_status,
         )
