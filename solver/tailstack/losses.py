@@ -20,7 +20,7 @@ from scipy.special import ndtri
 from .arrays import Array
 from .contributors import ErrorLaw, error_law
 from .errors import IllPosedError
-from .estimation.checks import FEWEST, examine
+from .estimation.checks import examine, fewest_fiducials
 from .kernels import kernel
 from .propagation.linear import Chain, LinearModel, image_gains
 from .propagation.noise import Estimation, noise_gains_jit
@@ -188,11 +188,12 @@ class LossSearch:
     def worst(self, lost: int, error: str, quantile: float, targets: Sequence[str]) -> Ranked:
         """The worst loss of so many for a quantile of an error at the worst of these targets."""
         kept, covariances = self.images(lost)
-        short = (self.chain.weights[None] * kept[:, None]).sum(axis=2) < FEWEST  # (S, V)
+        fewest = fewest_fiducials(self.system)
+        short = (self.chain.weights[None] * kept[:, None]).sum(axis=2) < fewest  # (S, V)
         if short.any():
             s, v = np.argwhere(short)[0].tolist()
             left = int((self.chain.weights[v] * kept[s]).sum())
-            reason = f"view {self.system.views[v].name} is left with {left} fiducials; an estimate needs {FEWEST}"
+            reason = f"view {self.system.views[v].name} is left with {left} fiducials; an estimate needs {fewest}"
             return Ranked(Loss(self.labels(kept[s]), targets[0], None, reason), None)
         laws = [error_law(self.models[name], error, quantile) for name in targets]
         rows = [

@@ -32,6 +32,7 @@ from .montecarlo.estimators import (
     repeated_interval,
     repeated_ranks,
 )
+from .montecarlo.plan import is_in_lanes
 from .montecarlo.radial import RANDOMISATIONS, RAYS, LinearChain, RadialEstimate, gains_in_plan_order, radial
 from .montecarlo.shards import Pending, Shard, TrialsTask, draw_shards
 from .montecarlo.simulate import Progress, Run
@@ -59,6 +60,8 @@ UNITS, SHOTS = 2048, 512  # nested sampling of a per-unit requirement
 UNITS_PER_BATCH = 32
 MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
+LANES = "structured resection, eight lanes (numba); trials without a proven solution redone by SVD"
+PLAIN = "plain estimators (NumPy, batched): Gauss-Newton by QR until no image moves"
 NOT_IN_A_CHECK = tuple(words for words in NOT_INCLUDED if "second order" not in words)
 GAP = 0.03  # first order further than this from the check is remarked
 
@@ -561,7 +564,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         seed=sampling.seed,
         trials=max(sample.trials for sample in sampled.samples.values()),
         method=sampling.method,
-        engine="structured resection, eight lanes (numba); trials without a proven solution redone by SVD",
+        engine=LANES if is_in_lanes(ready.system) else PLAIN,
         precision_requested=sampling.precision or PRECISION if plain else radial_precision,
         max_trials=sampling.max_trials if plain else None,
         precision_reached=sampled.precision_reached,

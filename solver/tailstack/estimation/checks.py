@@ -16,17 +16,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..errors import IllPosedError, OutOfRangeError, Problem
+from ..errors import IllPosedError, Problem
 from ..geometry.camera import camera_centre
 from ..geometry.naming import direction_name
 from ..geometry.rotation import displacement
 from ..results import Finding, ViewCheck
-from ..system import Estimator, Reading, System, Triangulation, View
+from ..system import Reading, System, Triangulation, View
 from .ambiguity import find_rival
 from .resection import design_matrix, hartley_similarity, homogeneous
 
 FEWEST = 6  # Eq 2: two rows a fiducial for eleven unknowns
-FEWEST_OF_POSE = 4
+FEWEST_OF_POSE = 4  # three leave up to four poses
 TOUCHING_MM = 1e-3  # two fiducials closer than this are one
 COLLINEAR = 1e-5  # second over first singular value of the centred fiducials
 COPLANAR = 1e-5  # third over first
@@ -41,19 +41,9 @@ LINEAR = (Triangulation.NORMALISED, Triangulation.PUBLISHED)  # by the rows of E
 OVERLAP_PX = 10.0  # judgement: images closer than this are not told apart by every segmentation
 
 
-def refuse_unknown(system: System, what: str) -> None:
-    """Raise OutOfRangeError where ``what`` does not know the estimator: it would answer as if that were DLT."""
-    model = (("estimator", system.estimator, (Estimator.DLT,)), ("triangulation", system.triangulation, LINEAR))
-    for field, value, known in model:
-        if value not in known:
-            raise OutOfRangeError(
-                Problem(
-                    f"/model/{field}",
-                    "not-built",
-                    f"{what} does not know the {field} {value} yet",
-                    f"{field}: {known[0]}",
-                )
-            )
+def fewest_fiducials(system: System) -> int:
+    """How many fiducials a view has to see for its estimate."""
+    return FEWEST_OF_POSE if system.estimator.believes_intrinsics else FEWEST
 
 
 def check_geometry(system: System) -> tuple[Finding, ...]:

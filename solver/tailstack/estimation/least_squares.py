@@ -259,20 +259,21 @@ def locate(system: System, projections: Array, images: Array, told: Array, weigh
     """The target by the system's triangulation; leading dimensions are a batch.
 
     projections (..., V, 3, 4), images (..., V, 2) px, told (..., N, 3) mm, weights (V, 2, 2) of the weighted form
-    (``row_weights``).  Returns (..., 3) mm.
+    (``row_weights``).  Returns (..., 3) mm, NaN where a projection is.
     """
+    known = np.asarray(np.isfinite(projections).all(axis=(-1, -2, -3)))[..., None]
+    met = np.where(known[..., None, None], projections, system.projections)
+    return np.where(known, _locate(system, met, images, told, weights), np.nan)
+
+
+def _locate(system: System, projections: Array, images: Array, told: Array, weights: Array | None) -> Array:
     form = system.triangulation
     if form in (Triangulation.NORMALISED, Triangulation.PUBLISHED):
         return triangulate(projections, images, told, form)
     if form is Triangulation.WEIGHTED:
         assert weights is not None
-        return triangulate(
-            projections,
-            images,
-            told,
-            Triangulation.NORMALISED,
-            np.asarray(np.linalg.cholesky(weights), dtype=np.float64),
-        )
+        factors = np.asarray(np.linalg.cholesky(weights), dtype=np.float64)
+        return triangulate(projections, images, told, Triangulation.NORMALISED, factors)
     point = triangulate(projections, images, told)
     for _ in range(STEPS):
         rays = (projections @ homogeneous(point)[..., None, :, None])[..., 0]

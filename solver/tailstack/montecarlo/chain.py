@@ -1,25 +1,27 @@
 """Trials by index or by given deviates: the kernel, with every flagged trial redone by SVD.
 
-The same chain by full singular value decompositions is for flagged trials, and where no reduction is exact: plain
-NumPy on the estimator of ``tailstack.estimation``, batched over trials: about a hundred times
-slower than the kernel, without its conditions.
+The same chain by the plain estimators of ``tailstack.estimation`` (singular value decompositions, Gauss-Newton steps)
+is for flagged trials, where no reduction is exact, and for estimators that the kernel does not know: NumPy, batched
+over trials, about a hundred times slower than the kernel and without its conditions.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..errors import OutOfRangeError, Problem
-from ..estimation.resection import project, resect
+from ..errors import NotConvergedError, OutOfRangeError, Problem
+from ..estimation.least_squares import estimate_views, locate, row_weights
+from ..estimation.resection import project
 from ..estimation.triangulation import reprojection_rms, triangulate
 from ..geometry.rotation import torsor_transform, transform_points
-from ..system import Reading
+from ..system import Reading, System, Target, Triangulation
 from .kernel import Draws, Results, run_trials, scratch_size
-from .plan import ChainPlan
+from .plan import ChainPlan, scale_directions
 from .streams import draw_columns, stream_key
 
 SVD_BATCH = 1024  # trials per batched SVD: about 5 MB of design matrices at 12 fiducials
@@ -76,7 +78,11 @@ def standard_normals(seed: int, stream: int, count: int, dimension: int) -> Arra
 def _run(
     plan: ChainPlan, keys: NDArray[np.uint64], trials: NDArray[np.int64], given: Array, reprojection: bool
 ) -> Results:
+    """The kernel's results; every trial is flagged where it does not know the estimator."""
     n = len(trials)
+    if not plan.in_lanes:
+        empty = np.zeros(6 * len(plan.system.targets) * n)
+        return Results(empty, np.ones(n), np.empty(n if reprojection else 0))
     results = Results(np.empty(6 * len(plan.system.targets) * n), np.empty(n), np.empty(n if reprojection else 0))
     draws = Draws(keys, trials // plan.shots_per_unit, trials, given)
     run_trials(plan.tables, draws, results, _allocate_scratch(int(scratch_size(plan.tables.counts))))
@@ -84,13 +90,23 @@ def _run(
 
 
 def _redo(plan: ChainPlan, z: Array, columns: NDArray[np.int64], errors: Array, rms: Array | None) -> None:
-    """Overwrite these columns of ``errors`` (T, 2, 3, n) by the full SVD chain of their deviates."""
+    """Overwrite these columns of ``errors`` (T, 2, 3, n) by the plain chain of their deviates.
+
+    Raises NotConvergedError where an estimate does not come to rest: such a trial has no answer.
+    """
+    lost = 0
     for start in range(0, len(columns), SVD_BATCH):
         part = columns[start : start + SVD_BATCH]
         exact, reprojection = errors_by_svd(plan, z[start : start + SVD_BATCH])
         errors[..., part] = np.moveaxis(exact, 0, -1)
+        lost += int((~np.isfinite(exact).all(axis=(1, 2, 3))).sum())
         if rms is not None:
             rms[part] = reprojection
+    if lost:
+        estimator = plan.system.estimator
+        detail = f"in {lost} of {len(columns)} trials the estimate by {estimator} does not come to rest"
+        hint = "the noise is too large for these fiducials: add some, spread them, or estimate by dlt to see its errors"
+        raise NotConvergedError(Problem("/model/estimator", "estimate-not-found", detail, hint))
 
 
 def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reprojection: bool = False) -> Outcome:
@@ -102,7 +118,7 @@ def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reproject
     columns = np.flatnonzero(flags[:count])
     if len(columns):
         _redo(plan, draw(plan, seed, indices[columns]), columns, errors, rms if reprojection else None)
-    return Outcome(errors, len(columns), rms if reprojection else None)
+    return Outcome(errors, len(columns) if plan.in_lanes else 0, rms if reprojection else None)
 
 
 def evaluate(plan: ChainPlan, z: Array) -> Array:
@@ -130,9 +146,9 @@ def evaluate(plan: ChainPlan, z: Array) -> Array:
 
 
 def errors_by_svd(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
-    """Errors (n, T, 2, 3) mm and reprojection RMS (n,) px of standardised deviates z (n, d).
+    """Errors (n, T, 2, 3) mm and reprojection RMS (n,) px of standardised deviates z (n, d), by the plain estimators.
 
-    Axis 2: TCP error (tcp), localisation error (con).
+    Axis 2: TCP error (tcp), localisation error (con).  NaN where an estimate does not come to rest.
     """
     system, tables = plan.system, plan.tables
     count, views, targets = len(system.fiducials_mm), len(system.views), len(system.targets)
@@ -159,8 +175,7 @@ def errors_by_svd(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     exact = np.stack([project(view.projection, true) for view in system.views], axis=1)
     images = exact + sigma[:, :, :1] * noise[:, :, :count]
     weights = system.sees
-    each = [resect(told[:, used > 0], images[:, v, used > 0]) for v, used in enumerate(weights)]
-    estimates = np.stack(each, axis=1)
+    estimates = estimate_views(system, told, images, _assumed_errors(plan, z))
     reprojection = reprojection_rms(estimates, told, images, weights)
 
     offset, sources = tables.gain_starts[3]
@@ -171,9 +186,39 @@ def errors_by_svd(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     for t, target in enumerate(system.targets):
         seen = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
         noisy = seen + sigma[:, 0, 1:] * noise[:, :, count + t]
-        found = triangulate(estimates, noisy, told, system.triangulation)
+        found = locate(system, estimates, noisy, told, weights_at_rest(system, target))
         errors[:, t, 1] = found - target.position_mm
         tool = transform_points(transforms[1], found[:, None])
         tool = transform_points(transforms[2], transform_points(tcp_con, tool[:, 0])[:, None])[:, 0]
         errors[:, t, 0] = tool + executed - transform_points(tcp_con, target.position_mm)
     return errors, reprojection
+
+
+def _assumed_errors(plan: ChainPlan, z: Array) -> Array | None:
+    """(n, V, 3) errors of the intrinsics that each view is told in trials z (n, d); None: they are exact."""
+    views = plan.system.views
+    if not plan.system.estimator.believes_intrinsics or all(view.intrinsics_error is None for view in views):
+        return None
+    found = np.zeros((len(z), len(views), 3))
+    for v, view in enumerate(views):
+        if view.intrinsics_error is not None:
+            scaled, _ = scale_directions(view.intrinsics_error.sources)
+            found[:, v] = (
+                view.intrinsics_error.bias + z[:, plan.columns_of(f"assumed_intrinsics:{view.name}")] @ scaled.T
+            )
+    return found
+
+
+@lru_cache(maxsize=64)
+def weights_at_rest(system: System, target: Target) -> Array | None:
+    """(V, 2, 2) of the rows of the weighted triangulation at a target: of the structure at its bias, without noise."""
+    if system.triangulation is not Triangulation.WEIGHTED:
+        return None
+    mount = system.structure_connector
+    at_bias = torsor_transform(mount.bias[None], mount.pivot_mm, system.rotation_form)
+    moved = transform_points(at_bias, system.fiducials_mm[None])[0]
+    eq18 = system.reading is Reading.EQ18
+    told, truly = (moved, system.fiducials_mm) if eq18 else (system.fiducials_mm, moved)
+    estimates = estimate_views(system, told, np.stack([project(view.projection, truly) for view in system.views]))
+    aims = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
+    return row_weights(system, estimates, told, triangulate(estimates, aims, told))

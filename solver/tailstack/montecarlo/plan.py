@@ -12,6 +12,7 @@ structure_connector            one per source that is not BOUNDED               
 connector_flange            likewise                                                      installation
 hand_eye               likewise                                                      installation
 execution              likewise                                                      shot
+assumed_intrinsics:VIEW likewise, where the estimator believes them                   installation
 =====================  ============================================================  ============
 
 Deviates are *standardised*: NORMAL is N(0, 1) times half-width / coverage factor; UNIFORM is on [-1, 1]
@@ -31,9 +32,9 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
-from ..estimation.checks import refuse_unknown
+from ..estimation.checks import LINEAR
 from ..estimation.resection import homogeneous
-from ..system import STD_PER_HALF_WIDTH, Law, Mount, Reading, RotationForm, Sources, System, Triangulation
+from ..system import STD_PER_HALF_WIDTH, Estimator, Law, Mount, Reading, RotationForm, Sources, System, Triangulation
 
 LAW_CODE = {Law.NORMAL: 0, Law.UNIFORM: 1, Law.TRIANGULAR: 2}
 INSTALLATION, SHOT = 0, 1
@@ -107,6 +108,15 @@ class ChainPlan:
         return int(self.tables.counts[6])
 
     @property
+    def in_lanes(self) -> bool:
+        """Whether the compiled lanes run it."""
+        return is_in_lanes(self.system)
+
+    def columns_of(self, name: str) -> slice:
+        """Where the deviates of a block stand; empty where it has none."""
+        return next((slice(block.start, block.stop) for block in self.blocks if block.name == name), slice(0, 0))
+
+    @property
     def inputs(self) -> int:
         """The same number, by the name the second-order correction asks for."""
         return self.dimension
@@ -121,7 +131,12 @@ class ChainPlan:
         return np.array([1.0 if law is Law.NORMAL else STD_PER_HALF_WIDTH[law] for law in self.laws])
 
 
-def _random(sources: Sources) -> tuple[Array, tuple[Law, ...]]:
+def is_in_lanes(system: System) -> bool:
+    """Whether the compiled lanes know the estimator: DLT, and triangulation by rows that are all alike."""
+    return system.estimator is Estimator.DLT and system.triangulation in LINEAR
+
+
+def scale_directions(sources: Sources) -> tuple[Array, tuple[Law, ...]]:
     """Directions scaled to standardised deviates, and laws, of the sources that have a law."""
     keep = [j for j, law in enumerate(sources.laws) if law is not Law.BOUNDED]
     scale = [sources.half_width[j] / (sources.coverage_factor[j] if sources.laws[j] is Law.NORMAL else 1) for j in keep]
@@ -221,11 +236,10 @@ def compile_plan(
     vertex: where the BOUNDED sources stand, fractions of their half-widths, by name
     ("structure_connector.rz": 1.0) or as an array in the order of ``bounded_names``; default 0.
     shots_per_unit: this many consecutive trials share one installation.
-    Raises OutOfRangeError for an unknown vertex, a count below 1, and an estimator that is not simulated.
+    Raises OutOfRangeError for an unknown vertex or a count below 1.
     """
     if shots_per_unit < 1:
         raise OutOfRangeError(Problem("", "shots-per-unit", f"shots_per_unit must be at least 1, got {shots_per_unit}"))
-    refuse_unknown(system, "the simulation")
     values = _vertex_values(system, vertex)
     sources = _compile_sources(system, values)
     blocks, starts = _lay_out(system, sources)
@@ -295,7 +309,9 @@ def _view_tables(system: System, frame: ObjectFrame, seen: NDArray[np.bool_]) ->
     products[seen] = y1[:, upper[0]] * y1[:, upper[1]]
     linear = np.eye(3) if own is frame else product(own.into, frame.out)
     shift = (own.into * (frame.centroid - own.centroid)).sum(axis=1)
-    return products, np.array([*diagonal, *(1 / diagonal)]), np.array([*linear.ravel(), *shift])
+    with np.errstate(divide="ignore"):  # of fiducials in one plane, which the lanes are not asked for
+        inverse = 1 / diagonal
+    return products, np.array([*diagonal, *inverse]), np.array([*linear.ravel(), *shift])
 
 
 def _spread(system: System) -> Array:
@@ -323,7 +339,7 @@ class _SourceTables(NamedTuple):
 def _compile_sources(system: System, vertex: tuple[float, ...]) -> _SourceTables:
     gains, laws, shifts, taken = [], [], [], 0
     for _, sources in _named_sources(system):
-        gain, own = _random(sources)
+        gain, own = scale_directions(sources)
         gains.append(gain)
         laws.append(own)
         bounded = _list_bounded(sources)
@@ -351,12 +367,16 @@ def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[Block, ...],
     every.append(("fiducial_manufacturing", (system.manufacturing_law,) * (3 * count * manufactured), INSTALLATION))
     for (name, _), laws in zip(_named_sources(system), sources.laws, strict=True):
         every.append((name, laws, SHOT if name == "execution" else INSTALLATION))
+    before = len(every)
+    for view in system.views:  # behind everything that seeds drew before there were such sources
+        if system.estimator.believes_intrinsics and view.intrinsics_error is not None:
+            every.append((f"assumed_intrinsics:{view.name}", view.intrinsics_error.sources.laws, INSTALLATION))
     ends = np.cumsum([0, *(len(laws) for _, laws, _ in every)])
     blocks = (
         Block(name, int(start), int(start) + len(laws), laws, stream)
         for start, (name, laws, stream) in zip(ends, every, strict=False)
     )
-    return tuple(block for block in blocks if block.stop > block.start), ends[2 * len(system.views) : -1]
+    return tuple(block for block in blocks if block.stop > block.start), ends[2 * len(system.views) : before]
 
 
 def _counts(system: System, sources: _SourceTables, dimension: int) -> NDArray[np.int64]:
