@@ -304,7 +304,16 @@ def test_three_states_are_pictured_with_all_their_parts(service: Served, tmp_pat
             "Requirements", "In space", "Beads", "Half-widths and noise"}  # fmt: skip
     assert seen <= set(found["change"]["parts"])
     assert "Undo" in found["change"]["text"]
-    for words in ("sampled shots", "trials of the whole chain", "What changes", "HTML", "Slack", "per unit", "pooled"):
+    for words in (
+        "sampled shots",
+        "trials of the whole chain",
+        "What changes",
+        "HTML",
+        "Slack",
+        "per unit",
+        "pooled",
+        "Without two",
+    ):
         assert words.lower() in found["after"]["text"].lower(), words
     on_paper = found["print"]
     assert on_paper["buttons"] == 0

@@ -1,5 +1,6 @@
 // What the numbers say, in a strip that is always in sight.
 
+import { useEffect, useRef } from "preact/hooks";
 import { answer, busy, current, refused, type Score, trouble } from "../api";
 import { mm, percent, VERDICTS } from "../words";
 import { Problems } from "./Problems";
@@ -48,7 +49,34 @@ function Findings({ score }: { score: Score }) {
   );
 }
 
-/** Every requirement at every target, and both readings of the risk. */
+/** What becomes of each requirement when one fiducial or two are not found; not looked for while something is moved. */
+function Losses({ score }: { score: Score }) {
+  const last = useRef<Score["losses"]>([]), shown = score.losses.length ? score.losses : last.current;
+  useEffect(() => void (last.current = shown), [shown]);
+  if (!shown.length) return null;
+  const words = (loss: Score["losses"][number]["single"] | null) =>
+    loss === null ? "too many pairs to try" : `${loss.lost.join(" and ")}: ${loss.value_mm === null ? loss.reason : `${mm(loss.value_mm)} mm`}`;
+  const verdict = (loss: Score["losses"][number]["single"] | null, limit: number | null) =>
+    loss === null || limit === null ? "" : loss.value_mm !== null && loss.value_mm <= limit ? "status pass" : "status fail";
+  return (
+    <div class="scroll" tabIndex={0} role="region" aria-label="Lost fiducials">
+      <table class={current.value && score.losses.length ? "" : "old"}>
+        <caption>If fiducials are not found: the worst of all losses</caption>
+        <thead><tr><th>Requirement</th><th class="number">With all, mm</th><th>Without one</th><th>Without two</th></tr></thead>
+        <tbody>
+          {shown.map((loss) => (
+            <tr key={loss.requirement}>
+              <th>{loss.requirement || "P95 at the tool"}</th><td class="number">{mm(loss.value_mm)}</td>
+              <td class={verdict(loss.single, loss.limit_mm)}>{words(loss.single)}</td><td class={verdict(loss.double, loss.limit_mm)}>{words(loss.double)}</td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </div>
+  );
+}
+
+/** Every requirement at every target, both readings of the risk, and what lost fiducials do. */
 export function Requirements() {
   const score = answer.value?.score, checks = score?.verdict.checks ?? [], shade = current.value ? "" : "old";
   return (
@@ -84,6 +112,7 @@ export function Requirements() {
           </table>
         </div>
       )}
+      {score && <Losses score={score} />}
     </>
   );
 }
