@@ -10,6 +10,7 @@ import shlex
 import shutil
 import signal
 import subprocess
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import quantiles
@@ -229,6 +230,24 @@ def test_fiducials_that_are_dropped_on_a_design_become_its_own(service: Served) 
     assert [len(after["labels"]) for after in dropped] == [6, 7, 7]
     assert dropped[1]["labels"] == [label for label, *_ in points]
     assert "unit" in dropped[2]["words"]  # why it was not taken
+
+
+def test_a_step_file_is_a_design_or_its_balls_become_the_fiducials_of_one(service: Served) -> None:
+    """Eight balls; the labels are the names that its bodies have."""
+    step = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")
+    files = [{"name": "carrier.step", "text": step}]
+    for more in ({"empty": True}, {}):
+        (dropped,) = used(service.url, "drop", files=files, **more)["found"]
+        assert dropped["labels"] == [f"BEAD{k}" for k in range(1, 9)]
+        assert "8 fiducials of carrier.step" in dropped["words"]
+
+
+def test_of_balls_of_two_diameters_the_page_asks_which(service: Served) -> None:
+    with zipfile.ZipFile(ROOT / "tests" / "data" / "step" / "files.zip") as files:
+        step = files.read("freecad_faces.step").decode("ascii")
+    (dropped,) = used(service.url, "drop", files=[{"name": "faces.step", "text": step}])["found"]
+    assert len(dropped["labels"]) == 4  # of 3 mm; the others have 4
+    assert "was left" in dropped["words"]
 
 
 def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:

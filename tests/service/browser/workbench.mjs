@@ -452,6 +452,7 @@ scenarios.variants = async () => {
 // Files dropped on the page, one after the other
 scenarios.drop = async () => {
   const context = await newContext(), page = asked.empty ? await open(context, asked.url, false) : await begun(context), found = [];
+  page.on("dialog", (dialog) => dialog.accept("3"));
   for (const { name, text } of asked.files) {
     const dropped = await page.evaluateHandle(([called, content]) => {
       const transfer = new DataTransfer();

@@ -4,6 +4,7 @@ import { signal } from "@preact/signals";
 import { useEffect, useState } from "preact/hooks";
 import { answer, current, key, placeInWords, pointerOf, readRefusal, send, unreachable } from "../api";
 import { canUndo, commit, design, differences, edit, type Json, keepVariant, linkOf, LONGEST_LINK, open, parse, setVariants, text, valueAt, variants, writeYaml } from "../state";
+import { rounded } from "../geometry";
 import { mm, VERDICTS } from "../words";
 import { ghost } from "./Pictures";
 import { save } from "./Runs";
@@ -27,14 +28,16 @@ export async function takeFile(file: File): Promise<void> {
   say(`${file.name} is open. Undo brings back what was here.`);
 }
 
-async function takePoints(name: string, format: string, content: string): Promise<void> {
+async function takePoints(name: string, format: string, content: string, more = ""): Promise<void> {
   if (!design.value && format !== "step") return void say("Open a design first; then drop the fiducials on it.", true);
-  const response = await send("POST", `/v1/conversions?from=${format}&to=yaml`, content, { "Content-Type": "text/plain" }).catch(() => null);
+  const response = await send("POST", `/v1/conversions?from=${format}&to=yaml${more}`, content, { "Content-Type": "text/plain" }).catch(() => null);
   if (!response?.ok) {
-    const problem = response ? await readRefusal(response) : unreachable();
+    const problem = response ? await readRefusal(response) : unreachable(), [{ rule, detail }] = problem.errors;
+    const diameter = rule === "several-diameters" && !more ? Number(window.prompt(`${detail}. Which diameter have the fiducials, mm?`)?.replace(",", ".") ?? 0) : 0;
+    if (diameter > 0) return takePoints(name, format, content, `&sphere_diameter_mm=${diameter}`);
     return void say(`${name}: ${[problem.errors[0].detail, problem.errors[0].hint].filter(Boolean).join("; ")}`, true);
   }
-  const made = await response.json(), points = made.fiducials.map((p: Json) => ({ label: p.label, position_mm: p.position_mm }));
+  const made = await response.json(), points = made.fiducials.map((p: Json) => ({ label: p.label, position_mm: rounded(p.position_mm, 4) }));
   const notes = [...made.notes, ...(made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`)].slice(0, 5).join("; ");
   if (!design.value) open(made.content, `Open ${name}`);
   else {
