@@ -32,7 +32,13 @@ function allowancesOf(score: Score): Allowance[] | null {
   return Object.values(results.value).find(own)?.allowances ?? null;
 }
 
-/** "+0.12 ° to 0.27 °", or why there is no such number. */
+/** What decides: a pooled requirement, whatever those on each unit say. */
+const slackLimit = (allowances: Allowance[]) => {
+  const requirement = allowances.find((a) => a.requirement !== null)?.requirement;
+  return requirement ? `${requirement} (pooled)` : "a requirement";
+};
+
+/** "+0.12 to 0.27 °", or why there is no such number. */
 function slackOf(allowance: Allowance | undefined): string {
   if (!allowance || allowance.half_width === 0) return "";
   if (allowance.slack === null || allowance.at_limit === null) return allowance.status;
@@ -66,7 +72,7 @@ export function Budget() {
           <button type="button" disabled={!current.value || runs.value.some(unfinished)} onClick={() => start("Slack to the limit", "/v1/reports", { parts: ["score"] })}>How far may each be loosened?</button>
         )}
       </p>
-      {allowances && <p class="note">Slack: how far a half-width by itself may change until the limit is reached, and what it then is; of the report of this design.</p>}
+      {allowances && <p class="note">{`Slack: how far a half-width by itself may change until ${slackLimit(allowances)} is at its limit, and what it then is; for the targets with the largest P95.`}</p>}
       <div class="scroll" tabIndex={0} role="region" aria-label="Budget">
         <table>
           <caption>{`Budget: shares of variance${score.targets.length > columns.length ? `, the ${columns.length} of ${score.targets.length} targets with the largest P95` : ""}`}</caption>
