@@ -16,7 +16,7 @@ HERE = Path(__file__).resolve().parent
 METHODS = ("get", "put", "post", "delete", "options", "head", "patch", "trace")
 PROBLEM = "application/problem+json"
 SNAKE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
-UNIT = re.compile(r"_(mm2?|mm_per_n|deg|px|n|s|seconds|percent|bytes|per_unit)\Z")
+UNIT = re.compile(r"_(mm2?|mm_per_n|deg|px|n|k|um_per_m_k|s|seconds|percent|bytes|per_unit)\Z")
 
 # What a status obliges to say in headers, whatever the operation.
 HEADERS = {

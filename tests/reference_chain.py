@@ -8,12 +8,13 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import rq
 
 from tailstack.arrays import Array
 from tailstack.estimation.least_squares import estimate_views, locate, row_weights
-from tailstack.estimation.resection import project
+from tailstack.estimation.resection import homogeneous, project
 from tailstack.estimation.triangulation import triangulate
-from tailstack.system import IntrinsicsError, Reading, RotationForm, System, Target, Triangulation, no_sources
+from tailstack.system import IntrinsicsError, Reading, RotationForm, System, Target, Triangulation, View, no_sources
 
 
 def rotation(angles: Array, form: RotationForm) -> Array:
@@ -44,6 +45,30 @@ def weights_at_rest(system: System, target: Target) -> Array | None:
     return row_weights(system, estimates, told, triangulate(estimates, aims, told))
 
 
+def field(view: View, images: Array, coefficients: Array) -> Array:
+    """Shift (n, 2) px of image points: coefficient by coefficient, in the order of their names."""
+    names = view.image_field.sources.names
+    x, y = ((images - view.image_field.centre_px) / view.image_field.half_diagonal_px).T
+    shift = np.zeros_like(images)
+    for name, value in zip(names, coefficients, strict=True):
+        along, i, j = name[0], int(name[3]), int(name[5])  # "u.x2y1"
+        shift[:, "uv".index(along)] += value * x**i * y**j
+    return shift
+
+
+def ball_shifts(system: System, view: View) -> Array:
+    """From the images of the balls' centres to the middles of their outlines, (N, 2) px: in the frame of the camera."""
+    if system.balls is None:
+        return np.zeros(2)
+    upper, turn = rq(view.projection[:, :3])
+    flip = np.diag(np.sign(np.diag(upper)))
+    upper, turn = upper @ flip, flip @ turn
+    camera = (np.linalg.solve(upper, view.projection @ homogeneous(system.fiducials_mm).T)).T
+    stretched = camera[:, :2] * camera[:, 2:] / (camera[:, 2:] ** 2 - system.balls.radius_mm**2)
+    plain = camera[:, :2] / camera[:, 2:]
+    return system.balls.share * (stretched - plain) @ (upper / upper[2, 2])[:2, :2].T
+
+
 def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, Array]:
     """One trial.  ``inputs``: contributor -> native values (missing: zero).  Returns the two error vectors."""
     form = system.rotation_form
@@ -53,6 +78,10 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
 
     points = system.fiducials_mm
     true = points + inputs.get("fiducial_manufacturing", np.zeros(points.size)).reshape(points.shape)
+    heat = system.temperature
+    if heat is not None:
+        kelvin = heat.difference_k + inputs.get("temperature", np.zeros(1))[0]
+        true = true + kelvin * heat.structure_per_k * (points - heat.seat_mm)
     first = torsor(system.structure_connector)
     told = points
     if system.reading is Reading.PHYSICAL:
@@ -61,16 +90,28 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
         told = move(first, system.structure_connector.pivot_mm, form, points)
     imaged, seen, wrong = [], [], []
     for view in system.views:
+        shown = true
+        if view.motion is not None:
+            motion = inputs.get(view.motion.name, np.zeros(view.motion.sources.count))
+            shown = move(view.motion.sources.direction @ motion, view.motion.pivot_mm, form, true)
         noise = inputs.get(f"fiducial_noise:{view.name}", np.zeros(2 * len(points))).reshape(-1, 2)
-        imaged.append(project(view.projection, true) + noise)
+        images = project(view.projection, shown) + noise + ball_shifts(system, view)
         noise = inputs.get(f"target_noise:{view.name}", np.zeros(2))
-        seen.append(project(view.projection, target.position_mm[None])[0] + noise)
+        aimed = project(view.projection, target.position_mm[None]) + noise
+        coefficients = inputs.get(f"image_field:{view.name}")
+        if coefficients is not None:
+            images = images + field(view, project(view.projection, points), coefficients)
+            aimed = aimed + field(view, project(view.projection, target.position_mm[None]), coefficients)
+        imaged.append(images)
+        seen.append(aimed[0])
         error = view.intrinsics_error or IntrinsicsError(np.zeros(3), no_sources(3))
         drawn = inputs.get(f"assumed_intrinsics:{view.name}", np.zeros(error.sources.count))
         wrong.append(error.bias + error.sources.direction @ drawn)
     estimates = estimate_views(system, told, np.stack(imaged), np.stack(wrong))
     found = locate(system, estimates, np.stack(seen), told, weights_at_rest(system, target))
     moved = move(torsor(system.connector_flange), system.connector_flange.pivot_mm, form, found)
+    if heat is not None:  # the connector has carried con away from the flange, and the robot does not know
+        moved = moved - kelvin * heat.connector_per_k * (heat.seat_mm - heat.flange_seat_mm)
     to_tool = system.T_tcp_flange @ system.T_flange_con
     tool = (to_tool @ np.append(moved, 1))[:3]
     tool = move(torsor(system.hand_eye), system.hand_eye.pivot_mm, form, tool)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tailstack.arrays import Array
-from tailstack.system import Law, Mount, Sources, System, Target, View, no_sources
+from tailstack.system import Balls, ImageField, Law, Mount, Sources, System, Target, Temperature, View, no_sources
 
 TORSOR = ("rx", "ry", "rz", "tx", "ty", "tz")
 FOCAL_PX = 1020.0 / 0.194
@@ -210,3 +210,22 @@ def with_unseen(system: System, view: int, missing: tuple[str, ...]) -> System:
     sees = tuple(label for label in system.fiducial_labels if label not in missing)
     views = tuple(replace(each, sees=sees) if v == view else each for v, each in enumerate(system.views))
     return replace(system, views=views)
+
+
+def with_systematic(system: System, *, known: bool = False) -> System:
+    """The system with a motion before its last view, image fields, temperature and, where ``known``, balls of 8 mm and
+    a known difference of temperature."""
+    half = np.array([np.deg2rad(0.3)] * 3 + [0.2] * 3)
+    powers = np.array([(2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)] * 2)
+    axis = np.repeat([0, 1], 7)
+    names = tuple(f"{'uv'[a]}.x{i}y{j}" for a, (i, j) in zip(axis, powers, strict=True))
+    of_field = Sources(
+        names, (Law.UNIFORM,) * 14, read_only([0.4] * 14), np.ones(14), ("px",) * 14, read_only(np.eye(14))
+    )
+    field = ImageField(read_only([767.5, 767.5]), 1086.1, axis, powers, of_field)
+    motion = mount(f"motion:{system.views[-1].name}", (5.0, -10.0, -90.0), half_width=half, law=Law.NORMAL)
+    views = [replace(view, image_field=field) for view in system.views]
+    views[-1] = replace(views[-1], motion=motion)
+    kelvin = Sources(("difference",), (Law.TRIANGULAR,), read_only([10.0]), np.ones(1), ("K",), read_only(np.eye(1)))
+    heat = Temperature(15.0 if known else 0.0, kelvin, 47e-6, 23e-6, read_only([3, 4, -90]), read_only([0, 9, -190]))
+    return replace(system, views=tuple(views), temperature=heat, balls=Balls(4.0, 1.0) if known else None)

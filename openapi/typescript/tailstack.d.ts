@@ -1553,17 +1553,17 @@ export interface components {
         Contributor: {
             /**
              * Name
-             * @description Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, structure_connector, connector_flange, hand_eye or execution.
+             * @description Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, structure_connector, connector_flange, hand_eye, execution, motion:VIEW, image_field:VIEW, temperature or ball_images.
              */
             name: string;
             /**
              * Component
-             * @description Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole.
+             * @description Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole; known for what does not vary.
              */
             component: string;
             /**
              * Law
-             * @description Declared law: normal, uniform, triangular or bounded; mixed for a line of several.
+             * @description Declared law: normal, uniform, triangular or bounded; mixed for a line of several; known for what does not vary.
              */
             law: string;
             /**
@@ -1573,7 +1573,7 @@ export interface components {
             half_width: number | null;
             /**
              * Unit
-             * @description Unit of half-width and standard deviation: deg, mm, px or N; empty for a line of several.
+             * @description Unit of half-width and standard deviation: deg, mm, px, N or K; empty for a line of several.
              */
             unit: string;
             /**
@@ -2038,6 +2038,8 @@ export interface components {
             transforms?: components["schemas"]["Transforms"];
             /** @description Errors of the robot and the tool. Absent: none. */
             execution?: components["schemas"]["Execution"];
+            /** @description Operation at another temperature. Absent: nothing expands. */
+            temperature?: components["schemas"]["TemperatureDocument"];
             /**
              * Targets
              * @description Where the tool has to go: named points or regions, in con.
@@ -2151,6 +2153,10 @@ export interface components {
             intrinsics_prior?: components["schemas"]["IntrinsicsPrior"];
             /** @description How wrong the assumed focal length and principal point are, for the estimators that believe them (pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact. */
             intrinsics_error?: components["schemas"]["IntrinsicsErrorDocument"];
+            /** @description Motion of the structure against the target between the shots, as this view sees it. Absent: none. */
+            motion?: components["schemas"]["Motion"];
+            /** @description What is left of the image's distortion after its correction. Needs image_size_px. Absent: none. */
+            image_field?: components["schemas"]["ImageFieldDocument"];
             /**
              * Orientation
              * @description AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give either this or beam_direction.
@@ -2637,6 +2643,19 @@ export interface components {
             origin?: components["schemas"]["FiducialOrigin"];
             /** @description Manufacturing tolerance of the fiducials' positions. Absent: perfect. */
             manufacturing?: components["schemas"]["Manufacturing"];
+            /**
+             * Diameter Mm
+             * @description Diameter of the balls that are the fiducials, mm: the shift of a ball's image from the image of its centre is then a known bias. Absent, or where your software corrects it: none.
+             * @example 3
+             */
+            diameter_mm?: number;
+            /**
+             * Image Point
+             * @description With diameter_mm: what your software takes for the image of a ball. outline (default): the middle of its elliptical outline; shadow: the centroid of its grey values, which is shifted by four fifths of that.
+             * @example outline
+             * @enum {string}
+             */
+            image_point?: "outline" | "shadow";
         } & (unknown | unknown);
         /**
          * Finding
@@ -3664,6 +3683,37 @@ export interface components {
             status: "alive";
         };
         /**
+         * ImageFieldDocument
+         * @description What is left of the image's distortion after its correction: a polynomial, drawn once per installed unit.
+         *
+         *     Along u and along v, the shift of an image point is a sum of ``c x^i y^j``, where (x, y) is its place from the
+         *     image's centre in units of half the diagonal; so c is the shift in the corner, px, and varies by itself.
+         */
+        ImageFieldDocument: {
+            /**
+             * Half Widths Px
+             * @description Half-width of the coefficients of degree 0, 1, 2, 3, px, in this order; every coefficient of a degree has the same one. Degrees 0 and 1 (shift, scale, shear) are absorbed by DLT.
+             * @example [
+             *       0,
+             *       0,
+             *       0.1,
+             *       0.3
+             *     ]
+             */
+            half_widths_px: number[];
+            /**
+             * @description Law of the deviation within the half-width h. normal: standard deviation h / coverage_factor; uniform: anything in +-h alike; triangular: most often near zero; bounded: no law is claimed, only the worst case over +-h counts.
+             * @example normal
+             */
+            distribution: components["schemas"]["Distribution"];
+            /**
+             * Coverage Factor
+             * @description normal only: how many standard deviations the half-width stands for (2: about 95 % of parts lie within it, 3: 99.7 %). Default 2.
+             * @example 2
+             */
+            coverage_factor?: number;
+        };
+        /**
          * ImagedPoint
          * @description A fiducial or target in one image, without noise; a fiducial as the structure sits with its known bias.
          */
@@ -4635,6 +4685,10 @@ export interface components {
             intrinsics_prior?: components["schemas"]["IntrinsicsPrior"];
             /** @description How wrong the assumed focal length and principal point are, for the estimators that believe them (pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact. */
             intrinsics_error?: components["schemas"]["IntrinsicsErrorDocument"];
+            /** @description Motion of the structure against the target between the shots, as this view sees it. Absent: none. */
+            motion?: components["schemas"]["Motion"];
+            /** @description What is left of the image's distortion after its correction. Needs image_size_px. Absent: none. */
+            image_field?: components["schemas"]["ImageFieldDocument"];
             /**
              * Projection
              * @description P, row by row: maps (X, Y, Z, 1), con mm, to homogeneous px. Scale and sign are free; the sign is chosen so that the fiducials lie in front of the source.
@@ -4940,6 +4994,35 @@ export interface components {
              * @example normalised
              */
             triangulation?: components["schemas"]["Triangulation"];
+        };
+        /**
+         * Motion
+         * @description How far the structure may have moved against the target by the time of one shot.
+         */
+        Motion: {
+            /**
+             * Label
+             * @description What moves, in your words.
+             * @default
+             * @example breathing
+             */
+            label?: string;
+            /**
+             * Pivot Mm
+             * @description Point in con that the motion is reduced at, mm: rotations turn about it.
+             * @example [
+             *       0,
+             *       0,
+             *       -95
+             *     ]
+             */
+            pivot_mm: [
+                number,
+                number,
+                number
+            ];
+            /** @description Half-width and law per component, drawn at every shot. */
+            tolerances: components["schemas"]["Tolerances"];
         };
         /**
          * MovedFiducial
@@ -5512,6 +5595,10 @@ export interface components {
             intrinsics_prior?: components["schemas"]["IntrinsicsPrior"];
             /** @description How wrong the assumed focal length and principal point are, for the estimators that believe them (pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact. */
             intrinsics_error?: components["schemas"]["IntrinsicsErrorDocument"];
+            /** @description Motion of the structure against the target between the shots, as this view sees it. Absent: none. */
+            motion?: components["schemas"]["Motion"];
+            /** @description What is left of the image's distortion after its correction. Needs image_size_px. Absent: none. */
+            image_field?: components["schemas"]["ImageFieldDocument"];
             /** @description Pinhole intrinsics, px. */
             intrinsics: components["schemas"]["Intrinsics"];
             /**
@@ -5818,6 +5905,10 @@ export interface components {
             intrinsics_prior?: components["schemas"]["IntrinsicsPrior"];
             /** @description How wrong the assumed focal length and principal point are, for the estimators that believe them (pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact. */
             intrinsics_error?: components["schemas"]["IntrinsicsErrorDocument"];
+            /** @description Motion of the structure against the target between the shots, as this view sees it. Absent: none. */
+            motion?: components["schemas"]["Motion"];
+            /** @description What is left of the image's distortion after its correction. Needs image_size_px. Absent: none. */
+            image_field?: components["schemas"]["ImageFieldDocument"];
             /**
              * Orientation
              * @description AP: the beam runs along +y of con. LAT: along -x. In both, u runs right, v down (along -z). Give either this or beam_direction.
@@ -8020,6 +8111,80 @@ export interface components {
              * @description Distance of the target from the fiducials' centroid over their RMS radius.
              */
             extrapolation: number;
+        };
+        /**
+         * TemperatureDocument
+         * @description Operation at another temperature than that at which the fiducials were measured.
+         *
+         *     The structure grows about its seat on the connector, the connector about its seat on the flange.
+         */
+        TemperatureDocument: {
+            /**
+             * Difference K
+             * @description Known difference, K: operation less measurement. Default 0.
+             * @default 0
+             * @example 15
+             */
+            difference_k?: number;
+            /**
+             * Half Width K
+             * @description Half-width of the difference about it, K, drawn at every shot.
+             * @default 0
+             * @example 5
+             */
+            half_width_k?: number;
+            /**
+             * @description Law of the deviation within the half-width h. normal: standard deviation h / coverage_factor; uniform: anything in +-h alike; triangular: most often near zero; bounded: no law is claimed, only the worst case over +-h counts. Required with half_width_k.
+             * @example uniform
+             */
+            distribution?: components["schemas"]["Distribution"];
+            /**
+             * Coverage Factor
+             * @description normal only: how many standard deviations the half-width stands for (2: about 95 % of parts lie within it, 3: 99.7 %). Default 2.
+             * @example 2
+             */
+            coverage_factor?: number;
+            /**
+             * Structure Expansion Um Per M K
+             * @description Thermal expansion of the structure, um/(m K): PEEK 47, aluminium 23, steel 12 to 16, titanium 9.
+             * @example 47
+             */
+            structure_expansion_um_per_m_k: number;
+            /**
+             * Connector Expansion Um Per M K
+             * @description The same of the connector. Default 0.
+             * @default 0
+             * @example 23
+             */
+            connector_expansion_um_per_m_k?: number;
+            /**
+             * Seat Mm
+             * @description Where structure and connector hold each other, con, mm. Default the pivot of structure_connector.
+             * @example [
+             *       0,
+             *       0,
+             *       -95
+             *     ]
+             */
+            seat_mm?: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Flange Seat Mm
+             * @description Where the connector sits on the flange, con, mm. Default the pivot of connector_flange.
+             * @example [
+             *       0,
+             *       0,
+             *       -150
+             *     ]
+             */
+            flange_seat_mm?: [
+                number,
+                number,
+                number
+            ];
         };
         /**
          * Tolerances

@@ -263,6 +263,8 @@ class Batch:
         for column, slot in self.slots:
             if slot.field not in KERNEL_FIELDS:
                 return LINEARISED, f"{self.pointers[column]} changes where gains are taken"
+        if system.common_shifts:
+            return LINEARISED, f"{system.common_shifts[0]} moves the images of all fiducials together"
         other = _find_other_law(system, touched)
         if other:
             return LINEARISED, f"{other} is not under a normal law"

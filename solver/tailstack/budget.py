@@ -2,7 +2,8 @@
 
 A contributor is one block of the linear model; its components are the block's scalar sources.  Image noise and
 manufacturing errors, whose scalars are all alike, are one line each; a mount has a line per component and one for all
-of it together (a six-component installation error read as one contributor).
+of it together (a six-component installation error read as one contributor).  What is known and shifts the error is a
+line that only tells the quantile without it.
 """
 
 from __future__ import annotations
@@ -68,6 +69,14 @@ def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contri
         else:  # the square of the quantile is nearly linear in the variance
             without = sqrt(max(total.quantile_mm * (total.quantile_mm - 2 * by_variance), 0.0))
         rows.append(_row(line, share, without, sqrt(square), by_half_width))
+    for known in model.known:
+        rest = law_of(at.law.mean - known.of(at.error), at.parts)
+        without = law_quantile(rest, total.p, fine=False).quantile_mm
+        rows.append(
+            Contributor(
+                known.contributor, "known", "known", None, "", None, None, 0.0, None, without, f"{known.label}, known"
+            )
+        )
     return tuple(rows)
 
 

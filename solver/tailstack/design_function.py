@@ -94,6 +94,11 @@ class DesignFunction:
         and where P95 itself is only sampled.
         """
         system = compile_design(self.design_at(values))
+        if system.common_shifts:
+            at, *_ = system.common_shifts
+            detail = f"the derivative of P95 is not known where {at} moves the images of all fiducials together"
+            hint = "leave that out for the derivative, or take differences of evaluations"
+            raise OutOfRangeError(Problem(at, "no-derivative", detail, hint))
         chain = chain_of(system)
         model = linearise_at(chain, _target_named(system, target))
         law = _Law(model, error_law(model, error, P95))

@@ -22,7 +22,7 @@ from .contributors import ErrorLaw, error_law
 from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
 from .kernels import kernel
-from .propagation.linear import Chain, LinearModel, image_gains
+from .propagation.linear import Chain, LinearModel, covariance, linearise_at
 from .propagation.noise import Estimation, noise_gains_jit
 from .results import Loss
 from .system import Law, System
@@ -131,23 +131,8 @@ def _read_only(values: Array) -> Array:
 
 
 def model_without(chain: Chain, model: LinearModel, kept: Array) -> LinearModel:
-    """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number is that of all."""
-    images = image_gains(replace(chain, weights=chain.weights * kept), model.reconstructed_mm)
-    blocks, start = [], 0
-    for block in model.blocks:
-        if block.imaged:
-            localisation = images.columns[:, start : start + len(block.laws)]
-            start += len(block.laws)
-            block = block._replace(localisation=localisation, tcp=model.tcp_from_localisation @ localisation)
-        blocks.append(block)
-    bias_mm = images.bias_mm - image_gains(chain, model.reconstructed_mm).bias_mm
-    return replace(
-        model,
-        blocks=tuple(blocks),
-        manufacturing_block_diagonal=images.block_diagonal,
-        localisation_bias_mm=model.localisation_bias_mm + bias_mm,
-        tcp_bias_mm=model.tcp_bias_mm + model.tcp_from_localisation @ bias_mm,
-    )
+    """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number says nothing."""
+    return linearise_at(replace(chain, weights=chain.weights * kept), model.target)
 
 
 class Ranked(NamedTuple):
@@ -167,10 +152,10 @@ class LossSearch:
         self.names = list(models)
         targets = np.array([model.reconstructed_mm for model in models.values()])
         assumed = np.zeros((len(chain.projections), 3, 3))
-        for covariance, error in zip(assumed, chain.intrinsics, strict=True):
+        for own, error in zip(assumed, chain.intrinsics, strict=True):
             if error is not None:
                 scaled = error.sources.direction * error.sources.std
-                covariance += scaled @ scaled.T
+                own += scaled @ scaled.T
         self._inputs = (chain.projections, chain.points, chain.weights, chain.estimation)
         self._rest = (targets, np.ascontiguousarray(chain.manufacturing_std_mm), chain.per_error, assumed)
         self._images: dict[int, tuple[Array, Array]] = {}
@@ -197,7 +182,7 @@ class LossSearch:
             return Ranked(Loss(self.labels(kept[s]), targets[0], None, reason), None)
         laws = [error_law(self.models[name], error, quantile) for name in targets]
         rows = [
-            self._rank(covariances[self.names.index(name)], name, law, quantile)
+            self._rank(kept, covariances[self.names.index(name)], name, law, quantile)
             for name, law in zip(targets, laws, strict=True)
         ]
         forms, cumulants, totals = (np.concatenate(part) for part in zip(*rows, strict=True))
@@ -234,9 +219,16 @@ class LossSearch:
                 break
         return best
 
-    def _rank(self, covariances: Array, name: str, law: ErrorLaw, quantile: float) -> tuple[Array, Array, Array]:
+    def _rank(
+        self, kept: Array, covariances: Array, name: str, law: ErrorLaw, quantile: float
+    ) -> tuple[Array, Array, Array]:
         """Pearson's quantile (S,), mm, of each loss at a target, the cumulants (S, 3) and covariances (S, 3, 3)."""
         model = self.models[name]
+        if self.system.common_shifts:  # what moves all images together hangs on who is left, and so does the mean
+            every = [model_without(self.chain, model, left) for left in kept]
+            total = np.array([covariance(each, law.error) for each in every])
+            means = law.worst.mean_mm + [each.bias_mm(law.error) - model.bias_mm(law.error) for each in every]
+            return *self._form(law, name, total, quantile, means), total
         to_error = model.tcp_from_localisation if law.error == "tcp" else np.eye(3)
         other = np.zeros((3, 3))
         for block in model.blocks:
@@ -246,11 +238,15 @@ class LossSearch:
         total = to_error @ covariances @ to_error.T + other
         return *self._form(law, name, total, quantile), total
 
-    def _form(self, law: ErrorLaw, name: str, total: Array, quantile: float) -> tuple[Array, Array]:
-        """Pearson's quantile (...), mm, of a target's error with other covariances (..., 3, 3), and cumulants (..., 3).
+    def _form(
+        self, law: ErrorLaw, name: str, total: Array, quantile: float, means: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Pearson's quantile (...), mm, of a target's error with other covariances (..., 3, 3) and means (..., 3), and
+        cumulants (..., 3).
 
         Manufacturing errors count as Gaussian.
         """
+        mean = law.worst.mean_mm if means is None else np.moveaxis(means, -1, 0)
         uniform: list[Array] = []
         triangular: list[Array] = []
         for block in self.models[name].blocks:
@@ -259,6 +255,6 @@ class LossSearch:
                     column = self.models[name].gain(block, law.error)[:, j] * block.half_width[j]
                     (uniform if own is Law.UNIFORM else triangular).append(column)
         with np.errstate(all="ignore"):
-            cumulants = square_cumulants(law.worst.mean_mm, np.moveaxis(total, (-2, -1), (0, 1)), uniform, triangular)
+            cumulants = square_cumulants(mean, np.moveaxis(total, (-2, -1), (0, 1)), uniform, triangular)
             form = np.asarray(np.sqrt(pearson_square(*cumulants, float(ndtri(quantile)))))
         return np.where(np.isfinite(form), form, inf), np.stack(cumulants, axis=-1)

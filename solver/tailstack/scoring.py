@@ -52,13 +52,22 @@ from .version import __version__
 
 P95 = 0.95
 FRAMES = {"tcp": "tcp", "localisation": "con"}
-NOT_INCLUDED = (
-    "image distortion, an uneven detector, motion during or between shots",
-    "fiducials mistaken for one another or missed",
-    "the shift of a large ball's centre in its image (0.05 px for 10 mm balls)",
-    "products of two random errors (second order)",
-    "whatever the design document does not list",
-)
+
+
+def not_included(system: System, *, simulated: bool = False) -> tuple[str, ...]:
+    """What no number of this design includes.  simulated: of the whole chain, not of its first order."""
+    views = system.views
+    lines = [
+        "an uneven detector, motion during a shot",
+        "" if all(view.image_field for view in views) else "image distortion that its correction leaves",
+        "" if any(view.motion for view in views) else "motion between the shots",
+        "" if system.temperature else "thermal expansion",
+        "" if system.balls else "the shift of a large ball's centre in its image (0.05 px for 10 mm balls)",
+        "fiducials mistaken for one another or missed",
+        "" if simulated else "products of two random errors (second order)",
+        "whatever the design document does not list",
+    ]
+    return tuple(line for line in lines if line)
 
 
 def score(design: Design | System, *, second_order: bool = False, losses: bool = True) -> Score:
@@ -307,7 +316,8 @@ def _required(system: System, target: str, error: str) -> list[Requirement]:
     return [item for item in system.requirements if item.error == error and target in item.targets]
 
 
-def provenance(system: System, not_included: tuple[str, ...] = NOT_INCLUDED) -> Provenance:
+def provenance(system: System, *, simulated: bool = False, also: tuple[str, ...] = ()) -> Provenance:
+    """What a record was made of.  simulated: by the whole chain; also: what else no number of it includes."""
     return Provenance(
         design_name=system.name,
         design_sha256=system.design_sha256,
@@ -316,7 +326,7 @@ def provenance(system: System, not_included: tuple[str, ...] = NOT_INCLUDED) -> 
         rotation_form=str(system.rotation_form),
         triangulation=str(system.triangulation),
         notes=system.notes,
-        not_included=(*not_included, *_taken_for_exact(system)),
+        not_included=(*not_included(system, simulated=simulated), *_taken_for_exact(system), *also),
         estimator=str(system.estimator),
     )
 

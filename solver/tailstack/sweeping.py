@@ -18,8 +18,8 @@ from .design.pointers import Place, find_places, pointer_of, replace_value, sugg
 from .errors import Problem, TailstackError
 from .results import Provenance, Score, TargetEstimate, TargetScore, Verification
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
-from .scoring import NOT_INCLUDED, provenance, score
-from .verification import MAX_TRIALS, NOT_IN_A_CHECK, verify
+from .scoring import provenance, score
+from .verification import MAX_TRIALS, verify
 
 MOST_AXES, MOST_POINTS = 6, 1_000_000
 SIGNIFICANT = 12  # digits of the values of a range: 0.3, not 0.30000000000000004
@@ -159,7 +159,7 @@ def assemble_sweep(design: Design, axes: Sequence[Axis], points: Sequence[SweepP
 
 
 def _provenance(design: Design, checked: bool) -> Provenance:
-    return provenance(compile_design(design), NOT_IN_A_CHECK if checked else NOT_INCLUDED)
+    return provenance(compile_design(design), simulated=checked)
 
 
 def _axis(design: Design, axis: Axis) -> SweepAxis:

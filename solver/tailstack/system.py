@@ -13,6 +13,7 @@ from enum import StrEnum
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .arrays import Array
 
@@ -134,6 +135,46 @@ class IntrinsicsError:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ImageField:
+    """What is left of an image's distortion after its correction, shared by all that the image shows.
+
+    Source j shifts every image point along ``axis[j]`` by its value, px, times ``x**i y**j`` with the powers of its
+    row: x and y are the nominal place in the image, from its centre and in units of half its diagonal.
+    """
+
+    centre_px: Array  # (2,)
+    half_diagonal_px: float
+    axis: NDArray[np.int64]  # (k,) 0: u, 1: v
+    powers: NDArray[np.int64]  # (k, 2)
+    sources: Sources  # direction is the identity (k, k), px
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Temperature:
+    """Operation at another temperature than that at which the structure was measured: structure and connector grow."""
+
+    difference_k: float  # known
+    sources: Sources  # of the difference about it; none, or one in K with direction (1, 1)
+    structure_per_k: float  # relative
+    connector_per_k: float  # relative
+    seat_mm: Array  # (3,) con: where structure and connector hold each other
+    flange_seat_mm: Array  # (3,) con: where the connector sits on the flange
+
+    @property
+    def connector_mm_per_k(self) -> Array:
+        """(3,) con: how the structure's seat moves away from the flange's."""
+        return np.asarray(self.connector_per_k * (self.seat_mm - self.flange_seat_mm))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Balls:
+    """Fiducials are balls, and what an image shows of one is not centred on the image of its centre."""
+
+    radius_mm: float
+    share: float  # of the shift of the outline's centre that the located point has: 1, or 0.8 for a shadow's centroid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class View:
     """One X-ray view."""
 
@@ -145,6 +186,8 @@ class View:
     sees: tuple[str, ...] | None = None  # labels of the fiducials that its estimate uses; None: all of them
     intrinsics_prior: tuple[float, float] | None = None  # standard deviations: focal length (relative), centre (px)
     intrinsics_error: IntrinsicsError | None = None  # of the assumed intrinsics; None: they are exact
+    motion: Mount | None = None  # of the structure against the target by the time of this shot, acts in con
+    image_field: ImageField | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,6 +245,8 @@ class System:
     rotation_form: RotationForm = RotationForm.FULL  # of every torsor
     estimator: Estimator = Estimator.DLT  # of every view
     triangulation: Triangulation = Triangulation.NORMALISED  # of every target
+    temperature: Temperature | None = None
+    balls: Balls | None = None  # None: fiducials are points
     design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
 
@@ -209,6 +254,16 @@ class System:
     def interfaces(self) -> tuple[Mount, Mount]:
         """Both interfaces, in the order of the chain."""
         return self.structure_connector, self.connector_flange
+
+    @property
+    def common_shifts(self) -> tuple[str, ...]:
+        """Where the document declares what moves the images of all fiducials of a view together, as pointers."""
+        return (
+            *(f"/views/{v}/motion" for v, view in enumerate(self.views) if view.motion),
+            *(f"/views/{v}/image_field" for v, view in enumerate(self.views) if view.image_field),
+            *(("/temperature",) if self.temperature else ()),
+            *(("/fiducials/diameter_mm",) if self.balls else ()),
+        )
 
     @property
     def projections(self) -> Array:

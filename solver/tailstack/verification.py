@@ -50,7 +50,7 @@ from .results import (
     Validity,
     Verification,
 )
-from .scoring import FRAMES, NOT_INCLUDED, P95, checked_system, provenance, tightest_limit, trust_of, vector3
+from .scoring import FRAMES, P95, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
 from .tail.declared import law_exceedance, law_quantile
 from .verdict import conclude, decide, judge
@@ -62,7 +62,6 @@ MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
 LANES = "structured resection, eight lanes (numba); trials without a proven solution redone by SVD"
 PLAIN = "plain estimators (NumPy, batched): Gauss-Newton by QR until no image moves"
-NOT_IN_A_CHECK = tuple(words for words in NOT_INCLUDED if "second order" not in words)
 GAP = 0.03  # first order further than this from the check is remarked
 
 Method = Literal["plain", "radial"]
@@ -573,7 +572,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         reprojection=_summarise_reprojection(sampled),
         first_order_ratio=worst.first_order_ratio,
         verdict=conclude(checks, ready.findings + _remark_gaps(targets, ready.trust), "Monte Carlo"),
-        provenance=provenance(ready.system, NOT_IN_A_CHECK),
+        provenance=provenance(ready.system, simulated=True),
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from scenes import cube8_system, random_system, read_only, system_of, with_unseen
+from scenes import cube8_system, random_system, read_only, system_of, with_systematic, with_unseen
 from tailstack import load_design, score
 from tailstack.contributors import error_law
 from tailstack.errors import IllPosedError
@@ -61,6 +61,8 @@ def test_the_worst_losses_are_those_of_brute_force(seed):
     system = random_system(rng, int(rng.integers(8, 10)), int(rng.integers(2, 4)), targets=int(rng.integers(1, 3)))
     if seed % 5 == 4:
         system = with_unseen(system, 1, ("F3",)) if len(system.fiducials_mm) > 8 else system
+    if seed % 10 == 7:
+        system = with_systematic(system, known=True)
     error, quantile = ("tcp", 0.95) if seed % 3 else ("localisation", 0.99)
     names = tuple(target.name for target in system.targets)
     system = replace(system, requirements=(Requirement("r", error, quantile, 1.0, 0.95, names),))

@@ -24,6 +24,7 @@ from scenes import (
     system_of,
     target,
     with_noise,
+    with_systematic,
     with_unseen,
 )
 from tailstack.errors import OutOfRangeError
@@ -140,11 +141,17 @@ def test_digits_of_models_that_were_always_in_the_lanes_stay() -> None:
     assert digest.hexdigest() == "08052993533924cd3859eaccaa4f1ec59dc68156e69bb797591ecd755f7f8d58"
 
 
+@pytest.mark.parametrize("reading", list(Reading))
+def test_motion_fields_heat_and_balls_agree_with_svd(reading: Reading) -> None:
+    system = with_systematic(cios_system(reading=reading), known=True)
+    assert relative_difference(system, 512)[0] < 1e-9
+
+
 def test_without_image_noise_agrees_with_svd() -> None:
     assert relative_difference(cios_system(views=with_noise(0.0)), 256)[0] < 1e-9
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(9))
 def test_one_trial_of_a_random_scene_by_the_plain_chain(seed: int) -> None:
     """Independent: the chain written out with 4x4 matrices, one trial at a time, inputs in native units."""
     rng = np.random.default_rng(seed)
@@ -154,11 +161,14 @@ def test_one_trial_of_a_random_scene_by_the_plain_chain(seed: int) -> None:
         2: {"rotation_form": RotationForm.SMALL_ANGLE},
         3: {"reading": Reading.EQ18, "rotation_form": RotationForm.SMALL_ANGLE},
         4: {"triangulation": Triangulation.PUBLISHED},
-        5: {},
+        7: {"reading": Reading.EQ18},
+        8: {"rotation_form": RotationForm.SMALL_ANGLE},
     }
-    system = random_system(rng, 7 + seed, 2 + seed % 2, targets=2, **variants[seed])
+    system = random_system(rng, 7 + seed, 2 + seed % 2, targets=2, **variants.get(seed, {}))
     if seed == 5:
         system = with_unseen(with_unseen(system, 0, ("F2", "F7")), 2, ("F1",))
+    if seed > 5:
+        system = with_systematic(system, known=True)
     plan = compile_plan(system)
     z = draw(plan, 11, np.arange(3))
     errors = evaluate(plan, z)
@@ -168,6 +178,10 @@ def test_one_trial_of_a_random_scene_by_the_plain_chain(seed: int) -> None:
         "hand_eye": system.hand_eye.sources,
         "execution": system.execution,
     }
+    if system.temperature is not None:
+        scales["temperature"] = system.temperature.sources
+        scales |= {f"image_field:{view.name}": view.image_field.sources for view in system.views}
+        scales |= {view.motion.name: view.motion.sources for view in system.views if view.motion}
     for trial in range(3):
         for place, goal in enumerate(system.targets):
             inputs = {}

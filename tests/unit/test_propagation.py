@@ -11,7 +11,17 @@ import numpy as np
 import pytest
 
 from reference_chain import run
-from scenes import cube8_system, cube_fiducials, random_system, read_only, system_of, target, with_noise, with_unseen
+from scenes import (
+    cube8_system,
+    cube_fiducials,
+    random_system,
+    read_only,
+    system_of,
+    target,
+    with_noise,
+    with_systematic,
+    with_unseen,
+)
 from tailstack.estimation.checks import LINEAR
 from tailstack.geometry.rotation import rotation_xyz
 from tailstack.propagation.linear import (
@@ -34,13 +44,18 @@ def oracle(name):
 
 @pytest.mark.parametrize("reading", list(Reading))
 @pytest.mark.parametrize("form", list(RotationForm))
-@pytest.mark.parametrize(("views", "unseen"), [(2, ()), (3, ()), (2, (("F2", "F5"), ("F9",)))])
-def test_every_gain_equals_the_finite_difference_of_the_chain(reading, form, views, unseen):
+@pytest.mark.parametrize(
+    ("views", "unseen", "systematic"),
+    [(2, (), False), (3, (), False), (2, (("F2", "F5"), ("F9",)), False), (2, (), True), (2, (("F2",),), True)],
+)
+def test_every_gain_equals_the_finite_difference_of_the_chain(reading, form, views, unseen, systematic):
     """independent: central differences of the SVD chain, Richardson's step pair for O(h^4)."""
     system = random_system(np.random.default_rng(7 + views), fiducials=9, views=views, reading=reading)
     system = replace(system, rotation_form=form)
     for v, missing in enumerate(unseen):
         system = with_unseen(system, v, missing)
+    if systematic:
+        system = with_systematic(system)
     aim = system.targets[0]
     model = linearise(system, aim)
     unperturbed = run(system, aim, {})
@@ -48,7 +63,7 @@ def test_every_gain_equals_the_finite_difference_of_the_chain(reading, form, vie
     assert np.allclose(unperturbed["localisation"], model.localisation_bias_mm, rtol=0, atol=1e-8)
     for block in model.blocks:
         for j, unit in enumerate(block.units):
-            step = {"rad": 1e-3, "mm": 3e-2, "px": 3e-2, "N": 1.0}[unit]
+            step = {"rad": 1e-3, "mm": 3e-2, "px": 3e-2, "N": 1.0, "K": 10.0}[unit]
             kick = np.eye(len(block.units))[j]
 
             def slope(h, kick=kick, name=block.contributor):
@@ -60,6 +75,24 @@ def test_every_gain_equals_the_finite_difference_of_the_chain(reading, form, vie
                 numeric = (4 * near[error] - far[error]) / 3
                 scale = 1 + np.abs(gain).max()
                 assert np.allclose(numeric, gain[:, j], rtol=0, atol=3e-7 * scale), (block.contributor, j, error)
+
+
+def test_known_shifts_are_those_of_the_chain():
+    """independent: the chain with and without the known temperature and the balls; second order is 1e-3 of them."""
+    system = with_systematic(random_system(np.random.default_rng(5), fiducials=9), known=True)
+    aim = system.targets[0]
+    plain = replace(system, temperature=None, balls=None)
+    model, without = linearise(system, aim), run(plain, aim, {})
+    assert [each.contributor for each in model.known] == ["temperature", "ball_images"]
+    for error in ("tcp", "localisation"):
+        shift = run(system, aim, {})[error] - without[error]
+        assert np.linalg.norm(shift) > 0.02
+        np.testing.assert_allclose(
+            model.bias_mm(error) - without[error], shift, rtol=0, atol=2e-3 * np.linalg.norm(shift)
+        )
+        np.testing.assert_allclose(
+            sum(each.of(error) for each in model.known), shift, rtol=0, atol=2e-3 * np.linalg.norm(shift)
+        )
 
 
 def test_noise_covariance_of_the_reference_cube():

@@ -17,7 +17,6 @@ from datetime import date
 from pathlib import Path
 
 from tailstack.errors import Problem, TailstackError
-from tailstack.scoring import NOT_INCLUDED
 from tailstack.version import __version__
 
 from ..console.files import Staged, append, is_stream, stage
@@ -210,7 +209,7 @@ def record_unfinished(
             waivers_sha256=None,
             baseline_sha256=None,
             today=today.isoformat(),
-            not_included=NOT_INCLUDED,
+            not_included=(),  # there is no number
         ),
     )
 

@@ -17,7 +17,7 @@ from tailstack.design.refusals import place
 from tailstack.errors import Problem, TailstackError
 from tailstack.estimation.checks import DETERMINATION
 from tailstack.results import Score, Verification
-from tailstack.scoring import NOT_INCLUDED, score, vector3
+from tailstack.scoring import score, vector3
 from tailstack.version import __version__
 
 from .baseline import GateBaseline, find_missing_designs, find_other_version, hash_sections
@@ -287,7 +287,9 @@ def conclude(gate: Gate, scored: Iterable[ScoredDesign], checks: Iterable[Check]
             waivers_sha256=None if gate.waivers is None else gate.waivers.sha256,
             baseline_sha256=None if gate.baseline is None else gate.baseline.sha256,
             today=gate.today.isoformat(),
-            not_included=NOT_INCLUDED,
+            not_included=tuple(
+                dict.fromkeys(line for entry in scored if entry.score for line in entry.score.provenance.not_included)
+            ),
         ),
     )
 

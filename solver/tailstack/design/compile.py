@@ -22,12 +22,15 @@ from ..geometry.camera import (
     projection_from_pose,
     scale_to_unit_depth,
 )
+from ..geometry.image_shifts import field_powers
 from ..geometry.naming import direction_name, point_name
 from ..geometry.rotation import rigid_transform, rigidity_defect, rotation_from_quaternion, rotation_xyz
 from ..results import Finding, ViewCheck
 from ..system import (
     INTRINSICS,
     TORSOR_COMPONENTS,
+    Balls,
+    ImageField,
     IntrinsicsError,
     Law,
     Mount,
@@ -35,6 +38,7 @@ from ..system import (
     Sources,
     System,
     Target,
+    Temperature,
     View,
     no_sources,
 )
@@ -44,12 +48,16 @@ from .document import (
     Compliance,
     DistanceView,
     Execution,
+    Fiducials,
     FocalError,
     HandEye,
+    ImageFieldDocument,
     Interface,
+    Interfaces,
     IntrinsicsErrorDocument,
     IntrinsicsPrior,
     MatrixView,
+    Motion,
     PinholeView,
     Pose,
     PresetView,
@@ -58,6 +66,7 @@ from .document import (
     Repeatability,
     RequirementDocument,
     TargetDocument,
+    TemperatureDocument,
     Tolerances,
 )
 from .loading import Design
@@ -125,6 +134,8 @@ def _compile(design: Design) -> System:
         rotation_form=document.model.rotation,
         estimator=document.model.estimator,
         triangulation=document.model.triangulation,
+        temperature=_temperature(document.temperature, document.interfaces),
+        balls=_balls(document.fiducials),
         notes=tuple(notes),
     )
 
@@ -178,6 +189,14 @@ def _hand_eye(hand_eye: HandEye | None) -> Mount:
 def _bias(bias: Bias) -> Array:
     turns = [radians(bias.rx_deg), radians(bias.ry_deg), radians(bias.rz_deg)]
     return frozen([*turns, bias.tx_mm, bias.ty_mm, bias.tz_mm])
+
+
+def _motion(motion: Motion | None, view: str) -> Mount | None:
+    if motion is None:
+        return None
+    label = motion.label or f"motion before shot {view}"
+    sources = _torsor_sources(motion.tolerances)
+    return Mount(f"motion:{view}", frozen(motion.pivot_mm), frozen(np.zeros(6)), sources, label)
 
 
 def _torsor_sources(tolerances: Tolerances) -> Sources:
@@ -243,6 +262,60 @@ def _load(compliance: Compliance) -> Sources:
     coverage = _coverage(law, compliance.coverage_factor)
     matrix = np.array(compliance.matrix_mm_per_n)
     return _along_axes("load", "N", compliance.load_half_width_n, str(law), coverage, matrix)
+
+
+# --- what is wrong in the images of a unit ---------------------------------------------------------
+
+
+def _image_field(field: ImageFieldDocument | None, size: tuple[int, int] | None) -> ImageField | None:
+    """The coefficients of every degree that has some half-width, first those of u, then those of v."""
+    if field is None:
+        return None
+    assert size is not None  # consistency has made sure
+    degrees = [degree for degree, half_width in enumerate(field.half_widths_px) if half_width > 0]
+    one = np.concatenate([np.zeros((0, 2), dtype=np.int64), *map(field_powers, degrees)])
+    powers, axis = np.tile(one, (2, 1)), np.repeat([0, 1], len(one))
+    coverage = _coverage(field.distribution, field.coverage_factor)
+    sources = Sources(
+        tuple(f"{'uv'[along]}.x{i}y{j}" for along, (i, j) in zip(axis, powers.tolist(), strict=True)),
+        (Law(field.distribution),) * len(axis),
+        frozen([field.half_widths_px[i + j] for i, j in powers.tolist()]),
+        frozen([coverage] * len(axis)),
+        ("px",) * len(axis),
+        frozen(np.eye(len(axis))),
+    )
+    return ImageField(frozen(image_centre_px(size)), float(np.hypot(*size)) / 2, axis, powers, sources)
+
+
+def _temperature(temperature: TemperatureDocument | None, interfaces: Interfaces) -> Temperature | None:
+    if temperature is None:
+        return None
+
+    def place(given: Any, interface: Interface | None) -> Array:
+        if given is None:
+            given = (0.0, 0.0, 0.0) if interface is None else interface.pivot_mm
+        return frozen(given)
+
+    sources = no_sources(1)
+    if temperature.half_width_k > 0:
+        law = str(temperature.distribution)
+        coverage = frozen([_coverage(law, temperature.coverage_factor)])
+        width = frozen([temperature.half_width_k])
+        sources = Sources(("difference",), (Law(law),), width, coverage, ("K",), frozen(np.eye(1)))
+    return Temperature(
+        difference_k=temperature.difference_k,
+        sources=sources,
+        structure_per_k=temperature.structure_expansion_um_per_m_k * 1e-6,
+        connector_per_k=temperature.connector_expansion_um_per_m_k * 1e-6,
+        seat_mm=place(temperature.seat_mm, interfaces.structure_connector),
+        flange_seat_mm=place(temperature.flange_seat_mm, interfaces.connector_flange),
+    )
+
+
+def _balls(fiducials: Fiducials) -> Balls | None:
+    if fiducials.diameter_mm is None:
+        return None
+    return Balls(fiducials.diameter_mm / 2, 0.8 if fiducials.image_point == "shadow" else 1.0)
 
 
 # --- targets ----------------------------------------------------------------------------------------
@@ -313,6 +386,8 @@ def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) ->
         seen_by(view),
         None if prior is None else (prior.focal_rel_sd, prior.principal_point_px_sd),
         _intrinsics_error(view.intrinsics_error, prior),
+        _motion(view.motion, view.name),
+        _image_field(view.image_field, size),
     )
 
 

@@ -51,13 +51,19 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     for index, view in enumerate(document.views):
         if isinstance(view, PresetView):
             problems += _preset(view, f"/views/{index}")
+        elif view.image_field is not None and view.image_size_px is None:
+            words = "an image field is measured from the image's centre in half diagonals, and the size is not stated"
+            problems.append(
+                Problem(f"/views/{index}/image_field", "missing-field", words, "give image_size_px: [W, H]")
+            )
     for index, requirement in enumerate(document.requirements):
         if requirement.targets == "all":
             continue
         for place, name in enumerate(requirement.targets):
             problems += find_unknown(f"/requirements/{index}/targets/{place}", "target", name, named)
         problems += find_duplicates(requirement.targets, f"/requirements/{index}/targets/{{}}".format, "entries")
-    return problems + _estimator(document) + check_optimise(document, limits.fiducials)
+    problems += _estimator(document) + _seats(document)
+    return problems + check_optimise(document, limits.fiducials)
 
 
 def _estimator(document: DesignDocument) -> list[Problem]:
@@ -87,6 +93,26 @@ def _estimator(document: DesignDocument) -> list[Problem]:
             )
         )
     return problems
+
+
+def _seats(document: DesignDocument) -> list[Problem]:
+    """What expands does so about a seat: it is stated, or the pivot of a declared interface."""
+    temperature = document.temperature
+    if temperature is None:
+        return []
+    needed = [("seat_mm", temperature.seat_mm, "structure_connector")]
+    if temperature.connector_expansion_um_per_m_k != 0:
+        needed.append(("flange_seat_mm", temperature.flange_seat_mm, "connector_flange"))
+    return [
+        Problem(
+            f"/temperature/{field}",
+            "missing-field",
+            f"{field} is not given, and interfaces.{interface}, whose pivot it would be, is not declared",
+            f"give {field}: [x, y, z] in con, mm",
+        )
+        for field, given, interface in needed
+        if given is None and getattr(document.interfaces, interface) is None
+    ]
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:

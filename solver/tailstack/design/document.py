@@ -128,6 +128,80 @@ class IntrinsicsErrorDocument(Record):
     )
 
 
+_BOUNDED = LAW_WORDS + "; bounded: no law is claimed, only the worst case over +-h counts."
+
+
+class RotationTolerance(Record):
+    """Half-width of one rotation."""
+
+    half_width_deg: HalfWidthDegrees = Field(description="Half-width h of the rotation, degrees.", examples=[0.05])
+    distribution: AnyLaw = Field(description=_BOUNDED, examples=["uniform"])
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    @model_validator(mode="after")
+    def _coverage(self) -> RotationTolerance:
+        check_coverage(self.distribution, self.coverage_factor)
+        return self
+
+
+class TranslationTolerance(Record):
+    """Half-width of one translation."""
+
+    half_width_mm: HalfWidth = Field(description="Half-width h of the translation, mm.", examples=[0.02])
+    distribution: AnyLaw = Field(description=_BOUNDED, examples=["uniform"])
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    @model_validator(mode="after")
+    def _coverage(self) -> TranslationTolerance:
+        check_coverage(self.distribution, self.coverage_factor)
+        return self
+
+
+class Tolerances(Record):
+    """One tolerance per component of the torsor; a component that is not given does not vary."""
+
+    rx: RotationTolerance | None = Field(default=None, description="Rotation about x through the pivot.")
+    ry: RotationTolerance | None = Field(default=None, description="Rotation about y through the pivot.")
+    rz: RotationTolerance | None = Field(default=None, description="Rotation about z through the pivot.")
+    tx: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along x.")
+    ty: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along y.")
+    tz: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along z.")
+
+
+class Motion(Record):
+    """How far the structure may have moved against the target by the time of one shot."""
+
+    label: Annotated[str, Field(max_length=200)] = Field(
+        default="", description="What moves, in your words.", examples=["breathing"]
+    )
+    pivot_mm: Point = Field(
+        description="Point in con that the motion is reduced at, mm: rotations turn about it.",
+        examples=[[0.0, 0.0, -95.0]],
+    )
+    tolerances: Tolerances = Field(description="Half-width and law per component, drawn at every shot.")
+
+
+class ImageFieldDocument(Record):
+    """What is left of the image's distortion after its correction: a polynomial, drawn once per installed unit.
+
+    Along u and along v, the shift of an image point is a sum of ``c x^i y^j``, where (x, y) is its place from the
+    image's centre in units of half the diagonal; so c is the shift in the corner, px, and varies by itself.
+    """
+
+    half_widths_px: Annotated[list[HalfWidth], Field(min_length=1, max_length=4)] = Field(
+        description="Half-width of the coefficients of degree 0, 1, 2, 3, px, in this order; every coefficient of a "
+        "degree has the same one. Degrees 0 and 1 (shift, scale, shear) are absorbed by DLT.",
+        examples=[[0.0, 0.0, 0.1, 0.3]],
+    )
+    distribution: AnyLaw = Field(description=_BOUNDED, examples=["normal"])
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    @model_validator(mode="after")
+    def _coverage(self) -> ImageFieldDocument:
+        check_coverage(self.distribution, self.coverage_factor)
+        return self
+
+
 class _AnyView(Record):
     name: Name = Field(description="What you call this view; unique.", examples=["AP"])
     fiducial_noise_px: Pixels = Field(
@@ -157,10 +231,20 @@ class _AnyView(Record):
         description="How wrong the assumed focal length and principal point are, for the estimators that believe them "
         "(pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact.",
     )
+    motion: Motion | None = Field(
+        default=None,
+        description="Motion of the structure against the target between the shots, as this view sees it. Absent: none.",
+    )
+    image_field: ImageFieldDocument | None = Field(
+        default=None,
+        description="What is left of the image's distortion after its correction. Needs image_size_px. Absent: none.",
+    )
 
     @model_serializer(mode="wrap")
     def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_later(write(self), dict.fromkeys(("sees", "intrinsics_prior", "intrinsics_error")))
+        return without_later(
+            write(self), dict.fromkeys(("sees", "intrinsics_prior", "intrinsics_error", "motion", "image_field"))
+        )
 
 
 class _Aimed(_AnyView):
@@ -397,46 +481,6 @@ ViewDocument = Annotated[
         "source_isocentre_mm, pixel_mm and image_size_px, or by intrinsics and pose, or by projection",
     ),
 ]
-
-
-_BOUNDED = LAW_WORDS + "; bounded: no law is claimed, only the worst case over +-h counts."
-
-
-class RotationTolerance(Record):
-    """Half-width of one rotation."""
-
-    half_width_deg: HalfWidthDegrees = Field(description="Half-width h of the rotation, degrees.", examples=[0.05])
-    distribution: AnyLaw = Field(description=_BOUNDED, examples=["uniform"])
-    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-
-    @model_validator(mode="after")
-    def _coverage(self) -> RotationTolerance:
-        check_coverage(self.distribution, self.coverage_factor)
-        return self
-
-
-class TranslationTolerance(Record):
-    """Half-width of one translation."""
-
-    half_width_mm: HalfWidth = Field(description="Half-width h of the translation, mm.", examples=[0.02])
-    distribution: AnyLaw = Field(description=_BOUNDED, examples=["uniform"])
-    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-
-    @model_validator(mode="after")
-    def _coverage(self) -> TranslationTolerance:
-        check_coverage(self.distribution, self.coverage_factor)
-        return self
-
-
-class Tolerances(Record):
-    """One tolerance per component of the torsor; a component that is not given does not vary."""
-
-    rx: RotationTolerance | None = Field(default=None, description="Rotation about x through the pivot.")
-    ry: RotationTolerance | None = Field(default=None, description="Rotation about y through the pivot.")
-    rz: RotationTolerance | None = Field(default=None, description="Rotation about z through the pivot.")
-    tx: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along x.")
-    ty: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along y.")
-    tz: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along z.")
 
 
 class Bias(Record):
@@ -706,15 +750,80 @@ class Fiducials(Record):
     manufacturing: Manufacturing | None = Field(
         default=None, description="Manufacturing tolerance of the fiducials' positions. Absent: perfect."
     )
+    diameter_mm: Length | None = Field(
+        default=None,
+        description="Diameter of the balls that are the fiducials, mm: the shift of a ball's image from the image of "
+        "its centre is then a known bias. Absent, or where your software corrects it: none.",
+        examples=[3.0],
+    )
+    image_point: Literal["outline", "shadow"] | None = Field(
+        default=None,
+        description="With diameter_mm: what your software takes for the image of a ball. outline (default): the middle "
+        "of its elliptical outline; shadow: the centroid of its grey values, which is shifted by four fifths of that.",
+        examples=["outline"],
+    )
 
     @model_validator(mode="after")
     def _one_list(self) -> Fiducials:
         if (self.points is None) == (self.file is None):
             given = "both" if self.file is not None else "neither"
             raise refusal("one-of", f"give exactly one of points and file; {given} arrived")
+        if self.image_point is not None and self.diameter_mm is None:
+            raise refusal("unused-field", "image_point is read only with diameter_mm", at="image_point")
         if self.file is not None and self.origin is not None:
             words = "origin belongs to points that were read from a file; here the file itself is named"
             raise refusal("unused-field", words, "remove origin", "origin")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_later(write(self), dict.fromkeys(("diameter_mm", "image_point")))
+
+
+class TemperatureDocument(Record):
+    """Operation at another temperature than that at which the fiducials were measured.
+
+    The structure grows about its seat on the connector, the connector about its seat on the flange.
+    """
+
+    difference_k: Annotated[float, Field(ge=-300, le=300)] = Field(
+        default=0.0, description="Known difference, K: operation less measurement. Default 0.", examples=[15.0]
+    )
+    half_width_k: Annotated[float, Field(ge=0, le=300)] = Field(
+        default=0.0, description="Half-width of the difference about it, K, drawn at every shot.", examples=[5.0]
+    )
+    distribution: AnyLaw | None = Field(
+        default=None, description=_BOUNDED + " Required with half_width_k.", examples=["uniform"]
+    )
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+    structure_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000)] = Field(
+        description="Thermal expansion of the structure, um/(m K): PEEK 47, aluminium 23, steel 12 to 16, titanium 9.",
+        examples=[47.0],
+    )
+    connector_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000)] = Field(
+        default=0.0, description="The same of the connector. Default 0.", examples=[23.0]
+    )
+    seat_mm: Point | None = Field(
+        default=None,
+        description="Where structure and connector hold each other, con, mm. Default the pivot of structure_connector.",
+        examples=[[0.0, 0.0, -95.0]],
+    )
+    flange_seat_mm: Point | None = Field(
+        default=None,
+        description="Where the connector sits on the flange, con, mm. Default the pivot of connector_flange.",
+        examples=[[0.0, 0.0, -150.0]],
+    )
+
+    @model_validator(mode="after")
+    def _law(self) -> TemperatureDocument:
+        if self.half_width_k == 0:
+            for field in ("distribution", "coverage_factor"):
+                if getattr(self, field) is not None:
+                    raise refusal("unused-field", f"{field} is read only with half_width_k", at=field)
+        elif self.distribution is None:
+            raise refusal("missing-field", "half_width_k needs a distribution", "distribution: uniform")
+        else:
+            check_coverage(self.distribution, self.coverage_factor)
         return self
 
 
@@ -882,12 +991,19 @@ class DesignDocument(Record):
         default_factory=share(Execution.model_construct()),
         description="Errors of the robot and the tool. Absent: none.",
     )
+    temperature: TemperatureDocument | None = Field(
+        default=None, description="Operation at another temperature. Absent: nothing expands."
+    )
     targets: Annotated[list[TargetDocument], Field(min_length=1)] = Field(
         description="Where the tool has to go: named points or regions, in con."
     )
     requirements: list[RequirementDocument] = Field(default=[], description="What is promised. Default nothing.")
     model: Model = Field(default_factory=share(Model.model_construct()), description="Choices of the model.")
     optimise: Optimise | None = Field(default=None, description="Freedom of the optimiser. Absent: it refuses.")
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_later(write(self), {"temperature": None})
 
 
 SCHEMA_ID = "urn:tailstack:schema:design:1"

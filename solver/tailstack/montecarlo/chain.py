@@ -160,35 +160,49 @@ def errors_by_svd(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
         start = tables.starts[0]
         true = points + tables.spread * z[:, start : start + 3 * count].reshape(trials, count, 3)
 
-    transforms = []
-    for k, mount in enumerate((*system.interfaces, system.hand_eye)):
-        offset, sources = tables.gain_starts[k]
-        gain = tables.gains[offset : offset + 6 * sources].reshape(6, sources)
-        start = tables.starts[1 + k]
-        torsor = tables.torsors[k] + z[:, start : start + sources] @ gain.T
-        transforms.append(torsor_transform(torsor, mount.pivot_mm, system.rotation_form))
+    def act(slot: int, rows: int) -> Array:
+        """(n, rows): what the random sources of a slot do."""
+        offset, sources = tables.gain_starts[slot]
+        gain = tables.gains[offset : offset + rows * sources].reshape(rows, sources)
+        start = tables.starts[1 + slot]
+        return np.asarray(z[:, start : start + sources] @ gain.T)
+
+    def transform(slot: int) -> Array:
+        return torsor_transform(tables.torsors[slot] + act(slot, 6), tables.pivots[slot], system.rotation_form)
+
+    grown = tables.growth + act(4 + 2 * views, 3 * (count + 1)).reshape(trials, count + 1, 3)
+    true = true + grown[:, :count] @ tables.out_of_frame.reshape(3, 3).T
+    transforms = [transform(k) for k in range(3)]
     told = transform_points(transforms[0], points) if eq18 else points
     true = true if eq18 else transform_points(transforms[0], true)
 
     noise = z[:, : 2 * views * (count + targets)].reshape(trials, views, count + targets, 2)
     sigma = tables.noise[:, None, :]  # (V, 1, kind)
-    exact = np.stack([project(view.projection, true) for view in system.views], axis=1)
-    images = exact + sigma[:, :, :1] * noise[:, :, :count]
+    exact = np.stack(
+        [project(view.projection, transform_points(transform(4 + v), true)) for v, view in enumerate(system.views)],
+        axis=1,
+    )
+    shifts = np.stack(
+        [
+            tables.image_shifts[v] + act(4 + views + v, 2 * (count + targets)).reshape(trials, -1, 2)
+            for v in range(views)
+        ],
+        axis=1,
+    )
+    images = exact + shifts[:, :, :count] + sigma[:, :, :1] * noise[:, :, :count]
     weights = system.sees
     estimates = estimate_views(system, told, images, _assumed_errors(plan, z))
     reprojection = reprojection_rms(estimates, told, images, weights)
 
-    offset, sources = tables.gain_starts[3]
-    gain = tables.gains[offset : offset + 3 * sources].reshape(3, sources)
-    executed = z[:, tables.starts[4] : tables.starts[4] + sources] @ gain.T + tables.execution_bias
+    executed = act(3, 3) + tables.execution_bias
     errors = np.empty((trials, targets, 2, 3))
     tcp_con = system.T_tcp_con
     for t, target in enumerate(system.targets):
         seen = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
-        noisy = seen + sigma[:, 0, 1:] * noise[:, :, count + t]
+        noisy = seen + shifts[:, :, count + t] + sigma[:, 0, 1:] * noise[:, :, count + t]
         found = locate(system, estimates, noisy, told, weights_at_rest(system, target))
         errors[:, t, 1] = found - target.position_mm
-        tool = transform_points(transforms[1], found[:, None])
+        tool = transform_points(transforms[1], found[:, None]) + grown[:, count:]
         tool = transform_points(transforms[2], transform_points(tcp_con, tool[:, 0])[:, None])[:, 0]
         errors[:, t, 0] = tool + executed - transform_points(tcp_con, target.position_mm)
     return errors, reprojection

@@ -10,7 +10,8 @@ argument       vectors            meaning
 ``points``     3 N                fiducials with their manufacturing errors, object frame
 ``images``     2 N                noisy images (u, v) of the fiducials in one view, px from their nominal mean
 ``estimates``  14 V               of each view: a (3), p1 (4), p2 (4), 1 / |a|^2, mean u, mean v (``resect``)
-``pose``       3 x 12             of each mount: rotation (9, by rows), translation (3, mm)
+``pose``       (3 + V) x 12       of each mount, and of the motion before each shot: rotation (9, by rows), translation
+                                  (3, mm)
 ``results``    6 T + 2            of each target: TCP error (3, tcp, mm), localisation error (3, con, mm); then the
                                   flag of lanes that are not proven, and the RMS reprojection error, px
 =============  =================  ============================================================================
@@ -39,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from .lane_motion import image_fiducials, move_error, place_points, rotate, write_mount
+from .lane_motion import growth, image_fiducials, image_shift, move_error, place_points, rotate, write_mount
 from .lane_resection import carry_to_object_frame, resect, squared_reprojection
 from .lanes import (
     absolute,
@@ -67,7 +68,7 @@ RESULTS = 6  # per target: tcp (3), localisation (3)
 def scratch_size(counts):
     """Doubles of scratch: deviates, points, images of one view, a and p1, p2 per view, rotations, results."""
     n, v, t, d = counts[0], counts[1], counts[2], counts[6]
-    return 8 * (d + 3 * n + 2 * n + 12 * v + 2 * v + 36 + RESULTS * t + 8)
+    return 8 * (d + 3 * n + 2 * n + 12 * v + 2 * v + 12 * (3 + v) + RESULTS * t + 8)
 
 
 @lane_jit
@@ -84,6 +85,8 @@ def normal_matrix(tables, target, estimates, z):
         weight = load(estimates, at + 88)
         for row in range(2):
             image = fma(sigma, load(z, start + 8 * row), splat(tables.target_images[target, view, row]))
+            if tables.counts[11] != 0:
+                image = image + image_shift(tables, view, n + target, row, z)
             t = image - load(estimates, at + 96 + 8 * row)
             p = at + 24 + 32 * row
             r0, r1 = fma(t, a0, -load(estimates, p)), fma(t, a1, -load(estimates, p + 8))
@@ -243,6 +246,9 @@ def chain_errors(tables, target, pose, z, y0, y1, y2, results):
     store(results, 40, e2)
     if (active & 2) != 0:
         e0, e1, e2 = move_error(tables, 1, pose, 96, tables.targets[target], e0, e1, e2)
+    if tables.counts[12] != 0:
+        n = tables.counts[0]
+        e0, e1, e2 = e0 + growth(tables, z, n, 0), e1 + growth(tables, z, n, 1), e2 + growth(tables, z, n, 2)
     r = tables.to_tcp
     t0 = dot3(splat(r[0]), splat(r[1]), splat(r[2]), e0, e1, e2)
     t1 = dot3(splat(r[3]), splat(r[4]), splat(r[5]), e0, e1, e2)
@@ -270,7 +276,10 @@ def run_chain(tables, z, points, images, estimates, pose, results, want_reprojec
     for mount in range(3):
         if (active >> mount) & 1:
             write_mount(tables, mount, z, pose, 96 * mount)
-    if tables.counts[3] != 0:
+    for view in range(views):
+        if (tables.counts[10] >> view) & 1:
+            write_mount(tables, 4 + view, z, pose, 96 * (3 + view))
+    if tables.counts[3] != 0 or tables.counts[12] != 0:
         place_points(tables, z, points)
     good = splat(1.0) > splat(0.0)
     squares, images_used = splat(0.0), 0.0
@@ -343,8 +352,8 @@ def run_trials(tables, draws, results_of, scratch):
     at += 16 * n
     estimates = scratch[at : at + 112 * views]
     at += 112 * views
-    pose = scratch[at : at + 288]
-    at += 288
+    pose = scratch[at : at + 96 * (3 + views)]
+    at += 96 * (3 + views)
     results = scratch[at : at + 48 * targets + 16]
     for i in range(n):
         for c in range(3):

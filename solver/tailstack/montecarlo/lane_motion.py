@@ -1,7 +1,8 @@
 """What moves before the shutter: mounts, manufacturing errors, and the images that result (conventions, chain 1-2).
 
-Arguments: ``tables``, ``z``, ``points``, ``images`` and ``pose`` as in ``kernel``; ``mount``, 0 ... 2, and ``at``, its
-place in ``pose``; ``view`` and ``row``, numbers from 0; points and errors (x, y, z), three lanes each, mm.
+Arguments: ``tables``, ``z``, ``points``, ``images`` and ``pose`` as in ``kernel``; ``mount``, 0 ... 2, or 4 + view for
+the motion before its shot, and ``at``, its place in ``pose``; ``view`` and ``row``, numbers from 0; points and errors
+(x, y, z), three lanes each, mm.
 """
 
 # mypy: ignore-errors
@@ -92,41 +93,88 @@ def move_error(tables, mount, pose, at, nominal, e0, e1, e2):
 
 @lane_jit
 def place_points(tables, z, points):
-    """Fiducials with their manufacturing errors, object frame."""
+    """Fiducials with their manufacturing errors and grown by heat, object frame."""
     n = tables.counts[0]
     into, spread, start = tables.into_frame, tables.spread, 8 * tables.starts[0]
     for i in range(n):
-        m0 = splat(spread[i, 0]) * load(z, start + 24 * i)
-        m1 = splat(spread[i, 1]) * load(z, start + 24 * i + 8)
-        m2 = splat(spread[i, 2]) * load(z, start + 24 * i + 16)
         for c in range(3):
-            moved = dot3(splat(into[3 * c]), splat(into[3 * c + 1]), splat(into[3 * c + 2]), m0, m1, m2)
-            store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]) + moved)
+            store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]))
+        if tables.counts[3] != 0:
+            m0 = splat(spread[i, 0]) * load(z, start + 24 * i)
+            m1 = splat(spread[i, 1]) * load(z, start + 24 * i + 8)
+            m2 = splat(spread[i, 2]) * load(z, start + 24 * i + 16)
+            for c in range(3):
+                moved = dot3(splat(into[3 * c]), splat(into[3 * c + 1]), splat(into[3 * c + 2]), m0, m1, m2)
+                store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]) + moved)
+        if tables.counts[12] != 0:
+            for c in range(3):
+                at = 24 * i + 8 * c
+                store(points, at, load(points, at) + growth(tables, z, i, c))
+
+
+@lane_jit
+def growth(tables, z, i, c):
+    """What heat does to coordinate c of fiducial i, object frame; with i = N, to con at the flange, mm."""
+    slot = 4 + 2 * tables.counts[1]
+    offset, k = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
+    grown = splat(tables.growth[i, c])
+    for j in range(k):
+        grown = fma(
+            splat(tables.gains[offset + (3 * i + c) * k + j]), load(z, 8 * (tables.starts[1 + slot] + j)), grown
+        )
+    return grown
+
+
+@lane_jit
+def image_shift(tables, view, i, c, z):
+    """Shift of image i of a view along u (c = 0) or v, px: the ball's, and the field's; targets follow fiducials."""
+    slot = 4 + tables.counts[1] + view
+    offset, k = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
+    shift = splat(tables.image_shifts[view, i, c])
+    for j in range(k):
+        shift = fma(
+            splat(tables.gains[offset + (2 * i + c) * k + j]), load(z, 8 * (tables.starts[1 + slot] + j)), shift
+        )
+    return shift
+
+
+@lane_jit
+def moved_row(tables, mount, pose, at, a0, a1, a2, b):
+    """Row ``(A, b)`` of a projection whose points a mount moves first: ``X -> R (X - p) + p + t``.
+
+    It comes as ``A R`` and what it is at a point x, ``A R (x - p) + A (p + t) + b``, less the first term: (3 lanes, 1).
+    """
+    g0 = dot3(a0, a1, a2, load(pose, at), load(pose, at + 24), load(pose, at + 48))
+    g1 = dot3(a0, a1, a2, load(pose, at + 8), load(pose, at + 32), load(pose, at + 56))
+    g2 = dot3(a0, a1, a2, load(pose, at + 16), load(pose, at + 40), load(pose, at + 64))
+    s0 = load(pose, at + 72) + splat(tables.pivots[mount, 0])
+    s1 = load(pose, at + 80) + splat(tables.pivots[mount, 1])
+    s2 = load(pose, at + 88) + splat(tables.pivots[mount, 2])
+    return g0, g1, g2, dot3(a0, a1, a2, s0, s1, s2) + b
 
 
 @lane_jit
 def camera_row(tables, view, row, pose):
-    """Row of the projection of the object frame when the structure is moved by interface 1.
-
-    ``X -> R (X - p) + p + t`` with ``X = E y + c`` gives ``A R E y + A (R (c - p) + p + t) + b``.
-    """
+    """Row of the projection of the object frame, ``X = E y + c``, when interface 1 or a motion moves the structure."""
     k = 4 * row
     a0, a1, a2 = splat(tables.cameras[view, k]), splat(tables.cameras[view, k + 1]), splat(tables.cameras[view, k + 2])
-    g0 = dot3(a0, a1, a2, load(pose, 0), load(pose, 24), load(pose, 48))
-    g1 = dot3(a0, a1, a2, load(pose, 8), load(pose, 32), load(pose, 56))
-    g2 = dot3(a0, a1, a2, load(pose, 16), load(pose, 40), load(pose, 64))
+    b = splat(tables.cameras[view, k + 3])
+    if (tables.counts[10] >> view) & 1:
+        p = 4 + view
+        a0, a1, a2, b = moved_row(tables, p, pose, 96 * (3 + view), a0, a1, a2, b)
+        b = b - dot3(a0, a1, a2, splat(tables.pivots[p, 0]), splat(tables.pivots[p, 1]), splat(tables.pivots[p, 2]))
+    x0, x1, x2 = splat(tables.centre[0]), splat(tables.centre[1]), splat(tables.centre[2])
+    if (tables.counts[7] & 1) != 0 and tables.counts[4] == 0:
+        a0, a1, a2, b = moved_row(tables, 0, pose, 0, a0, a1, a2, b)
+        x0 = splat(tables.centre[0] - tables.pivots[0, 0])
+        x1 = splat(tables.centre[1] - tables.pivots[0, 1])
+        x2 = splat(tables.centre[2] - tables.pivots[0, 2])
     e = tables.out_of_frame
-    x0 = splat(tables.centre[0] - tables.pivots[0, 0])
-    x1 = splat(tables.centre[1] - tables.pivots[0, 1])
-    x2 = splat(tables.centre[2] - tables.pivots[0, 2])
-    s0 = load(pose, 72) + splat(tables.pivots[0, 0])
-    s1 = load(pose, 80) + splat(tables.pivots[0, 1])
-    s2 = load(pose, 88) + splat(tables.pivots[0, 2])
     return (
-        dot3(g0, g1, g2, splat(e[0]), splat(e[3]), splat(e[6])),
-        dot3(g0, g1, g2, splat(e[1]), splat(e[4]), splat(e[7])),
-        dot3(g0, g1, g2, splat(e[2]), splat(e[5]), splat(e[8])),
-        dot3(g0, g1, g2, x0, x1, x2) + (dot3(a0, a1, a2, s0, s1, s2) + splat(tables.cameras[view, k + 3])),
+        dot3(a0, a1, a2, splat(e[0]), splat(e[3]), splat(e[6])),
+        dot3(a0, a1, a2, splat(e[1]), splat(e[4]), splat(e[7])),
+        dot3(a0, a1, a2, splat(e[2]), splat(e[5]), splat(e[8])),
+        dot3(a0, a1, a2, x0, x1, x2) + b,
     )
 
 
@@ -141,7 +189,7 @@ def fixed_row(tables, view, row):
 def image_fiducials(tables, view, points, pose, images, z):
     """Noisy images of all fiducials into ``images``; returns the moments G_u and G_v about the nominal mean."""
     n = tables.counts[0]
-    if (tables.counts[7] & 1) != 0 and tables.counts[4] == 0:
+    if ((tables.counts[7] & 1) != 0 and tables.counts[4] == 0) or ((tables.counts[10] >> view) & 1) != 0:
         m00, m01, m02, m03 = camera_row(tables, view, 0, pose)
         m10, m11, m12, m13 = camera_row(tables, view, 1, pose)
         m20, m21, m22, m23 = camera_row(tables, view, 2, pose)
@@ -157,6 +205,8 @@ def image_fiducials(tables, view, points, pose, images, z):
         inverse = one / fma(m20, x0, fma(m21, x1, fma(m22, x2, m23)))
         u = fma(m00, x0, fma(m01, x1, fma(m02, x2, m03))) * inverse
         v = fma(m10, x0, fma(m11, x1, fma(m12, x2, m13))) * inverse
+        if tables.counts[11] != 0:
+            u, v = u + image_shift(tables, view, i, 0, z), v + image_shift(tables, view, i, 1, z)
         store(images, 16 * i, fma(noise, load(z, start + 16 * i), u))
         store(images, 16 * i + 8, fma(noise, load(z, start + 16 * i + 8), v))
     products = tables.products[view]

@@ -12,6 +12,9 @@ structure_connector            one per source that is not BOUNDED               
 connector_flange            likewise                                                      installation
 hand_eye               likewise                                                      installation
 execution              likewise                                                      shot
+motion:VIEW            likewise, of each view that has one                           shot
+image_field:VIEW       likewise                                                      installation
+temperature            likewise                                                      shot
 assumed_intrinsics:VIEW likewise, where the estimator believes them                   installation
 =====================  ============================================================  ============
 
@@ -23,7 +26,7 @@ they stand at a vertex, given as fractions of their half-widths.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -34,7 +37,18 @@ from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
 from ..estimation.checks import LINEAR
 from ..estimation.resection import homogeneous
-from ..system import STD_PER_HALF_WIDTH, Estimator, Law, Mount, Reading, RotationForm, Sources, System, Triangulation
+from ..geometry.image_shifts import field_shifts, outline_shifts
+from ..system import (
+    STD_PER_HALF_WIDTH,
+    Estimator,
+    Law,
+    Reading,
+    RotationForm,
+    Sources,
+    System,
+    Triangulation,
+    no_sources,
+)
 
 LAW_CODE = {Law.NORMAL: 0, Law.UNIFORM: 1, Law.TRIANGULAR: 2}
 INSTALLATION, SHOT = 0, 1
@@ -44,9 +58,9 @@ class Tables(NamedTuple):
     """What the compiled code reads.  C-contiguous float64 unless said; object frame: see ChainPlan."""
 
     segments: NDArray[np.int64]  # (n, 4): first column, end column, law code, stream
-    counts: NDArray[np.int64]  # (10,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?,
-    # whether a view does not see all fiducials
-    starts: NDArray[np.int64]  # (5,): first column of manufacturing, the three mounts, execution
+    counts: NDArray[np.int64]  # (13,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?,
+    # whether a view does not see all fiducials, bits of the views with a motion, image shifts?, temperature?
+    starts: NDArray[np.int64]  # (6 + 2 V,): first column of manufacturing, and of every slot
     nominal: Array  # (N, 3) fiducials in the object frame
     products: (
         Array  # (V, N, 10) upper triangle of y~ y~^T, row by row, in the frame of each view; 0 where it is not seen
@@ -61,11 +75,14 @@ class Tables(NamedTuple):
     fixed_images: Array  # (V, 12) projection of the object frame (where images do not move)
     target_images: Array  # (T, V, 2) px from the same origin
     noise: Array  # (V, 2) px standard deviations: fiducials, targets
-    gains: Array  # mounts' (6, k) scaled directions, one after another, then execution's (3, k)
-    gain_starts: NDArray[np.int64]  # (4, 2): offset into gains, k
-    torsors: Array  # (3, 6) bias of each mount with the bounded sources at their vertex
+    gains: Array  # scaled directions one after another: mounts' (6, k), execution's (3, k), motions' (6, k), fields'
+    # (2 (N + T), k), px by image, and of one deviate of temperature: of the fiducials, object frame, and at the flange
+    gain_starts: NDArray[np.int64]  # (5 + 2 V, 2): offset into gains, k
+    torsors: Array  # (4 + V, 6) bias of mounts and motions with the bounded sources at their vertex; row 3: not read
+    image_shifts: Array  # (V, N + T, 2) px: balls, and fields with the bounded coefficients at their vertex
+    growth: Array  # (N + 1, 3) known: of the fiducials, object frame, and what moves con at the flange, mm
     centre: Array  # (3,) centroid of the fiducials, con
-    pivots: Array  # (3, 3) pivots: con, con, tcp
+    pivots: Array  # (4 + V, 3) pivots: con, con, tcp, none, con
     targets: Array  # (T, 3) con
     targets_frame: Array  # (T, 3) object frame
     targets_tcp: Array  # (T, 3) tcp
@@ -147,19 +164,59 @@ def _list_bounded(sources: Sources) -> list[int]:
     return [j for j, law in enumerate(sources.laws) if law is Law.BOUNDED]
 
 
-def _mounts(system: System) -> tuple[Mount, ...]:
-    return (*system.interfaces, system.hand_eye)
+class _Slot(NamedTuple):
+    """One place of the chain at which sources act.
+
+    Rows of their direction: a torsor (6); at the tool (3); the images of fiducials and targets in one view, u and v of
+    each; x, y and z of each fiducial, object frame, and of what moves con at the flange.
+    """
+
+    name: str
+    stream: int
+    sources: Sources
+    fixed: Array  # (rows,) bias of the same
+    pivot_mm: Array = np.zeros(3)
 
 
-def _named_sources(system: System) -> list[tuple[str, Sources]]:
-    return [(mount.name, mount.sources) for mount in _mounts(system)] + [("execution", system.execution)]
+def _slots(system: System) -> list[_Slot]:
+    """Every place, with sources or without: three mounts, execution, of each view its motion and its field, heat."""
+    slots = [
+        _Slot(mount.name, INSTALLATION, mount.sources, mount.bias, mount.pivot_mm)
+        for mount in (*system.interfaces, system.hand_eye)
+    ]
+    slots.append(_Slot("execution", SHOT, system.execution, system.execution_bias_mm))
+    for view in system.views:
+        if (motion := view.motion) is None:
+            slots.append(_Slot(f"motion:{view.name}", SHOT, no_sources(6), np.zeros(6)))
+        else:
+            slots.append(_Slot(motion.name, SHOT, motion.sources, motion.bias, motion.pivot_mm))
+    points = np.vstack([system.fiducials_mm, [target.position_mm for target in system.targets]])
+    for view in system.views:
+        fixed, sources = np.zeros(2 * len(points)), no_sources(2 * len(points))
+        if (balls := system.balls) is not None:
+            shifts = outline_shifts(view.projection, system.fiducials_mm, balls.radius_mm)
+            fixed[: shifts.size] = balls.share * shifts.ravel()
+        if (field := view.image_field) is not None:
+            images = images_of(view.projection, points)
+            moved = field_shifts(images, field.centre_px, field.half_diagonal_px, field.axis, field.powers)
+            sources = replace(field.sources, direction=moved.reshape(2 * len(points), -1))
+        slots.append(_Slot(f"image_field:{view.name}", INSTALLATION, sources, fixed))
+    fixed, sources = np.zeros(3 * len(system.fiducials_mm) + 3), no_sources(3 * len(system.fiducials_mm) + 3)
+    if (heat := system.temperature) is not None:
+        away = heat.structure_per_k * (system.fiducials_mm - heat.seat_mm)
+        into = object_frame(system.fiducials_mm).into
+        per_k = np.append(product(away, into.T), -heat.connector_mm_per_k)
+        fixed, sources = (
+            heat.difference_k * per_k,
+            replace(heat.sources, direction=per_k[:, None] * heat.sources.direction),
+        )
+    slots.append(_Slot("temperature", SHOT, sources, fixed))
+    return slots
 
 
 def bounded_names(system: System) -> tuple[str, ...]:
     """Names of the sources that have no law, "contributor.component", in the order of a vertex array."""
-    return tuple(
-        f"{name}.{sources.names[j]}" for name, sources in _named_sources(system) for j in _list_bounded(sources)
-    )
+    return tuple(f"{slot.name}.{slot.sources.names[j]}" for slot in _slots(system) for j in _list_bounded(slot.sources))
 
 
 def _vertex_values(system: System, vertex: Mapping[str, float] | Array | None) -> tuple[float, ...]:
@@ -243,6 +300,7 @@ def compile_plan(
     values = _vertex_values(system, vertex)
     sources = _compile_sources(system, values)
     blocks, starts = _lay_out(system, sources)
+    views = len(system.views)
     tables = Tables(
         segments=_segments(blocks),
         counts=_counts(system, sources, blocks[-1].stop if blocks else 0),
@@ -252,9 +310,11 @@ def compile_plan(
         noise=np.array([(v.fiducial_noise_px, v.target_noise_px) for v in system.views]),
         gains=np.concatenate([gain.ravel() for gain in sources.gains]),
         gain_starts=sources.gain_starts,
-        torsors=sources.torsors,
-        pivots=np.array([mount.pivot_mm for mount in _mounts(system)]),
-        execution_bias=sources.execution_bias,
+        torsors=np.array([np.resize(fixed, 6) for fixed in sources.fixed[: 4 + views]]),
+        image_shifts=np.array(sources.fixed[4 + views : 4 + 2 * views]).reshape(views, -1, 2),
+        growth=sources.fixed[4 + 2 * views].reshape(-1, 3),
+        pivots=np.array([slot.pivot_mm for slot in sources.slots[: 4 + views]]),
+        execution_bias=sources.fixed[3],
     )
     tables = Tables(*(_freeze(table) for table in tables))
     return ChainPlan(system, tables, blocks, bounded_names(system), values, shots_per_unit)
@@ -322,42 +382,38 @@ def _spread(system: System) -> Array:
 
 
 class _SourceTables(NamedTuple):
-    """The mounts' and the execution's sources, in that order: the bounded ones at their vertex."""
+    """The sources of every slot, in their order: the bounded ones at their vertex."""
 
-    gains: list[Array]  # (6, k) or (3, k) of those that have a law
-    gain_starts: NDArray[np.int64]  # (4, 2): offset of each among all, k
+    slots: list[_Slot]
+    gains: list[Array]  # (rows, k) of those that have a law
+    gain_starts: NDArray[np.int64]  # (slots, 2): offset of each among all, k
     laws: list[tuple[Law, ...]]
-    torsors: Array  # (3, 6)
-    execution_bias: Array  # (3,) mm
+    fixed: list[Array]  # (rows,) of each slot
 
-    @property
-    def active(self) -> list[bool]:
-        """Whether each mount moves anything."""
-        return [bool(laws) or bool(np.any(torsor != 0)) for laws, torsor in zip(self.laws, self.torsors, strict=False)]
+    def acts(self, place: int) -> bool:
+        """Whether a slot moves anything."""
+        return bool(self.laws[place]) or bool(self.fixed[place].any())
 
 
 def _compile_sources(system: System, vertex: tuple[float, ...]) -> _SourceTables:
-    gains, laws, shifts, taken = [], [], [], 0
-    for _, sources in _named_sources(system):
+    slots = _slots(system)
+    gains, laws, fixed, taken = [], [], [], 0
+    for slot in slots:
+        sources = slot.sources
         gain, own = scale_directions(sources)
         gains.append(gain)
         laws.append(own)
         bounded = _list_bounded(sources)
         at = np.array(vertex[taken : taken + len(bounded)])
         taken += len(bounded)
-        shifts.append((sources.direction[:, bounded] * (sources.half_width[bounded] * at)).sum(axis=1))
+        fixed.append(slot.fixed + (sources.direction[:, bounded] * (sources.half_width[bounded] * at)).sum(axis=1))
     offsets = np.cumsum([0, *(gain.size for gain in gains[:-1])])
-    return _SourceTables(
-        gains=gains,
-        gain_starts=np.array([(offset, len(own)) for offset, own in zip(offsets, laws, strict=True)]),
-        laws=laws,
-        torsors=np.array([mount.bias + shift for mount, shift in zip(_mounts(system), shifts[:3], strict=True)]),
-        execution_bias=system.execution_bias_mm + shifts[3],
-    )
+    starts = np.array([(offset, len(own)) for offset, own in zip(offsets, laws, strict=True)])
+    return _SourceTables(slots, gains, starts, laws, fixed)
 
 
 def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[Block, ...], NDArray[np.int64]]:
-    """The blocks that have columns, and the first column of manufacturing, the three mounts and execution."""
+    """The blocks that have columns, and the first column of manufacturing and of every slot."""
     count, targets = len(system.fiducials_mm), len(system.targets)
     manufactured = bool(np.any(_spread(system) != 0))
     every: list[tuple[str, tuple[Law, ...], int]] = []
@@ -365,8 +421,8 @@ def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[Block, ...],
         every.append((f"fiducial_noise:{view.name}", (Law.NORMAL,) * (2 * count), SHOT))
         every.append((f"target_noise:{view.name}", (Law.NORMAL,) * (2 * targets), SHOT))
     every.append(("fiducial_manufacturing", (system.manufacturing_law,) * (3 * count * manufactured), INSTALLATION))
-    for (name, _), laws in zip(_named_sources(system), sources.laws, strict=True):
-        every.append((name, laws, SHOT if name == "execution" else INSTALLATION))
+    for slot, laws in zip(sources.slots, sources.laws, strict=True):
+        every.append((slot.name, laws, slot.stream))
     before = len(every)
     for view in system.views:  # behind everything that seeds drew before there were such sources
         if system.estimator.believes_intrinsics and view.intrinsics_error is not None:
@@ -380,6 +436,7 @@ def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[Block, ...],
 
 
 def _counts(system: System, sources: _SourceTables, dimension: int) -> NDArray[np.int64]:
+    views = len(system.views)
     return np.array(
         [
             len(system.fiducials_mm),
@@ -389,9 +446,12 @@ def _counts(system: System, sources: _SourceTables, dimension: int) -> NDArray[n
             system.reading is Reading.EQ18,
             system.rotation_form is RotationForm.SMALL_ANGLE,
             dimension,
-            sum(1 << k for k, active in enumerate(sources.active) if active),
+            sum(1 << k for k in range(3) if sources.acts(k)),
             system.triangulation is Triangulation.PUBLISHED,
             not system.sees.all(),
+            sum(1 << v for v in range(views) if sources.acts(4 + v)),
+            any(sources.acts(4 + views + v) for v in range(views)),
+            sources.acts(4 + 2 * views),
         ]
     )
 

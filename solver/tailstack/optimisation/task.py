@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ..design import Design
 from ..design.refusals import place
-from ..errors import TailstackError
+from ..errors import DesignError, Problem, TailstackError
 from ..results import Finding
 from .contradictions import refuse_contradictions
 from .explain import influence_of, refuse_incurable
@@ -32,6 +32,7 @@ def read_task(design: Design, *, seed: int | None = None, starts: int | None = N
     """Read the ``optimise`` section of a design.  Raises DesignError, InfeasibleError."""
     with locate_refusals(design):
         request = read_request(design)
+        refuse_systematic(request.problem)
         section, counts = request.section, list_counts(request)
         problems = tuple(with_count(request, count) for count in counts)
         for problem in problems:
@@ -44,6 +45,23 @@ def read_task(design: Design, *, seed: int | None = None, starts: int | None = N
             counts=counts,
             problems=problems,
             remarks=influence_of(request.problem),
+        )
+
+
+def refuse_systematic(problem: PlacementProblem) -> None:
+    """What moves the images of all beads together does so by where they are, which the search does not follow yet."""
+    if not (problem.places or problem.pivots or problem.spacings):
+        return
+    declared = problem.system.common_shifts
+    if declared:
+        raise DesignError(
+            Problem(
+                declared[0],
+                "not-optimised",
+                f"positions and pivots are free, and what {', '.join(declared)} adds to the error changes with them: "
+                "the optimiser does not follow that",
+                "leave it out for the search, then score and verify the result with it; or free half-widths alone",
+            )
         )
 
 

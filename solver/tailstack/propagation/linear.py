@@ -18,6 +18,7 @@ from ..geometry.rotation import Displacement, displacement
 from ..system import Estimator, IntrinsicsError, Law, Reading, System, Target, Triangulation
 from .noise import Estimation, noise_gains, noise_gains_jit
 from .nonlinearity import Nonlinearity, matrix_covariance, nonlinearity
+from .systematic import systematic_errors
 
 ASSUMED = "assumed_intrinsics:"  # followed by the name of a view: the contributor
 UNKNOWNS = {Estimator.DLT: 0, Estimator.POSE: 6, Estimator.POSE_WITH_PRIOR: 9, Estimator.REPROJECTION: 11}
@@ -40,6 +41,18 @@ class Block(NamedTuple):
     per_unit: bool  # drawn once per installed unit (True) or at each shot (False)
     label: str = ""  # what people call the contributor
     imaged: bool = False  # acts through the images: its gains are those of ``image_gains`` and depend on the layout
+
+
+class KnownShift(NamedTuple):
+    """What a contributor is known to do to the error, beside the installation's bias."""
+
+    contributor: str
+    localisation_mm: Array  # (3,) con
+    tcp_mm: Array  # (3,) tcp
+    label: str
+
+    def of(self, error: str) -> Array:
+        return self.tcp_mm if error == "tcp" else self.localisation_mm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,9 +197,10 @@ class LinearModel:
     """First order at one target: ``e = bias + sum over blocks of gain @ xi``."""
 
     target: Target
-    reconstructed_mm: Array  # (3,) con: q_hat without noise
+    reconstructed_mm: Array  # (3,) con: q_hat without noise and without the known shifts
     localisation_bias_mm: Array  # (3,) con
     tcp_bias_mm: Array  # (3,) tcp
+    known: tuple[KnownShift, ...]  # parts of both biases
     blocks: tuple[Block, ...]
     tcp_from_localisation: Array  # (3, 3): what a displacement of q_hat in con does in tcp
     manufacturing_block_diagonal: Array  # (3, 3) con, covariance of Eq 16: cross-view terms dropped
@@ -268,6 +282,8 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
             localisation = before.get(block.contributor, np.zeros((3, len(block.laws))))
         tcp = behind[block.contributor] if block.contributor in behind else to_tcp @ localisation
         blocks.append(block._replace(localisation=localisation, tcp=tcp))
+    known, systematic = _systematic(chain, target, images.columns, to_tcp, from_moved)
+    localised = images.bias_mm + sum(each.localisation_mm for each in known)
     numbers = nonlinearity(
         chain.projections,
         chain.points,
@@ -281,12 +297,14 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
     return LinearModel(
         target=target,
         reconstructed_mm=reconstructed,
-        localisation_bias_mm=reconstructed - target.position_mm + images.bias_mm,
+        localisation_bias_mm=reconstructed - target.position_mm + localised,
         tcp_bias_mm=chain.third.move(at_tool)
         + system.execution_bias_mm
         - (turn @ target.position_mm + shift)
-        + to_tcp @ images.bias_mm,
-        blocks=tuple(blocks),
+        + to_tcp @ images.bias_mm
+        + sum(each.tcp_mm for each in known),
+        known=known,
+        blocks=(*blocks, *systematic),
         tcp_from_localisation=to_tcp,
         manufacturing_block_diagonal=images.block_diagonal,
         nonlinearity=numbers,
@@ -301,6 +319,32 @@ class ImageGains(NamedTuple):
     block_diagonal: Array  # (3, 3) mm^2, of the manufacturing errors as Eq 16 has it: cross-view terms dropped
     bias_mm: Array  # (3,) of the known errors of the intrinsics that are believed
     row_weights: Array  # (V, 2, 2) of the rows of triangulation
+
+
+def _systematic(
+    chain: Chain, target: Target, of_images: Array, to_tcp: Array, from_moved: Array
+) -> tuple[tuple[KnownShift, ...], tuple[Block, ...]]:
+    """What moves the images of all beads together: what is known of it, and its blocks.
+
+    of_images (3, K): see :func:`image_gains`; to_tcp, from_moved (3, 3): from a displacement of the reconstructed point
+    and of its place on the flange, in con, to tcp.
+    """
+    known, blocks = [], []
+    width = 2 * len(chain.points) + 2
+    for each in systematic_errors(chain.system, chain.first, target):
+        localisation, fixed = np.zeros((3, each.sources.count)), np.zeros(3)
+        for v, (shifts, known_shift) in enumerate(zip(each.shifts, each.known_shift_px, strict=True)):
+            gains = of_images[:, v * width : (v + 1) * width]
+            localisation += gains @ shifts
+            fixed += gains @ known_shift
+        if each.known_shift_px.any() or each.known_at_flange_mm.any():
+            tcp = to_tcp @ fixed + from_moved @ each.known_at_flange_mm
+            known.append(KnownShift(each.contributor, fixed, tcp, each.label))
+        if (sources := each.sources).count:
+            tcp = to_tcp @ localisation + from_moved @ each.at_flange_mm
+            what = sources.names, sources.laws, sources.half_width, sources.std, sources.units
+            blocks.append(Block(each.contributor, *what, localisation, tcp, False, each.per_unit, each.label))
+    return tuple(known), tuple(blocks)
 
 
 def image_gains(chain: Chain, target_mm: Array) -> ImageGains:

@@ -31,16 +31,19 @@ class Contributor:
 
     name: str
     """Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, structure_connector,
-    connector_flange, hand_eye or execution.
+    connector_flange, hand_eye, execution, motion:VIEW, image_field:VIEW, temperature or ball_images.
     """
     component: str
-    """Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole."""
+    """Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole;
+    known for what does not vary.
+    """
     law: str
-    """Declared law: normal, uniform, triangular or bounded; mixed for a line of several."""
+    """Declared law: normal, uniform, triangular or bounded; mixed for a line of several; known for what does not vary.
+    """
     half_width: float | None
     """Half-width of the tolerance (standard deviation of noise), in `unit`; null for a line of several."""
     unit: str
-    """Unit of half-width and standard deviation: deg, mm, px or N; empty for a line of several."""
+    """Unit of half-width and standard deviation: deg, mm, px, N or K; empty for a line of several."""
     std: float | None
     """Standard deviation, in `unit`; null where the law has none."""
     sensitivity_mm_per_unit: float | None

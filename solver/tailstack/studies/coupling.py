@@ -31,7 +31,7 @@ from ..montecarlo.plan import INSTALLATION, SHOT
 from ..montecarlo.simulate import ERRORS
 from ..propagation.linear import LinearModel, linearise_all
 from ..results import Interval, Provenance, Validity
-from ..scoring import NOT_INCLUDED, P95, provenance
+from ..scoring import P95, provenance
 from ..system import Mount, Reading, System
 from ..tail.declared import law_quantile
 from ..verification import prepare
@@ -231,7 +231,7 @@ def study_coupling(
         cases=tuple(records),
         conclusions=(*write_conclusions(records), *(case.remark for case in cases if case.remark)),
         validity=ready.trust,
-        provenance=provenance(system, tuple(line for line in NOT_INCLUDED if "second order" not in line)),
+        provenance=provenance(system, simulated=True),
     )
 
 

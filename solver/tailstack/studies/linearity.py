@@ -33,7 +33,6 @@ from ..scoring import FRAMES, P95, checked_system, provenance, score
 from ..system import Law, Mount, Sources, System
 from ..tail.declared import law_quantile
 from ..tail.gaussian import norm_quantile
-from ..verification import NOT_IN_A_CHECK
 from .paper.published import with_noise
 
 Within = Literal["1 %", "5 %", "20 %", "beyond"]
@@ -229,7 +228,7 @@ def study_linearity(
         f"normal rotations of {system.structure_connector.title}, in place of its own; "
         "spread: factor on the layout about its centroid; fiducials: so many are kept, far apart. Everything else is "
         f"as designed{WORST if _any_bounded(system) else ''}. P95 is pooled over installations and shots.",
-        provenance=provenance(system, NOT_IN_A_CHECK),
+        provenance=provenance(system, simulated=True),
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from ...design import Design
 from ...errors import OutOfRangeError, Problem
 from ...results import Finding, Interval, Provenance, Validity
-from ...scoring import FRAMES, NOT_INCLUDED, checked_system, provenance, trust_of
+from ...scoring import FRAMES, checked_system, provenance, trust_of
 from ...system import System
 from .explain import Explanation, Scene, explain, sample_law
 from .file import Measurements, read_measurements
@@ -104,9 +104,7 @@ def study_comparison(
         conclusions=write_conclusions(levels, explained, verdict),
         findings=(*_state_assumptions(system, read, instrument_sd_mm), *find_remarks(levels, SAME_RATIO)),
         validity=trust_of(system, models),
-        provenance=provenance(
-            system, (*(line for line in NOT_INCLUDED if "second order" not in line), "drift of the bench and its datum")
-        ),
+        provenance=provenance(system, simulated=True, also=("drift of the bench and its datum",)),
     )
 
 

@@ -1,0 +1,183 @@
+"""What moves the images of all beads together: balls, fields, motion, temperature, as declared in a design."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from scenes import projection_looking
+from tailstack import DesignFunction, load_design, optimise, score, score_batch, verify
+from tailstack.design import Design
+from tailstack.errors import DesignError, OutOfRangeError
+from tailstack.geometry.image_shifts import outline_shifts
+
+DEMO = Path(__file__).parents[2] / "examples" / "demo.yaml"
+FIELD = {"half_widths_px": [0, 0, 0.4, 0.6], "distribution": "uniform"}
+MOTION = {"pivot_mm": [0, 0, -95], "tolerances": {"rx": {"half_width_deg": 0.4, "distribution": "normal"}}}
+HEAT = {
+    "difference_k": 15, "half_width_k": 10, "distribution": "triangular",
+    "structure_expansion_um_per_m_k": 47, "connector_expansion_um_per_m_k": 23,
+}  # fmt: skip
+
+
+def demo(change: Any = lambda data: None) -> Design:
+    data = yaml.safe_load(DEMO.read_text(encoding="utf-8"))
+    change(data)
+    return load_design(data)
+
+
+def everything(data: dict[str, Any]) -> None:
+    data["views"][0]["image_field"] = FIELD
+    data["views"][1] |= {"motion": MOTION}
+    data["temperature"] = HEAT
+    data["fiducials"]["diameter_mm"] = 10
+
+
+def test_the_outline_of_a_ball_is_shifted_as_its_tangent_rays_say() -> None:
+    """independent: the ellipse fitted to the images of the circle in which rays from the source touch the ball."""
+    projection, centre, radius = projection_looking(0.3, 700.0, 0.2), np.array([40.0, -20.0, -60.0]), 12.0
+    source = np.linalg.solve(projection[:, :3], -projection[:, 3])
+    away = centre - source
+    distance = np.linalg.norm(away)
+    across = np.linalg.svd(away[None])[2][1:]
+    middle = centre - away * (radius / distance) ** 2
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = radius * np.sqrt(1 - (radius / distance) ** 2)
+    circle = middle + ring * (np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1])
+    images = circle @ projection[:, :3].T + projection[:, 3]
+    u, v = (images[:, :2] / images[:, 2:] - 700).T / 100
+    a, b, c, d, e, _ = np.linalg.svd(np.column_stack([u * u, u * v, v * v, u, v, np.ones_like(u)]))[2][-1]
+    ellipse = np.linalg.solve([[2 * a, b], [b, 2 * c]], [-d, -e]) * 100 + 700
+    plain = projection[:, :3] @ centre + projection[:, 3]
+    shift = outline_shifts(projection, centre[None], radius)[0]
+    assert np.linalg.norm(shift) > 0.05
+    np.testing.assert_allclose(shift, ellipse - plain[:2] / plain[2], rtol=0, atol=1e-6)
+
+
+def test_the_shadow_of_a_ball_is_shifted_by_four_fifths() -> None:
+    """independent: the path of rays through the ball, summed over pixels of 0.1 px about its image."""
+    projection, centre, radius = projection_looking(0.0, 700.0), np.array([60.0, 0.0, -50.0]), 10.0
+    source = np.linalg.solve(projection[:, :3], -projection[:, 3])
+    plain = projection[:, :3] @ centre + projection[:, 3]
+    at = plain[:2] / plain[2]
+    grid = np.arange(-90, 90, 0.1)
+    u, v = np.meshgrid(at[0] + grid, at[1] + grid, indexing="ij")
+    rays = np.linalg.solve(projection[:, :3], np.stack([u, v, np.ones_like(u)]).reshape(3, -1))
+    along = (centre - source) @ rays / np.linalg.norm(rays, axis=0)
+    chord = np.sqrt(np.maximum(along**2 - (centre - source) @ (centre - source) + radius**2, 0)).reshape(u.shape)
+    centroid = np.array([(chord * u).sum(), (chord * v).sum()]) / chord.sum()
+    outline = outline_shifts(projection, centre[None], radius)[0]
+    np.testing.assert_allclose(centroid - at, 0.8 * outline, rtol=0, atol=1e-3 * np.linalg.norm(outline))
+
+
+def test_simulation_finds_the_p95_of_first_order_with_all_of_them() -> None:
+    """sampled: P95 of 400,000 trials of the whole chain; its interval is of 95 %, asked at 4 standard errors."""
+    design = demo(everything)
+    first = score(design).targets[0]
+    found = verify(design, trials=400_000, seed=3).targets[0].p95_mm
+    assert found == pytest.approx(first.p95_mm, rel=0.01)
+    names = {line.name for line in first.contributors}
+    assert {"motion:LAT", "image_field:AP", "temperature", "ball_images"} <= names
+
+
+def test_what_is_declared_is_no_longer_among_what_is_not_included() -> None:
+    before, after = (score(design).provenance.not_included for design in (demo(), demo(everything)))
+    words = " ".join(after)
+    assert "motion between the shots" in before
+    assert "motion between" not in words
+    assert "thermal" not in words
+    assert "ball" not in words
+    assert "distortion" in words  # LAT declares no field
+
+
+def test_more_of_each_is_never_less_risk() -> None:
+    plain = score(demo()).targets[0].p95_mm
+    for change in (
+        lambda data: data["views"][0].update(image_field=FIELD),
+        lambda data: data["views"][1].update(motion=MOTION),
+        lambda data: data.update(temperature=HEAT | {"difference_k": 0}),
+    ):
+        assert score(demo(change)).targets[0].p95_mm > plain
+
+
+def test_degrees_0_and_1_of_a_field_are_absorbed_by_dlt() -> None:
+    """closed form: an affine map of the image is absorbed by the eleven parameters, and the target moves with it."""
+    absorbed = {"half_widths_px": [5.0, 5.0], "distribution": "normal"}
+
+    def without_bias(data: dict[str, Any]) -> None:  # with one, the images are not where the field is taken
+        data["interfaces"]["structure_connector"].pop("bias")
+
+    def bend(data: dict[str, Any]) -> None:
+        without_bias(data)
+        data["views"][0]["image_field"] = absorbed
+
+    plain, bent = score(demo(without_bias)), score(demo(bend))
+    assert bent.targets[0].p95_mm == pytest.approx(plain.targets[0].p95_mm, rel=1e-9)
+
+
+def test_a_body_of_one_material_shrinks_what_it_sees_about_the_flange() -> None:
+    """closed form: structure and connector grow alike, so the target seems nearer to the flange's seat by alpha dT."""
+    alike = {"difference_k": 100, "structure_expansion_um_per_m_k": 23, "connector_expansion_um_per_m_k": 23}
+
+    def only_heat(data: dict[str, Any]) -> None:
+        for interface in data["interfaces"].values():
+            interface.pop("bias", None)
+        data["temperature"] = alike
+
+    warm, cold = (
+        score(demo(change)).targets[0]
+        for change in (only_heat, lambda data: (only_heat(data), data.pop("temperature")))
+    )
+    shift = np.array(warm.bias_mm) - cold.bias_mm
+    tip, seat = np.array([0, 0, 70.0]), np.array([0, 0, -145.0])
+    np.testing.assert_allclose(shift, -23e-6 * 100 * (tip - seat), rtol=0, atol=1e-4)
+
+
+def of_half_width_alone(data: dict[str, Any]) -> None:
+    data["temperature"] = {"half_width_k": 5, "structure_expansion_um_per_m_k": 9}
+
+
+def without_a_seat(data: dict[str, Any]) -> None:
+    data["temperature"] = HEAT
+    data["interfaces"].pop("connector_flange")
+
+
+def of_degree_four(data: dict[str, Any]) -> None:
+    data["views"][0]["image_field"] = {"half_widths_px": [1] * 5, "distribution": "normal"}
+
+
+@pytest.mark.parametrize(
+    ("change", "pointer", "rule"),
+    [
+        (lambda data: data["fiducials"].update(image_point="shadow"), "/fiducials/image_point", "unused-field"),
+        (of_half_width_alone, "/temperature", "missing-field"),
+        (without_a_seat, "/temperature/flange_seat_mm", "missing-field"),
+        (of_degree_four, "/views/0/image_field/half_widths_px", "too-long"),
+    ],
+)
+def test_refusals_name_the_field(change: Any, pointer: str, rule: str) -> None:
+    with pytest.raises(DesignError) as refused:
+        demo(change)
+    assert (refused.value.problems[0].pointer, refused.value.problems[0].code) == (pointer, rule)
+
+
+def test_the_optimiser_says_that_it_does_not_follow_them() -> None:
+    with pytest.raises(DesignError) as refused:
+        optimise(demo(everything))
+    assert refused.value.problems[0].code == "not-optimised"
+    assert "/temperature" in str(refused.value)
+
+
+def test_a_derivative_is_refused_and_a_batch_scores_row_by_row() -> None:
+    """independent of the batch: the score of each row's document."""
+    design = demo(everything)
+    with pytest.raises(OutOfRangeError, match="motion"):
+        DesignFunction(design, ["/views/0/fiducial_noise_px"]).p95_gradient([0.3])
+    values = np.array([0.2, 0.5])
+    found = score_batch(design, {"/views/0/fiducial_noise_px": values})
+    expected = [score(design.with_value("/views/0/fiducial_noise_px", value)).targets[0].p95_mm for value in values]
+    np.testing.assert_allclose(found.columns["p95_mm:tip"], expected, rtol=1e-9)
