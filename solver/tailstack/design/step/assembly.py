@@ -206,10 +206,10 @@ class Assembly(Shapes):
         """The matrix from mm of the first representation to mm of the second."""
         operator = reference_of(self.file, operator, number)
         if self.file.keyword_of(operator, number) != "ITEM_DEFINED_TRANSFORMATION":
-            return _scaled(self.operator(operator), self._factor(second))
+            return _in_mm(self.operator(operator), self._factor(second))
         _, _, origin, target = self.file.values(operator, "ITEM_DEFINED_TRANSFORMATION", 4, number)
-        start = _scaled(self.placement(origin, operator), self._factor(first))
-        return _scaled(self.placement(target, operator), self._factor(second)) @ invert(start)
+        start = _in_mm(self.placement(origin, operator), self._factor(first))
+        return _in_mm(self.placement(target, operator), self._factor(second)) @ invert(start)
 
     # --- one part ------------------------------------------------------------------------------------------
 
@@ -253,10 +253,10 @@ class Assembly(Shapes):
                 word = self.file.keyword_of(item, shape)
                 if word in SOLIDS:
                     name = _name(self.file.read(item, shape).parts[word][0])
-                    part.solids.append(_Solid(item, name, _scaled_in(matrix, self._factor(shape))))
+                    part.solids.append(_Solid(item, name, _in_file_units(matrix, self._factor(shape))))
                 elif word == "AXIS2_PLACEMENT_3D":
                     if name := _name(self.file.values(item, word, 4, shape)[0]):
-                        frame = _scaled(self.placement(item, shape), self._factor(shape))
+                        frame = _in_mm(self.placement(item, shape), self._factor(shape))
                         part.frames.append((name, matrix @ frame))
                 elif word == "MAPPED_ITEM":
                     _, source, target = self.file.values(item, word, 3, shape)
@@ -268,12 +268,12 @@ class Assembly(Shapes):
 
     def _map(self, origin: Any, mapped: Reference, target: Any, shape: Reference, item: int) -> Array:
         """The matrix of a MAPPED_ITEM, from mm of what is mapped to mm of where it goes."""
-        start = _scaled(self.placement(origin, item), self._factor(mapped))
+        start = _in_mm(self.placement(origin, item), self._factor(mapped))
         if self.file.keyword_of(target, item) == "AXIS2_PLACEMENT_3D":
             end = self.placement(target, item)
         else:
             end = self.operator(reference_of(self.file, target, item))
-        return _scaled(end, self._factor(shape)) @ invert(start)
+        return _in_mm(end, self._factor(shape)) @ invert(start)
 
     def _representation(self, shape: Reference) -> tuple[list[Reference], Any]:
         """Items and context."""
@@ -337,14 +337,14 @@ class Assembly(Shapes):
         return factor
 
 
-def _scaled(matrix: Array, factor: float) -> Array:
+def _in_mm(matrix: Array, factor: float) -> Array:
     """A placement whose translation is in mm."""
     made = matrix.copy()
     made[:3, 3] *= factor
     return made
 
 
-def _scaled_in(matrix: Array, factor: float) -> Array:
+def _in_file_units(matrix: Array, factor: float) -> Array:
     """The matrix for points in the unit of the file."""
     made = matrix.copy()
     made[:3, :3] *= factor

@@ -266,30 +266,30 @@ class Part21:
             if token is None:
                 if position + _count_space(self._content, position) >= end:
                     break
-                raise self._damaged(number, position)
+                raise self._refuse_text(number, position)
             position, kind, mark, inner = token.end(), token.lastindex, token[6], lists[-1]
             if mark == b"(":
                 first = len(lists) == 1 and not inner.items
                 if keyword is None and (full or (inner.of_parts and not first)):
-                    raise self._damaged(number, token.start())
+                    raise self._refuse_text(number, token.start())
                 lists.append(_List([], keyword, first and keyword is None))
                 keyword, full = None, False
                 if len(lists) > MOST_NESTING:
                     raise self.refuse(number, "too-deep", f"lists are nested at most {MOST_NESTING} deep")
             elif keyword is not None:
-                raise self._damaged(number, token.start())
+                raise self._refuse_text(number, token.start())
             elif mark == b")":
                 if len(lists) == 1 or (inner.items and not inner.of_parts and not full):
-                    raise self._damaged(number, token.start())
+                    raise self._refuse_text(number, token.start())
                 lists.pop()
                 lists[-1].items.append(inner.items if inner.keyword is None else Typed(inner.keyword, inner.items))
                 full = not lists[-1].of_parts
             elif mark == b",":
                 if not full:
-                    raise self._damaged(number, token.start())
+                    raise self._refuse_text(number, token.start())
                 full = False
             elif full or (inner.of_parts and kind != 7):
-                raise self._damaged(number, token.start())
+                raise self._refuse_text(number, token.start())
             elif kind == 7:
                 keyword = token[7].decode("ascii", "replace").upper()
             else:
@@ -298,10 +298,10 @@ class Part21:
         parts = lists[0].items
         parts = parts[0] if len(parts) == 1 and isinstance(parts[0], list) else parts
         if len(lists) != 1 or keyword is not None or not parts or not all(isinstance(part, Typed) for part in parts):
-            raise self._damaged(number, start)
+            raise self._refuse_text(number, start)
         return parts
 
-    def _damaged(self, number: int, position: int) -> StepError:
+    def _refuse_text(self, number: int, position: int) -> StepError:
         detail = f"#{number} cannot be read from {_show(self._content[position : position + 20])} on"
         return self._refuse_at(position, "step-syntax", detail, "the file is damaged: export it anew")
 

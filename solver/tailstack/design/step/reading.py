@@ -32,7 +32,7 @@ TOLERANCE_MM = 0.01  # about a diameter that is asked for without one
 MOST_LISTED = 500  # bodies that were left
 SAME_PLACE_MM = 1e-3
 
-_SCHEMAS = ("CONFIG_CONTROL_DESIGN", "AUTOMOTIVE_DESIGN", "AP203", "AP214", "AP242")
+_SCHEMAS = ("CONFIG_CONTROL", "AUTOMOTIVE_DESIGN", "AP203", "AP214", "AP242")
 
 
 @dataclass(frozen=True, slots=True)
