@@ -16,10 +16,17 @@ from typing import Any
 import schemathesis
 from schemathesis import GenerationMode
 
+from tailstack_service.operations.conversion import STEP_MEDIA
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 
 # Documents that the schema of a request leaves open, and trials within the limit of the service that is asked.
 POLICY = {"schema": "tailstack/policy/1", "verification": {"max_trials": 1000, "precision": 0.3}}
+
+
+@schemathesis.serializer(*STEP_MEDIA)
+def serialize_step(context: Any, value: Any) -> bytes:
+    """A STEP file is text, which schemathesis does not know."""
+    return value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass")
 
 
 @schemathesis.hook
