@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from bench import ROOT, Figure, Findings, Rounds, interleave
 from engine import peer_job
 from scenes import cios_system, read_only, target, with_noise
-from tailstack import load_design, score
+from tailstack import load_design, score, score_batch
+from tailstack.batch import DEFAULT_COLUMNS
 from tailstack.design import Design
+from tailstack.design.pointers import find_places, replace_value, value_at
+from tailstack.json_text import write_json
 from tailstack.propagation.linear import estimation_of, linearise
 from tailstack.propagation.noise import noise_gains_jit
 from tailstack.system import System
@@ -79,6 +87,79 @@ def losses() -> Findings:
     rounds = interleave({name: job(design, wanted) for name, design, wanted in pairs})
     ratios = [median(rounds.cpu[f"{name}, with losses"]) / median(rounds.cpu[f"{name}, without"]) for name in designs]
     return Findings(list(ratios), rounds.foreign)
+
+
+def of_normal_laws() -> dict[str, Any]:
+    """The demo's document, every tolerance normal."""
+    text = DEMO.read_text(encoding="utf-8")
+    return dict(load_design(text.replace("uniform", "normal").replace("triangular", "normal")).source.data)
+
+
+NUMBERS = ("/fiducials/points/0/position_mm/0", "/interfaces/connector_flange/tolerances/rx/half_width_deg")
+
+
+def designs() -> Findings:
+    """Designs of a table on one core, positions of a fiducial and half-widths, normal laws, against loading and scoring
+    the document of each."""
+    data = of_normal_laws()
+    design, count = load_design(data), 4096
+    rng = np.random.default_rng(1)
+    base = [float(value_at(data, find_places(data, pointer)[0])) for pointer in NUMBERS]
+    table = {pointer: at * (1 + 0.1 * rng.random(count)) for pointer, at in zip(NUMBERS, base, strict=True)}
+    rows = list(zip(*(column.tolist() for column in table.values()), strict=True))
+    plain = ("p95_mm", "bias_norm_mm", "within_limits")
+
+    def batch(columns: tuple[str, ...]) -> Callable[[], int]:
+        def run() -> int:
+            assert score_batch(design, table, columns=columns, threads=1).ways["compiled"] == count
+            return count
+
+        run()
+        return run
+
+    def loop() -> int:
+        for row in rows[:20]:
+            changed = data
+            for pointer, value in zip(NUMBERS, row, strict=True):
+                changed = replace_value(changed, find_places(data, pointer)[0], value)
+            score(load_design(changed), losses=False)
+        return 20
+
+    loop()
+    rounds = interleave({"loop": loop, "default": batch(DEFAULT_COLUMNS), "p95": batch(plain)})
+    return Findings(
+        [rounds.ratio("loop", "default")], rounds.foreign,
+        [
+            Figure("a design with P95, mean, bias and limits, CPU", 1e6 * median(rounds.cpu["default"]), "µs"),
+            Figure("without the mean: against the loop", rounds.ratio("loop", "p95"), "×"),
+            Figure("the loop: load_design and score without losses, CPU", 1e3 * median(rounds.cpu["loop"]), "ms"),
+        ],
+    )  # fmt: skip
+
+
+PEAK = """
+import sys
+from tailstack_service.cli.main import main
+assert main(["score", sys.argv[1], "--batch", sys.argv[2], "-o", sys.argv[3]]) == 0
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
+
+
+def designs_memory() -> Findings:
+    """Peak of ``tailstack score --batch`` over a million rows of CSV."""
+    with TemporaryDirectory() as folder:
+        design, table = Path(folder) / "design.json", Path(folder) / "table.csv"
+        design.write_text(write_json(of_normal_laws()), encoding="utf-8")
+        with table.open("w") as file:
+            file.write(",".join(NUMBERS) + "\n")
+            for k in range(1_000_000):
+                file.write(f"{-30 - k % 1009 / 1000},{0.05 + k % 997 / 1e4}\n")
+        command = [sys.executable, "-c", PEAK, str(design), str(table), str(Path(folder) / "scores.csv")]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    rate = float(done.stderr.rpartition(";")[2].split()[0].replace(",", ""))
+    return Findings(
+        [int(done.stdout) / 1024], 0.0, [Figure("rows a second, read, scored and written, all cores", rate, "")]
+    )
 
 
 def of_targets(count: int) -> System:

@@ -35,11 +35,11 @@ UNSAID = {"text/plain"}  # means nothing without the parameter that says what th
 ITSELF = "get_openapi"  # answers with this very document, which is its own example
 
 COUNTS = frozenset(
-    {"benches", "broken", "careless_infeasible", "careless_layouts", "changes_left_out", "column", "compared_cells",
-     "compared_trials", "converged_starts", "count", "counts", "exit_code", "fiducials", "first_start",
-     "flagged_trials", "installations", "kept", "line", "max", "max_trials", "min", "open", "order", "outside_cells",
-     "points", "points_per_axis", "published_trials", "sections", "seed", "starts", "status", "tightening_rounds",
-     "trials", "units_done", "units_expected", "workers"}
+    {"benches", "broken", "careless_infeasible", "careless_layouts", "changes_left_out", "column",
+     "compared_cells", "compared_trials", "converged_starts", "count", "counts", "exit_code", "fiducials",
+     "first_start", "flagged_trials", "installations", "kept", "line", "max", "max_trials", "min", "open",
+     "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused", "rows", "sections",
+     "seed", "starts", "status", "tightening_rounds", "trials", "units_done", "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
     {"axis", "band", "beam_direction", "bias_rel", "chi_square", "confidence", "coverage_factor",
@@ -99,7 +99,7 @@ def _operation(document: Mapping[str, Any], path: str, item: Any, operation: Any
     parameters = [resolved(document, p) for p in (*item.get("parameters", ()), *operation.get("parameters", ()))]
     yield from _parameters(path, parameters)
     for media, content in resolved(document, operation.get("requestBody", {})).get("content", {}).items():
-        if not _has_example(content) and media not in UNSAID:
+        if not _has_example(content) and media not in UNSAID and content["schema"].get("format") != "binary":
             yield f"request body {media}: no example"
     statuses = operation.get("responses", {})
     if not any(status[0] in "23" for status in statuses):

@@ -44,6 +44,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/scores/batch": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Score a design once for each row of a table
+         * @description The design with the numbers of each row in it, scored; the table comes back with columns beside it. A table as CSV, lines of JSON, XLSX, Arrow or Parquet names its design in the query and comes back in its own format, or in one that Accept asks for: CSV and lines of JSON as they are computed, the others when they are complete. A table in JSON comes back as the record. A row that cannot be scored keeps its place and says why. With Prefer: respond-async or wait=N it becomes a job, whose result is the record.
+         */
+        post: operations["create_batch"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/layouts": {
         parameters: {
             query?: never;
@@ -834,6 +854,89 @@ export interface components {
              * @default null
              */
             count?: number | null;
+        };
+        /**
+         * ScoredTable
+         * @description A design scored for each row of a table: the table's own columns, and those of the answer.
+         */
+        Batch: {
+            /**
+             * Schema
+             * @description Name and version of this record's schema.
+             * @constant
+             */
+            schema: "tailstack/batch/1";
+            /**
+             * Pointers
+             * @description JSON pointer of the number of the design that each of these columns gave.
+             */
+            pointers: {
+                [key: string]: string;
+            };
+            /**
+             * Columns
+             * @description Cells by column, row by row: those of the table as they were sent; numbers of the answer (p95_mm:TARGET), null where a row could not be scored; texts of the answer, empty where it could not; and `reason`, why.
+             */
+            columns: {
+                [key: string]: (number | string | null)[];
+            };
+            /**
+             * Rows
+             * @description Number of rows.
+             */
+            rows: number;
+            /**
+             * Refused
+             * @description Rows that could not be scored.
+             */
+            refused: number;
+            /**
+             * Ways
+             * @description Rows that were computed compiled, linearised and in full.
+             */
+            ways: {
+                [key: string]: number;
+            };
+            /**
+             * Why
+             * @description Why not all were computed by the fastest of these ways; empty: they were.
+             */
+            why: string;
+            /** @description Of the design as it stands. */
+            provenance: components["schemas"]["Provenance"];
+        };
+        BatchRequest: {
+            /** @description The design document. */
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
+            /**
+             * Table
+             * @description Columns by the number of the design that they give, in the unit of its field: a JSON pointer, /views/0/fiducial_noise_px, or a path of names, views.AP.fiducial_noise_px; * stands for every element. All have one length.
+             * @example {
+             *       "/views/0/fiducial_noise_px": [
+             *         0.1,
+             *         0.2,
+             *         0.4
+             *       ]
+             *     }
+             */
+            table: {
+                [key: string]: number[];
+            };
+            /**
+             * Columns
+             * @description What is wanted: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of each target; value_mm, the quantile that each requirement limits; within_limits (yes, no), whether all of these are within their limits; verdict, which also takes how far the estimate can be trusted, and costs more.
+             * @default [
+             *       "p95_mm",
+             *       "mean_norm_mm",
+             *       "bias_norm_mm",
+             *       "within_limits"
+             *     ]
+             */
+            columns?: ("p95_mm" | "mean_norm_mm" | "bias_norm_mm" | "localisation_p95_mm" | "value_mm" | "within_limits" | "verdict")[];
         };
         /**
          * Bias
@@ -3966,7 +4069,7 @@ export interface components {
              * @description What is computed.
              * @enum {string}
              */
-            kind: "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-comparison" | "gate" | "report" | "comparison";
+            kind: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-comparison" | "gate" | "report" | "comparison";
             /**
              * State
              * @description queued, running, or how it ended.
@@ -9023,6 +9126,98 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
+    create_batch: {
+        parameters: {
+            query?: {
+                /** @description Not with a JSON body. The design: the SHA-256 of one that was sent whole before. */
+                design_sha256?: string;
+                /** @description Not with a JSON body. PATH=COLUMN: the column that gives a number of the design, where it is not called like it. */
+                set?: string[];
+                /** @description Not with a JSON body. What is wanted, with commas between: p95_mm,verdict. */
+                columns?: string;
+            };
+            header?: {
+                /**
+                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
+                 * @example wait=10
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+                /** @description One key stands for one request: sent again with the same body it gives the same job. */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["BatchRequest"];
+                "text/csv": string;
+                "application/x-ndjson": string;
+                "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet": Blob;
+                "application/vnd.apache.arrow.stream": Blob;
+                "application/vnd.apache.parquet": Blob;
+            };
+        };
+        responses: {
+            /** @description Score a design once for each row of a table: unless Prefer asks for a job, or with Prefer: wait in time. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    /** @description Strong validator of the body. Only when it was a job. */
+                    ETag?: string;
+                    /** @description How long the answer may be used without asking. Only when it was a job. */
+                    "Cache-Control"?: string;
+                    /** @description A cache keeps answers to different credentials apart. Only when it was a job. */
+                    Vary?: string;
+                    /** @description Path of the job. Only when it was a job. */
+                    Location?: string;
+                    /** @description Path of the result. Only when it was a job. */
+                    "Content-Location"?: string;
+                    /** @description The wait that was granted; absent when none was asked for. Only when it was a job. */
+                    "Preference-Applied"?: string;
+                    /** @description true: the key had made this job before; otherwise absent. Only when it was a job. */
+                    "Idempotency-Replayed"?: "true";
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Batch"];
+                    "text/csv": string;
+                    "application/x-ndjson": string;
+                    "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet": Blob;
+                    "application/vnd.apache.arrow.stream": Blob;
+                    "application/vnd.apache.parquet": Blob;
+                };
+            };
+            /** @description Accepted: the job. */
+            202: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            500: components["responses"]["Problem500"];
+            501: components["responses"]["Problem501"];
+            503: components["responses"]["Problem503"];
+        };
+    };
     create_layout: {
         parameters: {
             query?: {
@@ -9944,7 +10139,7 @@ export interface operations {
                 /** @description Only jobs in this state. */
                 state?: "queued" | "running" | "succeeded" | "failed" | "cancelled";
                 /** @description Only jobs of this kind. */
-                kind?: "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-comparison" | "gate" | "report" | "comparison";
+                kind?: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-comparison" | "gate" | "report" | "comparison";
             };
             header?: never;
             path?: never;
@@ -10122,7 +10317,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["StudyPaper"] | components["schemas"]["StudyLinearity"] | components["schemas"]["StudyCoupling"] | components["schemas"]["StudyComparison"] | components["schemas"]["Gate"] | components["schemas"]["Report"] | components["schemas"]["Comparison"];
+                    "application/json": components["schemas"]["Batch"] | components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["StudyPaper"] | components["schemas"]["StudyLinearity"] | components["schemas"]["StudyCoupling"] | components["schemas"]["StudyComparison"] | components["schemas"]["Gate"] | components["schemas"]["Report"] | components["schemas"]["Comparison"];
                 };
             };
             /** @description The client has it. */

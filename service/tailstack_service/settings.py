@@ -51,6 +51,7 @@ class Settings(BaseSettings):
     max_trials: int = _number(5_000_000, 100, 1_000_000_000, "trials of one verification")
     max_starts: int = _number(32, 1, 256, "starts of one optimisation")
     max_sweep_points: int = _number(2_000, 1, 1_000_000, "points of one sweep")
+    max_batch_rows: int = _number(100_000, 1, 1_000_000, "rows of one table of designs")
     max_gate_designs: int = _number(50, 1, 1_000, "designs of one gate")
 
     # What is computed while the caller waits

@@ -23,10 +23,13 @@ from tailstack.design import design_to_data
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.documents import to_json
 from tailstack_service.operations.content import canonical
-from tailstack_service.operations.operation import Operation
+from tailstack_service.operations.example import EXAMPLE_DESIGN
+from tailstack_service.operations.operation import Call, Operation
 from tailstack_service.operations.perform import perform
 from tailstack_service.operations.registry import OPERATIONS
+from tailstack_service.operations.sent import Sent
 from tailstack_service.schemas import json_schema
+from tailstack_service.settings import Settings
 from tailstack_service.task import ADVANCE, Task
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -34,6 +37,29 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 def example(name: str) -> dict[str, Any]:
     return design_to_data(load_design(EXAMPLES / f"{name}.yaml"))
+
+
+# --- tables of designs ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("column", ["p95_mm", "verdict"])
+def test_a_table_in_units_is_the_table_in_process(column: str) -> None:
+    """Linearised rows, one that is refused among them; what is sent over HTTP becomes the same request."""
+    rows = 300
+    table = {
+        "/views/0/fiducial_noise_px": [0.1 + k / 1000 for k in range(rows)],
+        "fiducials.points.0.position_mm.2": [-80.0 + k / 100 if k != 7 else 1e6 for k in range(rows)],
+    }
+    body = {"design": EXAMPLE_DESIGN, "table": table, "columns": [column]}
+    operation = OPERATIONS["batch"]
+    assert operation.receive is not None
+    reception = operation.receive(Sent("json", canonical(body)), Settings())
+    assert reception.job is not None
+    outcome, recorded = run_job("batch", json.loads(reception.job.content), shuffle=5)
+    options = operation.options.model_validate({"table": table, "columns": [column]})
+    record = operation.run(Call((load_design(EXAMPLE_DESIGN),), options))
+    assert outcome.answer == to_json(record)
+    assert (record.rows, record.refused, len(recorded)) == (rows, 1, 3)
 
 
 # --- verification ---------------------------------------------------------------------------------

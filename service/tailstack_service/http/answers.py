@@ -65,6 +65,13 @@ def wait_seconds(request: Request, limit: float) -> int | None:
     return None
 
 
+def asks_for_job(request: Request) -> bool:
+    """Whether Prefer asks for a job where the answer could come at once: respond-async, or wait=N (RFC 7240)."""
+    preferences = ",".join(request.headers.getlist("prefer")).split(",")
+    names = {preference.partition(";")[0].partition("=")[0].strip().lower() for preference in preferences}
+    return bool(names & {"respond-async", "wait"})
+
+
 def idempotency_key(request: Request) -> str | None:
     """The key, if one was sent.  Raises RequestError for one that is empty, too long or not of visible characters."""
     keys = request.headers.getlist("idempotency-key")

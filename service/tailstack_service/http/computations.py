@@ -6,6 +6,7 @@ killed at any moment.  Nothing here knows of requests, connections or databases.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,10 +16,12 @@ from tailstack.extras import name_missing_extra
 
 from ..documents import to_json
 from ..operations.content import canonical
-from ..operations.operation import Call, JobRequest, Reception
+from ..operations.operation import Call, Done, JobRequest, More, Reception
+from ..operations.perform import compute, plan
 from ..operations.registry import OPERATIONS
-from ..operations.sent import BaseNeeded, Placed, Request, Sent, read_request
+from ..operations.sent import BaseNeeded, Placed, Sent, read_request
 from ..settings import Settings
+from ..task import UnitResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,15 +78,41 @@ def receive(name: str, sent: Sent, settings: Settings) -> Reception:
             answer = to_json(operation.run(Call(request.designs, request.options, limits)))
         except TailstackError as error:
             raise request.place(error) from None
-        return Reception(answer=answer, designs=() if request.partial is not None else _nameable(request))
+        return Reception(answer=answer, designs=() if request.partial is not None else request.nameable)
     operation.check(request, settings)
     options = operation.prepare(request.options, *request.designs[:1])
     titles = " against ".join(design.name for design in reversed(request.designs)) or operation.summary
     content = canonical({**request.data, **options, **limits})
-    return Reception(job=JobRequest(name, content, titles, request.bare_design), designs=_nameable(request))
+    return Reception(job=JobRequest(name, content, titles, request.bare_design), designs=request.nameable)
 
 
-def _nameable(request: Request) -> tuple[tuple[str, bytes], ...]:
-    """The designs of a request as later requests may name them."""
-    pairs = zip(request.designs, request.data.values(), strict=True)
-    return tuple((design.sha256, canonical(data)) for design, data in pairs)
+def compute_piece(kind: str, content: bytes, spec: bytes, form: str, *, first: bool) -> bytes:
+    """A unit of a job, as a piece of its answer in some format; ``first``: with what comes before all of them."""
+    from ..operations.units.batch import encode
+
+    request = json.loads(content)
+    return encode(request, (compute(kind, request, json.loads(spec)),), form, first=first)
+
+
+def compute_unit(kind: str, content: bytes, spec: bytes) -> bytes:
+    """A unit of a job."""
+    return compute(kind, json.loads(content), json.loads(spec))
+
+
+def plan_pieces(kind: str, content: bytes) -> tuple[bytes, ...]:
+    """The units of a job that needs no second look."""
+    step = plan(kind, json.loads(content), ())
+    assert isinstance(step, More)
+    return step.specs
+
+
+def join_pieces(kind: str, content: bytes, results: tuple[UnitResult, ...], form: str) -> bytes:
+    """The answer of a job in some format, from all its units."""
+    from ..operations.units.batch import encode
+
+    request = json.loads(content)
+    if form != "json":
+        return encode(request, tuple(unit.result for unit in results), form, first=True)
+    step = plan(kind, request, results)
+    assert isinstance(step, Done)
+    return step.answer

@@ -232,8 +232,18 @@ def _body(operation: Operation) -> dict[str, Any]:
     if operation.yaml:
         content |= media_types(YAML, reference("schemas", "Design"), "DesignAsYaml")
     for media in operation.media:
-        content |= media_types(media, {"type": "string"}, "Step" if media in STEP_MEDIA else "Csv")
+        content |= _file(media, TABLES.get(media) if operation.answers else "Step" if media in STEP_MEDIA else "Csv")
     return content
+
+
+TABLES = {"text/csv": "Variants", "application/x-ndjson": "VariantLines"}  # examples by media type
+
+
+def _file(media: str, example: str | None) -> dict[str, Any]:
+    """A file as a body: text, or bytes."""
+    text = media.startswith("text/") or media in TABLES or media in STEP_MEDIA
+    bytewise = {"format": "binary", "contentMediaType": media}
+    return media_types(media, {"type": "string", **({} if text else bytewise)}, example)
 
 
 def _answers_at_once(operation: Operation) -> dict[int | str, Any]:
@@ -250,6 +260,9 @@ def _job_answers(operation: Operation) -> dict[int | str, Any]:
         ETag="ETag", Cache_Control="CacheControl", Vary="Vary", Location="Location", Content_Location="ResultLocation",
         Preference_Applied="PreferenceApplied", Idempotency_Replayed="IdempotencyReplayed",
     )  # fmt: skip
+    if operation.answers:
+        for media in operation.answers:
+            done["content"] |= _file(media, None)
     if at_once:
         done["headers"] = only_with("when it was a job", done["headers"])
     accepted = response_of(
@@ -539,6 +552,11 @@ def _examples() -> dict[str, Any]:
         design = {"design": EXAMPLE_DESIGN} if tuple(operation.designs) == ("design",) else {}
         value = {**design, **operation.example}
         made[request_name(operation)] = {"summary": operation.example_title, "value": value}
+    made["Variants"] = {"summary": "Two designs", "value": "variant,views.AP.fiducial_noise_px\nA,0.1\nB,0.2\n"}
+    made["VariantLines"] = {
+        "summary": "Two designs, a line each",
+        "value": '{"/views/0/fiducial_noise_px": 0.1}\n{"/views/0/fiducial_noise_px": 0.2}\n',
+    }
     made["Csv"] = {"summary": "The file itself", "value": BEADS}
     made["Step"] = {"summary": "A STEP file with one ball", "value": BALL}
     made["DesignAsYaml"] = {"summary": "The design itself", "value": EXAMPLE_DESIGN}

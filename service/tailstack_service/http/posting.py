@@ -5,15 +5,17 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import Any, TypeVar
 
 from fastapi import APIRouter, Depends, Request, Response
+from fastapi.responses import StreamingResponse
 
 from tailstack import __version__
-from tailstack.errors import Problem
+from tailstack.errors import LimitError, Problem
 
 from ..jobs.store import jobs as stored
 from ..jobs.store import results
@@ -21,13 +23,15 @@ from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
 from ..names import variable
-from ..operations.operation import JobRequest, Operation, Reception
+from ..operations.operation import JobRequest, Operation, Pieces, Reception
 from ..operations.patches import NAMED
 from ..operations.registry import OPERATIONS
 from ..operations.sent import Sent
 from ..problems import TransportError
+from ..tables import MEDIA_TYPES
+from ..task import UnitResult
 from . import computations
-from .answers import JSON, idempotency_key, wait_seconds
+from .answers import JSON, asks_for_job, idempotency_key, wait_seconds
 from .body import strict_body
 from .dependencies import Needs, TheService
 from .jobs import accepted_response, failure_response, result_response
@@ -37,6 +41,8 @@ from .service import Service, note_policy, service_of
 log = logging.getLogger("tailstack.service")
 HOUR = 3600.0
 BUDGET_RETRY_SECONDS = 60  # what was used leaves the last hour minute by minute
+T = TypeVar("T")
+STREAMED = ("csv", "ndjson")  # formats whose pieces, one after the other, are the whole
 FIRST_LOOK, LONGEST_LOOK = 0.01, 0.25  # seconds between looks at a job that somebody waits for
 
 router = APIRouter(tags=["computations"], dependencies=[Depends(Needs("compute"))], default_response_class=Response)
@@ -59,6 +65,8 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
         service.kept_designs.keep(request.state.caller.tenant, found.designs)
         if found.terms is not None:
             await note_policy(request, dict(found.terms))
+        if found.pieces is not None and found.job is not None and not asks_for_job(request):
+            return await _send_pieces(request, found.job, found.pieces)
         if found.job is not None:
             return await submit(request, found.job, key)
         return Response(found.answer, media_type=JSON)
@@ -90,6 +98,52 @@ for _operation in OPERATIONS.values():
         operation_id=f"create_{_operation.name.replace('-', '_')}",
         **describe(_operation),
     )
+
+
+# --- a job that is answered at once, unit by unit -----------------------------------------------------
+
+
+async def _send_pieces(request: Request, posted: JobRequest, pieces: Pieces) -> Response:
+    """The units of a job, computed one after the other for a caller who waits.
+
+    Lines are sent as they are computed, the next unit when the one before it is on its way; every other format when it
+    is complete.  A caller who leaves ends it.  Raises LimitError for more than is computed at once, and, before the
+    first byte, what the first unit raises.
+    """
+    service = service_of(request)
+    if pieces.seconds > service.settings.max_seconds:
+        detail = f"this takes some {pieces.seconds:.0f} s; {service.settings.max_seconds:g} s are computed at once"
+        hint = "send Prefer: respond-async, and it becomes a job; or send fewer rows"
+        raise LimitError(Problem("", "too-much-work", detail, hint))
+    form = _answer_form(request, pieces.form)
+
+    async def compute(function: Callable[..., T], *arguments: object, **named: object) -> T:
+        call = partial(function, posted.kind, posted.content, *arguments, **named)
+        return await service.places.run(request, call, pieces.unit_seconds)
+
+    specs = await compute(computations.plan_pieces)
+    if form not in STREAMED:
+        units = [
+            UnitResult(index, spec, await compute(computations.compute_unit, spec)) for index, spec in enumerate(specs)
+        ]
+        answer = await compute(computations.join_pieces, tuple(units), form)
+        return Response(answer, media_type=JSON if form == "json" else MEDIA_TYPES[form])
+
+    first = await compute(computations.compute_piece, specs[0], form, first=True)
+
+    async def send() -> AsyncIterator[bytes]:
+        yield first
+        for spec in specs[1:]:
+            yield await compute(computations.compute_piece, spec, form, first=False)
+
+    return StreamingResponse(send(), headers={"Content-Type": MEDIA_TYPES[form]})
+
+
+def _answer_form(request: Request, usual: str) -> Any:
+    """The first format that Accept names and that there is; otherwise the usual one."""
+    forms = {media: form for form, media in MEDIA_TYPES.items()} | {JSON: "json"}
+    accepted = [part.partition(";")[0].strip().lower() for part in request.headers.get("accept", "").split(",")]
+    return next((forms[media] for media in accepted if media in forms), usual)
 
 
 async def submit(request: Request, posted: JobRequest, key: str | None) -> Response:

@@ -3,24 +3,63 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import IO, TYPE_CHECKING, Any
+from io import BytesIO
+from math import isfinite
+from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field
+
+from tailstack.errors import Problem
+from tailstack.results.batch import ScoredTable
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import read_design, whole
 from ..console.files import write_in_place
 from ..console.progress import Progress
+from ..names import variable
+from ..problems import RequestError
+from ..tables import MEDIA_TYPES, Block, Format, Table, format_of, read_table
+from .content import canonical
+from .effort import admission_seconds
+from .operation import Call, JobRequest, Operation, Pieces, Reception
+from .options import Options
+from .patches import NAMED
 
 if TYPE_CHECKING:
     from tailstack.batch import Batch
     from tailstack.design import Design
 
-    from ..tables import Column, Format, Table
+    from ..settings import Settings
+    from ..tables import Column
+    from .sent import Query, Sent
+
+ColumnName = Literal[
+    "p95_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "value_mm", "within_limits", "verdict"
+]
+
+
+class BatchOptions(Options):
+    """A table of numbers of the design, and what is wanted of each row."""
+
+    table: Annotated[dict[str, list[float]], Field(min_length=1, max_length=2_000)] = Field(
+        description="Columns by the number of the design that they give, in the unit of its field: a JSON pointer, "
+        "/views/0/fiducial_noise_px, or a path of names, views.AP.fiducial_noise_px; * stands for every element. All "
+        "have one length.",
+        examples=[{"/views/0/fiducial_noise_px": [0.1, 0.2, 0.4]}],
+    )
+    columns: Annotated[list[ColumnName], Field(min_length=1)] = Field(
+        ["p95_mm", "mean_norm_mm", "bias_norm_mm", "within_limits"],
+        description="What is wanted: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of each target; "
+        "value_mm, the quantile that each requirement limits; within_limits (yes, no), whether all of these are within "
+        "their limits; verdict, which also takes how far the estimate can be trusted, and costs more.",
+    )
 
 
 @dataclass(slots=True)
@@ -42,8 +81,7 @@ class TableScores:
     @property
     def numbers(self) -> tuple[bool, ...]:
         """Which columns hold numbers."""
-        own = tuple(k in self.places for k in range(len(self.table.header)))
-        return (*own, *(name not in ("within_limits", "verdict") for name in self.batch.names), False)
+        return hold_numbers(self.header, self.places)
 
     def blocks(self, threads: int | None = None) -> Iterator[list[Column]]:
         """The rows with their answers, in their order, as columns.  Raises RequestError for what is no table."""
@@ -73,6 +111,12 @@ class TableScores:
         if self.refused:
             said += f"; {self.refused:,} could not be evaluated, the column reason says why"
         return said
+
+
+def hold_numbers(header: Sequence[str], places: Sequence[int]) -> tuple[bool, ...]:
+    """Which columns of an answer hold numbers: those of the table that gave some, and P95 and the like."""
+    given = [header[place] for place in places]
+    return tuple(name in given or name.partition(":")[0].endswith("_mm") for name in header)
 
 
 def score_table(
@@ -136,10 +180,6 @@ def _setting(text: str) -> tuple[str, str]:
 
 def refuse_beside_batch(arguments: argparse.Namespace) -> None:
     """Flags that mean nothing together.  Raises RequestError."""
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
-
     alone = {"--set": arguments.settings, "--columns": arguments.columns, "-o": arguments.output,
              "--threads": arguments.threads}  # fmt: skip
     single = {"--json": arguments.json, "--second-order": arguments.second_order, "--target": arguments.target}
@@ -152,11 +192,6 @@ def refuse_beside_batch(arguments: argparse.Namespace) -> None:
 def run_batch(arguments: argparse.Namespace) -> Answer:
     """Score the rows of a table.  Raises RequestError, SweepError, DesignError, OSError."""
     design = read_design(arguments.design)
-
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
-    from ..tables import format_of, read_table
 
     arguments.verb = "score --batch"  # which kernels are compiled ahead, if any are missing
     name = arguments.batch
@@ -192,3 +227,193 @@ def _write(scores: TableScores, stream: IO[bytes], form: Format, threads: int | 
         progress.report(0, 0, f"{scores.rows:,} rows")
     writer.close()
     stream.flush()
+
+
+# --- over HTTP --------------------------------------------------------------------------------------
+
+MOST_ROWS = 10_000_000  # of a call in Python, which has them in memory anyway
+SECONDS_A_ROW = {"compiled": 3e-5, "linearised": 4e-3, "in full": 0.03}  # and target, on a slow core
+ROWS_A_UNIT = {"compiled": 4096, "linearised": 128, "in full": 32}
+QUERY = {
+    NAMED: {
+        "type": "string", "pattern": "^[0-9a-f]{64}$",
+        "description": "The design: the SHA-256 of one that was sent whole before.",
+    },
+    "set": {
+        "type": "array", "items": {"type": "string", "pattern": "^[^=]+=.+$"},
+        "description": "PATH=COLUMN: the column that gives a number of the design, where it is not called like it.",
+    },
+    "columns": {"type": "string", "description": "What is wanted, with commas between: p95_mm,verdict."},
+}  # fmt: skip
+
+
+def receive(sent: Sent, settings: Settings) -> Reception:
+    """A table that is read whole and can be scored.  Raises RequestError, LimitError, MalformedError, Placed."""
+    from tailstack.design.reading import Source
+    from tailstack.errors import DesignError, IllPosedError
+
+    from .sent import BaseNeeded, Request, load, read_request
+
+    form: Format | Literal["json"] = "json"
+    try:
+        if sent.form == "json":
+            request = read_request(sent, OPERATION, settings)
+            table = _table_of(request.options.table)
+            given = [(name, name) for name in table.header]
+            columns: Sequence[str] | None = request.options.columns
+        else:
+            name, given, columns = _read_query(sent.query)
+            if sent.base is None:
+                raise BaseNeeded(name)
+            design = load(Source(json.loads(sent.base), None, None), settings, "")
+            request = Request(None, (design,), {}, ("",), False)
+            sent_as = next(each for each, media in MEDIA_TYPES.items() if media == sent.form)
+            form, table = sent_as, read_table(BytesIO(sent.body), sent_as)
+    except BaseNeeded as needed:
+        return Reception(base_sha256=needed.sha256)
+    try:
+        scores = score_table(request.design, table, given, columns)
+    except (DesignError, IllPosedError) as error:
+        raise request.place(error) from None
+    cells = _read_cells(scores, settings.max_batch_rows)
+    way = scores.batch.way
+    seconds = SECONDS_A_ROW[way] * len(scores.batch.system.targets)
+    return Reception(
+        job=JobRequest("batch", _content(scores, cells), request.design.name),
+        pieces=Pieces(form, len(cells[0]) * seconds, ROWS_A_UNIT[way] * seconds),
+        designs=request.nameable if form == "json" and request.partial is None else (),
+    )
+
+
+def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
+    """Every column of a table, as JSON can hold it.  Raises RequestError, LimitError."""
+    from tailstack.errors import LimitError
+
+    table = scores.table
+    cells: list[list[Any]] = [[] for _ in table.header]
+    for block in table.blocks:
+        for place in scores.places:
+            table.read_numbers(block, place)
+        for column, more in zip(cells, block.columns, strict=True):
+            column += [cell if cell is None or isinstance(cell, str | int) else _plain(cell) for cell in more]
+        if len(cells[0]) > most:
+            detail = f"at most {most} rows are scored in one request; this table has more"
+            hint = f"send fewer, or start the service with a higher {variable('max_batch_rows')}"
+            raise LimitError(Problem("/table", "too-many", detail, hint))
+    if not cells[0]:
+        raise table.refuse("too-short", "the table has no rows", "each row is a design")
+    return cells
+
+
+def _content(scores: TableScores, cells: list[list[Any]]) -> bytes:
+    """The request of a job."""
+    batch = scores.batch
+    return canonical({
+        "design": batch.design.source.data, "header": scores.table.header, "cells": cells, "places": scores.places,
+        "pointers": batch.pointers, "columns": batch.columns, "rows_a_unit": ROWS_A_UNIT[batch.way],
+    })  # fmt: skip
+
+
+def _plain(cell: Any) -> float | str | None:
+    if isinstance(cell, float):
+        return cell if isfinite(cell) else None
+    return str(cell)
+
+
+def _table_of(columns: Mapping[str, Sequence[float]]) -> Table:
+    """Raises RequestError for columns of unequal length."""
+    lengths = {name: len(cells) for name, cells in columns.items()}
+    if len(set(lengths.values())) != 1:
+        said = ", ".join(f"{name} has {length}" for name, length in list(lengths.items())[:6])
+        raise RequestError(Problem("/table", "ragged", f"columns have one length; {said}", "one number for each row"))
+    return Table(tuple(columns), iter([Block(range(1, 1 + max(lengths.values())), tuple(columns.values()))]))
+
+
+def _read_query(query: Query) -> tuple[str, list[tuple[str, str]], list[str] | None]:
+    """The design's hash, the columns that are set, and those that are wanted.  Raises RequestError."""
+    from .patches import SHA256
+    from .sent import refuse_query, single
+
+    refuse_query(query, tuple(QUERY))
+    name = single(query, NAMED)
+    if name is None or not SHA256.fullmatch(name):
+        detail = f"a table alone says which design it is about by {NAMED}=, 64 hexadecimal digits"
+        hint = f"send the design to /v1/validations or /v1/scores first: {NAMED} of the answer is it"
+        raise RequestError(Problem(f"/{NAMED}", "missing-parameter" if name is None else "bad-text", detail, hint))
+    given = []
+    for text in (value for key, value in query if key == "set"):
+        path, found, column = text.partition("=")
+        if not (path and found and column):
+            raise RequestError(Problem("/set", "bad-parameter", f"set is PATH=COLUMN; got {text[:80]!r}"))
+        given.append((path, column))
+    columns = single(query, "columns")
+    return name, given, None if columns is None else columns.split(",")
+
+
+def _run(call: Call) -> ScoredTable:
+    from .units.batch import score_whole
+
+    table = _table_of(call.options.table)
+    scores = score_table(call.design, table, [(name, name) for name in table.header], call.options.columns)
+    return score_whole(json.loads(_content(scores, _read_cells(scores, MOST_ROWS))))
+
+
+def _text(record: ScoredTable) -> str:
+    from ..rendering.tables import table, wrap
+    from ..rendering.verdict import heading, join_blocks, provenance_text
+
+    names = [name for name in record.columns if name not in (*record.pointers, "reason")]
+    shown = [
+        [str(row + 1), *(_cell(record.columns[name][row]) for name in names)] for row in range(min(record.rows, 40))
+    ]
+    more = f"{record.rows - len(shown):,} further rows are in the record (--json)." if record.rows > len(shown) else ""
+    refused = f"{record.refused:,} rows could not be scored; the column reason says why." if record.refused else ""
+    return join_blocks(
+        heading(record.provenance, f"{record.rows:,} designs of a table, each estimated.", "first order"),
+        table(["row", *names], shown),
+        "\n".join(wrap(part) for part in (more, refused) if part),
+        provenance_text(record.provenance),
+    )
+
+
+def _cell(cell: float | str | None) -> str:
+    return f"{cell:.4f}" if isinstance(cell, float) else str(cell or "")
+
+
+def _document(record: ScoredTable, sha256: str) -> Any:
+    from ..report.chapters.batch import batch_document
+
+    return batch_document(record, sha256)
+
+
+OPERATION = Operation(
+    name="batch",
+    verb="score",
+    path="/v1/scores/batch",
+    summary="Score a design once for each row of a table",
+    description="The design with the numbers of each row in it, scored; the table comes back with columns beside it. "
+    "A table as CSV, lines of JSON, XLSX, Arrow or Parquet names its design in the query and comes back in its own "
+    "format, or in one that Accept asks for: CSV and lines of JSON as they are computed, the others when they are "
+    "complete. A table in JSON comes back as the record. A row that cannot be scored keeps its place and says why. "
+    "With Prefer: respond-async or wait=N it becomes a job, whose result is the record.",
+    title="answer of score --batch over HTTP: a table of designs, scored",
+    options=BatchOptions,
+    example={"table": {"/views/0/fiducial_noise_px": [0.1, 0.2, 0.4]}},
+    example_title="Three levels of noise",
+    record=lambda: ScoredTable,
+    run=_run,
+    cut=True,
+    receive=receive,
+    media=tuple(MEDIA_TYPES.values()),
+    media_limit="max_step_bytes",
+    answers=tuple(MEDIA_TYPES.values()),
+    query=tuple(QUERY),
+    query_schemas=lambda: QUERY,
+    hint="table and columns go into the body, beside the design",
+    yaml=False,
+    at_once="unless Prefer asks for a job",
+    seconds=admission_seconds,
+    text=_text,
+    document=_document,
+    exit_code=lambda record: NOT_EVALUATED if record.refused else PASS,
+)

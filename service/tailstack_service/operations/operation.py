@@ -54,11 +54,21 @@ class JobRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class Pieces:
+    """A job that can as well be answered at once, its units one after the other, as they are computed."""
+
+    form: str  # in which it is answered, if nothing else is asked for
+    seconds: float  # expected, of all units
+    unit_seconds: float  # and of one
+
+
+@dataclass(frozen=True, slots=True)
 class Reception:
     """What a request came to: its answer, or a job; or the design that it names by its hash, to be looked up."""
 
     answer: bytes | None = None
     job: JobRequest | None = None
+    pieces: Pieces | None = None  # of the job, if nobody asks for one
     terms: Mapping[str, Any] | None = None  # by which it was judged, for the audit log
     designs: tuple[tuple[str, bytes], ...] = ()  # SHA-256 and JSON of those that later requests may name
     base_sha256: str | None = None
@@ -182,6 +192,7 @@ class Operation:
     request: Callable[[], type[Any]] | None = None  # gives the model of such a body
     media: tuple[str, ...] = ()  # what such a body can be besides JSON and YAML
     media_limit: str = "max_body_bytes"  # setting of how long it may be
+    answers: tuple[str, ...] = ()  # media types of its answer at once besides JSON, where Accept asks for them
     yaml: bool = True  # a design as YAML, with options in the query
     query: tuple[str, ...] = ()  # what such a body takes from the query
     query_schemas: Callable[[], Mapping[str, Any]] | None = None  # by name; with ``query``

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 VERB_OF = {
     "validation": "validate",
     "score": "score",
+    "batch": "score",
     "layout": "layout",
     "verification": "verify",
     "optimisation": "optimise",

@@ -34,6 +34,7 @@ from tailstack.json_text import write_json
 
 from ..names import variable
 from ..problems import MalformedError, RequestError
+from .content import canonical
 from .options import Options
 from .patches import NAMED, PATCH, PartialDocument, merge, read_partial
 
@@ -80,6 +81,12 @@ class Request:
         """The only design."""
         (design,) = self.designs
         return design
+
+    @property
+    def nameable(self) -> tuple[tuple[str, bytes], ...]:
+        """The designs as later requests may name them: SHA-256 and JSON."""
+        pairs = zip(self.designs, self.data.values(), strict=True)
+        return tuple((design.sha256, canonical(data)) for design, data in pairs)
 
     def refuse_by(self, check: Callable[[Design], T], which: int = 0) -> T:
         """What a function finds of a design; what it refuses is placed in what was sent.  Raises Placed."""

@@ -4,6 +4,13 @@ from .additivity import Additivity
 from .allowance import Allowance
 from .allowance_status import AllowanceStatus
 from .axis import Axis
+from .batch import Batch
+from .batch_columns import BatchColumns
+from .batch_pointers import BatchPointers
+from .batch_request import BatchRequest
+from .batch_request_columns_item import BatchRequestColumnsItem
+from .batch_request_table import BatchRequestTable
+from .batch_ways import BatchWays
 from .bias_compared import BiasCompared
 from .bias_compared_interval_of import BiasComparedIntervalOf
 from .bounds import Bounds
@@ -217,6 +224,13 @@ __all__ = (
     "Allowance",
     "AllowanceStatus",
     "Axis",
+    "Batch",
+    "BatchColumns",
+    "BatchPointers",
+    "BatchRequest",
+    "BatchRequestColumnsItem",
+    "BatchRequestTable",
+    "BatchWays",
     "BiasCompared",
     "BiasComparedIntervalOf",
     "Bounds",

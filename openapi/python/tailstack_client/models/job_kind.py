@@ -1,6 +1,7 @@
 from typing import Literal
 
 JobKind = Literal[
+    "batch",
     "comparison",
     "gate",
     "optimisation",
@@ -14,6 +15,7 @@ JobKind = Literal[
 ]
 
 JOB_KIND_VALUES: set[JobKind] = {
+    "batch",
     "comparison",
     "gate",
     "optimisation",

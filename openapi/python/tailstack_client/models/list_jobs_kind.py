@@ -1,6 +1,7 @@
 from typing import Literal
 
 ListJobsKind = Literal[
+    "batch",
     "comparison",
     "gate",
     "optimisation",
@@ -14,6 +15,7 @@ ListJobsKind = Literal[
 ]
 
 LIST_JOBS_KIND_VALUES: set[ListJobsKind] = {
+    "batch",
     "comparison",
     "gate",
     "optimisation",

@@ -8,6 +8,7 @@ from ...client import AuthenticatedClient, Client
 from ...types import Response, UNSET
 from ... import errors
 
+from ...models.batch import Batch
 from ...models.comparison import Comparison
 from ...models.gate import Gate
 from ...models.optimisation import Optimisation
@@ -47,6 +48,7 @@ def _parse_response(
     *, client: AuthenticatedClient | Client, response: httpx.Response
 ) -> (
     Any
+    | Batch
     | Comparison
     | Gate
     | Optimisation
@@ -65,7 +67,8 @@ def _parse_response(
         def _parse_response_200(
             data: object,
         ) -> (
-            Comparison
+            Batch
+            | Comparison
             | Gate
             | Optimisation
             | Report
@@ -79,7 +82,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_0 = Verification.from_dict(data)
+                response_200_type_0 = Batch.from_dict(data)
 
                 return response_200_type_0
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -87,7 +90,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_1 = Optimisation.from_dict(data)
+                response_200_type_1 = Verification.from_dict(data)
 
                 return response_200_type_1
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -95,7 +98,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_2 = Sweep.from_dict(data)
+                response_200_type_2 = Optimisation.from_dict(data)
 
                 return response_200_type_2
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -103,7 +106,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_3 = StudyPaper.from_dict(data)
+                response_200_type_3 = Sweep.from_dict(data)
 
                 return response_200_type_3
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -111,7 +114,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_4 = StudyLinearity.from_dict(data)
+                response_200_type_4 = StudyPaper.from_dict(data)
 
                 return response_200_type_4
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -119,7 +122,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_5 = StudyCoupling.from_dict(data)
+                response_200_type_5 = StudyLinearity.from_dict(data)
 
                 return response_200_type_5
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -127,7 +130,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_6 = StudyComparison.from_dict(data)
+                response_200_type_6 = StudyCoupling.from_dict(data)
 
                 return response_200_type_6
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -135,7 +138,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_7 = Gate.from_dict(data)
+                response_200_type_7 = StudyComparison.from_dict(data)
 
                 return response_200_type_7
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -143,16 +146,24 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_8 = Report.from_dict(data)
+                response_200_type_8 = Gate.from_dict(data)
 
                 return response_200_type_8
             except (TypeError, ValueError, AttributeError, KeyError):
                 pass
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                response_200_type_9 = Report.from_dict(data)
+
+                return response_200_type_9
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
             if not isinstance(data, dict):
                 raise TypeError()
-            response_200_type_9 = Comparison.from_dict(data)
+            response_200_type_10 = Comparison.from_dict(data)
 
-            return response_200_type_9
+            return response_200_type_10
 
         response_200 = _parse_response_200(response.json())
 
@@ -207,6 +218,7 @@ def _build_response(
     *, client: AuthenticatedClient | Client, response: httpx.Response
 ) -> Response[
     Any
+    | Batch
     | Comparison
     | Gate
     | Optimisation
@@ -234,6 +246,7 @@ def sync_detailed(
     if_none_match: str | Unset = UNSET,
 ) -> Response[
     Any
+    | Batch
     | Comparison
     | Gate
     | Optimisation
@@ -260,7 +273,7 @@ def sync_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
+        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -282,6 +295,7 @@ def sync(
     if_none_match: str | Unset = UNSET,
 ) -> (
     Any
+    | Batch
     | Comparison
     | Gate
     | Optimisation
@@ -309,7 +323,7 @@ def sync(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem
+        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem
     """
 
     return sync_detailed(
@@ -326,6 +340,7 @@ async def asyncio_detailed(
     if_none_match: str | Unset = UNSET,
 ) -> Response[
     Any
+    | Batch
     | Comparison
     | Gate
     | Optimisation
@@ -352,7 +367,7 @@ async def asyncio_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
+        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -372,6 +387,7 @@ async def asyncio(
     if_none_match: str | Unset = UNSET,
 ) -> (
     Any
+    | Batch
     | Comparison
     | Gate
     | Optimisation
@@ -399,7 +415,7 @@ async def asyncio(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem
+        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem
     """
 
     return (

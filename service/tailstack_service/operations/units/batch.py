@@ -1,0 +1,99 @@
+"""A table of designs in units: some of its rows each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from tailstack.batch import Batch
+from tailstack.errors import TailstackError
+from tailstack.results.batch import ScoredTable
+from tailstack.scoring import provenance
+
+from ...documents import to_json
+from ...tables import WRITERS, read_number
+from ...task import UnitResult
+from ..batch import hold_numbers
+from ..content import Refused, canonical, loaded_design
+from ..operation import Done, More, Step
+
+
+def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
+    """Every row at once, then the record."""
+    held = {unit.spec: unit.result for unit in results}
+    rows, count = len(request["cells"][0]), request["rows_a_unit"]
+    specs = [canonical({"what": "rows", "first": first, "count": count}) for first in range(0, rows, count)]
+    missing = tuple(spec for spec in specs if spec not in held)
+    if missing:
+        return More(missing, 0, f"{rows} rows")
+    return Done(to_json(_record(request, [json.loads(held[spec]) for spec in specs])))
+
+
+def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
+    """Some rows: their first, their columns, reasons and ways, as JSON."""
+    batch = _batch(request)
+    span = slice(spec["first"], spec["first"] + spec["count"])
+    numbers = [[read_number(cell) for cell in request["cells"][place][span]] for place in request["places"]]
+    found = batch.score_rows(np.array(numbers, dtype=float).T)
+    columns = [[None if cell != cell else cell for cell in column.tolist()] for column in found.columns]
+    return canonical({"first": spec["first"], "columns": columns, "reasons": found.reasons, "ways": found.ways})
+
+
+def encode(request: dict[str, Any], units: Sequence[bytes], form: str, *, first: bool) -> bytes:
+    """Units in a row as a table in some format; ``first``: they are the first ones, below the header."""
+    batch, stream = _batch(request), BytesIO()
+    header = (*request["header"], *batch.names, "reason")
+    writer = WRITERS[form](stream, header, hold_numbers(header, request["places"]))  # type: ignore[index]
+    writer.count = 0 if first else 1  # CSV has its header in front of the first row
+    for unit in map(json.loads, units):
+        span = slice(unit["first"], unit["first"] + len(unit["reasons"]))
+        writer.write([*(column[span] for column in request["cells"]), *unit["columns"], unit["reasons"]])
+    writer.close()
+    return stream.getvalue()
+
+
+def score_whole(request: dict[str, Any]) -> ScoredTable:
+    """The record, here and now."""
+    step = plan(request, ())
+    assert isinstance(step, More)
+    return _record(request, [json.loads(compute(request, json.loads(spec))) for spec in step.specs])
+
+
+def _record(request: dict[str, Any], units: Sequence[dict[str, Any]]) -> ScoredTable:
+    batch = _batch(request)
+    answers = {name: [cell for unit in units for cell in unit["columns"][k]] for k, name in enumerate(batch.names)}
+    reasons = [reason for unit in units for reason in unit["reasons"]]
+    own = dict(zip(request["header"], request["cells"], strict=True))
+    for place in request["places"]:
+        own[request["header"][place]] = [read_number(cell) for cell in request["cells"][place]]
+    columns = {**own, **answers, "reason": reasons}
+    return ScoredTable(
+        schema="tailstack/batch/1",
+        pointers={request["header"][k]: pointer for k, pointer in zip(request["places"], batch.pointers, strict=True)},
+        columns={name: tuple(cells) for name, cells in columns.items()},
+        rows=len(reasons),
+        refused=sum(map(bool, reasons)),
+        ways={way: sum(unit["ways"][way] for unit in units) for way in units[0]["ways"]},
+        why=batch.why,
+        provenance=provenance(batch.system),
+    )
+
+
+def _batch(request: dict[str, Any]) -> Batch:
+    try:
+        return _compiled(canonical(request["design"]), tuple(request["pointers"]), tuple(request["columns"]))
+    except TailstackError as error:
+        if error.slug == "invalid-request":  # it is about the table, not about the design
+            raise Refused(error) from None
+        raise
+
+
+@lru_cache(maxsize=4)
+def _compiled(design: bytes, pointers: tuple[str, ...], columns: tuple[str, ...]) -> Batch:
+    """The last few are kept: units of a table come to a process one after the other."""
+    return Batch(loaded_design(design), pointers, columns)

@@ -1,0 +1,54 @@
+"""The chapters of a table of designs."""
+
+from __future__ import annotations
+
+from tailstack.results.batch import ScoredTable
+
+from ..blocks import Bullets, Column, Document, KeyNumber, Paragraph, Row, Section, Table
+from .tables import not_included, provenance_facts
+
+MOST_ROWS = 400  # of a page; a spreadsheet has all
+
+
+def batch_document(record: ScoredTable, sha256: str) -> Document:
+    """The table with its answers, row by row."""
+    worst = [name for name in record.columns if name.startswith("p95_mm:")]
+    found = [cell for name in worst for cell in record.columns[name] if isinstance(cell, float)]
+    numbers = [KeyNumber("Designs", f"{record.rows:,}", f"{record.refused:,} could not be scored")]
+    sentence = f"{record.rows:,} designs, each estimated."
+    if found:
+        low, high = f"{min(found):.3f} mm", f"{max(found):.3f} mm"
+        sentence = f"P95 of the TCP error is between {low} and {high} in {record.rows:,} designs."
+        numbers += [KeyNumber("Smallest P95", low, ""), KeyNumber("Largest P95", high, "")]
+    matters: tuple[str, ...] = ()
+    if record.refused:
+        matters = (f"{record.refused:,} designs could not be scored; the column reason says why.",)
+    given = ", ".join(f"{name}: {pointer}" for name, pointer in record.pointers.items())
+    ways = ", ".join(f"{count:,} {way}" for way, count in record.ways.items() if count)
+    how = f"Rows were computed {ways}" + (f": {record.why}." if record.why else ".")
+    return Document(
+        kind="Table of designs",
+        title=record.provenance.design_name,
+        tone="neutral",
+        status="table",
+        sentence=sentence,
+        numbers=tuple(numbers),
+        matters=matters,
+        sections=(
+            Section("Designs", (Paragraph(f"Numbers of the design by column: {given}."), _table(record))),
+            Section("Method and assumptions", (Bullets((how, *record.provenance.notes)),), reader="auditor"),
+            Section("What is not included", (not_included(record.provenance),), reader="auditor"),
+        ),
+        provenance=provenance_facts(record.provenance, sha256, record.schema),
+    )
+
+
+def _table(record: ScoredTable) -> Table:
+    def column(name: str, cells: tuple[object, ...]) -> Column:
+        numeric = any(isinstance(cell, float) for cell in cells)
+        answer = name.partition(":")[0].endswith("_mm") and name not in record.pointers
+        return Column(name, "mm" if answer else "", ("fixed" if answer else "given") if numeric else "text", 4)
+
+    columns = tuple(column(name, cells) for name, cells in record.columns.items())
+    rows = tuple(Row(cells) for cells in zip(*record.columns.values(), strict=True))
+    return Table("Designs", "Every row of the table", columns, rows, most=MOST_ROWS)

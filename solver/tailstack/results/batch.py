@@ -1,0 +1,33 @@
+"""The record of a table of designs, each scored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from .verdicts import Provenance
+
+Cells = tuple[float | str | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredTable:
+    """A design scored for each row of a table: the table's own columns, and those of the answer."""
+
+    schema: Literal["tailstack/batch/1"]
+    """Name and version of this record's schema."""
+    pointers: dict[str, str]
+    """JSON pointer of the number of the design that each of these columns gave."""
+    columns: dict[str, Cells]
+    """Cells by column, row by row: those of the table as they were sent; numbers of the answer (p95_mm:TARGET), null
+    where a row could not be scored; texts of the answer, empty where it could not; and `reason`, why."""
+    rows: int
+    """Number of rows."""
+    refused: int
+    """Rows that could not be scored."""
+    ways: dict[str, int]
+    """Rows that were computed compiled, linearised and in full."""
+    why: str
+    """Why not all were computed by the fastest of these ways; empty: they were."""
+    provenance: Provenance
+    """Of the design as it stands."""

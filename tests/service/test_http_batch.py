@@ -1,0 +1,176 @@
+"""POST /v1/scores/batch: tables there and back, streamed or as a job; what is refused, and what ends it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import openpyxl
+import pyarrow
+import pytest
+from pyarrow import parquet
+from service_scenes import check_problem, client_with, small_design
+
+from tailstack import load_design, score
+from tailstack_service.schemas import read_record
+from tailstack_service.settings import Settings
+from tailstack_service.tables import MEDIA_TYPES, Format
+
+NOISE, BEAD = "/views/0/fiducial_noise_px", "/fiducials/points/2/position_mm/1"
+TABLE = {NOISE: [0.3, 0.2, -1.0, 0.4], BEAD: [38.0, 37.0, 38.0, 36.0]}
+PATH = "/v1/scores/batch"
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[httpx.Client]:
+    with client_with(Settings(worker_processes=1, max_batch_rows=6_000), worker=True) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def sha256(client: httpx.Client) -> str:
+    """Of the design, which was sent before."""
+    answer = client.post("/v1/validations", json={"design": small_design()})
+    return str(answer.json()["design_sha256"])
+
+
+def expected_p95(row: int) -> float:
+    design = load_design(small_design()).with_value(NOISE, TABLE[NOISE][row]).with_value(BEAD, TABLE[BEAD][row])
+    return score(design).targets[0].p95_mm
+
+
+def table_as(form: Format) -> bytes:
+    """The table, by other means than the code under test."""
+    rows = list(zip(*TABLE.values(), strict=True))
+    stream = io.BytesIO()
+    if form == "csv":
+        text = io.StringIO()
+        csv.writer(text).writerows([list(TABLE), *rows])
+        return text.getvalue().encode()
+    if form == "ndjson":
+        return b"".join(json.dumps(dict(zip(TABLE, row, strict=True))).encode() + b"\n" for row in rows)
+    if form == "xlsx":
+        book = openpyxl.Workbook()
+        assert book.active is not None
+        for row in (list(TABLE), *rows):
+            book.active.append(row)
+        book.save(stream)
+    elif form == "parquet":
+        parquet.write_table(pyarrow.table(TABLE), stream)
+    else:
+        with pyarrow.ipc.new_stream(stream, pyarrow.table(TABLE).schema) as sink:
+            sink.write_table(pyarrow.table(TABLE))
+    return stream.getvalue()
+
+
+def p95s(form: Format, content: bytes) -> list[Any]:
+    name = "p95_mm:tip"
+    if form == "csv":
+        return [float(row[name]) if row[name] else None for row in csv.DictReader(io.StringIO(content.decode()))]
+    if form == "ndjson":
+        return [json.loads(line)[name] for line in content.splitlines()]
+    if form == "xlsx":
+        header, *rows = openpyxl.load_workbook(io.BytesIO(content)).worksheets[0].iter_rows(values_only=True)
+        return [row[header.index(name)] for row in rows]
+    found = (
+        parquet.read_table(io.BytesIO(content)) if form == "parquet" else pyarrow.ipc.open_stream(content).read_all()
+    )
+    return list(found[name].to_pylist())
+
+
+@pytest.mark.parametrize("form", list(MEDIA_TYPES))
+def test_a_table_comes_back_in_its_own_format(client: httpx.Client, sha256: str, form: Format) -> None:
+    """independent: other readers and writers, and the score of each row's own design."""
+    answer = client.post(
+        PATH, params={"design_sha256": sha256}, content=table_as(form), headers={"Content-Type": MEDIA_TYPES[form]}
+    )
+    assert answer.status_code == 200, answer.text
+    assert answer.headers["content-type"].startswith(MEDIA_TYPES[form])
+    found = p95s(form, answer.content)
+    assert found[2] is None
+    for row in (0, 1, 3):
+        assert found[row] == pytest.approx(expected_p95(row), rel=1e-9)
+
+
+def test_the_same_bytes_at_once_and_as_a_job(client: httpx.Client) -> None:
+    request = {"design": small_design(), "table": TABLE, "columns": ["p95_mm", "verdict"]}
+    at_once = client.post(PATH, json=request)
+    assert at_once.status_code == 200, at_once.text
+    record = read_record("batch", at_once.content)
+    assert (record.rows, record.refused) == (4, 1)
+    assert record.columns["p95_mm:tip"][1] == pytest.approx(expected_p95(1), rel=1e-9)
+    assert record.columns["verdict"][2] == ""
+    assert "at least 0" in record.columns["reason"][2]
+    job = client.post(PATH, json=request, headers={"Prefer": "respond-async"})
+    assert job.status_code == 202, job.text
+    waited = client.post(PATH, json=request, headers={"Prefer": "wait=30"})
+    assert waited.status_code == 200, waited.text
+    assert waited.content == at_once.content
+    report = client.get(waited.headers["content-location"] + "/report?format=xlsx")
+    assert report.status_code == 200
+    assert openpyxl.load_workbook(io.BytesIO(report.content))["Designs"].max_row >= 5
+
+
+def test_accept_asks_for_another_format(client: httpx.Client) -> None:
+    answer = client.post(PATH, json={"design": small_design(), "table": TABLE}, headers={"Accept": "text/csv"})
+    assert answer.text.splitlines()[0].endswith("within_limits,reason")
+    assert p95s("csv", answer.content)[0] == pytest.approx(expected_p95(0), rel=1e-9)
+
+
+def test_lines_come_as_they_are_computed(client: httpx.Client) -> None:
+    """More than one unit: the first lines are there before the last are computed."""
+    rows = 300
+    request = {"design": small_design(), "table": {NOISE: [0.3] * rows}, "columns": ["p95_mm"]}
+    with client.stream("POST", PATH, json=request, headers={"Accept": "application/x-ndjson"}) as answer:
+        assert answer.status_code == 200
+        pieces = [piece.count(b"\n") for piece in answer.iter_raw()]
+    assert sum(pieces) == rows
+    assert max(pieces) < rows
+
+
+@pytest.mark.parametrize(
+    ("body", "pointer", "said"),
+    [
+        ({"table": {"/views/0/noise": [1.0]}}, "/table", "nothing at"),
+        ({"table": {NOISE: [1.0], BEAD: [1.0, 2.0]}}, "/table", "one length"),
+        ({"table": {}}, "/table", "at least 1"),
+        ({"table": {NOISE: ["0,3"]}}, f"/table/{NOISE.replace('/', '~1')}/0", "0.3"),
+        ({"table": {NOISE: [1.0]}, "columns": ["p95"]}, "/columns/0", "p95_mm"),
+        ({"table": {NOISE: [0.3] * 6_001}}, "/table", "TAILSTACK_MAX_BATCH_ROWS"),
+        ({"table": {"/views/0/source_isocentre_mm": [700.0] * 6_000}}, "", "Prefer: respond-async"),
+    ],
+)
+def test_tables_are_refused_before_the_first_byte(client: httpx.Client, body: Any, pointer: str, said: str) -> None:
+    answer = client.post(PATH, json={"design": small_design(), **body})
+    problem = check_problem(answer, 422, answer.json()["type"].rpartition("/")[2])
+    assert problem["errors"][0]["pointer"] == pointer
+    assert said in str(problem["errors"])
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        (f"{NOISE}\n0.3\n0,3\n", 3, "with a point: 0.3"),
+        (f"a,{NOISE}\nx,1\ny\n", 3, "1 cells"),
+        ("noise\n1\n", 1, "like a number of the design"),
+        (f"{NOISE}\n", None, "no rows"),
+    ],
+)
+def test_a_file_is_refused_with_its_line(client: httpx.Client, sha256: str, text: str, line: Any, said: str) -> None:
+    header = {"Content-Type": "text/csv"}
+    answer = client.post(PATH, params={"design_sha256": sha256}, content=text.encode(), headers=header)
+    problem = check_problem(answer, 422, "invalid-request")
+    assert said in problem["errors"][0]["detail"] + problem["errors"][0]["hint"]
+    assert problem["errors"][0].get("line") == line
+
+
+def test_a_table_alone_says_which_design_it_is_about(client: httpx.Client) -> None:
+    header = {"Content-Type": "text/csv"}
+    answer = client.post(PATH, content=table_as("csv"), headers=header)
+    assert check_problem(answer, 422, "invalid-request")["errors"][0]["pointer"] == "/design_sha256"
+    answer = client.post(PATH, params={"design_sha256": "0" * 64}, content=table_as("csv"), headers=header)
+    check_problem(answer, 404, "unknown-design")
