@@ -6929,6 +6929,12 @@ export interface components {
              * @default []
              */
             losses: components["schemas"]["Losses"][];
+            /**
+             * Reliability
+             * @description For each view and fiducial the smallest slip of its image that its residuals give away, the largest effect first; empty where that was not asked for.
+             * @default []
+             */
+            reliability: components["schemas"]["SlipReliability"][];
         };
         ScoreRequest: {
             /** @description The design document. */
@@ -6943,6 +6949,12 @@ export interface components {
              * @default false
              */
             second_order?: boolean;
+            /**
+             * Reliability
+             * @description Add the smallest slip of each fiducial's image that its residuals give away.
+             * @default false
+             */
+            reliability?: boolean;
             /**
              * Losses
              * @description Look for the worst loss of one fiducial and of two. Without it, a score takes a third less.
@@ -7156,6 +7168,38 @@ export interface components {
             /** @description Ball or shell. */
             ball?: components["schemas"]["SearchBall"];
         } & (unknown | unknown | unknown);
+        /**
+         * SlipReliability
+         * @description What becomes of a slip of one fiducial's image in one view: a test of its residuals at the level of 0.1 % notices
+         *     it in 80 % of cases, or it does not.
+         */
+        SlipReliability: {
+            /**
+             * View
+             * @description Name of the view.
+             */
+            view: string;
+            /**
+             * Fiducial
+             * @description Label of the fiducial.
+             */
+            fiducial: string;
+            /**
+             * Slip Px
+             * @description Smallest slip that is noticed whatever its direction, px; null where a slip in some direction never is.
+             */
+            slip_px: number | null;
+            /**
+             * Effect Mm
+             * @description Largest error at the tool that a slip does which is not noticed, mm; null where there is no bound.
+             */
+            effect_mm: number | null;
+            /**
+             * Target
+             * @description Target at which it does.
+             */
+            target: string;
+        };
         /**
          * Sphere
          * @description A ball sampled by its centre, its 6 axis points and 8 diagonal points.
@@ -9088,6 +9132,8 @@ export interface operations {
             query?: {
                 /** @description Only with a YAML body. Add the second-order correction where it holds. */
                 second_order?: boolean;
+                /** @description Only with a YAML body. Add the smallest slip of each fiducial's image that its residuals give away. */
+                reliability?: boolean;
                 /** @description Only with a YAML body. Look for the worst loss of one fiducial and of two. Without it, a score takes a third less. */
                 losses?: boolean;
             };

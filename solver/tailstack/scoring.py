@@ -25,6 +25,7 @@ from .propagation.linear import (
 )
 from .propagation.second_order import refuse_outside_range, second_order_moments
 from .propagation.validity import error_percent, validity
+from .reliability import slip_reliabilities
 from .results import (
     Check,
     Finding,
@@ -70,7 +71,9 @@ def not_included(system: System, *, simulated: bool = False) -> tuple[str, ...]:
     return tuple(line for line in lines if line)
 
 
-def score(design: Design | System, *, second_order: bool = False, losses: bool = True) -> Score:
+def score(
+    design: Design | System, *, second_order: bool = False, losses: bool = True, reliability: bool = False
+) -> Score:
     """Score a design to first order, every target and requirement.
 
     Bias (mm) and covariance (mm2) are those of the error at the tool, in tcp, and of the located target, in con; P95 is
@@ -78,8 +81,9 @@ def score(design: Design | System, *, second_order: bool = False, losses: bool =
 
     ``second_order`` adds the second-order correction where its series holds (milliseconds; refused, with the reason,
     where it does not).  ``losses``: whether the worst loss of one fiducial and of two is looked for, half as long
-    again.  Raises DesignError for a document that breaks its rules and IllPosedError for a geometry that does not
-    determine the answer.
+    again.  ``reliability`` adds, for each view and fiducial, the smallest slip of its image that a test of residuals
+    notices, and what one below it does.  Raises DesignError for a document that breaks its rules and IllPosedError for
+    a geometry that does not determine the answer.
     """
     system, findings, views = checked_system(design)
     chain = chain_of(system)
@@ -101,6 +105,7 @@ def score(design: Design | System, *, second_order: bool = False, losses: bool =
         verdict=conclude(checks, findings, "first order"),
         provenance=provenance(system),
         losses=_losses(system, LossSearch(chain, models), checks, metrics) if losses else (),
+        reliability=slip_reliabilities(chain, models) if reliability else (),
     )
 
 

@@ -578,3 +578,14 @@ def test_a_limit_that_a_loss_breaks_is_a_finding_where_the_policy_asks() -> None
     assert finding.value == pytest.approx(score(load_design(data)).targets[0].p95_mm, rel=1e-9)
     accepted = waivers(waiver(rule="survives-loss", max_value=2 * finding.value))
     assert gate(limited(between), policy=policy({"survives-loss": {"lost": 2}}), waivers=accepted).verdict != "fail"
+
+
+def test_a_slip_that_does_much_before_it_is_noticed_is_a_finding_where_the_policy_asks() -> None:
+    (worst, *_) = score(load_design(limited(2.0)), reliability=True).reliability
+    assert worst.effect_mm is None or worst.effect_mm > 0.01
+    (finding,) = of_rule(gate(limited(2.0), policy=policy({"reliability": {"max_effect_mm": 0.01}})), "reliability")
+    assert worst.fiducial in finding.message
+    assert finding.value == worst.effect_mm
+    generous = {"reliability": {"max_effect_mm": 1000.0}}
+    assert (of_rule(gate(limited(2.0), policy=policy(generous)), "reliability") == []) == (worst.effect_mm is not None)
+    assert of_rule(gate(limited(2.0)), "reliability") == []

@@ -213,6 +213,25 @@ def find_fatal_losses(case: Case) -> list[Remark]:
     return remarks
 
 
+def find_unseen_slips(case: Case) -> list[Remark]:
+    """Rule reliability: the fiducial whose slip does most before it is noticed."""
+    most = case.rules.reliability.max_effect_mm
+    if most is None or not case.score.reliability:
+        return []
+    worst = case.score.reliability[0]
+    where = f"view {worst.view}: a slip of {worst.fiducial}"
+    pointer = point_at_fiducial(case.design, case.design.fiducials.labels.index(worst.fiducial))
+    if worst.effect_mm is None:
+        return [Remark(pointer, f"{where} is never noticed in some direction", limit=most, unbounded=True)]
+    if worst.effect_mm <= most:
+        return []
+    message = (
+        f"{where} is noticed from {worst.slip_px:.3g} px and moves the tool by up to {worst.effect_mm:.4g} mm until "
+        f"then; {most:g} mm are allowed"
+    )
+    return [Remark(pointer, message, worst.effect_mm, most, worst.target)]
+
+
 def _point_at_requirement(case: Case, name: str) -> str:
     """The limit of a requirement of the design; for one of the policy, the targets."""
     names = [requirement.name for requirement in case.design.document.requirements]

@@ -141,7 +141,11 @@ def _score_design(gate: Gate, entry: GateDesign) -> ScoredDesign:
     limits = list_policy_limits(entry.design, rules)
     try:
         limited = add_policy_limits(entry.design, limits)
-        first_order = score(limited, losses=rules.survives_loss.lost is not None)
+        first_order = score(
+            limited,
+            losses=rules.survives_loss.lost is not None,
+            reliability=rules.reliability.max_effect_mm is not None,
+        )
     except TailstackError as error:
         return ScoredDesign(entry, name, rules, refusal=error)
     requirements = list_requirements(entry.design, rules, limits, first_order)

@@ -154,6 +154,17 @@ class LossRule(_ErrorRule):
     )
 
 
+class ReliabilityRule(_ErrorRule):
+    """A slip of a fiducial's image is noticed before it does much."""
+
+    max_effect_mm: Length | None = Field(
+        default=None,
+        description="Largest error at the tool that a slip of one fiducial's image in one view may do without being "
+        "noticed by its residuals, mm. Default none: nothing is judged.",
+        examples=[0.5],
+    )
+
+
 class VisibilityRule(_WarningRule):
     """Margin between the images of fiducials and the border of each view."""
 
@@ -279,6 +290,7 @@ class Rules(Record):
     plausibility: PlausibilityRule = Field(default_factory=PlausibilityRule)
     fiducial_spacing: SpacingRule = Field(default_factory=SpacingRule)
     survives_loss: LossRule = Field(default_factory=LossRule)
+    reliability: ReliabilityRule = Field(default_factory=ReliabilityRule)
     visibility: VisibilityRule = Field(default_factory=VisibilityRule)
     overlap: OverlapRule = Field(default_factory=OverlapRule)
     process_capability: ProcessRule = Field(default_factory=ProcessRule)

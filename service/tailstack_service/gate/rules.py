@@ -21,6 +21,7 @@ from .design_rules import (
     find_narrow_margins,
     find_open_questions,
     find_tight_tolerances,
+    find_unseen_slips,
     find_weaknesses,
 )
 from .policy import Policy, Rules
@@ -69,6 +70,7 @@ _RULES = (
     Rule("plausibility", "A value is allowed and hardly ever meant", find_implausible_values),
     Rule("fiducial-spacing", "Two fiducials are too close", find_close_fiducials, "less", "mm"),
     Rule("survives-loss", "A limit is not kept when fiducials are lost", find_fatal_losses, "more", "mm"),
+    Rule("reliability", "A slipped image does too much before it is noticed", find_unseen_slips, "more", "mm"),
     Rule("visibility", "A fiducial is imaged too near the border", find_narrow_margins, "less", "px"),
     Rule("overlap", "Two images may not be told apart", find_close_images, "less", "px"),
     Rule(
@@ -198,6 +200,15 @@ What to do: add a fiducial near those that are named, or spread the others; `tai
 losses.
 
 Policy: severity, lost. Waiver: max_value in mm; what cannot be estimated cannot be waived.""",
+    "reliability": """\
+The image of a fiducial may slip in one view (a bad centroid, a wrong neighbour) and move the tool by more than
+`max_effect_mm` before a test of the residuals notices it, at a level of 0.1 % in 80 % of cases. The residuals of a view
+with few fiducials say little: with six, a slip is hardly ever noticed, and cannot be waived. Named is the worst
+fiducial; `tailstack score DESIGN --reliability` lists all. Judged only if the policy sets `max_effect_mm`.
+
+What to do: add fiducials, or know the intrinsics (`model.estimator`): both leave more to check with.
+
+Policy: severity, max_effect_mm. Waiver: max_value in mm.""",
     "visibility": """\
 In some view an image of a fiducial is nearer to the border than `min_margin_px`, at the biased geometry without noise.
 A view whose image size is not stated cannot be checked and is remarked as well. A fiducial outside the image is not

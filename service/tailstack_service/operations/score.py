@@ -21,6 +21,9 @@ class ScoreOptions(Options):
     """How a score is computed."""
 
     second_order: bool = Field(False, description="Add the second-order correction where it holds.")
+    reliability: bool = Field(
+        False, description="Add the smallest slip of each fiducial's image that its residuals give away."
+    )
     losses: bool = Field(
         True, description="Look for the worst loss of one fiducial and of two. Without it, a score takes a third less."
     )
@@ -29,7 +32,8 @@ class ScoreOptions(Options):
 def _score(call: Call) -> Score:
     from tailstack.scoring import score
 
-    return score(call.design, second_order=call.options.second_order, losses=call.options.losses)
+    options = call.options
+    return score(call.design, second_order=options.second_order, losses=options.losses, reliability=options.reliability)
 
 
 def _text(record: Score) -> str:
@@ -48,7 +52,8 @@ def _repeat(again: Repetition) -> Again:
     from tailstack.scoring import score
 
     second_order = any(target.second_order.status != "not requested" for target in again.record.targets)
-    return Again(score(again.designs[0], second_order=second_order, losses=bool(again.record.losses)))
+    losses, reliability = bool(again.record.losses), bool(again.record.reliability)
+    return Again(score(again.designs[0], second_order=second_order, losses=losses, reliability=reliability))
 
 
 # --- the command ------------------------------------------------------------------------------------------
@@ -57,6 +62,9 @@ def _repeat(again: Repetition) -> Again:
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser)
     parser.add_argument("--second-order", action="store_true", help="add the second-order correction where it holds")
+    parser.add_argument(
+        "--reliability", action="store_true", help="add the smallest slip of each image that would be noticed"
+    )
     parser.add_argument(
         "--no-losses", dest="losses", action="store_false", help="do not look for the worst loss of fiducials"
     )
@@ -76,7 +84,14 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from ..problems import RequestError
     from ..rendering.score import score_text
 
-    record = _score(Call((design,), ScoreOptions(second_order=arguments.second_order, losses=arguments.losses)))
+    record = _score(
+        Call(
+            (design,),
+            ScoreOptions(
+                second_order=arguments.second_order, losses=arguments.losses, reliability=arguments.reliability
+            ),
+        )
+    )
     names = [target.name for target in record.targets]
     if arguments.target is not None and arguments.target not in names:
         listed = ", ".join(names[:20])

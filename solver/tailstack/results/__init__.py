@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         PerUnit,
         Score,
         SecondOrder,
+        SlipReliability,
         TargetScore,
         Validity,
     )
@@ -72,7 +73,8 @@ _HOME = {
     ),
     **dict.fromkeys(
         (
-            "Bounds", "Contributor", "Loss", "Losses", "MetricScore", "PerUnit", "Score", "SecondOrder", "TargetScore",
+            "Bounds", "Contributor", "Loss", "Losses", "MetricScore", "PerUnit", "Score", "SecondOrder",
+            "SlipReliability", "TargetScore",
             "Validity",
         ),
         "score",
@@ -124,6 +126,7 @@ __all__ = [
     "SecondOrder",
     "Severity",
     "ShadowPrice",
+    "SlipReliability",
     "SurvivedLoss",
     "Sweep",
     "SweepAxis",

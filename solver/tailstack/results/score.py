@@ -243,6 +243,24 @@ class Losses:
 
 
 @dataclass(frozen=True, slots=True)
+class SlipReliability:
+    """What becomes of a slip of one fiducial's image in one view: a test of its residuals at the level of 0.1 % notices
+    it in 80 % of cases, or it does not.
+    """
+
+    view: str
+    """Name of the view."""
+    fiducial: str
+    """Label of the fiducial."""
+    slip_px: float | None
+    """Smallest slip that is noticed whatever its direction, px; null where a slip in some direction never is."""
+    effect_mm: float | None
+    """Largest error at the tool that a slip does which is not noticed, mm; null where there is no bound."""
+    target: str
+    """Target at which it does."""
+
+
+@dataclass(frozen=True, slots=True)
 class Score(Result):
     """First order: bias, covariance, tail and budget at every target."""
 
@@ -260,6 +278,10 @@ class Score(Result):
     """Which design, by which version, under which model, and what is not included."""
     losses: tuple[Losses, ...] = ()
     """What becomes of each requirement when one or two fiducials are lost; empty where that was not asked for."""
+    reliability: tuple[SlipReliability, ...] = ()
+    """For each view and fiducial the smallest slip of its image that its residuals give away, the largest effect first;
+    empty where that was not asked for.
+    """
 
     @property
     def worst_target(self) -> TargetScore:

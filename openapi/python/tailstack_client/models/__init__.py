@@ -173,6 +173,7 @@ from .score_request import ScoreRequest
 from .second_order import SecondOrder
 from .second_order_status import SecondOrderStatus
 from .shadow_price import ShadowPrice
+from .slip_reliability import SlipReliability
 from .spread_compared import SpreadCompared
 from .spread_compared_of import SpreadComparedOf
 from .statement import Statement
@@ -393,6 +394,7 @@ __all__ = (
     "SecondOrder",
     "SecondOrderStatus",
     "ShadowPrice",
+    "SlipReliability",
     "SpreadCompared",
     "SpreadComparedOf",
     "Statement",

@@ -14,6 +14,7 @@ from typing import Literal, cast
 if TYPE_CHECKING:
     from ..models.losses import Losses
     from ..models.provenance import Provenance
+    from ..models.slip_reliability import SlipReliability
     from ..models.target_score import TargetScore
     from ..models.validity import Validity
     from ..models.verdict import Verdict
@@ -36,6 +37,8 @@ class Score:
         provenance (Provenance): Which design, by which version, under which model, and what is not included.
         losses (list[Losses]): What becomes of each requirement when one or two fiducials are lost; empty where that was
             not asked for.
+        reliability (list[SlipReliability]): For each view and fiducial the smallest slip of its image that its
+            residuals give away, the largest effect first; empty where that was not asked for.
     """
 
     schema: Literal["tailstack/score/1"]
@@ -45,10 +48,12 @@ class Score:
     verdict: Verdict
     provenance: Provenance
     losses: list[Losses]
+    reliability: list[SlipReliability]
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.losses import Losses  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
+        from ..models.slip_reliability import SlipReliability  # noqa: PLC0415
         from ..models.target_score import TargetScore  # noqa: PLC0415
         from ..models.validity import Validity  # noqa: PLC0415
         from ..models.verdict import Verdict  # noqa: PLC0415
@@ -77,6 +82,11 @@ class Score:
             losses_item = losses_item_data.to_dict()
             losses.append(losses_item)
 
+        reliability = []
+        for reliability_item_data in self.reliability:
+            reliability_item = reliability_item_data.to_dict()
+            reliability.append(reliability_item)
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -88,6 +98,7 @@ class Score:
                 "verdict": verdict,
                 "provenance": provenance,
                 "losses": losses,
+                "reliability": reliability,
             }
         )
 
@@ -97,6 +108,7 @@ class Score:
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.losses import Losses  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
+        from ..models.slip_reliability import SlipReliability  # noqa: PLC0415
         from ..models.target_score import TargetScore  # noqa: PLC0415
         from ..models.validity import Validity  # noqa: PLC0415
         from ..models.verdict import Verdict  # noqa: PLC0415
@@ -134,6 +146,13 @@ class Score:
 
             losses.append(losses_item)
 
+        reliability = []
+        _reliability = d.pop("reliability")
+        for reliability_item_data in _reliability:
+            reliability_item = SlipReliability.from_dict(reliability_item_data)
+
+            reliability.append(reliability_item)
+
         score = cls(
             schema=schema,
             targets=targets,
@@ -142,6 +161,7 @@ class Score:
             verdict=verdict,
             provenance=provenance,
             losses=losses,
+            reliability=reliability,
         )
 
         return score

@@ -32,6 +32,8 @@ class ScoreRequest:
         patch (DesignPatch | Unset): What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null
             removes a field, lists are replaced whole.
         second_order (bool | Unset): Add the second-order correction where it holds. Default: False.
+        reliability (bool | Unset): Add the smallest slip of each fiducial's image that its residuals give away.
+            Default: False.
         losses (bool | Unset): Look for the worst loss of one fiducial and of two. Without it, a score takes a third
             less. Default: True.
     """
@@ -40,6 +42,7 @@ class ScoreRequest:
     design_sha256: str | Unset = UNSET
     patch: DesignPatch | Unset = UNSET
     second_order: bool | Unset = False
+    reliability: bool | Unset = False
     losses: bool | Unset = True
 
     def to_dict(self) -> dict[str, Any]:
@@ -58,6 +61,8 @@ class ScoreRequest:
 
         second_order = self.second_order
 
+        reliability = self.reliability
+
         losses = self.losses
 
         field_dict: dict[str, Any] = {}
@@ -71,6 +76,8 @@ class ScoreRequest:
             field_dict["patch"] = patch
         if second_order is not UNSET:
             field_dict["second_order"] = second_order
+        if reliability is not UNSET:
+            field_dict["reliability"] = reliability
         if losses is not UNSET:
             field_dict["losses"] = losses
 
@@ -100,6 +107,8 @@ class ScoreRequest:
 
         second_order = d.pop("second_order", UNSET)
 
+        reliability = d.pop("reliability", UNSET)
+
         losses = d.pop("losses", UNSET)
 
         score_request = cls(
@@ -107,6 +116,7 @@ class ScoreRequest:
             design_sha256=design_sha256,
             patch=patch,
             second_order=second_order,
+            reliability=reliability,
             losses=losses,
         )
 

@@ -1,0 +1,98 @@
+"""The smallest slip of a fiducial's image that the residuals of its view give away, and what one below it does.
+
+A bead whose centroid slips, or that is taken for its neighbour, leaves residuals in its view.  Baarda's test asks of
+one bead whether its two image coordinates fit the others: with S the covariance of the images (noise, and each bead's
+own manufacturing error) and J their slopes by what the estimator is free to choose, the residuals hold
+
+    Q = S^-1 - S^-1 J (J'S^-1 J + L)^-1 J'S^-1
+
+of the information, L that of a prior; whichever weights the estimator itself used, for all that vanish on J give the
+same.  A slip d of one bead is noticed with the stated power when ``d'B d >= lambda``, B its 2x2 block of Q and lambda
+the noncentrality at which a chi-square of two degrees of freedom exceeds its level so often.  The smallest noticed slip
+in its worst direction is ``sqrt(lambda / smallest eigenvalue of B)``; what an unnoticed one does to a target with the
+gain G of this bead is at most ``sqrt(lambda . largest eigenvalue of G B^-1 G')`` (internal and external reliability:
+Baarda 1968).
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import chdtri, chndtr
+
+from .arrays import Array
+from .propagation.linear import Chain, LinearModel
+from .propagation.noise import image_slopes
+from .propagation.nonlinearity import motion_of_images
+from .results import SlipReliability
+
+LEVEL, POWER = 0.001, 0.80  # of the test of one bead
+BLIND = 1e-9  # of the information of an image coordinate: what is left is nothing
+DLT_UNKNOWNS = 11
+
+
+def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[SlipReliability, ...]:
+    """For every view and every fiducial that it sees, the largest effect first; what is never noticed before all."""
+    noticed = _noncentrality(LEVEL, POWER)
+    found = []
+    for v, view in enumerate(chain.system.views):
+        seen = np.flatnonzero(chain.weights[v])
+        blocks = _information(chain, v, seen)
+        gains = {
+            name: next(b.tcp for b in model.blocks if b.contributor == f"fiducial_noise:{view.name}")
+            for name, model in models.items()
+        }
+        for block, i in zip(blocks, seen.tolist(), strict=True):
+            label = chain.system.fiducial_labels[i]
+            if block is None:
+                found.append(SlipReliability(view.name, label, None, None, next(iter(models))))
+                continue
+            slip = sqrt(noticed / max(float(np.linalg.eigvalsh(block)[0]), 1e-300))
+            inverse = np.linalg.inv(block)
+            effects = {}
+            for name, gain in gains.items():
+                own = gain[:, 2 * i : 2 * i + 2]
+                effects[name] = sqrt(noticed * max(float(np.linalg.eigvalsh(own @ inverse @ own.T)[-1]), 0.0))
+            target = max(effects, key=effects.__getitem__)
+            found.append(SlipReliability(view.name, label, slip, effects[target], target))
+    return tuple(sorted(found, key=lambda item: -np.inf if item.effect_mm is None else -item.effect_mm))
+
+
+def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | None]:
+    """(2, 2) px^-2 of what a view's residuals say of each fiducial that it sees; None: a direction of which nothing."""
+    projection, points = chain.projections[v], chain.points[seen]
+    unknowns = chain.estimation.unknowns or DLT_UNKNOWNS
+    centre = points.mean(axis=0)
+    middle = projection @ np.append(centre, 1.0)
+    slopes = np.zeros((len(seen), 2, 11))
+    for point, out in zip(points, slopes, strict=True):
+        image_slopes(projection, point, centre, middle[:2] / middle[2], unknowns, out)
+    rows = slopes[:, :, :unknowns].reshape(-1, unknowns)
+    rows = rows / np.linalg.norm(rows, axis=0)
+    noise = float(chain.estimation.noise[v, 0])
+    made = motion_of_images(projection, points) @ chain.per_error * chain.manufacturing_std_mm[seen][:, None, :]
+    own = made @ made.transpose(0, 2, 1) + max(noise, 1e-9) ** 2 * np.eye(2)  # (n, 2, 2) px^2
+    weight = np.zeros((2 * len(seen), 2 * len(seen)))
+    for k, covariance in enumerate(own):
+        weight[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.inv(covariance)
+    normal = rows.T @ weight @ rows
+    if unknowns == 9:
+        scale = np.linalg.norm(slopes[:, :, 6:9].reshape(-1, 3), axis=0)
+        normal[range(6, 9), range(6, 9)] += chain.estimation.precision[v] / max(noise, 1e-9) ** 2 / scale**2
+    left = weight - weight @ rows @ np.linalg.solve(normal, rows.T @ weight)
+    found: list[Array | None] = []
+    for k in range(len(seen)):
+        block = left[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+        whole = weight[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+        blind = np.linalg.eigvalsh(block)[0] < BLIND * np.linalg.eigvalsh(whole)[0]
+        found.append(None if blind else block)
+    return found
+
+
+def _noncentrality(level: float, power: float) -> float:
+    """Of a chi-square of two degrees of freedom that exceeds its own ``level`` point with this power."""
+    limit = float(chdtri(2, level))
+    return float(brentq(lambda value: 1.0 - chndtr(limit, 2, value) - power, 0.0, 200.0, xtol=1e-12))
