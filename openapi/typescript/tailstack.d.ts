@@ -3839,6 +3839,12 @@ export interface components {
              * @description Whether the image is on the detector, as far as the view states its size.
              */
             inside: boolean;
+            /**
+             * Used
+             * @description Whether the view's estimate uses it: false for a fiducial that `views[].sees` leaves out.
+             * @default true
+             */
+            used: boolean;
         };
         /**
          * ImagedView

@@ -20,6 +20,7 @@ from tailstack import Design, load_design, score
 from tailstack.arrays import Array
 from tailstack.design.pointers import pointer_of
 from tailstack.sweeping import read_axes, sweep
+from tailstack_service.operations.layout import lay_out
 from tailstack_service.report.charts import (
     Scaled,
     draw_budgets,
@@ -692,3 +693,18 @@ def test_hundreds_of_fiducials_and_many_views_stay_cheap() -> None:
     words = {str(entry.text) for entry in read(drawn).iter(f"{SVG}text")}
     assert "view 7" in words
     assert "F1" not in words  # no room for three hundred names
+
+
+def test_a_fiducial_that_a_view_does_not_use_is_drawn_hollow() -> None:
+    data = small_design(optimise=None)
+    labels = load_design(data).fiducials.labels
+    whole = draw_images(load_design(data), "all")
+    data["views"][1]["sees"] = list(labels[1:])
+    picture = draw_images(load_design(data), "one less")
+    assert whole.count("(not used)") == 0
+    assert picture.count("(not used)") == 1
+    assert "not used by this view" in picture
+    assert [point.used for point in lay_out(load_design(data)).views[1].fiducials] == [
+        False,
+        *[True] * (len(labels) - 1),
+    ]

@@ -53,6 +53,8 @@ class ImagedPoint:
     """Its image, px; null behind the source."""
     inside: bool
     """Whether the image is on the detector, as far as the view states its size."""
+    used: bool = True
+    """Whether the view's estimate uses it: false for a fiducial that `views[].sees` leaves out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +124,10 @@ def lay_out(design: Design, *, scene: bool = False) -> Layout:
             image_size_px=None if beam.view.image_size_px is None else _numbers(beam.view.image_size_px),
             margin_px=0.0 if section is None else float(section.image_margin_px),
             source_mm=_numbers(beam.source_mm),
-            fiducials=_imaged(beam, system.fiducial_labels, places),
-            targets=_imaged(beam, target_names, targets),
+            fiducials=_imaged(beam, system.fiducial_labels, places, used),
+            targets=_imaged(beam, target_names, targets, np.ones(len(targets))),
         )
-        for beam in beams_of(design, system)
+        for beam, used in zip(beams_of(design, system), system.sees, strict=True)
     )
     return Layout(
         schema="tailstack/layout/1",
@@ -150,13 +152,13 @@ def _scene(design: Design) -> dict[str, Any]:
     return scene_data(scene_of(design, record, design.name))
 
 
-def _imaged(beam: Beam, labels: Sequence[str], points: Array) -> tuple[ImagedPoint, ...]:
+def _imaged(beam: Beam, labels: Sequence[str], points: Array, used: Array) -> tuple[ImagedPoint, ...]:
     low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
     found = []
-    for label, image in zip(labels, beam.images(points), strict=True):
+    for label, image, weight in zip(labels, beam.images(points), used, strict=True):
         seen = bool((image == image).all())  # NaN behind the source
         inside = seen and (not beam.sized or bool(((image >= low) & (image <= high)).all()))
-        found.append(ImagedPoint(label, _numbers(image) if seen else None, inside))
+        found.append(ImagedPoint(label, _numbers(image) if seen else None, inside, bool(weight)))
     return tuple(found)
 
 
@@ -192,7 +194,7 @@ def _text(record: Layout) -> str:
         size = "size not stated" if view.image_size_px is None else "{:.0f} x {:.0f} px".format(*view.image_size_px)
         rows = [
             [visible(point.label), *([decimal(v, 1) for v in point.image_px] if point.image_px else ["-", "-"]),
-             "" if point.inside else "outside"]
+             "not used" if not point.used else "" if point.inside else "outside"]
             for point in (*view.fiducials, *view.targets)
         ]  # fmt: skip
         lines += ["", table([f"view {visible(view.view)}, {size}", "u, px", "v, px", ""], rows)]

@@ -59,6 +59,7 @@ class ViewImage:
     margin_px: float
     spacing_px: float
     labels: tuple[str, ...] = field(default=())
+    unused: frozenset[int] = frozenset()  # fiducials that the view's estimate does not use: drawn hollow
 
 
 def draw_images(design: Design, title: str, name: str = "images", before: Design | None = None) -> str:
@@ -100,8 +101,9 @@ def _view_image(design: Design, system: System, old: System | None, index: int) 
     section = design.document.optimise
     spacing = OVERLAP_PX if section is None else max(section.min_projected_spacing_px, OVERLAP_PX)
     images = beam.images(points)
+    used = system.sees[index] > 0
     apart = np.hypot(*np.moveaxis(images[:, None] - images[None], -1, 0))
-    pairs = np.argwhere(np.triu(apart < spacing, 1)).tolist()  # NaN is not
+    pairs = np.argwhere(np.triu((apart < spacing) & used & used[:, None], 1)).tolist()  # NaN is not
     low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
     on = ((images >= low) & (images <= high)).all(axis=1)
     before = None
@@ -114,11 +116,12 @@ def _view_image(design: Design, system: System, old: System | None, index: int) 
         targets_px=beam.images(np.array([target.position_mm for target in system.targets])),
         depths_mm=depths(beam.view.projection, points),
         close=tuple((int(i), int(j)) for i, j in pairs),
-        outside=frozenset(np.flatnonzero(~on).tolist()),
+        outside=frozenset(np.flatnonzero(~on & used).tolist()),
         before_px=before,
         margin_px=0.0 if section is None else section.image_margin_px,
         spacing_px=spacing,
         labels=system.fiducial_labels,
+        unused=frozenset(np.flatnonzero(~used).tolist()),
     )
 
 
@@ -236,7 +239,8 @@ def _marks(
             continue
         x, y = float(place[0]), float(place[1])
         tip = f"{printable(label, LONGEST)}: u {image[0]:.1f}, v {image[1]:.1f} px, depth {view.depths_mm[k]:.1f} mm"
-        parts.append(f"<g>{shape('fiducial', x, y)}<title>{escape(tip)}</title></g>")
+        drawn = _ring(x, y, 3.2, INK, 1.2) if k in view.unused else shape("fiducial", x, y)
+        parts.append(f"<g>{drawn}<title>{escape(tip)}{' (not used)' if k in view.unused else ''}</title></g>")
         if k in view.outside:
             parts.append(_ring(x, y, 7.0, LIMIT_COLOUR, 1.6, "none"))
         points.append(MarkedPoint(x, y, in_lines(label, 12) if named and len(view.labels) <= MOST_LABELS else ""))
@@ -334,6 +338,9 @@ def _legend(seen: Sequence[ViewImage], y: float, compared: bool) -> list[str]:
     for kind, words in entries:
         parts += [shape(kind, x, y - 4), text(x + 11, y, words)]  # type: ignore[arg-type]
         x += 30 + 6.2 * len(words)
+    if any(view.unused for view in seen):
+        parts += [_ring(x, y - 4, 3.2, INK, 1.2), text(x + 11, y, "not used by this view")]
+        x += 160
     if compared:
         parts += [
             line(x, y - 4, x + 16, y - 4, FAINT, 0.9),

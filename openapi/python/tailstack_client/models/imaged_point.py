@@ -22,11 +22,14 @@ class ImagedPoint:
         label (str): Label of the fiducial, or name of the target.
         image_px (list[float] | None): Its image, px; null behind the source.
         inside (bool): Whether the image is on the detector, as far as the view states its size.
+        used (bool): Whether the view's estimate uses it: false for a fiducial that `views[].sees` leaves out. Default:
+            True.
     """
 
     label: str
     image_px: list[float] | None
     inside: bool
+    used: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         label = self.label
@@ -44,6 +47,8 @@ class ImagedPoint:
 
         inside = self.inside
 
+        used = self.used
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -51,6 +56,7 @@ class ImagedPoint:
                 "label": label,
                 "image_px": image_px,
                 "inside": inside,
+                "used": used,
             }
         )
 
@@ -87,10 +93,13 @@ class ImagedPoint:
 
         inside = d.pop("inside")
 
+        used = d.pop("used")
+
         imaged_point = cls(
             label=label,
             image_px=image_px,
             inside=inside,
+            used=used,
         )
 
         return imaged_point
