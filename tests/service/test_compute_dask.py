@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,14 @@ import strange_units
 from dask_cluster import Cluster
 from strange_units import request
 
+from tailstack import load_design
+from tailstack_service.documents import to_json
+from tailstack_service.jobs.alone import compute_job
+from tailstack_service.operations.content import canonical
+from tailstack_service.operations.example import EXAMPLE_DESIGN
+from tailstack_service.operations.operation import Call
+from tailstack_service.operations.registry import OPERATIONS
+from tailstack_service.operations.sent import Sent
 from tailstack_service.problems import RequestError
 from tailstack_service.settings import Settings
 from tailstack_service.task import Task
@@ -92,6 +101,27 @@ def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cl
     with pytest.raises(Defect, match="ArithmeticError"):
         engine.submit(task("raise"), "raise").result(LONG)
     assert [worker.pid for worker in dask_cluster.workers if worker and worker.poll() is None] == before
+
+
+def test_a_table_of_designs_has_the_same_bytes_when_a_process_is_killed_over_it(dask_cluster: Cluster) -> None:
+    """independent: the record computed in this process."""
+    from tailstack_service.jobs.engines.dask import DaskEngine
+
+    table = {"/views/0/fiducial_noise_px": [0.1 + k / 5000 for k in range(600)]}
+    operation = OPERATIONS["batch"]
+    assert operation.receive is not None
+    sent = Sent("json", canonical({"design": EXAMPLE_DESIGN, "table": table}))
+    job = operation.receive(sent, Settings()).job
+    assert job is not None
+    dask_cluster.revive()
+    with closing(DaskEngine(Settings(**dask_cluster.settings))) as engine, ThreadPoolExecutor(1) as pool:
+        until(lambda: engine.capacity == 2)
+        answer = pool.submit(compute_job, engine, "batch", job.content)
+        until(lambda: burning(dask_cluster))
+        burning(dask_cluster)[0].kill()
+        found = answer.result(3 * LONG)
+    options = operation.options.model_validate({"table": table})
+    assert found == to_json(operation.run(Call((load_design(EXAMPLE_DESIGN),), options)))
 
 
 def test_a_kill_stops_the_process_beside_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import json
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import httpx
 import openpyxl
+import psutil
 import pyarrow
 import pytest
 from pyarrow import parquet
@@ -130,6 +132,22 @@ def test_lines_come_as_they_are_computed(client: httpx.Client) -> None:
         pieces = [piece.count(b"\n") for piece in answer.iter_raw()]
     assert sum(pieces) == rows
     assert max(pieces) < rows
+
+
+def test_a_caller_who_leaves_ends_the_work(client: httpx.Client) -> None:
+    """6,000 rows take more than ten seconds of CPU; a second after the caller left nothing computes any more."""
+    request = {"design": small_design(), "table": {NOISE: [0.3] * 6_000}, "columns": ["p95_mm"]}
+    with client.stream("POST", PATH, json=request, headers={"Accept": "text/csv"}) as answer:
+        assert next(answer.iter_raw())
+    time.sleep(1.5)
+    before = children_seconds()
+    time.sleep(1.0)
+    assert children_seconds() - before < 0.3
+
+
+def children_seconds() -> float:
+    """CPU seconds of the processes that this one started."""
+    return sum(sum(child.cpu_times()[:2]) for child in psutil.Process().children(recursive=True))
 
 
 @pytest.mark.parametrize(
