@@ -103,7 +103,7 @@ def test_every_row_has_a_name_and_can_be_measured_by_the_modules_there_are() -> 
     assert done.returncode == 0, done.stderr
     names = [line.split()[0] for line in done.stdout.partition("rows by name:\n")[2].splitlines()]
     assert list(dict.fromkeys(names)) == [
-        "trials", "agreement", "threads", "precision", "first-order", "designs", "memory", "designs-memory",
+        "trials", "agreement", "threads", "precision", "first-order", "losses", "designs", "memory", "designs-memory",
         "fiducials", "optimiser", "post", "api-processes", "unit", "first-score", "start", "gate", "growth", "report",
     ]  # fmt: skip
     refused = call("trails")
@@ -111,11 +111,10 @@ def test_every_row_has_a_name_and_can_be_measured_by_the_modules_there_are() -> 
     assert "nothing is called trails" in refused.stderr
 
 
-def test_what_is_not_built_is_a_row_of_the_table() -> None:
-    done = call("designs", "designs-memory", "--strict")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("not built") == 3  # two rows, and how many in the end
-    assert "0 of 2 musts missed" in done.stdout
+def test_what_is_not_built_is_a_row_of_the_table(bench: ModuleType) -> None:
+    (row,) = bench.Measurement(lambda: None, (bench.Target("a thing", 100),)).rows(bench.Findings([None]))
+    assert bench.write_row(row).endswith("not built")
+    assert not bench.must_fail([row])
 
 
 def test_the_operations_of_a_trial_are_counted_in_the_kernel_itself(bench: ModuleType) -> None:
