@@ -44,6 +44,8 @@ class Scene:
     half_width_deg: float = 0.05  # of each of the six rotations, where they are not free
     limit_mm: float = 0.5
     pivot_box_mm: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None  # of the first pivot
+    estimator: str = "dlt"
+    intrinsics_prior: tuple[float, float] | None = None  # focal length (relative), principal point, px: std of both
     seed: int = SEED
 
 
@@ -59,7 +61,7 @@ def document(scene: Scene, free: bool) -> dict[str, Any]:
     drawn = np.random.default_rng(7).uniform(low, high, (scene.fiducials, 3))
     angle = np.deg2rad(scene.angle_deg)
     target_noise = scene.noise_px if scene.target_noise_px is None else scene.target_noise_px
-    views = [
+    views: list[dict[str, Any]] = [
         {
             "name": name, "source_detector_mm": 1020, "source_isocentre_mm": 700, "pixel_mm": 0.194,
             "image_size_px": [1536, 1536], "beam_direction": [-float(np.sin(a)), float(np.cos(a)), 0.0],
@@ -67,6 +69,10 @@ def document(scene: Scene, free: bool) -> dict[str, Any]:
         }
         for name, a in (("first shot", 0.0), ("second shot", angle))
     ]  # fmt: skip
+    if scene.intrinsics_prior is not None:
+        focal, centre_px = scene.intrinsics_prior
+        for view in views:
+            view["intrinsics_prior"] = {"focal_rel_sd": focal, "principal_point_px_sd": centre_px}
     tolerance = {"half_width_deg": scene.half_width_deg, "distribution": "uniform"}
     interfaces = {
         name: {"pivot_mm": [0, 0, z], "tolerances": dict.fromkeys(("rx", "ry", "rz"), tolerance)}
@@ -93,6 +99,7 @@ def document(scene: Scene, free: bool) -> dict[str, Any]:
             "name": "accuracy", "error": "tcp", "quantile": 0.95, "limit_mm": scene.limit_mm, "confidence": 0.95,
             "targets": ["target"], "risk": "pooled",
         }],
+        "model": {"estimator": scene.estimator},
         "optimise": wanted,
     }  # fmt: skip
 

@@ -204,6 +204,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/studies/estimators": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * What is knowing the intrinsics of each view worth?
+         * @description P95 of the same design under each estimator: eleven unknowns of a view by linear equations or by least squares, its pose with a prior of its intrinsics, its pose alone; what each needs to know, and what being wrong costs. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         */
+        post: operations["create_study_estimators"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/studies/compare": {
         parameters: {
             query?: never;
@@ -2405,6 +2425,65 @@ export interface components {
          * @enum {string}
          */
         Estimator: "dlt" | "pose" | "pose_with_prior" | "reprojection";
+        /**
+         * EstimatorCase
+         * @description The design under one estimator.
+         */
+        EstimatorCase: {
+            /**
+             * Estimator
+             * @description What each view is estimated as: dlt, reprojection, pose_with_prior or pose.
+             */
+            estimator: string;
+            /**
+             * Needs
+             * @description What has to be known for it.
+             */
+            needs: string;
+            /**
+             * Reason
+             * @description Why the design has no answer under it; empty: it has one.
+             */
+            reason: string;
+            /**
+             * Target
+             * @description Target with the largest P95; null without an answer.
+             */
+            target: string | null;
+            /**
+             * P95 Mm
+             * @description P95 of the error at the tool there by first order, intrinsics as far off as is stated, mm.
+             */
+            p95_mm: number | null;
+            /**
+             * P95 Exact Mm
+             * @description The same with intrinsics that are exact, mm.
+             */
+            p95_exact_mm: number | null;
+            /**
+             * Validity
+             * @description How far first order can be trusted here.
+             */
+            validity: string;
+            /**
+             * Simulated P95 Mm
+             * @description P95 there by simulation, mm; null where none was asked for.
+             */
+            simulated_p95_mm: number | null;
+            /**
+             * Simulated Interval Mm
+             * @description Its two-sided interval of 95 %, mm.
+             */
+            simulated_interval_mm: [
+                number,
+                number
+            ] | null;
+            /**
+             * Same Size Mm
+             * @description Extent of a structure of this shape that would do as well under this estimator as the design does under dlt, mm; null of dlt itself, and where no smaller structure would.
+             */
+            same_size_mm: number | null;
+        };
         /** ExampleEntry */
         ExampleEntry: {
             /**
@@ -4075,7 +4154,7 @@ export interface components {
              * @description What is computed.
              * @enum {string}
              */
-            kind: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-comparison" | "gate" | "report" | "comparison";
+            kind: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-estimators" | "study-comparison" | "gate" | "report" | "comparison";
             /**
              * State
              * @description queued, running, or how it ended.
@@ -7509,6 +7588,87 @@ export interface components {
             seed?: number;
         };
         /**
+         * StudyEstimators
+         * @description The same design under each estimator.
+         */
+        StudyEstimators: {
+            /**
+             * Schema
+             * @description Name and version of this record's schema.
+             * @constant
+             */
+            schema: "tailstack/study-estimators/1";
+            /**
+             * Focal Rel Sd
+             * @description Standard deviation of the assumed focal length, relative, where a view of the design says nothing of its own.
+             */
+            focal_rel_sd: number;
+            /**
+             * Principal Point Px Sd
+             * @description The same of each coordinate of the assumed principal point, px.
+             */
+            principal_point_px_sd: number;
+            /**
+             * Trials
+             * @description Trials of each simulation; 0: none was asked for.
+             */
+            trials: number;
+            /**
+             * Seed
+             * @description Seed of the simulations.
+             */
+            seed: number;
+            /**
+             * Extent Mm
+             * @description Largest distance between two fiducials of the design, mm.
+             */
+            extent_mm: number;
+            /**
+             * Cases
+             * @description One of each estimator, from the one that knows nothing to the one that knows most.
+             */
+            cases: components["schemas"]["EstimatorCase"][];
+            /**
+             * Conclusions
+             * @description What they say, in sentences.
+             */
+            conclusions: string[];
+            /** @description What was computed from what, and what it does not include. */
+            provenance: components["schemas"]["Provenance"];
+        };
+        StudyEstimatorsRequest: {
+            /** @description The design document. */
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
+            /**
+             * Focal Rel Sd
+             * @description Standard deviation of the assumed focal length, as a part of it.
+             * @default 0.01
+             */
+            focal_rel_sd?: number;
+            /**
+             * Principal Point Px Sd
+             * @description Standard deviation of each coordinate of the assumed principal point, px.
+             * @default 10
+             */
+            principal_point_px_sd?: number;
+            /**
+             * Trials
+             * @description Trials of a simulation under each estimator; absent: first order alone.
+             * @default null
+             */
+            trials?: number | null;
+            /**
+             * Seed
+             * @description Seed of the simulations.
+             * @default 0
+             */
+            seed?: number;
+        };
+        /**
          * StudyLinearity
          * @description Where first order is good, and where it is optimistic.
          */
@@ -9773,6 +9933,84 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
+    create_study_estimators: {
+        parameters: {
+            query?: {
+                /** @description Only with a YAML body. Standard deviation of the assumed focal length, as a part of it. */
+                focal_rel_sd?: number;
+                /** @description Only with a YAML body. Standard deviation of each coordinate of the assumed principal point, px. */
+                principal_point_px_sd?: number;
+                /** @description Only with a YAML body. Trials of a simulation under each estimator; absent: first order alone. */
+                trials?: number;
+                /** @description Only with a YAML body. Seed of the simulations. */
+                seed?: number;
+            };
+            header?: {
+                /**
+                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
+                 * @example wait=10
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+                /** @description One key stands for one request: sent again with the same body it gives the same job. */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StudyEstimatorsRequest"];
+                "application/yaml": components["schemas"]["Design"];
+            };
+        };
+        responses: {
+            /** @description What is knowing the intrinsics of each view worth?: with Prefer: wait, in time. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    ETag: components["headers"]["ETag"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
+                    Location: components["headers"]["Location"];
+                    "Content-Location": components["headers"]["ResultLocation"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StudyEstimators"];
+                };
+            };
+            /** @description Accepted: the job. */
+            202: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            500: components["responses"]["Problem500"];
+            501: components["responses"]["Problem501"];
+            503: components["responses"]["Problem503"];
+        };
+    };
     create_study_comparison: {
         parameters: {
             query?: never;
@@ -10191,7 +10429,7 @@ export interface operations {
                 /** @description Only jobs in this state. */
                 state?: "queued" | "running" | "succeeded" | "failed" | "cancelled";
                 /** @description Only jobs of this kind. */
-                kind?: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-comparison" | "gate" | "report" | "comparison";
+                kind?: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-estimators" | "study-comparison" | "gate" | "report" | "comparison";
             };
             header?: never;
             path?: never;
@@ -10369,7 +10607,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Batch"] | components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["StudyPaper"] | components["schemas"]["StudyLinearity"] | components["schemas"]["StudyCoupling"] | components["schemas"]["StudyComparison"] | components["schemas"]["Gate"] | components["schemas"]["Report"] | components["schemas"]["Comparison"];
+                    "application/json": components["schemas"]["Batch"] | components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["StudyPaper"] | components["schemas"]["StudyLinearity"] | components["schemas"]["StudyCoupling"] | components["schemas"]["StudyEstimators"] | components["schemas"]["StudyComparison"] | components["schemas"]["Gate"] | components["schemas"]["Report"] | components["schemas"]["Comparison"];
                 };
             };
             /** @description The client has it. */

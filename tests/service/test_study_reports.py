@@ -10,6 +10,7 @@ import pytest
 from service_scenes import EXAMPLES
 
 from tailstack_service.cli.main import main
+from tailstack_service.operations import study_estimators
 from tailstack_service.operations.rendering import render
 from tailstack_service.report.blocks import Table
 from tailstack_service.report.chapters import studies
@@ -20,6 +21,7 @@ STUDIES: dict[str, Any] = {
     "study-paper": ("paper", studies.paper_document),
     "study-linearity": ("linearity", studies.linearity_document),
     "study-coupling": ("coupling", studies.coupling_document),
+    "study-estimators": ("estimators", study_estimators.OPERATION.document),
     "study-comparison": ("comparison", studies.bench_document),
 }
 
@@ -34,7 +36,7 @@ def test_every_study_has_pages_and_the_same_record_gives_the_same_bytes(name: st
     content, _ = render(name, body(name), form)
     assert content == render(name, body(name), form)[0]
     if form == "html":
-        assert b"<svg" in content
+        assert (b"<svg" in content) == (name != "study-estimators")  # whose numbers are a table
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -52,6 +54,8 @@ def test_no_row_of_a_study_is_left_out(name: str) -> None:
         assert [row.cells[8] for row in tables["Points"].rows] == [point["ratio"] for point in record["points"]]
     elif name == "study-coupling":
         assert [row.cells[5] for row in tables["Parts"].rows] == [case["p95_together_mm"] for case in record["cases"]]
+    elif name == "study-estimators":
+        assert [row.cells[1] for row in tables["Estimators"].rows] == [case["p95_mm"] for case in record["cases"]]
     else:
         assert len(tables["Levels"].rows) == len(record["levels"])
         assert len(tables["Tests"].rows) == sum(len(level["tests"]) for level in record["levels"])

@@ -21,6 +21,7 @@ VERB_OF = {
     "study-paper": "study paper",
     "study-linearity": "study linearity",
     "study-coupling": "study coupling",
+    "study-estimators": "study estimators",
     "study-comparison": "study compare",
     "gate": "gate",
     "report": "report",
@@ -29,7 +30,7 @@ VERB_OF = {
 }
 
 # Verbs that are families: their members are operations whose verbs begin with them
-FAMILIES = {"study": "studies: the paper's tables, reach of the estimate, coupling, measurements"}
+FAMILIES = {"study": "studies: the paper's tables, reach of the estimate, coupling, estimators, measurements"}
 
 
 class _Registry(Mapping[str, "Operation"]):

@@ -52,6 +52,7 @@ from .difference import Difference
 from .difference_basis import DifferenceBasis
 from .difference_conclusion import DifferenceConclusion
 from .error_distribution import ErrorDistribution
+from .estimator_case import EstimatorCase
 from .example_entry import ExampleEntry
 from .example_list import ExampleList
 from .exceedance import Exceedance
@@ -187,6 +188,8 @@ from .study_coupling import StudyCoupling
 from .study_coupling_error import StudyCouplingError
 from .study_coupling_request import StudyCouplingRequest
 from .study_coupling_request_error import StudyCouplingRequestError
+from .study_estimators import StudyEstimators
+from .study_estimators_request import StudyEstimatorsRequest
 from .study_linearity import StudyLinearity
 from .study_linearity_error import StudyLinearityError
 from .study_linearity_request import StudyLinearityRequest
@@ -273,6 +276,7 @@ __all__ = (
     "DifferenceBasis",
     "DifferenceConclusion",
     "ErrorDistribution",
+    "EstimatorCase",
     "ExampleEntry",
     "ExampleList",
     "Exceedance",
@@ -408,6 +412,8 @@ __all__ = (
     "StudyCouplingError",
     "StudyCouplingRequest",
     "StudyCouplingRequestError",
+    "StudyEstimators",
+    "StudyEstimatorsRequest",
     "StudyLinearity",
     "StudyLinearityError",
     "StudyLinearityRequest",

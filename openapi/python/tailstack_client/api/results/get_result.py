@@ -16,6 +16,7 @@ from ...models.problem import Problem
 from ...models.report import Report
 from ...models.study_comparison import StudyComparison
 from ...models.study_coupling import StudyCoupling
+from ...models.study_estimators import StudyEstimators
 from ...models.study_linearity import StudyLinearity
 from ...models.study_paper import StudyPaper
 from ...models.sweep import Sweep
@@ -55,6 +56,7 @@ def _parse_response(
     | Report
     | StudyComparison
     | StudyCoupling
+    | StudyEstimators
     | StudyLinearity
     | StudyPaper
     | Sweep
@@ -74,6 +76,7 @@ def _parse_response(
             | Report
             | StudyComparison
             | StudyCoupling
+            | StudyEstimators
             | StudyLinearity
             | StudyPaper
             | Sweep
@@ -138,7 +141,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_7 = StudyComparison.from_dict(data)
+                response_200_type_7 = StudyEstimators.from_dict(data)
 
                 return response_200_type_7
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -146,7 +149,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_8 = Gate.from_dict(data)
+                response_200_type_8 = StudyComparison.from_dict(data)
 
                 return response_200_type_8
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -154,16 +157,24 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_9 = Report.from_dict(data)
+                response_200_type_9 = Gate.from_dict(data)
 
                 return response_200_type_9
             except (TypeError, ValueError, AttributeError, KeyError):
                 pass
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                response_200_type_10 = Report.from_dict(data)
+
+                return response_200_type_10
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
             if not isinstance(data, dict):
                 raise TypeError()
-            response_200_type_10 = Comparison.from_dict(data)
+            response_200_type_11 = Comparison.from_dict(data)
 
-            return response_200_type_10
+            return response_200_type_11
 
         response_200 = _parse_response_200(response.json())
 
@@ -225,6 +236,7 @@ def _build_response(
     | Report
     | StudyComparison
     | StudyCoupling
+    | StudyEstimators
     | StudyLinearity
     | StudyPaper
     | Sweep
@@ -253,6 +265,7 @@ def sync_detailed(
     | Report
     | StudyComparison
     | StudyCoupling
+    | StudyEstimators
     | StudyLinearity
     | StudyPaper
     | Sweep
@@ -273,7 +286,7 @@ def sync_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
+        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -302,6 +315,7 @@ def sync(
     | Report
     | StudyComparison
     | StudyCoupling
+    | StudyEstimators
     | StudyLinearity
     | StudyPaper
     | Sweep
@@ -323,7 +337,7 @@ def sync(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem
+        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | Sweep | Verification | Problem
     """
 
     return sync_detailed(
@@ -347,6 +361,7 @@ async def asyncio_detailed(
     | Report
     | StudyComparison
     | StudyCoupling
+    | StudyEstimators
     | StudyLinearity
     | StudyPaper
     | Sweep
@@ -367,7 +382,7 @@ async def asyncio_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
+        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -394,6 +409,7 @@ async def asyncio(
     | Report
     | StudyComparison
     | StudyCoupling
+    | StudyEstimators
     | StudyLinearity
     | StudyPaper
     | Sweep
@@ -415,7 +431,7 @@ async def asyncio(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyLinearity | StudyPaper | Sweep | Verification | Problem
+        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | Sweep | Verification | Problem
     """
 
     return (
