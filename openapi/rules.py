@@ -37,7 +37,7 @@ ITSELF = "get_openapi"  # answers with this very document, which is its own exam
 COUNTS = frozenset(
     {"benches", "broken", "careless_infeasible", "careless_layouts", "changes_left_out", "column",
      "compared_cells", "compared_trials", "converged_starts", "count", "counts", "exit_code", "fiducials",
-     "first_start", "flagged_trials", "installations", "kept", "line", "max", "max_trials", "min", "open",
+     "first_start", "flagged_trials", "installations", "kept", "line", "lost", "max", "max_trials", "min", "open",
      "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused", "rows", "sections",
      "seed", "starts", "status", "tightening_rounds", "trials", "units_done", "units_expected", "workers"}
 )  # fmt: skip
