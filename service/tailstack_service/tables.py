@@ -10,12 +10,14 @@ import csv
 import io
 import json
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from itertools import chain, islice
 from math import isfinite
 from typing import IO, Any, Literal, get_args
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 from tailstack.cures import cure_text
 from tailstack.errors import Problem
@@ -183,38 +185,50 @@ def _read_lines(stream: IO[bytes], file: str | None) -> Table:
     return table
 
 
+@contextmanager
+def _refusing(form: str, hint: str, file: str | None) -> Iterator[None]:
+    """Another's reader says in its own way what is wrong with a file, and of a damaged one anything at all."""
+    try:
+        yield
+    except RequestError:
+        raise
+    except Exception as error:
+        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RequestError(
+            Problem("", "bad-table", f"this cannot be read as {form}: {said[:200]}", hint, file)
+        ) from None
+
+
 def _read_workbook(stream: IO[bytes], file: str | None) -> Table:
     import openpyxl
-    from openpyxl.utils.exceptions import InvalidFileException
 
-    def refuse(detail: str) -> RequestError:
-        return RequestError(Problem("", "bad-workbook", detail, "save it as .xlsx, the table on the first sheet", file))
-
-    try:
+    reading = partial(_refusing, "XLSX", "save it as .xlsx, the table on the first sheet", file)
+    with reading():
         unpacked = sum(entry.file_size for entry in ZipFile(stream).infolist())
         if unpacked > LARGEST_WORKBOOK:
-            raise refuse(f"the workbook unpacks to {unpacked} bytes; at most {LARGEST_WORKBOOK} are read")
+            raise ValueError(f"the workbook unpacks to {unpacked} bytes; at most {LARGEST_WORKBOOK} are read")
         stream.seek(0)
         book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
         rows = book.worksheets[0].iter_rows(values_only=True)
         header = tuple("" if cell is None else str(cell).strip() for cell in next(rows, ()))
-    except (BadZipFile, InvalidFileException, KeyError, ValueError, IndexError) as error:
-        raise refuse(f"this is no workbook: {error}") from None
     while header and not header[-1]:
         header = header[:-1]
 
     def blocks() -> Iterator[Block]:
         line = 2
-        while cells := [row[: len(header)] for row in islice(rows, BLOCK)]:
-            while cells and all(cell is None for cell in cells[-1]):  # what was cleared below the table
-                cells.pop()
-            if not cells:
-                return
-            short = next((k for k, row in enumerate(cells) if len(row) < len(header)), None)
-            if short is not None:
-                raise table.refuse("ragged", f"row {line + short} has fewer cells than the header", line=line + short)
-            yield Block(range(line, line + len(cells)), tuple(zip(*cells, strict=True)))
-            line += len(cells)
+        with reading():
+            while cells := [row[: len(header)] for row in islice(rows, BLOCK)]:
+                while cells and all(cell is None for cell in cells[-1]):  # what was cleared below the table
+                    cells.pop()
+                if not cells:
+                    return
+                short = next((k for k, row in enumerate(cells) if len(row) < len(header)), None)
+                if short is not None:
+                    raise table.refuse(
+                        "ragged", f"row {line + short} has fewer cells than the header", line=line + short
+                    )
+                yield Block(range(line, line + len(cells)), tuple(zip(*cells, strict=True)))
+                line += len(cells)
 
     table = Table(header, blocks(), file)
     return table
@@ -246,30 +260,22 @@ def _read_parquet(stream: IO[bytes], file: str | None) -> Table:
 
 
 def _read_batches(open_batches: Callable[[], tuple[Any, Iterator[Any]]], file: str | None) -> Table:
-    import pyarrow
-
-    def refuse(error: Exception) -> RequestError:
-        detail = f"the table cannot be read: {str(error).splitlines()[0]}"
-        return RequestError(Problem("", "bad-table", detail, "write it as an Arrow stream or as Parquet", file))
-
-    try:
+    reading = partial(_refusing, "Arrow or Parquet", "write it as an Arrow stream or as Parquet", file)
+    with reading():
         schema, batches = open_batches()
-    except (pyarrow.ArrowException, OSError) as error:
-        raise refuse(error) from None
+        header = tuple(map(str, schema.names))
 
     def blocks() -> Iterator[Block]:
         line = 1
-        try:
+        with reading():
             for batch in batches:
                 for start in range(0, batch.num_rows, BLOCK):
                     piece = batch.slice(start, BLOCK)
                     lines = range(line, line + piece.num_rows)
                     yield Block(lines, tuple(column.to_pylist() for column in piece.columns))
                     line = lines.stop
-        except (pyarrow.ArrowException, OSError) as error:
-            raise refuse(error) from None
 
-    return Table(tuple(map(str, schema.names)), blocks(), file)
+    return Table(header, blocks(), file)
 
 
 _READERS: dict[Format, Callable[[IO[bytes], str | None], Table]] = {

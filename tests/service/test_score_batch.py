@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
+import random
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +20,8 @@ from pyarrow import parquet
 from tailstack import load_design, score
 from tailstack.design import design_to_yaml
 from tailstack_service.cli.main import main
+from tailstack_service.problems import RequestError
+from tailstack_service.tables import ENDINGS, read_table
 
 DEMO = str(Path(__file__).parents[2] / "examples" / "demo.yaml")
 AP, BEAD = "views.AP.fiducial_noise_px", "/fiducials/points/2/position_mm/1"
@@ -134,6 +138,26 @@ def test_a_table_that_cannot_be_read_is_refused_where_it_is_wrong(
     assert said in error
     assert (f"table.csv{place}" if place else "") in error
     assert not list(tmp_path.glob("scores*"))
+
+
+@pytest.mark.parametrize("form", [".csv", ".ndjson", ".xlsx", ".arrow", ".parquet"])
+def test_a_damaged_file_is_read_or_refused(form: str, tmp_path: Path) -> None:
+    """Bytes changed, put in, taken out, cut off: never anything but rows or a refusal."""
+    rng, there = random.Random(form), tmp_path / f"table{form}"
+    write(there)
+    sound, refused = there.read_bytes(), 0
+    for _ in range(150):
+        damaged = bytearray(sound)
+        for _ in range(rng.choice((1, 1, 3, 20))):
+            at = rng.randrange(len(damaged) + 1)
+            damaged[at : at + rng.choice((0, 1, 1, 9))] = rng.randbytes(rng.choice((0, 1, 1, 3)))
+        try:
+            table = read_table(io.BytesIO(damaged), ENDINGS[form])
+            for block in table.blocks:
+                table.read_numbers(block, 0)
+        except RequestError:
+            refused += 1
+    assert refused
 
 
 def test_flags_of_a_table_mean_nothing_without_one(tmp_path: Path, capsys: Any) -> None:
