@@ -17,3 +17,11 @@ export const duration = (seconds: number): string =>
 export const VERDICTS: Record<string, string> = {
   pass: "Pass", fail: "Fail", inconclusive: "Not decided", "not-evaluated": "Not evaluated", "no requirement": "No limit stated",
 };
+
+/** How far the estimate can be trusted, and what to do where it cannot; the method's own sentence is its title. */
+export function trust({ expected_error_percent: error, calibrated }: { expected_error_percent: number | null; calibrated: boolean }): string {
+  if (error !== null) return `The estimate is within ${error} % of what a simulation gives${error > 1 ? "; where it errs it is mostly too small: verify" : ""}.`;
+  return calibrated
+    ? "The estimate does not hold for this layout and may be far too small: verify."
+    : "How good the estimate is for such a design is not known: only a simulation decides, verify.";
+}

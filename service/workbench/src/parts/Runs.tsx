@@ -149,7 +149,7 @@ function Histogram({ shares, p95, limit }: { shares: Distribution; p95: number; 
 function Verified({ result }: { result: Json }) {
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label="Verification">
-      <p>{`${VERDICTS[result.verdict.status] ?? result.verdict.status}: ${result.trials.toLocaleString("en")} trials of the whole chain. `}<span class="note">{result.stopping}</span></p>
+      <p>{`${VERDICTS[result.verdict.status] ?? result.verdict.status}: ${result.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. `}<span class="note" title={result.stopping}>{`P95 is known to ±${percent(result.precision_reached, 2)}; estimate and simulation differ by ${percent(Math.abs(result.first_order_ratio - 1))}.`}</span></p>
       <table>
         <thead><tr><th>Target</th><th class="number">P95, mm</th><th class="number">95 % interval, mm</th><th class="number">First order, mm</th><th class="number">Worst seen, mm</th><th class="number">Over the limit</th></tr></thead>
         <tbody>

@@ -2,7 +2,7 @@
 
 import { useEffect, useRef } from "preact/hooks";
 import { answer, busy, current, refused, type Score, trouble } from "../api";
-import { mm, percent, VERDICTS } from "../words";
+import { mm, percent, trust, VERDICTS } from "../words";
 import { Problems } from "./Problems";
 
 export function Verdict() {
@@ -44,7 +44,7 @@ function Findings({ score }: { score: Score }) {
     <>
       {first}{second}
       {more.length > 0 && <details><summary>{`${more.length} more remarks`}</summary>{more}</details>}
-      <p class="note">{score.validity.statement}</p>
+      <p class="note" title={score.validity.statement}>{trust(score.validity)}</p>
     </>
   );
 }
