@@ -77,6 +77,12 @@ def test_what_cannot_be_survived_is_refused_where_it_is_asked_for():
     )  # fmt: skip
     with pytest.raises(DesignError):
         design_of(8, {"lost": 1, "limit_mm": 1.0}, objective="pareto")
+    data = copy.deepcopy(design_of(8, {"lost": 2, "limit_mm": 1.0}).source.data)
+    data["views"][0]["sees"] = [point["label"] for point in data["fiducials"]["points"]][:7]
+    with pytest.raises(DesignError, match="5 fiducials would be left"):
+        load_design(data)
+    data["model"] = {"estimator": "pose"}  # which four fiducials determine
+    load_design(data)
 
 
 def test_every_loss_is_a_demand_with_the_covariance_of_what_is_left():

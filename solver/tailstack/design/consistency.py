@@ -325,9 +325,11 @@ def _counts(document: DesignDocument, present: int) -> list[Problem]:
     wanted = document.optimise
     assert wanted is not None
     if wanted.survive is not None:
-        left = (present if wanted.count is None else wanted.count.min) - wanted.survive.lost
-        if left < 6:
-            detail = f"{left} fiducials would be left after a loss of {wanted.survive.lost}; an estimate needs 6"
+        seen = [len(view.sees) for view in document.views if view.sees is not None]
+        least = min([present if wanted.count is None else wanted.count.min, *seen])
+        left, needed = least - wanted.survive.lost, 4 if document.model.estimator.believes_intrinsics else 6
+        if left < needed:
+            detail = f"{left} fiducials would be left after a loss of {wanted.survive.lost}; an estimate needs {needed}"
             return [Problem("/optimise/survive/lost", "too-few-fiducials", detail, "add fiducials, or lose fewer")]
     if wanted.count is None:
         return []
