@@ -1,7 +1,7 @@
 """How good first order is where the validity number says so: the calibration behind ``propagation/validity.py``.
 
     ./run bench                      # makes the environment
-    .venv/bin/python benchmarks/validity_calibration.py [LAYOUTS [TRIALS [FORM ...]]]
+    .venv/bin/python benchmarks/validity_calibration.py [LAYOUTS [TRIALS [FORM|ESTIMATOR ...]]]
 
 For every count of views (2 to 8) and group of fiducials (6, 7-8, 9-14, 20-40): LAYOUTS random designs
 (``tests/random_designs.py``) whose validity number, as it is counted for their fiducials, lies between 0.004 and 0.16.
@@ -34,6 +34,7 @@ from validity_trials import BATCH, paired_norms
 QUANTILES = (0.9, 0.95, 0.99, 0.999)
 CVAR_LIKE = 0.99
 GROUPS = {"6": (6,), "7-8": (7, 8), "9-14": (9, 10, 11, 12, 13, 14), "20-40": (20, 40)}
+FEWEST = {"pose": (4, 5), "pose_with_prior": (4, 5), "reprojection": ()}  # counts of fiducials beside those of DLT
 RANGE = (0.004, 0.16)
 STATEMENTS = ("good to 1 %", "good to 5 %", "good to 20 %")
 
@@ -50,9 +51,10 @@ def bands(percents: list[float]) -> np.ndarray:
     return np.array([log(1 + percent / 100) for percent in percents])
 
 
-def layout(rng: np.random.Generator, views: int, fiducials: int, published: bool, trials: int) -> dict[str, Any]:
+def layout(rng: np.random.Generator, views: int, fiducials: int, form: str, trials: int) -> dict[str, Any]:
     times = COUNTED.get(fiducials, 1.0)
-    document = random_design(rng, views, fiducials, published, (RANGE[0] / times, RANGE[1] / times))
+    span, estimator = (RANGE[0] / times, RANGE[1] / times), form if form in FEWEST else "dlt"
+    document = random_design(rng, views, fiducials, form == "published", span, estimator=estimator)
     system, findings, _ = check_design(load_design(document))
     trust = trust_of(system, {"t": linearise(system, system.targets[0])})
     error, seed = str(rng.choice(["localisation", "tcp"])), int(rng.integers(2**31))
@@ -80,14 +82,15 @@ def row_of(rows: list[dict[str, Any]], views: str, level: str) -> str:
 def main(layouts: int = 300, trials: int = BATCH, *forms: str) -> None:
     for form in forms or ("normalised",):
         rows: list[dict[str, Any]] = []
-        print(f"{form} triangulation\n\n| views | statement | layouts | P90 | P95 | P99 | P99.9 | CVaR95 |")
+        print(f"{form}\n\n| views | statement | layouts | P90 | P95 | P99 | P99.9 | CVaR95 |")
         print("|" + 8 * "---|", flush=True)
         for views in VIEWS:
             own = []
             for place, counts in enumerate(GROUPS.values()):
                 rng = np.random.default_rng([2027, views, place, form == "published"])
-                fiducials = rng.choice(counts, layouts)
-                own += [layout(rng, views, int(count), form == "published", trials) for count in fiducials]
+                few = FEWEST.get(form, ()) if place == 0 else ()
+                fiducials = rng.choice((*few, *counts), layouts)
+                own += [layout(rng, views, int(count), form, trials) for count in fiducials]
             rows += own
             for level in STATEMENTS:
                 chosen = [row for row in own if row["trust"].status == level]

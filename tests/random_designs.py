@@ -99,7 +99,7 @@ def _interface(rng: np.random.Generator, quiet: bool) -> dict[str, Any]:
 
 
 def random_document(rng: np.random.Generator, views: int, fiducials: int, published: bool) -> dict[str, Any]:
-    """A design document with one target; its noise is not scaled yet."""
+    """A design document with one target, estimated by DLT; its noise is not scaled yet."""
     half = _log_uniform(rng, 6, 60)
     points = _fiducials(rng, fiducials, half)
     near = rng.random() < 0.5
@@ -148,6 +148,23 @@ def random_document(rng: np.random.Generator, views: int, fiducials: int, publis
     return document
 
 
+def under(document: dict[str, Any], estimator: str, rng: np.random.Generator) -> dict[str, Any]:
+    """The document under another estimator; intrinsics are known to between 0.1 and 5 %, or exact, or wrong by that."""
+    if estimator == "dlt":
+        return document
+    document["model"]["estimator"] = estimator
+    size = _log_uniform(rng, 0.001, 0.05)
+    for view in document["views"]:
+        if estimator == "pose_with_prior":
+            view["intrinsics_prior"] = {"focal_rel_sd": size, "principal_point_px_sd": 1000 * size}
+        elif estimator == "pose" and rng.random() < 0.3:
+            view["intrinsics_error"] = {
+                "focal": {"half_width_rel": size, "distribution": "uniform"},
+                "principal_point": {"half_width_px": 1000 * size, "distribution": "normal"},
+            }
+    return document
+
+
 def scaled(document: dict[str, Any], factor: float) -> dict[str, Any]:
     """With image noise and manufacturing errors times the factor; the validity number is proportional to them."""
     document = copy.deepcopy(document)
@@ -166,13 +183,14 @@ def random_design(
     published: bool,
     nu: tuple[float, float],
     clear: int = 0,
+    estimator: str = "dlt",
 ) -> dict[str, Any]:
     """A document whose geometry is not refused; its validity number is drawn from a range, uniform in its logarithm.
 
     clear: up to so many designs are drawn in search of one without a remark that it is hardly determined.
     """
     for drawn in count():
-        document = random_document(rng, views, fiducials, published)
+        document = under(random_document(rng, views, fiducials, published), estimator, rng)
         wanted = _log_uniform(rng, *nu)
         try:
             system, findings, _ = check_design(load_design(document))

@@ -28,6 +28,7 @@ from .triangulation import triangulate
 
 STEPS = 60
 AT_REST_PX = 1e-9  # the largest move of an image by the last step
+RESTLESS_PX = 1e-6  # a larger one is no rest; between the two it is rounding that moves a badly determined estimate
 
 
 class Camera(NamedTuple):
@@ -115,7 +116,7 @@ def resect_pose(
     matrix = _calibration(camera.intrinsics, intrinsics)
     shift = place - (rotation @ centre[..., 0, :, None])[..., 0]
     estimate = matrix @ np.concatenate([rotation, shift[..., None]], axis=-1)
-    return np.where((moved <= AT_REST_PX)[..., None, None], estimate, np.nan)
+    return np.where((moved <= RESTLESS_PX)[..., None, None], estimate, np.nan)
 
 
 def _calibration(nominal: Array, change: Array) -> Array:
@@ -155,7 +156,7 @@ def resect_reprojection(points: Array, images: Array) -> Array:
     local = homogeneous(points) @ np.swapaxes(object_frame, -1, -2)
     estimate = image_frame @ resect(points, images) @ np.linalg.inv(object_frame)
     seen = (homogeneous(images) @ np.swapaxes(image_frame, -1, -2))[..., :2]
-    at_rest = AT_REST_PX * image_frame[..., 0, 0]
+    scale = image_frame[..., 0, 0]
     moved = np.full(images.shape[:-2], np.inf)
     for _ in range(STEPS):
         estimate = estimate / estimate[..., 2:, 3:]  # the depth of the centroid is held
@@ -168,10 +169,10 @@ def resect_reprojection(points: Array, images: Array) -> Array:
         change = np.concatenate([step, np.zeros((*step.shape[:-1], 1))], axis=-1)
         estimate = estimate + change.reshape(*step.shape[:-1], 3, 4)
         moved = np.abs(rows @ step[..., None, :, None])[..., 0].max(axis=(-1, -2))
-        if not (moved > at_rest).any():
+        if not (moved > AT_REST_PX * scale).any():
             break
     found = np.asarray(np.linalg.solve(image_frame, estimate @ object_frame), dtype=np.float64)
-    return np.where((moved <= at_rest)[..., None, None], scale_to_depth(found, points), np.nan)
+    return np.where((moved <= RESTLESS_PX * scale)[..., None, None], scale_to_depth(found, points), np.nan)
 
 
 def precisions(system: System) -> Array:

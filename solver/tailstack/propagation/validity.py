@@ -17,7 +17,7 @@ from typing import Literal
 
 from ..estimation.checks import LINEAR
 from ..results import Validity
-from ..system import Estimator, RotationForm, System
+from ..system import Estimator, RotationForm, System, Triangulation
 from .nonlinearity import Nonlinearity
 
 Level = Literal["good to 1 %", "good to 5 %", "good to 20 %"]
@@ -29,11 +29,12 @@ LEVELS: tuple[tuple[float, Level, float], ...] = (
     (0.15, "good to 20 %", 20.0),
 )
 ROTATION_LIMITS_RAD = (0.1, 0.22, 0.45)  # 0.7 times their squares: 0.7, 3.4 and 14 %
-COUNTED = {6: 5.0, 7: 2.0, 8: 2.0}  # how often nu counts with so many fiducials
+COUNTED = {4: 5.0, 5: 5.0, 6: 5.0, 7: 2.0, 8: 2.0}  # how often nu counts with so many fiducials
 # (quantile up to, how many times the error of P95 its error may be)
 QUANTILES = ((0.95, 1.0), (0.99, 2.5), (0.999, 6.0))
 CALIBRATED_VIEWS = (2, 8)
 CALIBRATED_FIDUCIALS = (6, 40)
+CALIBRATED_OF_POSE = (4, 40)  # of the estimators that know the intrinsics
 SECOND_ORDER_LIMIT = 0.05  # second order is offered below; at nu = 0.10 it errs by +26 % and -41 %
 
 PARTS = {
@@ -60,15 +61,17 @@ def _class_of(system: System) -> tuple[str, str]:
     """(the class of a system in words, why it was not calibrated or "")."""
     views, fiducials = len(system.views), _fewest_seen(system)
     words = f"{views} views, {fiducials} fiducials, {system.triangulation} triangulation"
+    forms: tuple[Triangulation, ...] = LINEAR
     if system.estimator is not Estimator.DLT:
         words += f", estimator {system.estimator}"
-        return words, f"the estimator {system.estimator}"
-    if system.triangulation not in LINEAR:
-        return words, f"the triangulation {system.triangulation}"
+        forms = LINEAR[:1]  # the published form was not sampled with them
+    if system.triangulation not in forms:
+        return words, f"{system.triangulation} triangulation with the estimator {system.estimator}"
     if not CALIBRATED_VIEWS[0] <= views <= CALIBRATED_VIEWS[1]:
         return words, f"{views} views (calibrated: {CALIBRATED_VIEWS[0]} to {CALIBRATED_VIEWS[1]})"
-    if not CALIBRATED_FIDUCIALS[0] <= fiducials <= CALIBRATED_FIDUCIALS[1]:
-        return words, f"{fiducials} fiducials (calibrated: {CALIBRATED_FIDUCIALS[0]} to {CALIBRATED_FIDUCIALS[1]})"
+    low, high = CALIBRATED_OF_POSE if system.estimator.believes_intrinsics else CALIBRATED_FIDUCIALS
+    if not low <= fiducials <= high:
+        return words, f"{fiducials} fiducials (calibrated: {low} to {high})"
     if system.rotation_form is not RotationForm.FULL:
         return words, "rotations in their small-angle form"
     return words, ""
