@@ -184,13 +184,13 @@ class Batch:
         self.system = compile_design(design)
         self.names = tuple(self._name_columns())
         self.slots: list[tuple[int, Slot]] = []  # with the column of the table
-        self._compiled: _Compiled | None = None
+        self._loop: _RowLoop | None = None
         self.way, self.why = self._choose_way()
 
     def score_blocks(self, blocks: Iterable[Array], threads: int | None = None) -> Iterator[BatchBlock]:
         """What blocks of rows (n, k) come to, in their order; a few are under way at a time."""
         count = usable_cores() if threads is None else threads
-        if self._compiled is None or count < 2:  # Python runs in one thread at a time
+        if self._loop is None or count < 2:  # Python runs in one thread at a time
             yield from map(self.score_rows, blocks)
             return
         with ThreadPoolExecutor(count) as pool:
@@ -213,11 +213,11 @@ class Batch:
         for column, slot in self.slots:
             sound &= (values[:, column] >= slot.low) & (values[:, column] <= slot.high)
         numbers = {} if self.way == IN_FULL else self._numbers_of(np.where(sound[:, None], values, self._stated))
-        if self._compiled is not None:
-            sound &= self._compiled.fill(numbers, columns)
+        if self._loop is not None:
+            sound &= self._loop.fill(numbers, columns)
             ways[COMPILED] = int(sound.sum())
         for row in range(count):
-            if sound[row] and self._compiled is not None:
+            if sound[row] and self._loop is not None:
                 continue
             found: list[Any] | str | None = None
             if sound[row] and self.way == LINEARISED:
@@ -273,7 +273,7 @@ class Batch:
         if any(item.risk != "pooled" for item in system.requirements) and not _ASK.isdisjoint(self.columns):
             return LINEARISED, "a requirement on each installed unit takes a sample of units, row by row"
         try:
-            self._compiled = _Compiled(self)
+            self._loop = _RowLoop(self)
         except TailstackError:
             return LINEARISED, "the layout as the design states it determines no answer"
         return COMPILED, ""
@@ -362,7 +362,7 @@ class Batch:
 # --- the compiled way -------------------------------------------------------------------------------
 
 
-class _Compiled:
+class _RowLoop:
     """What all rows of the compiled way share: the chain at the bias, and what the mounts do to each target."""
 
     def __init__(self, batch: Batch) -> None:

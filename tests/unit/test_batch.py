@@ -36,6 +36,7 @@ def of_normal_laws(document: dict[str, Any]) -> dict[str, Any]:
 
 
 NORMAL = load_design(of_normal_laws(DEMO.source.data))
+POSE = load_design({**NORMAL.source.data, "model": {"estimator": "pose"}})
 
 
 def places_of(node: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -146,6 +147,7 @@ def test_rows_of_random_designs_are_their_scores(seed: int) -> None:
         (NORMAL, ["/interfaces/connector_flange/pivot_mm/2"], LINEARISED),
         (DEMO, [BEAD], LINEARISED),
         (NORMAL, ["/views/0/source_isocentre_mm"], IN_FULL),
+        (POSE, [BEAD], IN_FULL),
     ],
 )
 def test_a_batch_says_which_way_its_rows_went_and_why(design: Any, paths: list[str], way: str) -> None:

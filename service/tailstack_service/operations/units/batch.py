@@ -86,7 +86,7 @@ def _record(request: dict[str, Any], units: Sequence[dict[str, Any]]) -> ScoredT
 
 def _batch(request: dict[str, Any]) -> Batch:
     try:
-        return _compiled(canonical(request["design"]), tuple(request["pointers"]), tuple(request["columns"]))
+        return compile_batch(canonical(request["design"]), tuple(request["pointers"]), tuple(request["columns"]))
     except TailstackError as error:
         if error.slug == "invalid-request":  # it is about the table, not about the design
             raise Refused(error) from None
@@ -94,6 +94,6 @@ def _batch(request: dict[str, Any]) -> Batch:
 
 
 @lru_cache(maxsize=4)
-def _compiled(design: bytes, pointers: tuple[str, ...], columns: tuple[str, ...]) -> Batch:
+def compile_batch(design: bytes, pointers: tuple[str, ...], columns: tuple[str, ...]) -> Batch:
     """The last few are kept: units of a table come to a process one after the other."""
     return Batch(loaded_design(design), pointers, columns)
