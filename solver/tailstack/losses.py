@@ -131,8 +131,8 @@ def _read_only(values: Array) -> Array:
 
 
 def model_without(chain: Chain, model: LinearModel, kept: Array) -> LinearModel:
-    """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number says nothing."""
-    return linearise_at(replace(chain, weights=chain.weights * kept), model.target)
+    """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number is that of all."""
+    return linearise_at(replace(chain, weights=chain.weights * kept), model.target, model.nonlinearity)
 
 
 class Ranked(NamedTuple):

@@ -325,7 +325,7 @@ def test_three_states_are_pictured_with_all_their_parts(service: Served, tmp_pat
     assert "Undo" in found["change"]["text"]
     for words in (
         "sampled shots",
-        "trials of the whole chain",
+        "simulated shots",
         "What changes",
         "HTML",
         "Slack",

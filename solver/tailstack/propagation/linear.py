@@ -246,8 +246,8 @@ def linearise_all(system: System) -> dict[str, LinearModel]:
     return {target.name: linearise_at(chain, target) for target in system.targets}
 
 
-def linearise_at(chain: Chain, target: Target) -> LinearModel:
-    """:func:`linearise` where the chain is known already."""
+def linearise_at(chain: Chain, target: Target, numbers: Nonlinearity | None = None) -> LinearModel:
+    """:func:`linearise` where the chain is known already, and with ``numbers`` what its validity is judged by."""
     system = chain.system
     reconstructed, torsor_1 = _reconstructed(chain, target)
     images = image_gains(chain, reconstructed)
@@ -284,16 +284,17 @@ def linearise_at(chain: Chain, target: Target) -> LinearModel:
         blocks.append(block._replace(localisation=localisation, tcp=tcp))
     known, systematic = _systematic(chain, target, images.columns, to_tcp, from_moved)
     localised = images.bias_mm + sum(each.localisation_mm for each in known)
-    numbers = nonlinearity(
-        chain.projections,
-        chain.points,
-        chain.weights,
-        reconstructed,
-        chain.matrix_covariance,
-        chain.target_noise_px,
-        images.row_weights,
-        published=system.triangulation is Triangulation.PUBLISHED,
-    )
+    if numbers is None:
+        numbers = nonlinearity(
+            chain.projections,
+            chain.points,
+            chain.weights,
+            reconstructed,
+            chain.matrix_covariance,
+            chain.target_noise_px,
+            images.row_weights,
+            published=system.triangulation is Triangulation.PUBLISHED,
+        )
     return LinearModel(
         target=target,
         reconstructed_mm=reconstructed,
