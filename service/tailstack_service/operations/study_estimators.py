@@ -57,11 +57,11 @@ def _check(request: Request, settings: Settings) -> None:
     request.refuse_by(compile_design)
 
 
-def _answered(record: StudyEstimators) -> list[EstimatorCase]:
+def _cases(record: StudyEstimators) -> list[EstimatorCase]:
     return [case for case in record.cases if not case.reason]
 
 
-def _assumed(record: StudyEstimators) -> str:
+def _assumption(record: StudyEstimators) -> str:
     return (
         f"Intrinsics are off by what a view says of its own, otherwise by {100 * record.focal_rel_sd:g} % of the focal "
         f"length and {record.principal_point_px_sd:g} px of the principal point (standard deviations, once per unit). "
@@ -80,7 +80,7 @@ def _text(record: StudyEstimators) -> str:
             *(decimal(value, 4) for value in (case.p95_mm, case.p95_exact_mm, case.simulated_p95_mm)),
             decimal(case.same_size_mm, 0),
         ]
-        for case in _answered(record)
+        for case in _cases(record)
     ]
     lacking = [wrap(f"{case.estimator}: no answer: {case.reason}") for case in record.cases if case.reason]
     needs = [wrap(f"{case.estimator} needs {case.needs}.", first="* ", indent="  ") for case in record.cases]
@@ -89,7 +89,7 @@ def _text(record: StudyEstimators) -> str:
         "\n".join(wrap(said, first="* ", indent="  ") for said in record.conclusions),
         table(HEADER, rows),
         *lacking,
-        wrap(_assumed(record)),
+        wrap(_assumption(record)),
         "\n".join(needs),
         provenance_text(record.provenance),
         more_text(),
@@ -100,7 +100,7 @@ def _document(record: StudyEstimators, sha256: str) -> Any:
     from ..report.blocks import Bullets, Column, Document, KeyNumber, Paragraph, Row, Section, Table
     from ..report.chapters.tables import not_included, provenance_facts
 
-    best = min(_answered(record), key=lambda case: case.p95_mm or 0.0)
+    best = min(_cases(record), key=lambda case: case.p95_mm or 0.0)
     columns = (
         Column("Estimator"), Column("P95", "mm", "fixed"), Column("P95, intrinsics exact", "mm", "fixed"),
         Column("P95, simulated", "mm", "fixed"), Column("As good at", "mm", "fixed", 0),
@@ -108,7 +108,7 @@ def _document(record: StudyEstimators, sha256: str) -> Any:
     )  # fmt: skip
     rows = tuple(
         Row((case.estimator, case.p95_mm, case.p95_exact_mm, case.simulated_p95_mm, case.same_size_mm, case.validity))
-        for case in _answered(record)
+        for case in _cases(record)
     )
     needs = tuple(f"{case.estimator} needs {case.needs}." for case in record.cases)
     lacking = tuple(f"{case.estimator}: no answer: {case.reason}." for case in record.cases if case.reason)
@@ -124,7 +124,7 @@ def _document(record: StudyEstimators, sha256: str) -> Any:
         figures=(),
         requirements=None,
         sections=(
-            Section("Side by side", (table, Paragraph(_assumed(record)), Bullets((*needs, *lacking)))),
+            Section("Side by side", (table, Paragraph(_assumption(record)), Bullets((*needs, *lacking)))),
             Section("What is not included", (not_included(record.provenance),), reader="auditor"),
         ),
         provenance=provenance_facts(record.provenance, sha256, record.schema),
