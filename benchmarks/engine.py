@@ -14,17 +14,27 @@ from dataclasses import replace
 from statistics import median
 
 import numpy as np
+from scipy.linalg import rq
 
 import operations
 from bench import ROOT, Figure, Findings, interleave, watch_load
 from scenes import cios_system, read_only
 from tailstack.arrays import Array
 from tailstack.contributors import declared_law
-from tailstack.montecarlo import LinearChain, compile_plan, draw, quantile_estimate, radial, run_indices, simulate
+from tailstack.montecarlo import (
+    ChainPlan,
+    LinearChain,
+    compile_plan,
+    draw,
+    quantile_estimate,
+    radial,
+    run_indices,
+    simulate,
+)
 from tailstack.montecarlo.lanes import WIDTH
 from tailstack.montecarlo.radial import gains_in_plan_order
 from tailstack.propagation.linear import linearise
-from tailstack.system import System
+from tailstack.system import Estimator, System
 from tailstack.tail.declared import law_exceedance, law_quantile
 
 DEVIATES = 64
@@ -217,6 +227,73 @@ def trials() -> Findings:
     return Findings([median(shares), rounds.ratio("batched numpy.linalg.svd", "tailstack")], rounds.foreign, figures)
 
 
+def batched_pose(system: System, z: Array) -> Array:
+    """Vectorised NumPy: Gauss-Newton steps for the pose of each view, from the nominal one until no image moves.
+
+    ``z`` in px, rad and mm, as :func:`scaled_deviates` draws them; the normal equations of a batch by one call of
+    `numpy.linalg.solve` a step, which is faster than QR and exact enough in these units.
+    """
+    seen, aimed, second = observe(system, z)
+    centre, scale = similarity(system.fiducials_mm)
+    points = (system.fiducials_mm - centre) * scale
+    rows = []
+    for view, x, t in zip(system.views, seen, aimed, strict=True):
+        camera, turn = rq(view.projection[:, :3])
+        signs = np.sign(np.diag(camera))
+        camera, turn = camera * signs, turn * signs[:, None]
+        place = np.broadcast_to(np.linalg.solve(camera, view.projection @ [*centre, 1.0]) * scale, (len(z), 3))
+        turn = np.broadcast_to(turn, (len(z), 3, 3))
+        for _ in range(10):
+            turned = points @ np.swapaxes(turn, -1, -2)
+            rays = (turned + place[:, None]) @ camera.T
+            found = rays[..., :2] / rays[..., 2:]
+            by_place = (camera[:2] - found[..., None] * camera[2]) / rays[..., 2, None, None]
+            slopes = np.concatenate([by_place, np.cross(turned[..., None, :], by_place)], axis=-1)
+            slopes = slopes.reshape(len(z), -1, 6)
+            across = np.swapaxes(slopes, -1, -2)
+            step = np.linalg.solve(across @ slopes, across @ (x - found).reshape(len(z), -1, 1))
+            turn, place = rotations(step[:, 3:, 0]) @ turn, place + step[:, :3, 0]
+            if np.abs(slopes @ step).max() < 1e-7:  # px; the next step would move them by a thousandth of that
+                break
+        p = camera @ np.concatenate([turn, place[..., None]], axis=-1)
+        rows.append(t[..., None] * p[:, 2:3] - p[:, :2])
+    solution = np.linalg.svd(np.concatenate(rows, axis=-2), full_matrices=False)[2][..., -1, :]
+    return finish(system, solution[:, :3] / solution[:, 3:] / scale + centre, second)
+
+
+def pose() -> Findings:
+    """Trials of the estimator pose, and of its peer, whose answers to the same deviates are the same."""
+    system = cios_system(estimator=Estimator.POSE)
+    rng, plan = np.random.default_rng(1), compile_plan(system)
+
+    def by_numpy() -> int:
+        batched_pose(system, scaled_deviates(system, rng, 4000))
+        return 4000
+
+    rounds = interleave({"NumPy": by_numpy, "tailstack": trials_job(system, 400_000)})
+    indices = np.arange(4000)
+    ours = np.linalg.norm(run_indices(plan, 11, 0, len(indices)).errors[0, 0], axis=0)
+    reference = batched_pose(system, native_deviates(system, draw(plan, 11, indices), plan))
+    figures = [Figure(f"trials a second and core: {name}", 1e-3 / median(each), "k/s")
+               for name, each in rounds.cpu.items()]  # fmt: skip
+    difference = float(np.max(np.abs(ours / reference - 1)))
+    return Findings([rounds.ratio("NumPy", "tailstack"), difference], rounds.foreign, figures)
+
+
+def native_deviates(system: System, z: Array, plan: ChainPlan) -> Array:
+    """The plan's deviates in the order and the units of :func:`scaled_deviates`."""
+    width = 2 * len(system.fiducials_mm)
+    places = {block.name: block.start for block in plan.blocks}
+    names = [view.name for view in system.views]
+    order = [slice(places[f"fiducial_noise:{n}"], places[f"fiducial_noise:{n}"] + width) for n in names]
+    order += [slice(places[f"target_noise:{n}"], places[f"target_noise:{n}"] + 2) for n in names]
+    order += [slice(places[n], places[n] + 6) for n in ("structure_connector", "connector_flange")]
+    scale = [np.full(width, v.fiducial_noise_px) for v in system.views]
+    scale += [np.full(2, v.target_noise_px) for v in system.views]
+    scale += [system.structure_connector.sources.std, system.connector_flange.sources.std]
+    return np.hstack([z[:, s] for s in order]) * np.concatenate(scale)
+
+
 def agreement() -> Findings:
     """20,000 trials against an independent SVD chain on the same deviates."""
     system = cios_system()
@@ -225,16 +302,7 @@ def agreement() -> Findings:
         indices = np.arange(20_000)
         ours = np.linalg.norm(run_indices(plan, 11, 0, len(indices)).errors[0, 0], axis=0)
         z = draw(plan, 11, indices)
-        width = 2 * len(system.fiducials_mm)
-        places = {block.name: block.start for block in plan.blocks}
-        names = [view.name for view in system.views]
-        order = [slice(places[f"fiducial_noise:{n}"], places[f"fiducial_noise:{n}"] + width) for n in names]
-        order += [slice(places[f"target_noise:{n}"], places[f"target_noise:{n}"] + 2) for n in names]
-        order += [slice(places[n], places[n] + 6) for n in ("structure_connector", "connector_flange")]
-        scale = [np.full(width, v.fiducial_noise_px) for v in system.views]
-        scale += [np.full(2, v.target_noise_px) for v in system.views]
-        scale += [system.structure_connector.sources.std, system.connector_flange.sources.std]
-        native = np.hstack([z[:, s] for s in order]) * np.concatenate(scale)
+        native = native_deviates(system, z, plan)
         reference = np.concatenate([batched_chain(system, part) for part in np.array_split(native, 10)])
     return Findings([float(np.max(np.abs(ours / reference - 1)))], load.foreign)
 

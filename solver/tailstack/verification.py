@@ -51,7 +51,7 @@ from .results import (
     Verification,
 )
 from .scoring import FRAMES, P95, checked_system, provenance, tightest_limit, trust_of, vector3
-from .system import Requirement, System
+from .system import Estimator, Requirement, System
 from .tail.declared import law_exceedance, law_quantile
 from .verdict import conclude, decide, judge
 
@@ -61,6 +61,7 @@ UNITS_PER_BATCH = 32
 MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
 LANES = "structured resection, eight lanes (numba); trials without a proven solution redone by SVD"
+POSE_LANES = "Gauss-Newton for the pose, eight lanes (numba); trials that do not come to rest redone by QR"
 PLAIN = "plain estimators (NumPy, batched): Gauss-Newton by QR until no image moves"
 GAP = 0.03  # first order further than this from the check is remarked
 
@@ -563,7 +564,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         seed=sampling.seed,
         trials=max(sample.trials for sample in sampled.samples.values()),
         method=sampling.method,
-        engine=LANES if is_in_lanes(ready.system) else PLAIN,
+        engine=_name_engine(ready.system),
         precision_requested=sampling.precision or PRECISION if plain else radial_precision,
         max_trials=sampling.max_trials if plain else None,
         precision_reached=sampled.precision_reached,
@@ -574,6 +575,12 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         verdict=conclude(checks, ready.findings + _remark_gaps(targets, ready.trust), "Monte Carlo"),
         provenance=provenance(ready.system, simulated=True),
     )
+
+
+def _name_engine(system: System) -> str:
+    if not is_in_lanes(system):
+        return PLAIN
+    return POSE_LANES if system.estimator is Estimator.POSE else LANES
 
 
 def _estimate_quantile(

@@ -78,7 +78,7 @@ def test_a_check_of_a_pose_says_what_ran_and_meets_the_published_interval():
     low, high = checked.targets[0].p95_interval_mm
     assert low < published + width
     assert high > published - width
-    assert "plain estimators" in checked.engine
+    assert "Gauss-Newton for the pose, eight lanes" in checked.engine
     assert checked.targets[0].flagged_trials == 0
 
 

@@ -21,7 +21,7 @@ from ..estimation.triangulation import reprojection_rms, triangulate
 from ..geometry.rotation import torsor_transform, transform_points
 from ..system import Reading, System, Target, Triangulation
 from .kernel import Draws, Results, run_trials, scratch_size
-from .plan import ChainPlan, scale_directions
+from .plan import ChainPlan
 from .streams import draw_columns, stream_key
 
 SVD_BATCH = 1024  # trials per batched SVD: about 5 MB of design matrices at 12 fiducials
@@ -104,7 +104,7 @@ def _redo(plan: ChainPlan, z: Array, columns: NDArray[np.int64], errors: Array, 
             rms[part] = reprojection
     if lost:
         estimator = plan.system.estimator
-        detail = f"in {lost} of {len(columns)} trials the estimate by {estimator} does not come to rest"
+        detail = f"in {lost} of {errors.shape[-1]} trials the estimate by {estimator} does not come to rest"
         hint = "the noise is too large for these fiducials: add some, spread them, or estimate by dlt to see its errors"
         raise NotConvergedError(Problem("/model/estimator", "estimate-not-found", detail, hint))
 
@@ -191,7 +191,8 @@ def errors_by_svd(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     )
     images = exact + shifts[:, :, :count] + sigma[:, :, :1] * noise[:, :, :count]
     weights = system.sees
-    estimates = estimate_views(system, told, images, _assumed_errors(plan, z))
+    wrong = np.stack([act(5 + 2 * views + v, 3) + tables.intrinsics[v, 5:] for v in range(views)], axis=1)
+    estimates = estimate_views(system, told, images, wrong)
     reprojection = reprojection_rms(estimates, told, images, weights)
 
     executed = act(3, 3) + tables.execution_bias
@@ -206,21 +207,6 @@ def errors_by_svd(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
         tool = transform_points(transforms[2], transform_points(tcp_con, tool[:, 0])[:, None])[:, 0]
         errors[:, t, 0] = tool + executed - transform_points(tcp_con, target.position_mm)
     return errors, reprojection
-
-
-def _assumed_errors(plan: ChainPlan, z: Array) -> Array | None:
-    """(n, V, 3) errors of the intrinsics that each view is told in trials z (n, d); None: they are exact."""
-    views = plan.system.views
-    if not plan.system.estimator.believes_intrinsics or all(view.intrinsics_error is None for view in views):
-        return None
-    found = np.zeros((len(z), len(views), 3))
-    for v, view in enumerate(views):
-        if view.intrinsics_error is not None:
-            scaled, _ = scale_directions(view.intrinsics_error.sources)
-            found[:, v] = (
-                view.intrinsics_error.bias + z[:, plan.columns_of(f"assumed_intrinsics:{view.name}")] @ scaled.T
-            )
-    return found
 
 
 @lru_cache(maxsize=64)

@@ -16,7 +16,7 @@ argument       vectors            meaning
                                   flag of lanes that are not proven, and the RMS reprojection error, px
 =============  =================  ============================================================================
 
-Resection: ``lane_resection``.
+Resection: ``lane_resection``; of the pose alone: ``lane_pose``.
 
 **Triangulation.**  Rows ``(u_t p3 - p1) / |a|`` (Eq 5), normal matrix ``[[M, b], [b', c]]``; (M - lam) y = -b with
 lam the Rayleigh quotient of (y, 1), fixed factor of M.  ``lam < 4 det M / tr(M)^2 <= lambda_min(M)`` proves
@@ -24,7 +24,7 @@ the smallest.  The rows are the same whatever the coordinates; what is minimised
 squared homogeneous length.  In plain connector millimetres (the published form), or in Hartley's frame of coordinates
 that an affine map has moved, that length is a quadratic form B of (y, 1), and ``(N - lam B) (y, 1) = 0``.
 
-A lane that fails a proof, does not converge or is not finite is flagged; the caller redoes it by SVD.
+A lane that fails a proof, does not converge or is not finite is flagged; the caller redoes it by the plain form.
 
 Norms and moments of a block are summed in eight partial sums: lane k sums trials k, k + 8, ...; the lanes are then
 added in order, and what does not fill eight last.  That is one fixed order of summation on every machine.
@@ -40,7 +40,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from .lane_motion import growth, image_fiducials, image_shift, move_error, place_points, rotate, write_mount
+from .lane_motion import (
+    growth,
+    image_fiducials,
+    image_shift,
+    move_error,
+    place_points,
+    rotate,
+    true_projection,
+    write_mount,
+)
+from .lane_pose import resect_pose
 from .lane_resection import carry_to_object_frame, resect, squared_reprojection
 from .lanes import (
     absolute,
@@ -290,14 +300,17 @@ def run_chain(tables, z, points, images, estimates, pose, results, want_reprojec
     if stretched:
         told, kappa = told_metric(tables, pose)
     for view in range(views):
-        gu, gv = image_fiducials(tables, view, points, pose, images, z)
+        projection = true_projection(tables, view, pose)
+        image_fiducials(tables, view, points, projection, images, z)
         estimate = estimates[112 * view : 112 * view + 112]
-        if stretched:
+        if tables.counts[13] != 0:
+            good = good & resect_pose(tables, view, images, projection, z, estimate)
+        elif stretched:
             # What carries an estimate from the frame of its view to the object frame knows no metric
-            own = resect(tables, view, told, images, gu, gv, estimate)
+            own = resect(tables, view, told, images, estimate)
             good = good & own & (splat(1.0 * tables.counts[9]) < one)
         else:
-            good = good & resect(tables, view, None, images, gu, gv, estimate)
+            good = good & resect(tables, view, None, images, estimate)
             if tables.counts[9] != 0:
                 carry_to_object_frame(tables, view, estimate)
         images_used += tables.diagonal[view, 3]

@@ -8,7 +8,6 @@ the motion before its shot, and ``at``, its place in ``pose``; ``view`` and ``ro
 # mypy: ignore-errors
 from __future__ import annotations
 
-from .lane_resection import moments
 from .lanes import dot3, fma, lane_jit, load, splat, store
 from .streams import sine_cosine
 
@@ -186,17 +185,22 @@ def fixed_row(tables, view, row):
 
 
 @lane_jit
-def image_fiducials(tables, view, points, pose, images, z):
-    """Noisy images of all fiducials into ``images``; returns the moments G_u and G_v about the nominal mean."""
-    n = tables.counts[0]
+def true_projection(tables, view, pose):
+    """The three rows (4 lanes each) by which a view images the object frame in these trials."""
     if ((tables.counts[7] & 1) != 0 and tables.counts[4] == 0) or ((tables.counts[10] >> view) & 1) != 0:
-        m00, m01, m02, m03 = camera_row(tables, view, 0, pose)
-        m10, m11, m12, m13 = camera_row(tables, view, 1, pose)
-        m20, m21, m22, m23 = camera_row(tables, view, 2, pose)
-    else:
-        m00, m01, m02, m03 = fixed_row(tables, view, 0)
-        m10, m11, m12, m13 = fixed_row(tables, view, 1)
-        m20, m21, m22, m23 = fixed_row(tables, view, 2)
+        return (
+            camera_row(tables, view, 0, pose),
+            camera_row(tables, view, 1, pose),
+            camera_row(tables, view, 2, pose),
+        )
+    return fixed_row(tables, view, 0), fixed_row(tables, view, 1), fixed_row(tables, view, 2)
+
+
+@lane_jit
+def image_fiducials(tables, view, points, projection, images, z):
+    """Noisy images of all fiducials, by the rows of :func:`true_projection`, into ``images``."""
+    n = tables.counts[0]
+    (m00, m01, m02, m03), (m10, m11, m12, m13), (m20, m21, m22, m23) = projection
     noise = splat(tables.noise[view, 0])
     start = 16 * view * (n + tables.counts[2])
     one = splat(1.0)
@@ -209,5 +213,3 @@ def image_fiducials(tables, view, points, pose, images, z):
             u, v = u + image_shift(tables, view, i, 0, z), v + image_shift(tables, view, i, 1, z)
         store(images, 16 * i, fma(noise, load(z, start + 16 * i), u))
         store(images, 16 * i + 8, fma(noise, load(z, start + 16 * i + 8), v))
-    products = tables.products[view]
-    return moments(products, images, n, 0), moments(products, images, n, 8)

@@ -254,7 +254,7 @@ def size_of(metric, mu):
 
 
 @lane_jit
-def resect(tables, view, metric, images, gu, gv, estimate):
+def resect(tables, view, metric, images, estimate):
     """Third row (a, 1) and rows p1, p2 (px, about the mean image) of one view into ``estimate``.
 
     ``estimate`` gets a (3), p1 (4), p2 (4), 1/|a|^2 (1/a'Q a with a metric), mean u, mean v: 14 vectors.  Returns the
@@ -263,9 +263,11 @@ def resect(tables, view, metric, images, gu, gv, estimate):
     d = tables.diagonal[view]
     one, zero = splat(1.0), splat(0.0)
     i0, i1, i2, i3 = splat(d[4]), splat(d[5]), splat(d[6]), splat(d[7])
+    products, n = tables.products[view], tables.counts[0]
+    gu, gv = moments(products, images, n, 0), moments(products, images, n, 8)
     mean_u, mean_v = gu[9] * i3, gv[9] * i3
     gu, gv = centre(gu, mean_u, d), centre(gv, mean_v, d)
-    gw = square_moments(tables.products[view], images, tables.counts[0], mean_u, mean_v)
+    gw = square_moments(products, images, n, mean_u, mean_v)
     scale2 = splat(2.0 * d[3]) / gw[9]
     equations = ((gu, gv, gw), d, scale2)
 

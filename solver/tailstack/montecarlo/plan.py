@@ -58,9 +58,9 @@ class Tables(NamedTuple):
     """What the compiled code reads.  C-contiguous float64 unless said; object frame: see ChainPlan."""
 
     segments: NDArray[np.int64]  # (n, 4): first column, end column, law code, stream
-    counts: NDArray[np.int64]  # (13,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?,
-    # whether a view does not see all fiducials, bits of the views with a motion, image shifts?, temperature?
-    starts: NDArray[np.int64]  # (6 + 2 V,): first column of manufacturing, and of every slot
+    counts: NDArray[np.int64]  # (14,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?,
+    # whether a view does not see all fiducials, bits of the views with a motion, image shifts?, temperature?, pose?
+    starts: NDArray[np.int64]  # (6 + 3 V,): first column of manufacturing, and of every slot
     nominal: Array  # (N, 3) fiducials in the object frame
     products: (
         Array  # (V, N, 10) upper triangle of y~ y~^T, row by row, in the frame of each view; 0 where it is not seen
@@ -73,11 +73,16 @@ class Tables(NamedTuple):
     object_scale: Array  # (2,) length in the object frame over mm, and its square's inverse
     cameras: Array  # (V, 12) projection of con mm, pixels counted from the fiducials' nominal mean image
     fixed_images: Array  # (V, 12) projection of the object frame (where images do not move)
+    intrinsics: (
+        Array  # (V, 8) focal lengths and skew (u, skew, v), principal point from the same origin, px; then by how
+    )
+    # much the assumed ones are off with the bounded sources at their vertex: focal length (relative), principal point
     target_images: Array  # (T, V, 2) px from the same origin
     noise: Array  # (V, 2) px standard deviations: fiducials, targets
     gains: Array  # scaled directions one after another: mounts' (6, k), execution's (3, k), motions' (6, k), fields'
-    # (2 (N + T), k), px by image, and of one deviate of temperature: of the fiducials, object frame, and at the flange
-    gain_starts: NDArray[np.int64]  # (5 + 2 V, 2): offset into gains, k
+    # (2 (N + T), k), px by image, of one deviate of temperature: of the fiducials, object frame, and at the flange; and
+    # of the assumed intrinsics (3, k)
+    gain_starts: NDArray[np.int64]  # (5 + 3 V, 2): offset into gains, k
     torsors: Array  # (4 + V, 6) bias of mounts and motions with the bounded sources at their vertex; row 3: not read
     image_shifts: Array  # (V, N + T, 2) px: balls, and fields with the bounded coefficients at their vertex
     growth: Array  # (N + 1, 3) known: of the fiducials, object frame, and what moves con at the flange, mm
@@ -149,8 +154,13 @@ class ChainPlan:
 
 
 def is_in_lanes(system: System) -> bool:
-    """Whether the compiled lanes know the estimator: DLT, and triangulation by rows that are all alike."""
-    return system.estimator is Estimator.DLT and system.triangulation in LINEAR
+    """Whether the compiled lanes know the estimators: DLT or pose, and triangulation by rows that are all alike.
+
+    The pose of coordinates that an affine map has moved (Eq 18 with small angles) is not that of the object frame.
+    """
+    stretched = system.reading is Reading.EQ18 and system.rotation_form is RotationForm.SMALL_ANGLE
+    rigid = system.estimator is Estimator.POSE and not stretched
+    return (system.estimator is Estimator.DLT or rigid) and system.triangulation in LINEAR
 
 
 def scale_directions(sources: Sources) -> tuple[Array, tuple[Law, ...]]:
@@ -168,7 +178,7 @@ class _Slot(NamedTuple):
     """One place of the chain at which sources act.
 
     Rows of their direction: a torsor (6); at the tool (3); the images of fiducials and targets in one view, u and v of
-    each; x, y and z of each fiducial, object frame, and of what moves con at the flange.
+    each; x, y and z of each fiducial, object frame, and of what moves con at the flange; three intrinsics.
     """
 
     name: str
@@ -179,7 +189,10 @@ class _Slot(NamedTuple):
 
 
 def _slots(system: System) -> list[_Slot]:
-    """Every place, with sources or without: three mounts, execution, of each view its motion and its field, heat."""
+    """Every place, with sources or without.
+
+    Three mounts, execution, of each view its motion, its image field, heat, of each view its assumed intrinsics.
+    """
     slots = [
         _Slot(mount.name, INSTALLATION, mount.sources, mount.bias, mount.pivot_mm)
         for mount in (*system.interfaces, system.hand_eye)
@@ -211,6 +224,11 @@ def _slots(system: System) -> list[_Slot]:
             replace(heat.sources, direction=per_k[:, None] * heat.sources.direction),
         )
     slots.append(_Slot("temperature", SHOT, sources, fixed))
+    for view in system.views:  # behind everything that seeds drew before there were such sources
+        fixed, sources = np.zeros(3), no_sources(3)
+        if system.estimator.believes_intrinsics and (error := view.intrinsics_error) is not None:
+            fixed, sources = error.bias, error.sources
+        slots.append(_Slot(f"assumed_intrinsics:{view.name}", INSTALLATION, sources, fixed))
     return slots
 
 
@@ -305,7 +323,7 @@ def compile_plan(
         segments=_segments(blocks),
         counts=_counts(system, sources, blocks[-1].stop if blocks else 0),
         starts=starts,
-        **_compile_geometry(system),
+        **_compile_geometry(system, sources),
         spread=_spread(system),
         noise=np.array([(v.fiducial_noise_px, v.target_noise_px) for v in system.views]),
         gains=np.concatenate([gain.ravel() for gain in sources.gains]),
@@ -327,7 +345,7 @@ def _freeze(table: NDArray[Any]) -> NDArray[Any]:
     return table
 
 
-def _compile_geometry(system: System) -> dict[str, Array]:
+def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array]:
     """The tables of fiducials, views and targets."""
     frame = object_frame(system.fiducials_mm)
     products, diagonals, view_frames = zip(
@@ -337,10 +355,11 @@ def _compile_geometry(system: System) -> dict[str, Array]:
     positions = np.array([t.position_mm for t in system.targets])
     tcp_con = product(system.T_tcp_flange, system.T_flange_con)
     out = np.block([[frame.out, frame.centroid[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
-    cameras = []
-    for view in system.views:
+    cameras, intrinsics = [], []
+    for v, view in enumerate(system.views):
         origin = images_of(view.projection, system.fiducials_mm).mean(axis=0)
         cameras.append(view.projection - np.array([*origin, 0.0])[:, None] * view.projection[2])
+        intrinsics.append(np.append(_intrinsics_of(cameras[-1]), sources.fixed[5 + 2 * len(system.views) + v]))
     return {
         "nominal": frame.points,
         "products": np.array(products),
@@ -351,6 +370,7 @@ def _compile_geometry(system: System) -> dict[str, Array]:
         "object_scale": np.array([sqrt(scale2), 1 / scale2]),
         "cameras": np.array([camera.ravel() for camera in cameras]),
         "fixed_images": np.array([product(camera, out).ravel() for camera in cameras]),
+        "intrinsics": np.array(intrinsics),
         "target_images": np.swapaxes(np.array([images_of(camera, positions) for camera in cameras]), 0, 1),
         "centre": frame.centroid,
         "targets": positions,
@@ -358,6 +378,17 @@ def _compile_geometry(system: System) -> dict[str, Array]:
         "targets_tcp": product(positions, tcp_con[:3, :3].T) + tcp_con[:3, 3],
         "to_tcp": tcp_con[:3, :3].ravel(),
     }
+
+
+def _intrinsics_of(camera: Array) -> Array:
+    """(5,) focal length along u, skew, focal length along v, principal point (u, v), px; ``|camera[2, :3]| = 1``."""
+    rows, third = camera[:2, :3], camera[2, :3]
+    point = (rows * third).sum(axis=1)
+    u, v = rows - point[:, None] * third
+    focal_v = sqrt(float((v * v).sum()))
+    skew = float((u * v).sum()) / focal_v
+    rest = u - skew * v / focal_v
+    return np.array([sqrt(float((rest * rest).sum())), skew, focal_v, *point])
 
 
 def _view_tables(system: System, frame: ObjectFrame, seen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
@@ -423,16 +454,12 @@ def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[Block, ...],
     every.append(("fiducial_manufacturing", (system.manufacturing_law,) * (3 * count * manufactured), INSTALLATION))
     for slot, laws in zip(sources.slots, sources.laws, strict=True):
         every.append((slot.name, laws, slot.stream))
-    before = len(every)
-    for view in system.views:  # behind everything that seeds drew before there were such sources
-        if system.estimator.believes_intrinsics and view.intrinsics_error is not None:
-            every.append((f"assumed_intrinsics:{view.name}", view.intrinsics_error.sources.laws, INSTALLATION))
     ends = np.cumsum([0, *(len(laws) for _, laws, _ in every)])
     blocks = (
         Block(name, int(start), int(start) + len(laws), laws, stream)
         for start, (name, laws, stream) in zip(ends, every, strict=False)
     )
-    return tuple(block for block in blocks if block.stop > block.start), ends[2 * len(system.views) : before]
+    return tuple(block for block in blocks if block.stop > block.start), ends[2 * len(system.views) : -1]
 
 
 def _counts(system: System, sources: _SourceTables, dimension: int) -> NDArray[np.int64]:
@@ -452,6 +479,7 @@ def _counts(system: System, sources: _SourceTables, dimension: int) -> NDArray[n
             sum(1 << v for v in range(views) if sources.acts(4 + v)),
             any(sources.acts(4 + views + v) for v in range(views)),
             sources.acts(4 + 2 * views),
+            system.estimator is Estimator.POSE,
         ]
     )
 

@@ -1,0 +1,171 @@
+"""The pose in the compiled lanes: against its plain form, which shares no code with them, and OpenCV's figures."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenes import (
+    broken_system,
+    cios_system,
+    cube_fiducials,
+    mount,
+    random_system,
+    read_only,
+    system_of,
+    with_noise,
+    with_systematic,
+    with_unseen,
+)
+from tailstack.montecarlo import compile_plan, draw, evaluate, quantile_estimate, run_indices, simulate
+from tailstack.montecarlo.chain import errors_by_svd
+from tailstack.system import (
+    INTRINSICS,
+    Estimator,
+    IntrinsicsError,
+    Law,
+    Reading,
+    RotationForm,
+    Sources,
+    System,
+    Triangulation,
+)
+from tailstack.verification import verify
+
+ORACLE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "estimators.json").read_text())
+TURNED = mount("structure_connector", (0.0, 0.0, -95.0), bias=(0.2, -0.1, 0.25, 3.0, -2.0, 4.0), half_width=[0.05] * 6)
+
+
+def scene(**changes) -> System:
+    return cios_system(estimator=Estimator.POSE, **changes)
+
+
+def random_scene(seed: int, **changes) -> System:
+    return random_system(np.random.default_rng(seed), 9, 3, targets=2, estimator=Estimator.POSE, **changes)
+
+
+def mistaken(system: System) -> System:
+    """Views told a focal length that is 0.2 % too long, give or take 1 %, and a principal point wrong by pixels."""
+    sources = Sources(
+        INTRINSICS, (Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR), read_only([0.01, 5.0, 8.0]), read_only([1.0, 2.0, 1.0]),
+        ("1", "px", "px"), read_only(np.eye(3)),
+    )  # fmt: skip
+    error = IntrinsicsError(read_only([0.002, 1.0, -1.0]), sources)
+    return replace(system, views=tuple(replace(view, intrinsics_error=error) for view in system.views))
+
+
+def sheared(system: System) -> System:
+    """The system with pixels that are not square: rows of the first view's image sheared and stretched."""
+    shear = np.array([[1.0, 0.05, 3.0], [0.0, 1.2, -7.0], [0.0, 0.0, 1.0]])
+    first = replace(system.views[0], projection=read_only(shear @ system.views[0].projection))
+    return replace(system, views=(first, *system.views[1:]))
+
+
+SCENES = {
+    "as-it-is": scene(),
+    "5px": scene(views=with_noise(5.0)),
+    "no-noise": scene(views=with_noise(0.0)),
+    "20deg": scene(views=with_noise(0.5, azimuths_rad=(0.0, 0.35))),
+    "four-views": scene(views=with_noise(0.3, 1.2, azimuths_rad=(0.0, 0.8, 1.6, 2.2))),
+    "eq18": scene(reading=Reading.EQ18),
+    "small-angle": scene(rotation_form=RotationForm.SMALL_ANGLE),
+    "published": scene(triangulation=Triangulation.PUBLISHED),
+    "turned": scene(structure_connector=TURNED),
+    "turned-small-angle": scene(structure_connector=TURNED, rotation_form=RotationForm.SMALL_ANGLE),
+    "random": random_scene(3),
+    "mistaken": mistaken(random_scene(4)),
+    "sheared": mistaken(sheared(random_scene(5))),
+    "systematic": with_systematic(scene(), known=True),
+    "some-seen": with_unseen(with_unseen(random_scene(6), 0, ("F2", "F7")), 2, ("F1",)),
+    "four-fiducials": system_of(
+        cube_fiducials(20.0)[[0, 3, 5, 6]], views=with_noise(0.5), estimator=Estimator.POSE
+    ),
+    "far-target": replace(broken_system(), estimator=Estimator.POSE),
+}  # fmt: skip
+
+
+def difference(system: System, trials: int) -> tuple[float, int]:
+    """Largest |lanes - plain| / |plain| over trials, targets and both errors; and how many were redone."""
+    plan = compile_plan(system)
+    outcome = run_indices(plan, 3, 0, trials, reprojection=True)
+    exact, rms = errors_by_svd(plan, draw(plan, 3, np.arange(trials)))
+    gap = np.linalg.norm(np.moveaxis(outcome.errors, -1, 0) - exact, axis=-1) / np.linalg.norm(exact, axis=-1)
+    assert np.abs(outcome.reprojection - rms).max() < 1e-9
+    return float(gap.max()), outcome.redone
+
+
+@pytest.mark.parametrize("system", SCENES.values(), ids=list(SCENES))
+def test_a_trial_of_the_pose_is_that_of_the_plain_form(system: System) -> None:
+    """independent: QR from the nominal pose until no image moves, in double precision throughout."""
+    gap, redone = difference(system, 1024)
+    assert redone == 0
+    assert gap < 1e-9
+
+
+def test_trials_that_do_not_come_to_rest_in_lanes_are_redone() -> None:
+    """40 px on the reference C-arm: where fixed steps are too few, the plain form answers, and it is counted."""
+    gap, redone = difference(scene(views=with_noise(40.0)), 1024)
+    assert 0 < redone < 100
+    assert gap < 1e-9
+
+
+@pytest.mark.parametrize("half_mm", [50, 20])
+def test_p95_of_the_pose_is_that_of_opencv(half_mm: int) -> None:
+    """sampled: 8000 trials of OpenCV's solvePnPRefineLM, drawn and triangulated by other code, against 2 * 10^5.
+
+    Its interval is two-sided 95 %; with twice its width, error rate 1e-4.
+    """
+    published, width = ORACLE["monte_carlo_pose_p95_mm"][str(half_mm)]
+    system = system_of(cube_fiducials(half_mm), views=with_noise(0.5), estimator=Estimator.POSE)
+    found = quantile_estimate(simulate(system, trials=200_000, seed=4), 0, "tcp", 0.95)
+    assert abs(found.value_mm - published) < 2 * width
+
+
+def test_digits_of_a_trial_do_not_depend_on_its_company() -> None:
+    """The same trials in one run, in parts that are no multiple of eight, and from their deviates."""
+    plan = compile_plan(mistaken(scene(views=with_noise(20.0))))
+    together = run_indices(plan, 5, 0, 200).errors
+    apart = np.concatenate([run_indices(plan, 5, a, b - a).errors for a, b in ((0, 3), (3, 77), (77, 200))], axis=-1)
+    assert np.array_equal(together, apart)
+    assert np.array_equal(np.moveaxis(together, -1, 0), evaluate(plan, draw(plan, 5, np.arange(200))))
+
+
+def test_digits_of_the_pose_are_those_written_down() -> None:
+    """On every processor: nothing here is left to a library that chooses its order of summation."""
+    digest = sha256()
+    for system in (scene(), scene(reading=Reading.EQ18), scene(views=with_noise(0.3, azimuths_rad=(0.0, 0.8, 1.6)))):
+        outcome = run_indices(compile_plan(system), 5, 0, 4096, reprojection=True)
+        digest.update(outcome.errors.tobytes())
+        digest.update(outcome.reprojection.tobytes())
+    assert digest.hexdigest() == "1885390e988d1e2a16a1da51a437fe9c820c4a86c921cb654e685abe4b3d66b6"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"reading": Reading.EQ18, "rotation_form": RotationForm.SMALL_ANGLE},
+        {"triangulation": Triangulation.REPROJECTION},
+        {"triangulation": Triangulation.WEIGHTED},
+    ],
+    ids=["stretched", "reprojection", "weighted"],
+)
+def test_what_the_lanes_do_not_know_runs_in_the_plain_form(changes: dict) -> None:
+    plan = compile_plan(scene(**changes))
+    z = draw(plan, 3, np.arange(64))
+    assert not plan.in_lanes
+    assert np.array_equal(evaluate(plan, z), errors_by_svd(plan, z)[0])
+
+
+def test_a_check_says_which_engine_ran() -> None:
+    engines = {}
+    for estimator in (Estimator.DLT, Estimator.POSE, Estimator.REPROJECTION):
+        system = system_of(cube_fiducials(50.0), views=with_noise(0.5), estimator=estimator)
+        engines[estimator] = verify(system, trials=1024).engine
+    assert "structured resection, eight lanes" in engines[Estimator.DLT]
+    assert "Gauss-Newton for the pose, eight lanes" in engines[Estimator.POSE]
+    assert "plain estimators" in engines[Estimator.REPROJECTION]
