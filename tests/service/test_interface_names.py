@@ -89,7 +89,11 @@ def test_a_report_of_an_older_version_is_read_rendered_and_verified() -> None:
     # Names are understood: what differs from today's score are numbers, each by as much as CHANGELOG.md says.
     apart = [pair for pair in values(plain(record.score), plain(score(load_design(record.design)))) if not pair.close]
     for pair in apart:
-        if "/provenance/" in pair.pointer or pair.pointer.endswith(("law_error_mm", "standard_error_mm")):
+        if (
+            "/provenance/" in pair.pointer
+            or "/losses" in pair.pointer
+            or pair.pointer.endswith(("law_error_mm", "standard_error_mm"))
+        ):
             continue
         by = 0.01 if "/per_unit/" in pair.pointer else 1e-4
         assert pair.computed == pytest.approx(pair.recorded, rel=by), pair.words

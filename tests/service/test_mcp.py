@@ -43,8 +43,14 @@ def in_session(session: Session, *arguments: str, **settings: str) -> Any:
     return anyio.run(meet)
 
 
+def text_of(result: Any) -> str:
+    """What the assistant is shown of an answer."""
+    text: str = result.content[0].text
+    return text
+
+
 def record_of(result: Any) -> dict[str, Any]:
-    assert not result.is_error, result.content[0].text
+    assert not result.is_error, text_of(result)
     record: dict[str, Any] = result.structured_content
     return record
 
@@ -53,8 +59,8 @@ def test_an_assistant_validates_scores_optimises_and_reports_a_design(tmp_path: 
     """independent: the library's score, in this process, and the files that were written."""
     heard: list[float] = []
 
-    async def hear(done: float, total: float | None, words: str | None) -> None:
-        heard.append(done)
+    async def hear(progress: float, total: float | None, message: str | None) -> None:
+        heard.append(progress)
 
     async def session(client: Client) -> None:
         listed = {tool.name: tool for tool in (await client.list_tools()).tools}
@@ -66,7 +72,7 @@ def test_an_assistant_validates_scores_optimises_and_reports_a_design(tmp_path: 
         assert name == load_design(CARRIER).sha256
         scored = await client.call_tool("score", {"design_sha256": name})
         assert record_of(scored)["targets"][0]["p95_mm"] == score(load_design(CARRIER)).targets[0].p95_mm
-        assert "1.209 mm" in scored.content[0].text
+        assert "1.209 mm" in text_of(scored)
         swept = await client.call_tool(
             "sweep",
             {"design_sha256": name, "axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2]}]},
@@ -85,7 +91,7 @@ def test_an_assistant_validates_scores_optimises_and_reports_a_design(tmp_path: 
         reported = await client.call_tool(
             "report", {"design_sha256": better, "trials": 20_000, "save_as": "better.html"}
         )
-        assert "better.html" in reported.content[0].text
+        assert "better.html" in text_of(reported)
 
     in_session(session, "--folder", str(tmp_path))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["better.html", "better.yaml"]
@@ -100,7 +106,7 @@ def test_refusals_tell_the_field_and_the_cure_and_the_session_goes_on(tmp_path: 
     (tmp_path / "inside").mkdir()
     (tmp_path / "secret.yaml").write_text(CARRIER, encoding="utf-8")
     (tmp_path / "inside" / "link.yaml").symlink_to(tmp_path / "secret.yaml")
-    refused = [
+    refused: list[tuple[str, Any, str, str]] = [
         ("score", {"design": wrong}, "/design/views/0/fiducial_noise_px", "invalid-design"),
         ("score", {"design": coplanar_design()}, "", "ill-posed-geometry"),
         ("score", {"design": "name: [1"}, "", "invalid-design"),
@@ -127,7 +133,7 @@ def test_refusals_tell_the_field_and_the_cure_and_the_session_goes_on(tmp_path: 
             problem = result.structured_content
             assert problem["errors"][0]["pointer"].startswith(pointer), problem
             assert problem["type"].endswith(slug), problem
-            assert problem["errors"][0]["detail"] in result.content[0].text
+            assert problem["errors"][0]["detail"] in text_of(result)
         with pytest.raises(MCPError, match="there is no tool"):
             await client.call_tool("delete", {})
         record_of(await client.call_tool("score", {"design": small_design(), "patch": {"name": "still here"}}))
@@ -145,7 +151,7 @@ def test_without_a_folder_no_file_is_touched_and_a_call_has_an_end() -> None:
         assert result.structured_content["errors"][0]["pointer"] == "/file"
         slow = await client.call_tool("verify", {"design": small_design(), "precision": 1e-3})
         assert slow.is_error
-        assert "TAILSTACK_MAX_JOB_SECONDS" in slow.content[0].text
+        assert "TAILSTACK_MAX_JOB_SECONDS" in text_of(slow)
 
     in_session(session, TAILSTACK_MAX_JOB_SECONDS="1")
 
@@ -190,10 +196,10 @@ def test_schemas_and_examples_are_resources() -> None:
     async def session(client: Client) -> None:
         addresses = [str(one.uri) for one in (await client.list_resources()).resources]
         assert "tailstack://schemas/design" in addresses
-        (schema,) = (await client.read_resource("tailstack://schemas/design")).contents
-        assert json.loads(schema.text) == json_schema("design")
-        (example,) = (await client.read_resource("tailstack://examples/demo")).contents
-        assert load_design(yaml.safe_load(example.text)).sha256 == load_design(EXAMPLES / "demo.yaml").sha256
+        schemas: Any = (await client.read_resource("tailstack://schemas/design")).contents
+        assert json.loads(schemas[0].text) == json_schema("design")
+        examples: Any = (await client.read_resource("tailstack://examples/demo")).contents
+        assert load_design(yaml.safe_load(examples[0].text)).sha256 == load_design(EXAMPLES / "demo.yaml").sha256
         with pytest.raises(MCPError, match="there is no resource"):
             await client.read_resource("tailstack://examples/../settings")
         assert "schema: tailstack/design/1" in client.instructions

@@ -236,7 +236,8 @@ def test_a_step_file_is_a_design_or_its_balls_become_the_fiducials_of_one(servic
     """Eight balls; the labels are the names that its bodies have."""
     step = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")
     files = [{"name": "carrier.step", "text": step}]
-    for more in ({"empty": True}, {}):
+    wanted: tuple[dict[str, Any], ...] = ({"empty": True}, {})
+    for more in wanted:
         (dropped,) = used(service.url, "drop", files=files, **more)["found"]
         assert dropped["labels"] == [f"BEAD{k}" for k in range(1, 9)]
         assert "8 fiducials of carrier.step" in dropped["words"]

@@ -7,6 +7,7 @@ knows no derivative.  The numerical error of P95 over the step bounds what they 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ INPUTS = {
 
 @pytest.mark.parametrize("example", INPUTS)
 @pytest.mark.parametrize("error", ["tcp", "localisation"])
-def test_the_derivative_of_p95_is_that_of_differences(example: str, error: str) -> None:
+def test_the_derivative_of_p95_is_that_of_differences(example: str, error: Any) -> None:
     design = load_design(EXAMPLES / example)
     function = DesignFunction(design, INPUTS[example])
     p95, gradient = function.p95_gradient(function.present, error=error)

@@ -77,7 +77,8 @@ def test_the_pose_is_that_of_opencv(cv2):
 def test_trials_of_the_pose_have_the_p95_of_the_reference(half_mm):
     """sampled: 8000 trials against 8000 trials of OpenCV's; both intervals are two-sided 95 %."""
     published, width = ORACLE["monte_carlo_pose_p95_mm"][str(half_mm)]
-    found = np.quantile(np.linalg.norm(errors(s := cube(half_mm, Estimator.POSE), *noisy(s, 8000)), axis=1), 0.95)
+    system = cube(half_mm, Estimator.POSE)
+    found = np.quantile(np.linalg.norm(errors(system, *noisy(system, 8000)), axis=1), 0.95)
     assert abs(found - published) < 2 * width
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ def test_what_is_called_good_to_one_per_cent_is_within_three_thousandths(estimat
     same deviates, so that chance cancels."""
     for seed, views in ((21, 2), (22, 3), (23, 4), (24, 2)):
         system = random_system(np.random.default_rng(seed), fiducials=9 + seed % 3, views=views, estimator=estimator)
-        quiet = {"fiducial_noise_px": 0.15, "target_noise_px": 0.15, "intrinsics_prior": (0.01, 5.0)}
+        quiet: dict[str, Any] = {"fiducial_noise_px": 0.15, "target_noise_px": 0.15, "intrinsics_prior": (0.01, 5.0)}
         known = tuple(replace(view, **quiet) for view in system.views)
         system = replace(system, views=known)
         assert trust_of(system, linearise_all(system)).status == "good to 1 %"

@@ -67,7 +67,7 @@ def test_a_small_plane_seen_head_on_is_refused_with_the_two_poses(azimuth):
     images = project(view.projection, points) + 0.5 * rng.normal(size=(400, 9, 2))
     normal = np.array([0.0, 1.0, 0.0])
     axis = np.cross(normal, rival)
-    angle = np.arcsin(min(np.linalg.norm(axis), 1.0))
+    angle = np.arcsin(min(float(np.linalg.norm(axis)), 1.0))
     axis /= np.linalg.norm(axis)
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     turned = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross

@@ -31,8 +31,8 @@ def slopes_of(projection, points):
         step[k] = 1e-6 * np.abs(projection).ravel()[k] or 1e-6
         ahead, behind = (project(projection + sign * step.reshape(3, 4), points) for sign in (1, -1))
         columns.append(((ahead - behind) / (2 * step[k])).ravel())
-    columns = np.array(columns).T
-    return columns / np.linalg.norm(columns, axis=0)
+    stacked = np.array(columns).T
+    return stacked / np.linalg.norm(stacked, axis=0)
 
 
 def found_for(system, view, label) -> SlipReliability:

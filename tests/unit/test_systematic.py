@@ -71,7 +71,7 @@ def test_the_shadow_of_a_ball_is_shifted_by_four_fifths() -> None:
     chord = np.sqrt(np.maximum(along**2 - (centre - source) @ (centre - source) + radius**2, 0)).reshape(u.shape)
     centroid = np.array([(chord * u).sum(), (chord * v).sum()]) / chord.sum()
     outline = outline_shifts(projection, centre[None], radius)[0]
-    np.testing.assert_allclose(centroid - at, 0.8 * outline, rtol=0, atol=1e-3 * np.linalg.norm(outline))
+    np.testing.assert_allclose(centroid - at, 0.8 * outline, rtol=0, atol=1e-3 * float(np.linalg.norm(outline)))
 
 
 def test_simulation_finds_the_p95_of_first_order_with_all_of_them() -> None:

@@ -62,7 +62,7 @@ class StepBody:
 class StepContact:
     """A point contact of a seat or pin."""
 
-    name: str
+    name: str  # of the locator that it becomes
     position_mm: tuple[float, float, float]  # con
     normal: tuple[float, float, float]  # con
 
