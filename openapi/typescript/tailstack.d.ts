@@ -224,6 +224,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/studies/views": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Which view buys most, turned or added?
+         * @description P95 by first order over the direction of each aimed view's beam within a cone, and over that of a view more; what a direction hides, the best one, its angles to the other views, and what it buys. Becomes a job. With Prefer: wait=N the answer is the result itself (200), or the problem that it came to, if that is known within N seconds.
+         */
+        post: operations["create_study_views"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/studies/compare": {
         parameters: {
             query?: never;
@@ -957,6 +977,71 @@ export interface components {
              *     ]
              */
             columns?: ("p95_mm" | "mean_norm_mm" | "bias_norm_mm" | "localisation_p95_mm" | "value_mm" | "within_limits" | "verdict")[];
+        };
+        /**
+         * BeamAngle
+         * @description The angle between the beams of two views.
+         */
+        BeamAngle: {
+            /**
+             * View
+             * @description Name of the other view.
+             */
+            view: string;
+            /**
+             * Angle Deg
+             * @description Between the lines of both beams, whichever way they run, deg: 0 to 90.
+             */
+            angle_deg: number;
+        };
+        /**
+         * BeamDirection
+         * @description A direction that a view may have, and what comes of it.
+         */
+        BeamDirection: {
+            /**
+             * Right Deg
+             * @description Towards the right of the image as it is designed, deg: with up_deg the angle of the turn and where it goes.
+             */
+            right_deg: number;
+            /**
+             * Up Deg
+             * @description Towards the top of the image as it is designed, deg.
+             */
+            up_deg: number;
+            /**
+             * Beam Direction
+             * @description Of the turned view, from the source to the detector, in con; as a design takes it.
+             */
+            beam_direction: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Up Direction
+             * @description Of the turned view, in con; as a design takes it.
+             */
+            up_direction: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * P95 Mm
+             * @description P95 of the error, at the target where it is largest, mm; null where the direction is not allowed.
+             */
+            p95_mm: number | null;
+            /**
+             * Target
+             * @description That target; null where the direction is not allowed.
+             */
+            target: string | null;
+            /**
+             * Reason
+             * @description Why the direction is not allowed: what it hides, mostly; null where it is.
+             */
+            reason: string | null;
         };
         /**
          * Bias
@@ -4154,7 +4239,7 @@ export interface components {
              * @description What is computed.
              * @enum {string}
              */
-            kind: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-estimators" | "study-comparison" | "gate" | "report" | "comparison";
+            kind: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-estimators" | "study-views" | "study-comparison" | "gate" | "report" | "comparison";
             /**
              * State
              * @description queued, running, or how it ended.
@@ -7911,6 +7996,85 @@ export interface components {
             seed?: number;
         };
         /**
+         * StudyViews
+         * @description Which view buys most.
+         */
+        StudyViews: {
+            /**
+             * Schema
+             * @description Name and version of this record's schema.
+             * @constant
+             */
+            schema: "tailstack/study-views/1";
+            /**
+             * Error
+             * @description Error that is studied: tcp (at the tool) or localisation (of the target).
+             * @enum {string}
+             */
+            error: "tcp" | "localisation";
+            /**
+             * Cone Deg
+             * @description How far each view was turned, deg.
+             */
+            cone_deg: number;
+            /**
+             * Step Deg
+             * @description Step of these maps, deg.
+             */
+            step_deg: number;
+            /**
+             * P95 Mm
+             * @description P95 of the error as designed, by first order, at the target where it is largest, mm.
+             */
+            p95_mm: number;
+            /**
+             * Target
+             * @description That target.
+             */
+            target: string;
+            /**
+             * Views
+             * @description Every view of the design, turned by itself.
+             */
+            views: components["schemas"]["ViewMap"][];
+            /** @description A view more, a copy of the first aimed one with a beam of its own; null where no view is aimed. */
+            further: components["schemas"]["ViewMap"] | null;
+            /**
+             * Conclusions
+             * @description What it comes to for a designer; what buys most comes first.
+             */
+            conclusions: string[];
+            /** @description Which design, by which version, under which model, and what is not included. */
+            provenance: components["schemas"]["Provenance"];
+        };
+        StudyViewsRequest: {
+            /** @description The design document. */
+            design?: components["schemas"]["Design"];
+            /** @description Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its answer). 404 `unknown-design` where it is no longer kept. */
+            design_sha256?: string;
+            /** @description What is changed in that design first. */
+            patch?: components["schemas"]["DesignPatch"];
+            /**
+             * Cone Deg
+             * @description How far each view turns from where it is designed, deg.
+             * @default 30
+             */
+            cone_deg?: number;
+            /**
+             * Step Deg
+             * @description Step of the maps, deg; at most 15 of them from the middle to the edge.
+             * @default 10
+             */
+            step_deg?: number;
+            /**
+             * Error
+             * @description Which error.
+             * @default tcp
+             * @enum {string}
+             */
+            error?: "tcp" | "localisation";
+        };
+        /**
          * Survive
          * @description What holds when fiducials are lost.
          */
@@ -9037,6 +9201,54 @@ export interface components {
              */
             closest_pair_px: number;
         };
+        /**
+         * ViewMap
+         * @description P95 over the direction of one view's beam, everything else as designed.
+         */
+        ViewMap: {
+            /**
+             * View
+             * @description Name of the view that turns; of a view more, of the one that it is a copy of.
+             */
+            view: string;
+            /**
+             * Reason
+             * @description Why the view is left as it is; null where it turns.
+             */
+            reason: string | null;
+            /**
+             * Cone Deg
+             * @description How far it turns from where it is designed, deg.
+             */
+            cone_deg: number;
+            /**
+             * Step Deg
+             * @description Step of the map, deg.
+             */
+            step_deg: number;
+            /**
+             * Directions
+             * @description All directions of the map, those that turn least first.
+             */
+            directions: components["schemas"]["BeamDirection"][];
+            /** @description The allowed direction with the smallest P95; null where none is allowed. */
+            best: components["schemas"]["BeamDirection"] | null;
+            /**
+             * Turn Deg
+             * @description Angle between the designed beam and the best one, deg.
+             */
+            turn_deg: number | null;
+            /**
+             * Angles
+             * @description Between the best beam and those of the other views.
+             */
+            angles: components["schemas"]["BeamAngle"][];
+            /**
+             * Sentence
+             * @description What the map says.
+             */
+            sentence: string;
+        };
     };
     responses: {
         /** @description Problem: malformed-document. */
@@ -10011,6 +10223,82 @@ export interface operations {
             503: components["responses"]["Problem503"];
         };
     };
+    create_study_views: {
+        parameters: {
+            query?: {
+                /** @description Only with a YAML body. How far each view turns from where it is designed, deg. */
+                cone_deg?: number;
+                /** @description Only with a YAML body. Step of the maps, deg; at most 15 of them from the middle to the edge. */
+                step_deg?: number;
+                /** @description Only with a YAML body. Which error. */
+                error?: "tcp" | "localisation";
+            };
+            header?: {
+                /**
+                 * @description RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).
+                 * @example wait=10
+                 */
+                Prefer?: components["parameters"]["Prefer"];
+                /** @description One key stands for one request: sent again with the same body it gives the same job. */
+                "Idempotency-Key"?: components["parameters"]["IdempotencyKey"];
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["StudyViewsRequest"];
+                "application/yaml": components["schemas"]["Design"];
+            };
+        };
+        responses: {
+            /** @description Which view buys most, turned or added?: with Prefer: wait, in time. */
+            200: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    ETag: components["headers"]["ETag"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    Vary: components["headers"]["Vary"];
+                    Location: components["headers"]["Location"];
+                    "Content-Location": components["headers"]["ResultLocation"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["StudyViews"];
+                };
+            };
+            /** @description Accepted: the job. */
+            202: {
+                headers: {
+                    "X-Request-ID": components["headers"]["RequestId"];
+                    Location: components["headers"]["Location"];
+                    "Retry-After": components["headers"]["RetryAfter"];
+                    "Cache-Control": components["headers"]["CacheControl"];
+                    "Preference-Applied": components["headers"]["PreferenceApplied"];
+                    "Idempotency-Replayed": components["headers"]["IdempotencyReplayed"];
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Job"];
+                };
+            };
+            400: components["responses"]["Problem400"];
+            401: components["responses"]["Problem401"];
+            403: components["responses"]["Problem403"];
+            404: components["responses"]["Problem404"];
+            408: components["responses"]["Problem408"];
+            413: components["responses"]["Problem413"];
+            415: components["responses"]["Problem415"];
+            421: components["responses"]["Problem421"];
+            422: components["responses"]["Problem422"];
+            429: components["responses"]["Problem429"];
+            500: components["responses"]["Problem500"];
+            501: components["responses"]["Problem501"];
+            503: components["responses"]["Problem503"];
+        };
+    };
     create_study_comparison: {
         parameters: {
             query?: never;
@@ -10429,7 +10717,7 @@ export interface operations {
                 /** @description Only jobs in this state. */
                 state?: "queued" | "running" | "succeeded" | "failed" | "cancelled";
                 /** @description Only jobs of this kind. */
-                kind?: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-estimators" | "study-comparison" | "gate" | "report" | "comparison";
+                kind?: "batch" | "verification" | "optimisation" | "sweep" | "study-paper" | "study-linearity" | "study-coupling" | "study-estimators" | "study-views" | "study-comparison" | "gate" | "report" | "comparison";
             };
             header?: never;
             path?: never;
@@ -10607,7 +10895,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["Batch"] | components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["StudyPaper"] | components["schemas"]["StudyLinearity"] | components["schemas"]["StudyCoupling"] | components["schemas"]["StudyEstimators"] | components["schemas"]["StudyComparison"] | components["schemas"]["Gate"] | components["schemas"]["Report"] | components["schemas"]["Comparison"];
+                    "application/json": components["schemas"]["Batch"] | components["schemas"]["Verification"] | components["schemas"]["Optimisation"] | components["schemas"]["Sweep"] | components["schemas"]["StudyPaper"] | components["schemas"]["StudyLinearity"] | components["schemas"]["StudyCoupling"] | components["schemas"]["StudyEstimators"] | components["schemas"]["StudyViews"] | components["schemas"]["StudyComparison"] | components["schemas"]["Gate"] | components["schemas"]["Report"] | components["schemas"]["Comparison"];
                 };
             };
             /** @description The client has it. */

@@ -34,7 +34,7 @@ from .design import Design, compile_design, design_to_data, load_design
 from .design.compile import detector_distances, frozen
 from .design.fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels
 from .design.pointers import Place, pointer_of, value_at
-from .errors import MissingExtraError, Problem, TailstackError
+from .errors import MissingExtraError, Problem, TailstackError, describe_refusal
 from .estimation.checks import COPLANAR, LINEAR, NO_PARALLAX, SINGULAR, TOUCHING_MM, sines_between_rays
 from .geometry.symmetric import eigen_symmetric
 from .kernels import kernel
@@ -42,7 +42,7 @@ from .propagation.linear import Chain, LinearModel, chain_of, linearise_at
 from .propagation.noise import Estimation, eliminate, mean_rows, noise_gains_jit
 from .results import Check
 from .scoring import P95, ErrorScore, check_requirement, score, tightest_limit, trust_of
-from .sweeping import SweepError, describe_refusal, find_numbers, set_numbers
+from .sweeping import SweepError, find_numbers, set_numbers
 from .system import INTERFACES, STD_PER_HALF_WIDTH, TORSOR_COMPONENTS, Estimator, Law, Mount, Reading, Sources, System
 from .tail.declared import LawSummary, law_mean, law_quantile
 from .tail.gaussian import norm_mean_jit, norm_quantile_jit

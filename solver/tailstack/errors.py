@@ -125,3 +125,10 @@ class StudyError(TailstackError):
     slug = "invalid-request"
     title = "The request is not valid"
     exit_code = 2
+
+
+def describe_refusal(error: TailstackError) -> str:
+    """Why a design could not be computed, in a line."""
+    first = error.problems[0]
+    more = f" (and {len(error.problems) - 1} more)" if len(error.problems) > 1 else ""
+    return f"{first.pointer or '(document)'}: {first.detail}{more}"

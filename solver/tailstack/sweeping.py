@@ -15,7 +15,7 @@ import numpy as np
 from .arrays import Array
 from .design import Design, compile_design, load_design
 from .design.pointers import Place, find_places, pointer_of, replace_value, suggest, value_at
-from .errors import Problem, TailstackError
+from .errors import Problem, TailstackError, describe_refusal
 from .results import Provenance, Score, TargetEstimate, TargetScore, Verification
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 from .scoring import provenance, score
@@ -178,13 +178,6 @@ def _target(target: TargetScore | TargetEstimate) -> SweepTarget:
         bias_norm_mm=hypot(*target.bias_mm),
         localisation_p95_mm=target.localisation.p95_mm,
     )
-
-
-def describe_refusal(error: TailstackError) -> str:
-    """Why a design could not be computed, in a line."""
-    first = error.problems[0]
-    more = f" (and {len(error.problems) - 1} more)" if len(error.problems) > 1 else ""
-    return f"{first.pointer or '(document)'}: {first.detail}{more}"
 
 
 # --- the grid -------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ STUDIES: dict[str, Any] = {
     "study-linearity": ("linearity", studies.linearity_document),
     "study-coupling": ("coupling", studies.coupling_document),
     "study-estimators": ("estimators", study_estimators.OPERATION.document),
+    "study-views": ("views", studies.views_document),
     "study-comparison": ("comparison", studies.bench_document),
 }
 
@@ -56,6 +57,10 @@ def test_no_row_of_a_study_is_left_out(name: str) -> None:
         assert [row.cells[5] for row in tables["Parts"].rows] == [case["p95_together_mm"] for case in record["cases"]]
     elif name == "study-estimators":
         assert [row.cells[1] for row in tables["Estimators"].rows] == [case["p95_mm"] for case in record["cases"]]
+    elif name == "study-views":
+        maps = [*record["views"], record["further"]]
+        every = [direction["p95_mm"] for one in maps for direction in one["directions"]]
+        assert [row.cells[3] for row in tables["Directions"].rows] == every
     else:
         assert len(tables["Levels"].rows) == len(record["levels"])
         assert len(tables["Tests"].rows) == sum(len(level["tests"]) for level in record["levels"])

@@ -30,7 +30,7 @@ CREATING = {name: entry for name, entry in SECURED.items() if entry[1] == "post"
 LISTING = {name: entry for name, entry in SECURED.items() if entry[1] == "get" and name not in ADDRESSED}
 JOBS = {name for name, (_, _, operation) in CREATING.items() if "202" in operation["responses"]}
 KINDS = {"verification", "optimisation", "sweep", "gate", "report", "comparison"}
-KINDS |= {"study-paper", "study-linearity", "study-coupling", "study-estimators", "study-comparison"}
+KINDS |= {"study-paper", "study-linearity", "study-coupling", "study-estimators", "study-views", "study-comparison"}
 OWNED = {"id": "job", "sha256": "result"}  # path parameters that name what belongs to somebody
 WORDS = {"name", "slug"}  # path parameters that name what belongs to everybody
 VARYING = {"date", "x-request-id"}

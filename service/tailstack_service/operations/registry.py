@@ -22,6 +22,7 @@ VERB_OF = {
     "study-linearity": "study linearity",
     "study-coupling": "study coupling",
     "study-estimators": "study estimators",
+    "study-views": "study views",
     "study-comparison": "study compare",
     "gate": "gate",
     "report": "report",
@@ -30,7 +31,7 @@ VERB_OF = {
 }
 
 # Verbs that are families: their members are operations whose verbs begin with them
-FAMILIES = {"study": "studies: the paper's tables, reach of the estimate, coupling, estimators, measurements"}
+FAMILIES = {"study": "studies: the paper's tables, reach of the estimate, coupling, estimators, views, measurements"}
 
 
 class _Registry(Mapping[str, "Operation"]):

@@ -624,13 +624,13 @@ def _draw_map(sweep: Sweep, down: int, across: int, name: str) -> str:
             value = values.get((column, row))
             share = 0.0 if value is None or isclose(high, low) else (value - low) / (high - low)
             words = number(value, 3) if value is not None and wide >= 40 else ""
-            cells.append((k, j, "" if value is None else _shade(share), words, "#ffffff" if share > 0.45 else INK))
+            cells.append((k, j, "" if value is None else shade(share), words, "#ffffff" if share > 0.45 else INK))
     with titled_page(name, _sweep_title(sweep), f"{_how(sweep)}; empty: refused", 114 + tall * len(rows)) as (
         page,
         top,
     ):
         page.say(15, top + 14, "P95 of the error at the tool, mm, at the target where it is largest", weight="bold")
-        marks = [(page.patch(color=_shade(k / 4)), number(low + (high - low) * k / 4, 3)) for k in range(5)]
+        marks = [(page.patch(color=shade(k / 4)), number(low + (high - low) * k / 4, 3)) for k in range(5)]
         page.explain(15, top + 24, marks)
         page.say(15, top + 56, f"up: {_axis_name(sweep.axes[down])}", color=MUTED)
         foot = top + 66 + tall * len(rows)
@@ -648,6 +648,6 @@ def _draw_map(sweep: Sweep, down: int, across: int, name: str) -> str:
         return page.svg(_sweep_title(sweep), f"P95 from {low:.4g} to {high:.4g} mm over {over}.")
 
 
-def _shade(share: float) -> str:
+def shade(share: float) -> str:
     """From pale to dark, so that a print in grey keeps the order."""
     return "#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in zip(PALE, DARK, strict=True))

@@ -1,8 +1,9 @@
-"""The charts of studies: bench measurements, linearity, coupling, the paper's tables.  Each SVG stands by itself."""
+"""The charts of studies: the bench, linearity, coupling, views, the paper's tables.  Each SVG stands by itself."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import nan
 from typing import TYPE_CHECKING, Any
 
 from tailstack.results.look import BLUE, COLOURS, FAINT, INK, MUTED, VERMILION
@@ -11,10 +12,12 @@ from tailstack.studies.bench.levels import LevelCompared
 from tailstack.studies.coupling import Ratio, StudyCoupling
 from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within
 from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
+from tailstack.studies.views import StudyViews, ViewMap, maps_of
 
 from ..rendering.studies.coupling import COMPARISONS, cases_of
 from ..rendering.studies.linearity import deviation, points_by_place
-from ..rendering.tables import percent
+from ..rendering.tables import percent, shorten
+from .charts import shade
 from .page import DASHED, DOTTED, beside, draw_cells, name_at_right, titled_page
 from .svg import broken
 
@@ -222,6 +225,61 @@ def _draw_ratios(axes: Axes, ratios: Sequence[Ratio | None]) -> None:
         axes.plot(interval, [y, y], color=BLUE, linewidth=2.2)
         axes.plot(interval, [y, y], "|", color=BLUE, markersize=8, markeredgewidth=1.4)
         axes.plot(at, y, "o", color=BLUE, markersize=6.8, markeredgewidth=0)
+
+
+# --- views ----------------------------------------------------------------------------------------
+
+SQUARE, SHADES = 300, 6
+
+
+def draw_views(study: StudyViews) -> str:
+    """A map for each view that turns and for one more: contours of P95 over the turn to the right and up."""
+    maps = maps_of(study)
+    rows = -(-len(maps) // 2)
+    title = f"P95 over the directions of views: {study.provenance.design_name}"
+    about = (
+        f"{study.error} error, at the target where it is largest; as designed {study.p95_mm:.3f} mm at {study.target}"
+    )
+    with titled_page("study-views", title, about, 48 + rows * (SQUARE + 130), 800) as (page, top):
+        best = page.sample(marker="*", linestyle="", color=VERMILION, markersize=13)
+        hidden = page.sample(marker="x", linestyle="", color=MUTED)
+        page.explain(15, top + 6, [(best, "smallest P95"), (hidden, "not allowed: it hides something, mostly")])
+        for number, (name, one) in enumerate(maps):
+            left, upper = 70 + 390 * (number % 2), top + 106 + (SQUARE + 130) * (number // 2)
+            page.say(left - 40, upper - 44, f"{shorten(name, 40)}: P95, mm", weight="bold")
+            axes = page.axes(
+                left, upper, left + SQUARE, upper + SQUARE, "turned to the right of the image, deg", "up, deg"
+            )
+            levels = _draw_view_map(axes, one)
+            marks = [(page.patch(color=shade(k / SHADES)), f"{level:.3f}") for k, level in enumerate(levels)]
+            if marks:
+                page.explain(left - 48, upper - 38, marks, columnspacing=0.7, handlelength=0.9, handletextpad=0.3)
+        return page.svg(title, " ".join(study.conclusions))
+
+
+def _draw_view_map(axes: Axes, one: ViewMap) -> list[float]:
+    """Contours where a direction and its neighbours are allowed; returns where each shade begins, mm."""
+    reach = 1.06 * one.cone_deg
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    axes.grid(False)
+    steps = sorted({each.right_deg for each in one.directions})
+    values = {(each.right_deg, each.up_deg): each.p95_mm for each in one.directions if each.p95_mm is not None}
+    levels: list[float] = []
+    if len(steps) > 1 and values:
+        low, high = min(values.values()), max(values.values())
+        width = max(high - low, 1e-3 * high) / SHADES
+        levels = [low + k * width for k in range(SHADES)]
+        field = [[values.get((x, y), nan) for x in steps] for y in steps]
+        colours = [shade(k / SHADES) for k in range(SHADES)]
+        axes.contourf(steps, steps, field, [*levels, 1.001 * high], colors=colours)
+    for each in one.directions:
+        look: dict[str, Any] = (
+            {"marker": "x", "markersize": 5} if each.p95_mm is None else {"marker": ".", "markersize": 2}
+        )
+        axes.plot(each.right_deg, each.up_deg, linestyle="", color=MUTED, **look)
+    if one.best is not None:
+        axes.plot(one.best.right_deg, one.best.up_deg, "*", color=VERMILION, markersize=13, clip_on=False)
+    return levels
 
 
 # --- the paper ------------------------------------------------------------------------------------

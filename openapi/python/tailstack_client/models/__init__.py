@@ -11,6 +11,8 @@ from .batch_request import BatchRequest
 from .batch_request_columns_item import BatchRequestColumnsItem
 from .batch_request_table import BatchRequestTable
 from .batch_ways import BatchWays
+from .beam_angle import BeamAngle
+from .beam_direction import BeamDirection
 from .bias_compared import BiasCompared
 from .bias_compared_interval_of import BiasComparedIntervalOf
 from .bounds import Bounds
@@ -196,6 +198,10 @@ from .study_linearity_request import StudyLinearityRequest
 from .study_linearity_request_error import StudyLinearityRequestError
 from .study_paper import StudyPaper
 from .study_paper_request import StudyPaperRequest
+from .study_views import StudyViews
+from .study_views_error import StudyViewsError
+from .study_views_request import StudyViewsRequest
+from .study_views_request_error import StudyViewsRequestError
 from .survived_loss import SurvivedLoss
 from .sweep import Sweep
 from .sweep_axis import SweepAxis
@@ -222,6 +228,7 @@ from .verification_request import VerificationRequest
 from .verification_request_method import VerificationRequestMethod
 from .version import Version
 from .view_check import ViewCheck
+from .view_map import ViewMap
 
 __all__ = (
     "Additivity",
@@ -235,6 +242,8 @@ __all__ = (
     "BatchRequestColumnsItem",
     "BatchRequestTable",
     "BatchWays",
+    "BeamAngle",
+    "BeamDirection",
     "BiasCompared",
     "BiasComparedIntervalOf",
     "Bounds",
@@ -420,6 +429,10 @@ __all__ = (
     "StudyLinearityRequestError",
     "StudyPaper",
     "StudyPaperRequest",
+    "StudyViews",
+    "StudyViewsError",
+    "StudyViewsRequest",
+    "StudyViewsRequestError",
     "SurvivedLoss",
     "Sweep",
     "SweepAxis",
@@ -446,4 +459,5 @@ __all__ = (
     "VerificationRequestMethod",
     "Version",
     "ViewCheck",
+    "ViewMap",
 )

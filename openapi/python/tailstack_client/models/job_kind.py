@@ -11,6 +11,7 @@ JobKind = Literal[
     "study-estimators",
     "study-linearity",
     "study-paper",
+    "study-views",
     "sweep",
     "verification",
 ]
@@ -26,6 +27,7 @@ JOB_KIND_VALUES: set[JobKind] = {
     "study-estimators",
     "study-linearity",
     "study-paper",
+    "study-views",
     "sweep",
     "verification",
 }

@@ -11,6 +11,7 @@ ListJobsKind = Literal[
     "study-estimators",
     "study-linearity",
     "study-paper",
+    "study-views",
     "sweep",
     "verification",
 ]
@@ -26,6 +27,7 @@ LIST_JOBS_KIND_VALUES: set[ListJobsKind] = {
     "study-estimators",
     "study-linearity",
     "study-paper",
+    "study-views",
     "sweep",
     "verification",
 }

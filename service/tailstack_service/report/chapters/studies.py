@@ -1,8 +1,10 @@
-"""The chapters of the studies: the paper's tables, the reach of first order, coupling, measurements on a bench."""
+"""The chapters of the studies: the paper's tables, the reach of first order, coupling, views, the bench."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from tailstack.studies.views import StudyViews, maps_of
 
 from ...rendering.studies.coupling import COMPARISONS, cases_of
 from ..blocks import (
@@ -21,7 +23,7 @@ from ..blocks import (
     Table,
     Tone,
 )
-from ..study_charts import draw_bench, draw_coupling, draw_linearity, draw_paper
+from ..study_charts import draw_bench, draw_coupling, draw_linearity, draw_paper, draw_views
 from .tables import findings_table, not_included, provenance_facts
 
 if TYPE_CHECKING:
@@ -250,6 +252,64 @@ def _coupling_ratios(study: StudyCoupling) -> Table:
         tuple(rows),
         most=MOST_ROWS,
     )
+
+
+# --- views ----------------------------------------------------------------------------------------------
+
+
+def views_document(study: StudyViews, sha256: str) -> Document:
+    """The maps, what they come to, and every direction as a row."""
+    maps = maps_of(study)
+    rows, angles = [], []
+    for name, one in maps:
+        angles += [Row((name, each.view, each.angle_deg)) for each in one.angles]
+        for each in one.directions:
+            beam = ", ".join(f"{value:g}" for value in each.beam_direction)
+            rows.append(Row((name, each.right_deg, each.up_deg, each.p95_mm, each.target, beam, each.reason)))
+    caption = "P95 over the directions of each view's beam: what it costs or buys to turn it, and to add one."
+    directions = Table(
+        "Directions",
+        f"P95 of the {study.error} error, at the target where it is largest",
+        (Column("View"), Column("To the right", "deg", "given"), Column("Up", "deg", "given"),
+         Column("P95", "mm", "fixed"), Column("At", on_page=False), Column("Beam direction in con"),
+         Column("Not allowed because")),
+        tuple(rows),
+        most=MOST_ROWS,
+    )  # fmt: skip
+    between = Table(
+        "Angles",
+        "Between the best beam of each map and those of the other views",
+        (Column("View"), Column("To"), Column("Angle", "deg", "fixed", 1)),
+        tuple(angles),
+    )
+    return Document(
+        kind="Study: which view buys most",
+        title=study.provenance.design_name,
+        tone="neutral",
+        status="study",
+        sentence=study.conclusions[0],
+        numbers=(
+            KeyNumber("As designed", f"{study.p95_mm:.3f} mm", f"P95 at {study.target}"),
+            *(KeyNumber(name, f"{one.best.p95_mm:.3f} mm", "P95 of the best direction") for name, one in maps
+              if one.best is not None),
+        ),
+        matters=study.conclusions[1:],
+        figures=(Figure("views", draw_views(study), caption),) if maps else (),
+        sections=(
+            *((Section("The best directions", (between,)), Section("Every direction", (directions,))) if maps else ()),
+            *_auditor(
+                study.provenance,
+                f"tailstack study views design.yaml --cone-deg {study.cone_deg:g} --step-deg {study.step_deg:g} "
+                f"--error {study.error} --json",
+                Paragraph(
+                    "Every direction is scored to first order under the declared laws, everything else as designed, "
+                    "one view at a time. Whether the C-arm reaches a direction, and what of the patient or the table "
+                    "lies in its beam, is not asked."
+                ),
+            ),
+        ),
+        provenance=provenance_facts(study.provenance, sha256, study.schema),
+    )  # fmt: skip
 
 
 # --- measurements on a bench ----------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from ...models.study_coupling import StudyCoupling
 from ...models.study_estimators import StudyEstimators
 from ...models.study_linearity import StudyLinearity
 from ...models.study_paper import StudyPaper
+from ...models.study_views import StudyViews
 from ...models.sweep import Sweep
 from ...models.verification import Verification
 from ...types import UNSET, Unset
@@ -59,6 +60,7 @@ def _parse_response(
     | StudyEstimators
     | StudyLinearity
     | StudyPaper
+    | StudyViews
     | Sweep
     | Verification
     | Problem
@@ -79,6 +81,7 @@ def _parse_response(
             | StudyEstimators
             | StudyLinearity
             | StudyPaper
+            | StudyViews
             | Sweep
             | Verification
         ):
@@ -149,7 +152,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_8 = StudyComparison.from_dict(data)
+                response_200_type_8 = StudyViews.from_dict(data)
 
                 return response_200_type_8
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -157,7 +160,7 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_9 = Gate.from_dict(data)
+                response_200_type_9 = StudyComparison.from_dict(data)
 
                 return response_200_type_9
             except (TypeError, ValueError, AttributeError, KeyError):
@@ -165,16 +168,24 @@ def _parse_response(
             try:
                 if not isinstance(data, dict):
                     raise TypeError()
-                response_200_type_10 = Report.from_dict(data)
+                response_200_type_10 = Gate.from_dict(data)
 
                 return response_200_type_10
             except (TypeError, ValueError, AttributeError, KeyError):
                 pass
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                response_200_type_11 = Report.from_dict(data)
+
+                return response_200_type_11
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
             if not isinstance(data, dict):
                 raise TypeError()
-            response_200_type_11 = Comparison.from_dict(data)
+            response_200_type_12 = Comparison.from_dict(data)
 
-            return response_200_type_11
+            return response_200_type_12
 
         response_200 = _parse_response_200(response.json())
 
@@ -239,6 +250,7 @@ def _build_response(
     | StudyEstimators
     | StudyLinearity
     | StudyPaper
+    | StudyViews
     | Sweep
     | Verification
     | Problem
@@ -268,6 +280,7 @@ def sync_detailed(
     | StudyEstimators
     | StudyLinearity
     | StudyPaper
+    | StudyViews
     | Sweep
     | Verification
     | Problem
@@ -286,7 +299,7 @@ def sync_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
+        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | StudyViews | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -318,6 +331,7 @@ def sync(
     | StudyEstimators
     | StudyLinearity
     | StudyPaper
+    | StudyViews
     | Sweep
     | Verification
     | Problem
@@ -337,7 +351,7 @@ def sync(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | Sweep | Verification | Problem
+        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | StudyViews | Sweep | Verification | Problem
     """
 
     return sync_detailed(
@@ -364,6 +378,7 @@ async def asyncio_detailed(
     | StudyEstimators
     | StudyLinearity
     | StudyPaper
+    | StudyViews
     | Sweep
     | Verification
     | Problem
@@ -382,7 +397,7 @@ async def asyncio_detailed(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | Sweep | Verification | Problem]
+        Response[Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | StudyViews | Sweep | Verification | Problem]
     """
 
     kwargs = _get_kwargs(
@@ -412,6 +427,7 @@ async def asyncio(
     | StudyEstimators
     | StudyLinearity
     | StudyPaper
+    | StudyViews
     | Sweep
     | Verification
     | Problem
@@ -431,7 +447,7 @@ async def asyncio(
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | Sweep | Verification | Problem
+        Any | Batch | Comparison | Gate | Optimisation | Report | StudyComparison | StudyCoupling | StudyEstimators | StudyLinearity | StudyPaper | StudyViews | Sweep | Verification | Problem
     """
 
     return (
