@@ -118,7 +118,7 @@ def sampling_text(verification: Verification) -> str:
             indent="  ",
         ),
         wrap(
-            f"worst error met {worst:.3f} mm; {flagged:,} trial(s) redone by SVD; reprojection error mean "
+            f"worst error met {worst:.3f} mm; {flagged:,} trial(s) redone; reprojection error mean "
             f"{number(shots.mean_px, 3)} px, P95 {number(shots.p95_px, 3)} px over {shots.trials:,} trials; first "
             f"order over Monte Carlo P95 {verification.first_order_ratio:.4f}.",
             first="also: ",

@@ -90,7 +90,7 @@ def sampling_blocks(check: Verification) -> tuple[Block, ...]:
             ("Method", check.method),
             ("Engine", check.engine),
             ("Precision reached", f"{check.precision_reached:.2%} of P95"),
-            ("Trials redone by SVD", f"{flagged:,}"),
+            ("Trials redone", f"{flagged:,}"),
             ("Reprojection error", f"mean {shots.mean_px:.3g} px, P95 {shots.p95_px:.3g} px, {shots.trials:,} trials"),
         ),
     )
