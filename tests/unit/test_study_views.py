@@ -60,8 +60,8 @@ def test_the_p95_of_a_direction_is_the_score_of_the_design_with_that_direction(p
     for one in (plate.further.directions[0], best_of(plate.further)):
         more = aimed(base["views"][0], one) | {"name": "of my own"}
         assert one.p95_mm == pytest.approx(largest_p95(base | {"views": [*base["views"], more]}), rel=1e-12)
-    for one in (*plate.views, plate.further):
-        assert best_of(one).p95_mm == min(each.p95_mm for each in one.directions if each.p95_mm is not None)
+    for drawn in (*plate.views, plate.further):
+        assert best_of(drawn).p95_mm == min(each.p95_mm for each in drawn.directions if each.p95_mm is not None)
 
 
 def test_a_view_turns_about_the_axis_across_its_beam_and_its_image_turns_with_it(plate: StudyViews) -> None:
