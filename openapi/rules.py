@@ -38,12 +38,13 @@ COUNTS = frozenset(
     {"benches", "broken", "careless_infeasible", "careless_layouts", "changes_left_out", "column",
      "compared_cells", "compared_trials", "converged_starts", "count", "counts", "exit_code", "fiducials",
      "first_start", "flagged_trials", "installations", "kept", "line", "lost", "max", "max_trials", "min", "open",
-     "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused", "rows", "sections",
-     "seed", "starts", "status", "tightening_rounds", "trials", "units_done", "units_expected", "workers"}
+     "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused", "rows", "scored",
+     "sections", "seed", "solved", "starts", "status", "tightening_rounds", "trials", "units_done",
+     "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(
-    {"axis", "band", "beam_direction", "bias_rel", "chi_square", "confidence", "coverage_factor",
-     "exceedance_probability", "extrapolation", "factor", "first_order", "first_order_ratio", "focal_rel_sd",
+    {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "confidence",
+     "coverage_factor", "exceedance_probability", "extrapolation", "factor", "first_order", "first_order_ratio", "focal_rel_sd",
      "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual", "largest_share",
      "locator_scales", "lowest_ratio", "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_crossing",
      "nu_depth", "nu_disagreement", "nu_gap", "over_monte_carlo", "p95_over_mean", "p_adjusted", "p_value",
@@ -58,8 +59,8 @@ PRICES = frozenset(  # in the unit in which the design states its own prices
      "cost_per_fiducial", "cost_weight", "lower_bound", "price", "weight"}
 )  # fmt: skip
 SEVERAL = frozenset(  # mm, degrees, px, a price or a ratio: the record says which, in a field or in words
-    {"best", "careless_median", "careless_worst", "half_widths", "limit", "objective", "scaling", "start", "stop",
-     "textbook_objective", "value", "values"}
+    {"best", "careless_median", "careless_worst", "half_widths", "limit", "objective", "objective_as_aimed", "scaling",
+     "start", "stop", "textbook_objective", "value", "values"}
 )  # fmt: skip
 INSIDE = frozenset({"gaussian", "moments", "unimodal", "principal_point_px_sd"})  # whose record or name says it
 MATRICES = frozenset(

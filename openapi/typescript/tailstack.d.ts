@@ -780,6 +780,50 @@ export interface components {
             printed_quadrature_mm: number | null;
         };
         /**
+         * AimedView
+         * @description A view that was free to be aimed otherwise.
+         */
+        AimedView: {
+            /**
+             * View
+             * @description Name of the view.
+             */
+            view: string;
+            /**
+             * Turn Deg
+             * @description Angle between its beam before and after, deg.
+             */
+            turn_deg: number;
+            /**
+             * Beam Direction Before
+             * @description From the source to the detector, in con, as it was.
+             */
+            beam_direction_before: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Beam Direction
+             * @description The same in the new design.
+             */
+            beam_direction: [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Source Isocentre Before Mm
+             * @description From the source to the isocentre as it was, mm.
+             */
+            source_isocentre_before_mm: number;
+            /**
+             * Source Isocentre Mm
+             * @description The same in the new design, mm.
+             */
+            source_isocentre_mm: number;
+        };
+        /**
          * Allowance
          * @description How far one half-width could go by itself, to first order, everything else as it is; and what it costs.
          *
@@ -3068,6 +3112,37 @@ export interface components {
              * @description Process grades to choose from, instead of bounds and a curve; with objective: cost only.
              */
             grades?: components["schemas"]["Grade"][];
+        };
+        /**
+         * FreeView
+         * @description A view whose beam may turn, or whose source may come nearer or go further.
+         */
+        FreeView: {
+            /**
+             * View
+             * @description Name of the view: one that is aimed, by a preset or by distances.
+             * @example LAT
+             */
+            view: string;
+            /**
+             * Cone Deg
+             * @description How far its beam may turn about isocentre_mm from where it is, deg; the image turns with it. Default 0.
+             * @default 0
+             * @example 30
+             */
+            cone_deg?: number;
+            /**
+             * Source Isocentre Mm
+             * @description Smallest and largest distance from its source to isocentre_mm, mm; that to the detector stays. Default: as it is.
+             * @example [
+             *       600,
+             *       800
+             *     ]
+             */
+            source_isocentre_mm?: [
+                number,
+                number
+            ];
         };
         /**
          * Front
@@ -5535,6 +5610,11 @@ export interface components {
              * @enum {string}
              */
             verdict_status: "pass" | "fail" | "inconclusive" | "no requirement";
+            /**
+             * @description How the views of `optimise.views` were aimed; null where none was free. All else holds for the views so aimed.
+             * @default null
+             */
+            aimed: components["schemas"]["ViewSearch"] | null;
         };
         OptimisationRequest: {
             /** @description The design document. */
@@ -5612,6 +5692,11 @@ export interface components {
             count?: components["schemas"]["Count"];
             /** @description What must hold when fiducials are lost, beside the limits with all of them. Default nothing. */
             survive?: components["schemas"]["Survive"];
+            /**
+             * Views
+             * @description Views that may be aimed otherwise, beside what else is free: the best of a few directions that are tried. Default none.
+             */
+            views?: components["schemas"]["FreeView"][];
             /**
              * Min Spacing Mm
              * @description Smallest distance between two fiducials, mm. Default 10.
@@ -9246,6 +9331,47 @@ export interface components {
             /**
              * Sentence
              * @description What the map says.
+             */
+            sentence: string;
+        };
+        /**
+         * ViewSearch
+         * @description Where views were free: what became of them, and what that rests on.
+         */
+        ViewSearch: {
+            /**
+             * Views
+             * @description The views that were free.
+             */
+            views: components["schemas"]["AimedView"][];
+            /**
+             * Scored
+             * @description Ways to aim them that were scored with everything else as it was.
+             */
+            scored: number;
+            /**
+             * Solved
+             * @description Ways to aim them at which everything else was optimised.
+             */
+            solved: number;
+            /**
+             * Refused
+             * @description How many of these gave no design: what they hide, or a limit out of reach.
+             */
+            refused: number;
+            /**
+             * Objective As Aimed
+             * @description Objective by the closed form with the views as they were; null: no design there, or they may not stay so.
+             */
+            objective_as_aimed: number | null;
+            /**
+             * Objective
+             * @description Objective by the closed form with the views of the new design.
+             */
+            objective: number;
+            /**
+             * Sentence
+             * @description The same in words, and that it is the best of what was tried.
              */
             sentence: string;
         };

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from .sent import Request
 
 # What the steps of a stage are called, where its own name says too little
-STAGES = {"layout": "starting layout", "point": "starting point", "polish": "polishing", "settle": "exact law",
-          "compare": "layout compared with"}  # fmt: skip
+STAGES = {"view": "aim of the views", "layout": "starting layout", "point": "starting point", "polish": "polishing",
+          "settle": "exact law", "compare": "layout compared with"}  # fmt: skip
 STOPPING = "stopping: checking the best design found so far; press Ctrl-C again to leave without it"
 
 
@@ -53,7 +53,9 @@ def _optimise(call: Call) -> Optimisation:
     from tailstack.optimisation import optimise
 
     progress = None if call.progress is None else _share(call.design, call.progress)
-    return optimise(call.design, seed=call.options.seed, starts=call.options.starts, progress=progress)
+    return optimise(
+        call.design, seed=call.options.seed, starts=call.options.starts, progress=progress, threads=call.threads
+    )
 
 
 def _share(design: Design, progress: Callable[[float, float], None]) -> Callable[[str, int, int, float | None], None]:
@@ -61,6 +63,10 @@ def _share(design: Design, progress: Callable[[float, float], None]) -> Callable
     remaining, begun = expect(design), time.monotonic()
 
     def report(stage: str, done: int, total: int, least: float | None) -> None:
+        nonlocal begun
+        if stage == "view":  # before everything that is known to take so long
+            begun = time.monotonic()
+            return
         now = time.monotonic() - begun
         remaining.report(stage, done, total, now)
         left = remaining.left(now)
@@ -252,11 +258,15 @@ def reporter(
     """What the optimiser calls after each step: how long it still takes, the step, the incumbent."""
     remaining = RemainingTime(usable_cores()) if remaining is None else remaining
     what = "quantile over limit" if objective == "quantile" else "cost"
-    best = float("inf")
+    best, aimed = float("inf"), 0.0
 
     def report(stage: str, done: int, total: int, least: float | None) -> None:
-        nonlocal best
-        remaining.report(stage, done, total, progress.elapsed)
+        nonlocal best, aimed
+        if stage == "view":  # before everything that is known to take so long
+            aimed = progress.elapsed
+            progress.report(done, total + 1, f"{STAGES[stage]} {done}, at most {total}")
+            return
+        remaining.report(stage, done, total, progress.elapsed - aimed)
         known = ""
         if least is not None and stage in ("check", "front"):  # of the design that was checked
             known = f", {what} {least:.5g}"

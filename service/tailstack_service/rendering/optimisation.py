@@ -79,6 +79,8 @@ def before_after_text(result: Optimisation) -> str:
         lines.append(wrap(f"all free half-widths times {number(result.scaling)}", first="scaling: ", indent="  "))
     if result.survived is not None:
         lines.append(wrap(survived_sentence(result.survived), first="if fiducials are lost: ", indent="  "))
+    if result.aimed is not None:
+        lines.append(wrap(visible(result.aimed.sentence), first="views: ", indent="  "))
     if result.placement_value is not None:
         lines.append(wrap(result.placement_value.sentence, first="places of the fiducials: ", indent="  "))
     return "\n".join(lines).rstrip("\n")

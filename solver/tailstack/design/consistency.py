@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from ..cures import ask_meant
 from ..errors import Problem
 from ..system import INTERFACES, Estimator, RotationForm
-from .document import Box, DesignDocument, Interface, PresetView, TargetDocument
+from .document import Box, DesignDocument, DistanceView, Interface, PresetView, TargetDocument
 from .fiducial_files import FiducialList
 from .presets import PRESETS
 from .reading import Limits
@@ -204,7 +204,30 @@ def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Proble
     if wanted.count is not None and wanted.count.max > most_fiducials:
         detail = f"{wanted.count.max} fiducials; at most {most_fiducials} are accepted"
         problems.append(Problem("/optimise/count/max", "too-many", detail, f"max: {most_fiducials}"))
-    return problems + _tolerances(document) + _mounts(document)
+    return problems + _views(document) + _tolerances(document) + _mounts(document)
+
+
+def _views(document: DesignDocument) -> list[Problem]:
+    """Views that may be aimed otherwise are aimed, each is named once, and their sources stay before the detector."""
+    assert document.optimise is not None
+    wanted, views = document.optimise.views or [], {view.name: view for view in document.views}
+    problems = find_duplicates([free.view for free in wanted], "/optimise/views/{}/view".format, "entries")
+    for index, free in enumerate(wanted):
+        pointer, view = f"/optimise/views/{index}", views.get(free.view)
+        problems += find_unknown(f"{pointer}/view", "view", free.view, list(views))
+        if isinstance(view, PresetView | DistanceView):
+            preset = PRESETS.get(view.preset) if isinstance(view, PresetView) else None
+            detector_mm = view.source_detector_mm or (preset and preset.source_detector_mm)
+            if free.source_isocentre_mm and detector_mm and free.source_isocentre_mm[1] >= detector_mm:
+                detail = f"{free.source_isocentre_mm[1]:g} mm is not below the {detector_mm:g} mm to the detector"
+                problems.append(Problem(f"{pointer}/source_isocentre_mm/1", "distance-order", detail))
+        elif view is not None:
+            detail = (
+                f"{free.view} is given by a matrix or by intrinsics and a pose, which say nothing of how it is aimed"
+            )
+            hint = "give it by a preset or by distances, or leave it as it is"
+            problems.append(Problem(f"{pointer}/view", "not-aimed", detail, hint))
+    return problems
 
 
 def _tolerances(document: DesignDocument) -> list[Problem]:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from .fields import Direction, HalfWidth, HalfWidthDegrees, Length, Name, Point, Record, refusal
+from .fields import Direction, Distance, HalfWidth, HalfWidthDegrees, Length, Name, Point, Record, refusal
 
 InterfaceName = Literal["structure_connector", "connector_flange"]
 _Weight = Annotated[float, Field(gt=0, le=1e9)]
@@ -44,6 +44,35 @@ class Survive(Record):
         "mm.",
         examples=[0.5],
     )
+
+
+class FreeView(Record):
+    """A view whose beam may turn, or whose source may come nearer or go further."""
+
+    view: Name = Field(
+        description="Name of the view: one that is aimed, by a preset or by distances.", examples=["LAT"]
+    )
+    cone_deg: Annotated[float, Field(ge=0, le=90)] = Field(
+        default=0.0,
+        description="How far its beam may turn about isocentre_mm from where it is, deg; the image turns with it. "
+        "Default 0.",
+        examples=[30.0],
+    )
+    source_isocentre_mm: Annotated[tuple[Distance, Distance], Field(strict=False)] | None = Field(
+        default=None,
+        description="Smallest and largest distance from its source to isocentre_mm, mm; that to the detector stays. "
+        "Default: as it is.",
+        examples=[[600.0, 800.0]],
+    )
+
+    @model_validator(mode="after")
+    def _check_freedom(self) -> FreeView:
+        if self.cone_deg == 0 and self.source_isocentre_mm is None:
+            raise refusal("nothing-free", "give cone_deg above zero, source_isocentre_mm or both", "cone_deg: 30")
+        if self.source_isocentre_mm is not None and self.source_isocentre_mm[0] > self.source_isocentre_mm[1]:
+            low, high = self.source_isocentre_mm
+            raise refusal("out-of-range", f"the smallest, {low:g}, is above {high:g}", at="source_isocentre_mm")
+        return self
 
 
 class CostCurve(Record):
@@ -284,6 +313,11 @@ class Optimise(Record):
         default=None,
         description="What must hold when fiducials are lost, beside the limits with all of them. Default nothing.",
     )
+    views: Annotated[list[FreeView], Field(min_length=1, max_length=4)] | None = Field(
+        default=None,
+        description="Views that may be aimed otherwise, beside what else is free: the best of a few directions that "
+        "are tried. Default none.",
+    )
     min_spacing_mm: _Spacing = Field(
         default=10.0, description="Smallest distance between two fiducials, mm. Default 10.", examples=[12.0]
     )
@@ -370,6 +404,8 @@ class Optimise(Record):
             raise refusal("unused-field", message, at="cost_limit")
         if self.survive is not None and self.goal == "pareto":
             raise refusal("unsupported", "a front is not traced with survive", "objective: cost, or leave out survive")
+        if self.views is not None and self.goal == "pareto":
+            raise refusal("unsupported", "a front is not traced with views", "objective: cost, or leave out views")
         if self.front is not None and self.goal != "pareto":
             raise refusal("unused-field", "front is read only with objective: pareto", at="front")
         graded = [index for index, free in enumerate(self.tolerances) if free.grades is not None]

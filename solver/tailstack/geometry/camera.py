@@ -7,9 +7,12 @@ then the depth of X in mm, positive in front of the source.
 
 from __future__ import annotations
 
+from math import cos, floor, hypot, radians, sin
+
 import numpy as np
 
 from ..arrays import Array
+from ..results import Vector3
 from .rotation import rigid_transform, unit
 
 
@@ -60,6 +63,33 @@ def projection_from_distances(
     pose = aim(np.asarray(isocentre_mm, dtype=float) - source_isocentre_mm * beam, beam, up_direction)
     focal = (source_detector_mm / pixel_mm[0], source_detector_mm / pixel_mm[1])
     return projection_from_pose(intrinsic_matrix(focal, principal_point_px, 0.0), pose)
+
+
+def list_turns(cone_deg: float, step_deg: float) -> list[tuple[float, float]]:
+    """Turns to the right and up, deg, on a square grid within the cone, the smallest first."""
+    steps = floor(cone_deg / step_deg + 1e-9)
+    grid = [(step_deg * k, step_deg * j) for k in range(-steps, steps + 1) for j in range(-steps, steps + 1)]
+    return sorted((turn for turn in grid if hypot(*turn) <= cone_deg + 1e-9), key=lambda turn: (hypot(*turn), turn))
+
+
+def turn_view(beam: Array, up: Array, right_deg: float, up_deg: float) -> tuple[Vector3, Vector3]:
+    """Beam and image of a view (3,), turned together in the plane of the beam and the direction that is meant.
+
+    Six decimals: what a record shows is what was scored.
+    """
+    ahead = unit(beam)
+    right = unit(np.cross(ahead, up))
+    top = np.cross(right, ahead)
+    angle = radians(hypot(right_deg, up_deg))
+    across = unit(right_deg * right + up_deg * top) if angle else top
+    turned = cos(angle) * ahead + sin(angle) * across
+    turned_top = top + (top @ across) * ((cos(angle) - 1) * across - sin(angle) * ahead)
+    return _round(turned), _round(turned_top)
+
+
+def _round(direction: Array) -> Vector3:
+    x, y, z = (round(float(value), 6) + 0.0 for value in direction)
+    return x, y, z
 
 
 def camera_centre(projection: Array) -> Array:

@@ -1,6 +1,7 @@
 """The optimiser's course on one page: from a design document to a better one, verified before it is called that.
 
 ====================  =========================================================================================
+views                 where they are free: which way they look, a search around all that follows (``views``)
 problem               what may change and what must hold (``request``, ``problem``); what no search could meet is
                       refused at once (``task``, ``contradictions``, ``explain``)
 starts                layouts to start from (``starts``)
@@ -28,10 +29,11 @@ from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, FrontPoint, Optimisation
 from .alternatives import trace_front, value_placement
 from .placement import settle
-from .reporting import report
+from .reporting import add_aims, report
 from .search import Control, Progress, Search, Stop, search
-from .task import Task, locate_refusals, read_task
+from .task import Task, frees_views, locate_refusals, read_task
 from .tightening import CheckSettings, VerifiedOptimum, tighten
+from .views import aim_views
 
 TIE = 1e-4  # relative: a count must be better by that to be preferred to a smaller one
 
@@ -48,9 +50,9 @@ def optimise(
     """Move what is free in a design to what its ``optimise`` section asks for, under the design's own limits.
 
     ``seed`` and ``starts`` default to the document's, ``threads`` to every core; the answer does not depend on it.
-    ``progress(stage, done, total, least objective so far)`` is called after every layout to start from, programme,
-    point to start at, start, polished optimum, settled optimum, check, point of a front and layout compared with; what
-    it raises ends the work.  ``stop()`` is polled; once it is true the best found so far is settled,
+    ``progress(stage, done, total, least objective so far)`` is called after every aim of views, layout to start from,
+    programme, point to start at, start, polished optimum, settled optimum, check, point of a front and layout compared
+    with; what it raises ends the work.  ``stop()`` is polled; once it is true the best found so far is settled,
     verified and returned, ``certificate.stopped`` says so.  The design returned is verified: the upper confidence
     limit of every quantile, from a fresh seed, is within its limit.
 
@@ -58,9 +60,27 @@ def optimise(
     attainable and what would cure it), IllPosedError, NotConvergedError (also when stopped before anything
     converged).
     """
-    task = read_task(design, seed=seed, starts=starts)
     control = Control(threads, progress, stop)
+    if frees_views(design):
+        silent = replace(control, progress=None)
+        with locate_refusals(design):
+            aimed, record = aim_views(
+                design, lambda each: least_objective(read_task(each, seed=seed, starts=starts), silent), control
+            )
+        return add_aims(_optimise_aimed(aimed, seed, starts, control), design, record)
+    return _optimise_aimed(design, seed, starts, control)
+
+
+def _optimise_aimed(design: Design, seed: int | None, starts: int | None, control: Control) -> Optimisation:
+    task = read_task(design, seed=seed, starts=starts)
     return optimise_task(task, LocalSearcher(task, control), control)
+
+
+def least_objective(task: Task, control: Control) -> float:
+    """The objective by the closed form, over all numbers of fiducials.  Raises what refuses a search."""
+    searches, counts = search_counts(task, LocalSearcher(task, control), control)
+    reached = [one.cost if one.worst_ratio is None else one.worst_ratio for one in counts]
+    return min((value for value in reached if value is not None), default=searches[0].best_objective)
 
 
 def optimise_task(task: Task, searcher: Searcher, control: Control) -> Optimisation:

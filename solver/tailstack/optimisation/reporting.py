@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Array
-from ..design import design_to_data
+from ..design import Design, design_to_data
 from ..errors import IllPosedError
 from ..estimation.checks import check_geometry
 from ..propagation.linear import linearise
@@ -23,6 +23,7 @@ from ..results import (
     Optimisation,
     PlacementValue,
     ShadowPrice,
+    ViewSearch,
 )
 from ..scoring import vector3
 from ..system import System
@@ -50,12 +51,6 @@ def report(
     problem = optimum.problem
     after = read_request(verified.design).problem
     before_system, after_system = request.problem.system, after.system
-    p95_before: float | None = None
-    try:
-        check_geometry(before_system)
-        p95_before = _p95(before_system, request.problem.demands)
-    except IllPosedError:  # the layout as it stands has no answer; the new one has
-        pass
     before, now = present_choice(request.problem), present_choice(after)
     priced = bool(problem.half_widths)
     search = verified.search
@@ -72,7 +67,7 @@ def report(
         cost_after=cost_after,
         cost_closed_form=search.best_objective if minimised else None,
         cost_exact_law=None if verified.exact is None else verified.exact.cost,
-        p95_before_mm=p95_before,
+        p95_before_mm=_p95_before(request.problem),
         p95_after_mm=_p95(after_system, after.demands),
         moved=_list_moves(request.problem.system, after_system, problem),
         tolerances=_tolerances(task.request, verified, before, now),
@@ -122,6 +117,20 @@ def report(
         ),
         provenance=verified.verification.provenance,
     )
+
+
+def add_aims(found: Optimisation, design: Design, search: ViewSearch) -> Optimisation:
+    """An optimisation with views aimed beforehand as one of the design whose views were free."""
+    before = _p95_before(read_request(design).problem)
+    return replace(found, p95_before_mm=before, design_before=design_to_data(design), aimed=search)
+
+
+def _p95_before(problem: PlacementProblem) -> float | None:
+    try:
+        check_geometry(problem.system)
+        return _p95(problem.system, problem.demands)
+    except IllPosedError:  # the layout as it stands has no answer; the new one has
+        return None
 
 
 def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:

@@ -70,8 +70,15 @@ def influence(design: Design) -> tuple[Finding, ...]:
     with locate_refusals(design):
         problem = read_request(design).problem
         refuse_contradictions(problem)
-        refuse_incurable(problem)
+        if not frees_views(design):  # what cannot be cured with the views as they are may be by other ones
+            refuse_incurable(problem)
         return influence_of(problem)
+
+
+def frees_views(design: Design) -> bool:
+    """Whether views may be aimed otherwise."""
+    section = design.document.optimise
+    return section is not None and bool(section.views)
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from ..first_use import load_on_first_use
 
 if TYPE_CHECKING:
     from .optimisation import (
+        AimedView,
         Certificate,
         ChangedSpacing,
         ChangedTolerance,
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
         Relaxation,
         ShadowPrice,
         SurvivedLoss,
+        ViewSearch,
     )
     from .score import (
         Bounds,
@@ -67,7 +69,7 @@ _HOME = {
         (
             "Certificate", "ChangedSpacing", "ChangedTolerance", "CountTried", "FrontPoint", "LocalOptimum",
             "MovedFiducial", "MovedPivot", "Optimisation", "PlacementValue", "Relaxation", "ShadowPrice",
-            "SurvivedLoss",
+            "SurvivedLoss", "AimedView", "ViewSearch",
         ),
         "optimisation",
     ),
@@ -97,6 +99,7 @@ _HOME = {
 
 __all__ = [
     "ERRORS",
+    "AimedView",
     "Bounds",
     "Certificate",
     "ChangedSpacing",
@@ -139,6 +142,7 @@ __all__ = [
     "Verdict",
     "Verification",
     "ViewCheck",
+    "ViewSearch",
     "headline_of",
 ]
 

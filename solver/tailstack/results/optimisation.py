@@ -80,6 +80,44 @@ class ChangedSpacing:
 
 
 @dataclass(frozen=True, slots=True)
+class AimedView:
+    """A view that was free to be aimed otherwise."""
+
+    view: str
+    """Name of the view."""
+    turn_deg: float
+    """Angle between its beam before and after, deg."""
+    beam_direction_before: Vector3
+    """From the source to the detector, in con, as it was."""
+    beam_direction: Vector3
+    """The same in the new design."""
+    source_isocentre_before_mm: float
+    """From the source to the isocentre as it was, mm."""
+    source_isocentre_mm: float
+    """The same in the new design, mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class ViewSearch:
+    """Where views were free: what became of them, and what that rests on."""
+
+    views: tuple[AimedView, ...]
+    """The views that were free."""
+    scored: int
+    """Ways to aim them that were scored with everything else as it was."""
+    solved: int
+    """Ways to aim them at which everything else was optimised."""
+    refused: int
+    """How many of these gave no design: what they hide, or a limit out of reach."""
+    objective_as_aimed: float | None
+    """Objective by the closed form with the views as they were; null: no design there, or they may not stay so."""
+    objective: float
+    """Objective by the closed form with the views of the new design."""
+    sentence: str
+    """The same in words, and that it is the best of what was tried."""
+
+
+@dataclass(frozen=True, slots=True)
 class ShadowPrice:
     """What one unit of a limit or bound is worth, from the multipliers: a derivative, good for small steps."""
 
@@ -304,6 +342,8 @@ class Optimisation(Result):
     """Requirements that `optimise.requirement` left out; the check judges them all the same."""
     verdict_status: Literal["pass", "fail", "inconclusive", "no requirement"] = "pass"
     """Of all requirements of the new design, asked for or not: that of the check's verdict."""
+    aimed: ViewSearch | None = None
+    """How the views of `optimise.views` were aimed; null where none was free. All else holds for the views so aimed."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "verdict_status", self.certificate.verification.verdict.status)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from math import acos, ceil, cos, degrees, floor, hypot, inf, radians, sin
+from math import acos, ceil, cos, degrees, hypot, inf, radians
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..arrays import Array
 from ..design import Design, compile_design
 from ..design.document import DistanceView, PresetView
 from ..errors import Problem, StudyError, TailstackError, describe_refusal
-from ..geometry.camera import principal_ray
+from ..geometry.camera import list_turns, principal_ray, turn_view
 from ..geometry.rotation import unit
 from ..results import ERRORS, Provenance, Vector3
 from ..scoring import provenance, score_errors
@@ -132,14 +132,14 @@ def study_views(
     rays = {view.name: principal_ray(view.projection) for view in system.views}
     written: list[dict[str, Any]] = list(design.source.data["views"])
     aimed = [k for k, view in enumerate(design.document.views) if isinstance(view, PresetView | DistanceView)]
-    near, far = _turns(cone_deg, step_deg), _turns(HEMISPHERE_DEG, COARSE_DEG)
+    near, far = list_turns(cone_deg, step_deg), list_turns(HEMISPHERE_DEG, COARSE_DEG)
     count = iter(range(1, len(aimed) * len(near) + len(far) + 1))
     largest = _score(design, error)
 
     def scan(place: int, turns: list[tuple[float, float]], further: bool) -> Iterator[BeamDirection]:
         view: Any = design.document.views[place]
         for right_deg, up_deg in turns:
-            beam, up = _turn(np.array(view.beam), np.array(view.up_direction), right_deg, up_deg)
+            beam, up = turn_view(np.array(view.beam), np.array(view.up_direction), right_deg, up_deg)
             kept = {field: value for field, value in written[place].items() if field != "orientation"}
             turned = {**kept, "beam_direction": list(beam), "up_direction": list(up)}
             p95_mm, target, reason = None, None, None
@@ -188,31 +188,6 @@ def refuse_fine_steps(cone_deg: float, step_deg: float) -> None:
         detail = f"a map has at most {MOST_STEPS} steps from its middle to its edge; got {cone_deg / step_deg:.4g}"
         least = ceil(10 * cone_deg / MOST_STEPS) / 10
         raise StudyError(Problem("/step_deg", "too-many", detail, f"step_deg {least:g} or more"))
-
-
-def _turns(cone_deg: float, step_deg: float) -> list[tuple[float, float]]:
-    """Turns to the right and up, deg, on a square grid within the cone, the smallest first."""
-    steps = floor(cone_deg / step_deg + 1e-9)
-    grid = [(step_deg * k, step_deg * j) for k in range(-steps, steps + 1) for j in range(-steps, steps + 1)]
-    return sorted((turn for turn in grid if hypot(*turn) <= cone_deg + 1e-9), key=lambda turn: (hypot(*turn), turn))
-
-
-def _turn(beam: Array, up: Array, right_deg: float, up_deg: float) -> tuple[Vector3, Vector3]:
-    """Beam and image of a view (3,), turned together in the plane of the beam and the direction that is meant."""
-    ahead = unit(beam)
-    right = unit(np.cross(ahead, up))
-    top = np.cross(right, ahead)
-    angle = radians(hypot(right_deg, up_deg))
-    across = unit(right_deg * right + up_deg * top) if angle else top
-    turned = cos(angle) * ahead + sin(angle) * across
-    turned_top = top + (top @ across) * ((cos(angle) - 1) * across - sin(angle) * ahead)
-    return _as_written(turned), _as_written(turned_top)
-
-
-def _as_written(direction: Array) -> Vector3:
-    """Six decimals: what the record shows is what was scored."""
-    x, y, z = (round(float(value), 6) + 0.0 for value in direction)
-    return x, y, z
 
 
 def _new_name(names: dict[str, Array]) -> str:

@@ -1,6 +1,7 @@
 """Contains all the data models used in inputs/outputs"""
 
 from .additivity import Additivity
+from .aimed_view import AimedView
 from .allowance import Allowance
 from .allowance_status import AllowanceStatus
 from .axis import Axis
@@ -229,9 +230,11 @@ from .verification_request_method import VerificationRequestMethod
 from .version import Version
 from .view_check import ViewCheck
 from .view_map import ViewMap
+from .view_search import ViewSearch
 
 __all__ = (
     "Additivity",
+    "AimedView",
     "Allowance",
     "AllowanceStatus",
     "Axis",
@@ -460,4 +463,5 @@ __all__ = (
     "Version",
     "ViewCheck",
     "ViewMap",
+    "ViewSearch",
 )

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..models.provenance import Provenance
     from ..models.shadow_price import ShadowPrice
     from ..models.survived_loss import SurvivedLoss
+    from ..models.view_search import ViewSearch
 
 
 T = TypeVar("T", bound="Optimisation")
@@ -75,6 +76,8 @@ class Optimisation:
             not_asked (list[str]): Requirements that `optimise.requirement` left out; the check judges them all the same.
             verdict_status (OptimisationVerdictStatus): Of all requirements of the new design, asked for or not: that of the
                 check's verdict. Default: 'pass'.
+            aimed (None | ViewSearch): How the views of `optimise.views` were aimed; null where none was free. All else
+                holds for the views so aimed.
     """
 
     schema: Literal["tailstack/optimisation/1"]
@@ -103,6 +106,7 @@ class Optimisation:
     provenance: Provenance
     survived: None | SurvivedLoss
     not_asked: list[str]
+    aimed: None | ViewSearch
     verdict_status: OptimisationVerdictStatus = "pass"
 
     def to_dict(self) -> dict[str, Any]:
@@ -120,6 +124,7 @@ class Optimisation:
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
         from ..models.survived_loss import SurvivedLoss  # noqa: PLC0415
+        from ..models.view_search import ViewSearch  # noqa: PLC0415
 
         schema = self.schema
 
@@ -212,6 +217,12 @@ class Optimisation:
 
         verdict_status: str = self.verdict_status
 
+        aimed: dict[str, Any] | None
+        if isinstance(self.aimed, ViewSearch):
+            aimed = self.aimed.to_dict()
+        else:
+            aimed = self.aimed
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -243,6 +254,7 @@ class Optimisation:
                 "survived": survived,
                 "not_asked": not_asked,
                 "verdict_status": verdict_status,
+                "aimed": aimed,
             }
         )
 
@@ -264,6 +276,7 @@ class Optimisation:
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
         from ..models.survived_loss import SurvivedLoss  # noqa: PLC0415
+        from ..models.view_search import ViewSearch  # noqa: PLC0415
 
         d = dict(src_dict)
         schema = cast(Literal["tailstack/optimisation/1"], d.pop("schema"))
@@ -415,6 +428,21 @@ class Optimisation:
 
         verdict_status = check_optimisation_verdict_status(d.pop("verdict_status"))
 
+        def _parse_aimed(data: object) -> None | ViewSearch:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                aimed_type_0 = ViewSearch.from_dict(data)
+
+                return aimed_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(None | ViewSearch, data)
+
+        aimed = _parse_aimed(d.pop("aimed"))
+
         optimisation = cls(
             schema=schema,
             status=status,
@@ -443,6 +471,7 @@ class Optimisation:
             survived=survived,
             not_asked=not_asked,
             verdict_status=verdict_status,
+            aimed=aimed,
         )
 
         return optimisation

@@ -1,5 +1,7 @@
 """An optimisation in units: some starts each, and the points of a front; the last look settles, verifies, compares.
 
+Where views are free it is one unit: which way to aim is tried one after another, each from what the last one gave.
+
 ``optimise`` is replayed with what is recorded, so the document is that of one undisturbed process, byte for byte.
 """
 
@@ -28,7 +30,7 @@ from tailstack.optimisation.search import (
     prepare_search,
     solve_start,
 )
-from tailstack.optimisation.task import Task, read_task
+from tailstack.optimisation.task import Task, frees_views, read_task
 from tailstack.packed import pack, unpack
 from tailstack.results import FrontPoint
 
@@ -36,6 +38,7 @@ from ...documents import to_json
 from ...task import UnitResult
 from ..content import canonical, loaded_design
 from ..operation import Done, More, Step
+from . import whole
 
 _FRONT_POINT = TypeAdapter(FrontPoint)
 Key = tuple[bytes, int | None, int | None]  # design, seed, starts
@@ -48,6 +51,8 @@ ONE_THREAD = Control(threads=1)
 
 def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     """First every start, at every number of fiducials; then the points of a front; then the answer."""
+    if frees_views(loaded_design(canonical(request["design"]))):
+        return whole.plan(request, tuple(results))
     task = _task(*_key(request))
     held = {unit.spec: unit.result for unit in results}
     try:
@@ -92,6 +97,10 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
 
     Nothing where the search is refused before it begins: the last look says why.
     """
+    if spec["what"] == "whole":
+        from ..optimisation import OPERATION
+
+        return whole.compute_whole(OPERATION, request)
     prepared = _prepare(*_key(request), spec["position"])
     if isinstance(prepared, TailstackError):
         return _bytes([])

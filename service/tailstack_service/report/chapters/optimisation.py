@@ -157,6 +157,17 @@ def change_blocks(found: Optimisation) -> tuple[Block, ...]:
             Table("Fiducials", "Fiducials that could move, frame con", (Column("Fiducial"), *axes), tuple(moved),
                   "Before empty: new; after empty: left out.")
         )  # fmt: skip
+    if found.aimed is not None:
+        aims = [
+            Row((e.view, e.turn_deg, *e.beam_direction, e.source_isocentre_before_mm, e.source_isocentre_mm))
+            for e in found.aimed.views
+        ]
+        columns = (
+            Column("View"), Column("Turned by", "deg", "fixed", 1),
+            *(Column(f"Beam {axis}", "", "fixed") for axis in "xyz"),
+            Column("Source to isocentre, before", "mm", "fixed", 1), Column("After", "mm", "fixed", 1),
+        )  # fmt: skip
+        blocks.append(Table("Views", "Views that could be aimed", columns, tuple(aims), found.aimed.sentence))
     if found.pivots:
         pivots = [Row((entry.label, *entry.before_mm, *entry.after_mm)) for entry in found.pivots]
         axes = [Column(f"{when} {axis}", "mm", "fixed", 2) for when in ("Before", "After") for axis in "xyz"]

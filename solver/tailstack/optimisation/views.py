@@ -1,0 +1,221 @@
+"""How views that are free are aimed: a search of its own around the optimiser, to which the views are fixed.
+
+Every aim of a grid is scored with everything else as it stands; the best of them and the present one are optimised;
+from the better one a compass search goes on with optimised objectives, its steps halved where none is better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import product
+from math import acos, degrees, hypot, inf
+from typing import Any
+
+import numpy as np
+
+from ..design import Design
+from ..design.document import PresetView
+from ..design.optimise_document import FreeView
+from ..design.presets import PRESETS
+from ..errors import NotConvergedError, TailstackError
+from ..geometry.camera import list_turns, turn_view
+from ..geometry.rotation import unit
+from ..results import AimedView, Vector3, ViewSearch
+from ..scoring import score_errors
+from ..system import Requirement
+from .request import read_request
+from .search import SAME, Control
+
+MOST_SOLVED = 25  # aims at which everything else is optimised
+GRID = 3  # steps from the middle of the cone to its edge: 29 directions
+FIRST, LAST = 1 / 2, 1 / 8  # steps of the compass, in those of the grid
+
+Solve = Callable[[Design], float]  # the objective of a design whose views are fixed; raises what refuses it
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """How one view is aimed, against how it stands in the document."""
+
+    right_deg: float
+    up_deg: float
+    source_isocentre_mm: float
+
+
+Aims = tuple[Aim, ...]  # of every free view
+
+
+def aim_views(design: Design, solve: Solve, control: Control) -> tuple[Design, ViewSearch]:
+    """The design with its free views aimed best among what is tried, and the record of that.
+
+    Raises what ``solve`` raises of the design as it stands where no aim gives a design.
+    """
+    search = AimSearch(design, solve, control)
+    present = tuple(_present_distance(design, free.view) for free in search.free)
+    start = tuple(
+        Aim(0.0, 0.0, distance if limits is None else min(max(distance, limits[0]), limits[1]))
+        for distance, limits in zip(present, (free.source_isocentre_mm for free in search.free), strict=True)
+    )
+    best = start
+    leader = search.scan(start)
+    if search.solve_at(start) > search.solve_at(leader):
+        best = leader
+    if search.solve_at(best) == inf and search.refusal is not None:
+        raise search.refusal
+    best = search.refine(best)
+    views = tuple(
+        _compare(design, free.view, aim, distance)
+        for free, aim, distance in zip(search.free, best, present, strict=True)
+    )
+    may_stay = present == tuple(aim.source_isocentre_mm for aim in start)
+    as_aimed = search.solve_at(start) if may_stay else inf
+    return search.aim(best), _record(search, views, as_aimed, search.solve_at(best))
+
+
+@dataclass(slots=True)
+class AimSearch:
+    """What has been tried."""
+
+    design: Design
+    solve: Solve
+    control: Control
+    scored: int = 0
+    solved: dict[Aims, float] = field(default_factory=dict)  # infinite where refused
+    refusal: TailstackError | None = None  # the first one
+    requirements: tuple[Requirement, ...] = ()
+    free: list[FreeView] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        request = read_request(self.design)
+        self.requirements, self.free = request.problem.requirements, list(request.section.views or ())
+
+    def aim(self, aims: Aims) -> Design:
+        """The design with its views so aimed.  Raises DesignError."""
+        written: list[dict[str, Any]] = [dict(view) for view in self.design.source.data["views"]]
+        for free, aim in zip(self.free, aims, strict=True):
+            place, view = _find(self.design, free.view)
+            if aim.right_deg or aim.up_deg:
+                written[place].pop("orientation", None)
+                turned = turn_view(np.array(view.beam), np.array(view.up_direction), aim.right_deg, aim.up_deg)
+                written[place]["beam_direction"], written[place]["up_direction"] = map(list, turned)
+            if aim.source_isocentre_mm != _present_distance(self.design, free.view):
+                written[place]["source_isocentre_mm"] = aim.source_isocentre_mm
+        return self.design.with_value("/views", written)
+
+    def scan(self, start: Aims) -> Aims:
+        """The aim with the smallest P95 over its limit, one view after another, everything else as it stands."""
+        best, least = start, self._score(start)
+        for place, free in enumerate(self.free):
+            step = free.cone_deg / GRID
+            turns = list_turns(free.cone_deg, step) if step else [(0.0, 0.0)]
+            limits = free.source_isocentre_mm or ()
+            distances = sorted({start[place].source_isocentre_mm, *limits})
+            around = best
+            for turn, distance in product(turns, distances):
+                aims = (*around[:place], Aim(*turn, distance), *around[place + 1 :])
+                if self.control.stops():
+                    return best
+                if (ratio := self._score(aims)) < least * (1 - 1e-9):  # mirror images are alike: the smaller turn
+                    best, least = aims, ratio
+        return best
+
+    def _score(self, aims: Aims) -> float:
+        self.scored += 1
+        try:
+            targets = score_errors(self.aim(aims)).targets
+        except TailstackError:
+            return inf
+        return max(
+            (target if asked.error == "tcp" else target.localisation).p95_mm / asked.limit_mm
+            for asked in self.requirements
+            for target in targets
+            if target.name in asked.targets
+        )
+
+    def solve_at(self, aims: Aims) -> float:
+        """The objective with everything else optimised; infinite where that is refused."""
+        if aims not in self.solved:
+            value = inf
+            try:
+                value = self.solve(self.aim(aims))
+            except TailstackError as refusal:
+                if isinstance(refusal, NotConvergedError) and self.control.stops():
+                    raise
+                self.refusal = self.refusal or refusal
+            self.solved[aims] = value
+            least = min(self.solved.values())
+            self.control.report("view", len(self.solved), MOST_SOLVED, least if least < inf else None)
+        return self.solved[aims]
+
+    def refine(self, best: Aims) -> Aims:
+        """From an aim to the first better one of its neighbours, until none is with the smallest steps."""
+        steps = FIRST
+        while steps >= LAST:
+            better = None
+            for near in self._neighbours(best, steps):
+                if near not in self.solved and (len(self.solved) >= MOST_SOLVED or self.control.stops()):
+                    return best
+                if self.solve_at(near) < self.solve_at(best) * (1 - SAME):
+                    better = near
+                    break
+            best, steps = (best, steps / 2) if better is None else (better, steps)
+        return best
+
+    def _neighbours(self, aims: Aims, steps: float) -> Iterator[Aims]:
+        for place, (free, aim) in enumerate(zip(self.free, aims, strict=True)):
+            turn = steps * free.cone_deg / GRID
+            low, high = free.source_isocentre_mm or (aim.source_isocentre_mm,) * 2
+            move = steps * (high - low) / 2
+            for name, step in (("right_deg", turn), ("up_deg", turn), ("source_isocentre_mm", move)):
+                for sign in (1, -1):
+                    near = replace(aim, **{name: round(getattr(aim, name) + sign * step, 6)})
+                    distance = min(max(near.source_isocentre_mm, low), high)
+                    near = replace(near, source_isocentre_mm=distance)
+                    if near != aim and hypot(near.right_deg, near.up_deg) <= free.cone_deg + 1e-6:
+                        yield (*aims[:place], near, *aims[place + 1 :])
+
+
+def _find(design: Design, name: str) -> tuple[int, Any]:
+    return next((place, view) for place, view in enumerate(design.document.views) if view.name == name)
+
+
+def _present_distance(design: Design, name: str) -> float:
+    view = _find(design, name)[1]
+    if isinstance(view, PresetView) and view.source_isocentre_mm is None:
+        return float(PRESETS[view.preset].source_isocentre_mm or 0.0)  # loading has made sure that it is stated
+    return float(view.source_isocentre_mm)
+
+
+def _compare(design: Design, name: str, aim: Aim, before_mm: float) -> AimedView:
+    view = _find(design, name)[1]
+    beam, up = np.array(view.beam, dtype=float), np.array(view.up_direction)
+    turned = turn_view(beam, up, aim.right_deg, aim.up_deg)[0] if aim.right_deg or aim.up_deg else view.beam
+    angle = degrees(acos(min(float(unit(beam) @ unit(np.array(turned, dtype=float))), 1.0)))
+    return AimedView(name, angle, _vector(view.beam), _vector(turned), before_mm, aim.source_isocentre_mm)
+
+
+def _vector(values: Any) -> Vector3:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _record(search: AimSearch, views: tuple[AimedView, ...], as_aimed: float, objective: float) -> ViewSearch:
+    said = []
+    for view in views:
+        what = [f"turned by {view.turn_deg:.1f} deg"] if view.turn_deg else []
+        if view.source_isocentre_mm != view.source_isocentre_before_mm:
+            what.append(f"its source at {view.source_isocentre_mm:g} instead of {view.source_isocentre_before_mm:g} mm")
+        said.append(f"{view.view} is {' and '.join(what) or 'left as it was'}")
+    before = f", {as_aimed:.5g} as they were aimed" if as_aimed < inf else ""
+    return ViewSearch(
+        views=views,
+        scored=search.scored,
+        solved=len(search.solved),
+        refused=sum(value == inf for value in search.solved.values()),
+        objective_as_aimed=as_aimed if as_aimed < inf else None,
+        objective=objective,
+        sentence=f"{'; '.join(said)}. The objective, by the closed form, is {objective:.5g}{before}. This is the best "
+        f"of {len(search.solved)} ways to aim that were optimised, after {search.scored} that were scored; it is not "
+        "proven that there is no better one.",
+    )
