@@ -44,8 +44,8 @@ COUNTS = frozenset(
 )  # fmt: skip
 RATIOS = frozenset(
     {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "confidence",
-     "coverage_factor", "exceedance_probability", "extrapolation", "factor", "first_order", "first_order_ratio", "focal_rel_sd",
-     "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual", "largest_share",
+     "coverage_factor", "exceedance_probability", "extrapolation", "factor", "first_order", "first_order_ratio",
+     "focal_rel_sd", "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual", "largest_share",
      "locator_scales", "lowest_ratio", "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_crossing",
      "nu_depth", "nu_disagreement", "nu_gap", "over_monte_carlo", "p95_over_mean", "p_adjusted", "p_value",
      "precision", "precision_reached", "precision_requested", "predicted_p95_over_mean",
