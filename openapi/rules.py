@@ -45,14 +45,15 @@ COUNTS = frozenset(
 RATIOS = frozenset(
     {"axis", "band", "beam_direction", "beam_direction_before", "bias_rel", "chi_square", "confidence",
      "coverage_factor", "exceedance_probability", "extrapolation", "factor", "first_order", "first_order_ratio",
-     "focal_rel_sd", "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual", "largest_share",
-     "locator_scales", "lowest_ratio", "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_crossing",
-     "nu_depth", "nu_disagreement", "nu_gap", "over_monte_carlo", "p95_over_mean", "p_adjusted", "p_value",
-     "precision", "precision_reached", "precision_requested", "predicted_p95_over_mean",
-     "predicted_standard_deviations", "probability", "quantile", "quaternion_wxyz", "ratio", "ratio_interval",
-     "rotation", "sampled", "scale", "second_order_ratio", "spread", "spreads", "standard_deviations",
-     "statistic", "units_fraction", "up_direction", "variance_share", "worst_ratio", "yield_fraction",
-     "yield_standard_error", "z"}
+     "focal_rel_sd", "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual",
+     "largest_loss_probability", "largest_share", "locator_scales", "loss_probability", "lowest_ratio",
+     "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap",
+     "over_monte_carlo", "p95_over_mean", "p_adjusted", "p_value", "precision", "precision_reached",
+     "precision_requested", "predicted_p95_over_mean", "predicted_standard_deviations", "probability",
+     "probability_of_none", "probability_unaccounted", "quantile", "quaternion_wxyz", "ratio", "ratio_interval",
+     "rotation", "sampled", "scale", "second_order_ratio", "smallest_loss_probability", "spread", "spreads",
+     "standard_deviations", "statistic", "units_fraction", "up_direction", "variance_share", "worst_ratio",
+     "yield_fraction", "yield_standard_error", "z"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices
     {"best_costs", "cost", "cost_after", "cost_before", "cost_closed_form", "cost_exact_law", "cost_limit",

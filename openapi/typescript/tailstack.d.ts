@@ -2912,6 +2912,12 @@ export interface components {
                 number,
                 number
             ];
+            /**
+             * Loss Probability
+             * @description Of this fiducial, instead of the fiducials' loss_probability.
+             * @example 0.02
+             */
+            loss_probability?: number;
         };
         /**
          * FiducialRegion
@@ -2967,6 +2973,12 @@ export interface components {
              * @enum {string}
              */
             image_point?: "outline" | "shadow";
+            /**
+             * Loss Probability
+             * @description Probability that a fiducial is missed in a shot, in all its views, independently of the others: 0.01 is one shot in a hundred. The score adds the quantile over shots with and without losses; simulations are refused. Absent or 0: none is missed.
+             * @example 0.01
+             */
+            loss_probability?: number;
         } & (unknown | unknown);
         /**
          * Finding
@@ -4963,6 +4975,11 @@ export interface components {
             single: components["schemas"]["Loss"];
             /** @description The worst loss of two; null where there are too many fiducials to try every pair. */
             double: components["schemas"]["Loss"] | null;
+            /**
+             * @description What it comes to over shots with and without losses; null where the design states no probability of a loss.
+             * @default null
+             */
+            mixture: components["schemas"]["Mixture"] | null;
         };
         /**
          * Manufacturing
@@ -5312,6 +5329,48 @@ export interface components {
                 number,
                 number
             ];
+        };
+        /**
+         * Mixture
+         * @description A quantile over shots in each of which fiducials are lost at random, as often as the design says, in all views at
+         *     once and independently of one another; over all units together.
+         */
+        Mixture: {
+            /**
+             * Quantile
+             * @description Fraction of shots within the value: that of the requirement, otherwise 0.95.
+             */
+            quantile: number;
+            /**
+             * Value Mm
+             * @description The quantile of the error's norm over shots with and without losses, mm, what is not accounted for beyond it; null where that alone is more than the quantile leaves.
+             */
+            value_mm: number | null;
+            /**
+             * Target
+             * @description Target at which it is largest.
+             */
+            target: string;
+            /**
+             * Smallest Loss Probability
+             * @description Smallest probability of a fiducial to be lost in a shot.
+             */
+            smallest_loss_probability: number;
+            /**
+             * Largest Loss Probability
+             * @description Largest probability of a fiducial to be lost in a shot.
+             */
+            largest_loss_probability: number;
+            /**
+             * Probability Of None
+             * @description Probability of a shot in which no fiducial is lost.
+             */
+            probability_of_none: number;
+            /**
+             * Probability Unaccounted
+             * @description Probability of a shot in which more are lost than was evaluated (two; one with more than 30 fiducials), or in which what is left determines nothing: each counts as beyond every limit.
+             */
+            probability_unaccounted: number;
         };
         /**
          * Model

@@ -15,6 +15,7 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from .arrays import Array
@@ -24,10 +25,10 @@ from .estimation.checks import examine, fewest_fiducials
 from .kernels import kernel
 from .propagation.linear import Chain, LinearModel, covariance, linearise_at
 from .propagation.noise import Estimation, noise_gains_jit
-from .results import Loss
+from .results import Loss, Mixture
 from .system import Law, System
 from .tail.approximation import pearson_square, square_cumulants
-from .tail.declared import SAMPLED_METHOD, law_quantile
+from .tail.declared import SAMPLED_METHOD, law_quantile, mixture_quantile
 
 PAIRS_UP_TO = 30  # fiducials; beyond, trying every pair would take longer than the score itself
 # By which Pearson's form may rank a loss too low: a P95 by up to 1.3 %, 1.2 % more where laws are uniform; further out
@@ -99,7 +100,7 @@ def loss_covariances(
 
 def subsets(count: int, lost: int) -> Array:
     """(S, N) 0 of what is lost and 1 of what is kept, for every way to lose so many of N fiducials."""
-    every = np.array(list(combinations(range(count), lost)))
+    every = np.array(list(combinations(range(count), lost)), dtype=np.intp)
     kept = np.ones((len(every), count))
     np.put_along_axis(kept, every, 0.0, axis=1)
     return kept
@@ -121,6 +122,7 @@ def without_fiducials(system: System, lost: Sequence[str]) -> System:
         fiducials_mm=_read_only(system.fiducials_mm[rest]),
         manufacturing_half_width_mm=_read_only(system.manufacturing_half_width_mm[rest]),
         views=views,
+        loss_probability=tuple(system.loss_probability[i] for i in rest) if system.loss_probability else (),
     )
 
 
@@ -218,6 +220,58 @@ class LossSearch:
             if law.method == SAMPLED_METHOD:  # it tells losses apart no better than the form does, and takes long
                 break
         return best
+
+    def mixture(self, error: str, quantile: float, targets: Sequence[str]) -> Mixture | None:
+        """The quantile of an error over shots in each of which fiducials are lost at random, at the worst of these
+        targets; None where the design states no probability."""
+        probability = np.array(self.system.loss_probability)
+        if not probability.size:
+            return None
+        kept = np.concatenate([subsets(self.count, lost) for lost in self._enumerated()])
+        weights = np.where(kept > 0, 1 - probability, probability).prod(axis=1)
+        answered = (weights > 0) & self._determined(kept, error, quantile, targets)
+        kept, weights = kept[answered], weights[answered]
+        values = []
+        for name in targets:
+            models = [model_without(self.chain, self.models[name], left) for left in kept]
+            laws = [error_law(model, error, quantile).law for model in models]
+            values.append(mixture_quantile(laws, weights, quantile))
+        highest = int(np.argmax(values))
+        return Mixture(
+            quantile=quantile,
+            value_mm=values[highest] if values[highest] < inf else None,
+            target=targets[highest],
+            smallest_loss_probability=float(probability.min()),
+            largest_loss_probability=float(probability.max()),
+            probability_of_none=float((1 - probability).prod()),
+            probability_unaccounted=max(1.0 - float(weights.sum()), 0.0),
+        )
+
+    def _enumerated(self) -> range:
+        """How many fiducials at once may be lost in the patterns that are evaluated one by one."""
+        return range(3 if self.count <= PAIRS_UP_TO else 2)
+
+    def _determined(self, kept: Array, error: str, quantile: float, targets: Sequence[str]) -> NDArray[np.bool_]:
+        """(S,) whether what is left still has an answer, refused as a structure without the lost ones would be."""
+        fewest = fewest_fiducials(self.system)
+        answered: NDArray[np.bool_] = ((self.chain.weights[None] * kept[:, None]).sum(axis=2) >= fewest).all(axis=1)
+        enough = np.flatnonzero(answered)
+        covariances = loss_covariances(*self._inputs, kept[enough], *self._rest)
+        for name in targets:
+            law = error_law(self.models[name], error, quantile)
+            forms, *_ = self._rank(kept[enough], covariances[self.names.index(name)], name, law, quantile)
+            whole = self._form(law, name, law.total_covariance, quantile)[0]
+            for s in enough[~(forms < WORSE * whole)]:
+                answered[s] &= self._examined(kept[s])
+            answered[enough[~(forms < inf)]] = False
+        return answered
+
+    def _examined(self, kept: Array) -> bool:
+        try:
+            examine(without_fiducials(self.system, self.labels(kept)))
+        except IllPosedError:
+            return False
+        return True
 
     def _rank(
         self, kept: Array, covariances: Array, name: str, law: ErrorLaw, quantile: float

@@ -55,8 +55,11 @@ P95 = 0.95
 FRAMES = {"tcp": "tcp", "localisation": "con"}
 
 
-def not_included(system: System, *, simulated: bool = False) -> tuple[str, ...]:
-    """What no number of this design includes.  simulated: of the whole chain, not of its first order."""
+def not_included(system: System, *, simulated: bool = False, missed: bool = False) -> tuple[str, ...]:
+    """What no number of this design includes.
+
+    simulated: of the whole chain, not of its first order; missed: the record says what missed fiducials do.
+    """
     views = system.views
     lines = [
         "an uneven detector, motion during a shot",
@@ -64,7 +67,7 @@ def not_included(system: System, *, simulated: bool = False) -> tuple[str, ...]:
         "" if any(view.motion for view in views) else "motion between the shots",
         "" if system.temperature else "thermal expansion",
         "" if system.balls else "the shift of a large ball's centre in its image (0.05 px for 10 mm balls)",
-        "fiducials mistaken for one another or missed",
+        "fiducials mistaken for one another" + ("" if missed else " or missed"),
         "" if simulated else "products of two random errors (second order)",
         "whatever the design document does not list",
     ]
@@ -103,7 +106,7 @@ def score(
         validity=trust,
         views=views,
         verdict=conclude(checks, findings, "first order"),
-        provenance=provenance(system),
+        provenance=provenance(system, missed=losses and bool(system.loss_probability)),
         losses=_losses(system, LossSearch(chain, models), checks, metrics) if losses else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
     )
@@ -156,7 +159,9 @@ def _losses(
         pair = len(system.fiducial_labels) <= PAIRS_UP_TO
         single, double = (_loss(search, item, lost) if lost == 1 or pair else None for lost in (1, 2))
         assert single is not None
-        found.append(Losses(item.name, None if isinf(item.limit_mm) else item.limit_mm, max(values), single, double))
+        limit = None if isinf(item.limit_mm) else item.limit_mm
+        mixture = search.mixture(item.error, item.quantile, item.targets)
+        found.append(Losses(item.name, limit, max(values), single, double, mixture))
     return tuple(found)
 
 
@@ -271,7 +276,7 @@ def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
 
     model, worst = tcp.model, tcp.at.worst
     try:
-        plan = compile_plan(system, vertex=worst.vertex(model))
+        plan = compile_plan(replace(system, loss_probability=()), vertex=worst.vertex(model))
         refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
     except OutOfRangeError as error:
         return SecondOrder("refused", error.problems[0].detail)
@@ -321,8 +326,13 @@ def _required(system: System, target: str, error: str) -> list[Requirement]:
     return [item for item in system.requirements if item.error == error and target in item.targets]
 
 
-def provenance(system: System, *, simulated: bool = False, also: tuple[str, ...] = ()) -> Provenance:
-    """What a record was made of.  simulated: by the whole chain; also: what else no number of it includes."""
+def provenance(
+    system: System, *, simulated: bool = False, missed: bool = False, also: tuple[str, ...] = ()
+) -> Provenance:
+    """What a record was made of.
+
+    simulated: by the whole chain; missed: it says what missed fiducials do; also: what else no number of it includes.
+    """
     return Provenance(
         design_name=system.name,
         design_sha256=system.design_sha256,
@@ -331,7 +341,7 @@ def provenance(system: System, *, simulated: bool = False, also: tuple[str, ...]
         rotation_form=str(system.rotation_form),
         triangulation=str(system.triangulation),
         notes=system.notes,
-        not_included=(*not_included(system, simulated=simulated), *_taken_for_exact(system), *also),
+        not_included=(*not_included(system, simulated=simulated, missed=missed), *_taken_for_exact(system), *also),
         estimator=str(system.estimator),
     )
 

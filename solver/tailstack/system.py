@@ -247,6 +247,7 @@ class System:
     triangulation: Triangulation = Triangulation.NORMALISED  # of every target
     temperature: Temperature | None = None
     balls: Balls | None = None  # None: fiducials are points
+    loss_probability: tuple[float, ...] = ()  # of each fiducial in a shot, in all views at once; (): none is ever lost
     design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
 

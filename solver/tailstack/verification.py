@@ -187,8 +187,11 @@ class PreparedDesign:
         return sorted(wanted)
 
 
-def prepare(design: Design | System) -> PreparedDesign:
-    """Linear model, worst vertex and compiled plan for every target and error.  Raises DesignError, IllPosedError."""
+def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
+    """Linear model, worst vertex and compiled plan for every target and error; no plans if nothing is to be sampled.
+
+    Raises DesignError, IllPosedError, and OutOfRangeError for a design that cannot be simulated.
+    """
     system, findings, _ = checked_system(design)
     models = {target.name: linearise(system, target) for target in system.targets}
     worst = {(name, error): worst_case(model, error, P95) for name, model in models.items() for error in FRAMES}
@@ -202,7 +205,7 @@ def prepare(design: Design | System) -> PreparedDesign:
             elsewhere = worst[name, "tcp"].vertex(model)
             vertices[name, error] = tuple(dict.fromkeys(tuple(sorted((elsewhere | end).items())) for end in ends))
     every = dict.fromkeys(vertex for several in vertices.values() for vertex in several)
-    plans = {vertex: compile_plan(system, vertex=dict(vertex)) for vertex in every}
+    plans = {vertex: compile_plan(system, vertex=dict(vertex)) for vertex in every if sampled}
     return PreparedDesign(system, findings, trust_of(system, models), models, worst, vertices, plans)
 
 

@@ -17,6 +17,7 @@ from service_scenes import check_problem, client_with, coplanar_design, limited,
 from work_driver import run_job
 
 from tailstack import load_design, verify
+from tailstack.errors import OutOfRangeError
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import document_of, render
 from tailstack_service.problems import RequestError
@@ -316,3 +317,19 @@ def test_the_pages_show_both(found: Comparison) -> None:
         for cell in cells
     )
     assert render("comparison", body, "html")[0].decode() == page
+
+
+def test_a_design_with_missed_beads_is_reported_and_compared_by_its_score() -> None:
+    """No simulation has shots with beads missed: a report that asks for none says what they do."""
+    missed = limited(0.9)
+    missed["fiducials"]["loss_probability"] = 0.02
+    options = ReportOptions(parts=("score",))
+    report = compute_report(load_design(missed), options)
+    mixture = report.score.losses[0].mixture
+    assert mixture is not None
+    assert mixture.value_mm is not None
+    page = render("report", to_json(report), "html")[0].decode()
+    assert f"with each bead missed in 2 % of shots, 95 % of all shots are within {mixture.value_mm:.3f} mm" in page
+    assert compute_comparison(load_design(missed), load_design(limited(0.9)), options).differences
+    with pytest.raises(OutOfRangeError, match="how often fiducials are missed"):
+        compute_report(load_design(missed), ReportOptions(parts=("score", "verification"), trials=500))

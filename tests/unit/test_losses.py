@@ -12,13 +12,13 @@ import pytest
 import yaml
 
 from scenes import cube8_system, random_system, read_only, system_of, with_systematic, with_unseen
-from tailstack import load_design, score
+from tailstack import load_design, optimise, score, verify
 from tailstack.contributors import error_law
-from tailstack.errors import IllPosedError
+from tailstack.errors import DesignError, IllPosedError, OutOfRangeError
 from tailstack.estimation.checks import examine
 from tailstack.propagation.linear import linearise
 from tailstack.system import Estimator, Requirement
-from tailstack.tail.declared import law_quantile
+from tailstack.tail.declared import TRIANGULAR, law_quantile
 
 DEMO = yaml.safe_load((Path(__file__).parents[2] / "examples" / "demo.yaml").read_text())
 
@@ -163,3 +163,111 @@ def test_known_intrinsics_survive_what_eleven_unknowns_do_not():
     assert found.value_mm == pytest.approx(0.2049, abs=5e-5)
     assert found.double.value_mm == pytest.approx(0.237, abs=5e-4)
     assert found.single.value_mm == pytest.approx(brute_force(system, 1), rel=1e-9)
+
+
+# --- lost at random -----------------------------------------------------------------------------------------
+
+
+def sampled_mixture(system, shots, rng):
+    """(shots,) mm: fiducials lost by lot, then the error of what is left by its own linear model; inf where three or
+    more are lost or nothing is determined."""
+    lost = rng.random((shots, len(system.fiducials_mm))) < np.array(system.loss_probability)
+    norms = np.full(shots, np.inf)
+    patterns, which = np.unique(lost, axis=0, return_inverse=True)
+    for number, pattern in enumerate(patterns):
+        here = np.flatnonzero(which.ravel() == number)
+        rest = taken(system, set(np.flatnonzero(pattern)))
+        try:
+            examine(rest)
+        except IllPosedError:
+            continue
+        if pattern.sum() > 2:
+            continue
+        law = error_law(linearise(rest, rest.targets[0]), "tcp", 0.95).law
+        errors = law.mean + rng.multivariate_normal(np.zeros(3), law.covariance, len(here))
+        uniform = rng.uniform(-1, 1, (2, len(here), law.columns.shape[1]))
+        draws = np.where(law.kinds == TRIANGULAR, uniform.mean(axis=0), uniform[0])
+        norms[here] = np.linalg.norm(errors + draws @ law.columns.T, axis=1)
+    return norms
+
+
+@pytest.mark.parametrize("scene", ["cube", "random", "no answer without some"])
+def test_the_quantile_of_shots_with_beads_missed_is_that_of_a_sample(scene):
+    """sampled: 200,000 shots; the share within the value errs by more than 4.5 standard errors once in 100,000."""
+    rng = np.random.default_rng(5)
+    if scene == "cube":
+        system = replace(cube8_system(), loss_probability=(0.05,) * 8)
+    elif scene == "random":
+        system = random_system(rng, 9, 2, targets=1)
+        system = replace(system, loss_probability=(0.0, 0.02, 0.3, 0.01, 0.05, 0.0, 0.1, 0.02, 0.04))
+    else:
+        system = system_of(rng.uniform(-50, 50, (7, 3)) + np.array([0, 0, -20.0]))
+        system = replace(system, targets=system.targets[:1], loss_probability=(0.04,) * 7)
+    every = tuple(target.name for target in system.targets)
+    system = replace(system, requirements=(Requirement("r", "tcp", 0.95, 1.0, 0.95, every[:1]),))
+    (found,) = score(system).losses
+    shots = 200_000
+    norms = sampled_mixture(system, shots, rng)
+    assert found.mixture.value_mm > 1.02 * found.value_mm
+    within = (norms <= found.mixture.value_mm).mean()
+    assert within == pytest.approx(0.95, abs=4.5 * np.sqrt(0.95 * 0.05 / shots))
+    lacking = np.isinf(norms).mean()
+    doubt = 4.5 * np.sqrt(lacking * (1 - lacking) / shots)
+    assert found.mixture.probability_unaccounted == pytest.approx(lacking, abs=doubt)
+
+
+def test_beads_that_nothing_can_do_without_leave_no_bound():
+    """closed_form: of seven beads DLT can do without one; binomial probabilities."""
+    seven = system_of(np.random.default_rng(3).uniform(-50, 50, (7, 3)) + np.array([0, 0, -20.0]))
+    (found,) = score(replace(seven, loss_probability=(0.1,) * 7)).losses
+    assert found.mixture.probability_of_none == pytest.approx(0.9**7)
+    assert found.mixture.probability_unaccounted == pytest.approx(1 - 0.9**7 - 7 * 0.1 * 0.9**6)
+    assert found.mixture.value_mm is None
+
+
+def missed(change=None):
+    data = copy.deepcopy(DEMO)
+    data["fiducials"]["loss_probability"] = 0.01
+    if change:
+        change(data)
+    return load_design(data)
+
+
+def test_a_document_says_how_often_beads_are_missed():
+    """closed_form: the probability of a shot with all of them."""
+    plain, found = score(load_design(DEMO)), score(missed(), second_order=True)
+    (line,) = found.losses
+    count = len(DEMO["fiducials"]["points"])
+    assert plain.losses[0].mixture is None
+    assert line.mixture.probability_of_none == pytest.approx(0.99**count)
+    assert line.value_mm < line.mixture.value_mm < line.double.value_mm
+    assert found.targets[0].p95_mm == plain.targets[0].p95_mm
+    assert found.targets[0].second_order.status == "applied"
+
+    def one_often(data):
+        data["fiducials"]["points"][2]["loss_probability"] = 0.2
+
+    own = score(missed(one_often)).losses[0].mixture
+    assert own.probability_of_none == pytest.approx(0.8 * 0.99 ** (count - 1))
+    assert (own.smallest_loss_probability, own.largest_loss_probability) == (0.01, 0.2)
+
+
+def test_what_is_missed_leaves_the_list_of_what_is_not_included_where_it_is_computed():
+    line = "fiducials mistaken for one another"
+    assert line in score(missed()).provenance.not_included
+    assert f"{line} or missed" in score(missed(), losses=False).provenance.not_included
+    assert f"{line} or missed" in score(load_design(DEMO)).provenance.not_included
+
+
+def test_a_simulation_that_would_pass_over_missed_beads_is_refused():
+    with pytest.raises(OutOfRangeError, match="how often fiducials are missed") as refused:
+        verify(missed(), trials=1000)
+    assert refused.value.problems[0].pointer == "/fiducials/loss_probability"
+    with pytest.raises(DesignError, match="how often fiducials are missed"):
+        optimise(missed())
+
+
+def test_documents_that_say_nothing_of_it_keep_their_hash():
+    """published: the hash of the example as the release before computed it."""
+    assert load_design(DEMO).sha256.startswith("3327b36a89bd246a")
+    assert missed().sha256 != load_design(DEMO).sha256

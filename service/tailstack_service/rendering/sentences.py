@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tailstack.results import Check, Contributor, Losses, TargetScore, Validity
+from tailstack.results import Check, Contributor, Losses, Mixture, TargetScore, Validity
 from tailstack.results.score import source_name
 
 from .tables import percent, visible
@@ -48,7 +48,28 @@ def losses_sentence(line: Losses) -> str:
         beyond = f", beyond the limit of {limit:g} mm" if broken else ""
         said.append(f"without {lost}, the worst {'one' if len(worst.lost) == 1 else 'two'} to lose, "
                     f"{worst.value_mm:.3f} mm{beyond}")  # fmt: skip
+    if line.mixture is not None:
+        said.append(mixture_sentence(line.mixture, line))
     return "; ".join(said) + "."
+
+
+def mixture_sentence(mixture: Mixture, line: Losses) -> str:
+    """What shots come to in which fiducials are missed as often as the design says."""
+    low, high = (100 * p for p in (mixture.smallest_loss_probability, mixture.largest_loss_probability))
+    often = f"{high:g} %" if low == high else f"{low:g} to {high:g} %"
+    quantile = f"{100 * mixture.quantile:g} %"
+    if mixture.value_mm is None:
+        found = f"there is no bound that {quantile} of all shots keep"
+    else:
+        limit = line.limit_mm
+        broken = limit is not None and line.value_mm <= limit < mixture.value_mm
+        beyond = f", beyond the limit of {limit:g} mm" if broken else ""
+        found = f"{quantile} of all shots are within {mixture.value_mm:.3f} mm{beyond}"
+    none, rest = percent(mixture.probability_of_none, 2), percent(mixture.probability_unaccounted, 4)
+    return (
+        f"with each bead missed in {often} of shots, {found} (estimate; all beads are there in {none} % of shots, and "
+        f"{rest} %, with more missed than was looked at or too few left, count as beyond)"
+    )
 
 
 def trust_sentence(validity: Validity) -> str:

@@ -79,7 +79,7 @@ def assemble(
 ) -> Report:
     """The report of what was computed; a pure function.  Raises DesignError, IllPosedError."""
     scored = score_design(design)
-    ready = prepare(design)
+    ready = prepare(design, sampled=verification is not None)
     pictured = _choose_targets(scored)
     distributions, convergence = _draw(ready, pictured, verification, options)
     return Report(

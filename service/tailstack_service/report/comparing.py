@@ -32,9 +32,10 @@ def compute_comparison(
     """Both designs reported with the same options, and their differences.  Raises TailstackError."""
     check_parts(options)
     _list_common_targets([[target.name for target in compile_design(design).targets] for design in (first, second)])
-    ready = (prepare(first), prepare(second))
+    sampled = "verification" in options.parts
+    ready = (prepare(first, sampled=sampled), prepare(second, sampled=sampled))
     checks: tuple[Verification | None, Verification | None] = (None, None)
-    if "verification" in options.parts:
+    if sampled:
 
         def drawn(how: Sampling) -> Pair:
             return verify_prepared(ready[0], how, progress=progress), verify_prepared(ready[1], how, progress=progress)

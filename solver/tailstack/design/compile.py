@@ -136,6 +136,7 @@ def _compile(design: Design) -> System:
         triangulation=document.model.triangulation,
         temperature=_temperature(document.temperature, document.interfaces),
         balls=_balls(document.fiducials),
+        loss_probability=_loss_probability(document.fiducials, len(fiducials)),
         notes=tuple(notes),
     )
 
@@ -310,6 +311,13 @@ def _temperature(temperature: TemperatureDocument | None, interfaces: Interfaces
         seat_mm=place(temperature.seat_mm, interfaces.structure_connector),
         flange_seat_mm=place(temperature.flange_seat_mm, interfaces.connector_flange),
     )
+
+
+def _loss_probability(fiducials: Fiducials, count: int) -> tuple[float, ...]:
+    every = fiducials.loss_probability or 0.0
+    own = [point.loss_probability for point in fiducials.points or ()] or [None] * count
+    each = tuple(every if probability is None else probability for probability in own)
+    return each if any(each) else ()
 
 
 def _balls(fiducials: Fiducials) -> Balls | None:

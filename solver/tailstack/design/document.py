@@ -667,6 +667,9 @@ _Count = Annotated[int, Field(ge=1, le=20)]
 _Counts = Annotated[tuple[_Count, _Count, _Count], Field(strict=False)]
 
 
+LossProbability = Annotated[float, Field(ge=0, lt=1)]
+
+
 class FiducialPoint(Record):
     """One fiducial."""
 
@@ -674,6 +677,13 @@ class FiducialPoint(Record):
         default=None, description="Name; default F1, F2, ... by position in the list.", examples=["F1"]
     )
     position_mm: Point = Field(description="Nominal position in con, mm.", examples=[[-40.0, 30.0, -60.0]])
+    loss_probability: LossProbability | None = Field(
+        default=None, description="Of this fiducial, instead of the fiducials' loss_probability.", examples=[0.02]
+    )
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_later(write(self), {"loss_probability": None})
 
 
 class Manufacturing(Record):
@@ -762,6 +772,13 @@ class Fiducials(Record):
         "of its elliptical outline; shadow: the centroid of its grey values, which is shifted by four fifths of that.",
         examples=["outline"],
     )
+    loss_probability: LossProbability | None = Field(
+        default=None,
+        description="Probability that a fiducial is missed in a shot, in all its views, independently of the others: "
+        "0.01 is one shot in a hundred. The score adds the quantile over shots with and without losses; simulations "
+        "are refused. Absent or 0: none is missed.",
+        examples=[0.01],
+    )
 
     @model_validator(mode="after")
     def _one_list(self) -> Fiducials:
@@ -777,7 +794,7 @@ class Fiducials(Record):
 
     @model_serializer(mode="wrap")
     def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_later(write(self), dict.fromkeys(("diameter_mm", "image_point")))
+        return without_later(write(self), dict.fromkeys(("diameter_mm", "image_point", "loss_probability")))
 
 
 class TemperatureDocument(Record):

@@ -311,8 +311,19 @@ def compile_plan(
     vertex: where the BOUNDED sources stand, fractions of their half-widths, by name
     ("structure_connector.rz": 1.0) or as an array in the order of ``bounded_names``; default 0.
     shots_per_unit: this many consecutive trials share one installation.
-    Raises OutOfRangeError for an unknown vertex or a count below 1.
+    Raises OutOfRangeError for an unknown vertex, a count below 1, or fiducials that are lost at random.
     """
+    if system.loss_probability:
+        raise OutOfRangeError(
+            Problem(
+                "/fiducials/loss_probability",
+                "losses-not-simulated",
+                f"the design says how often fiducials are missed (up to {100 * max(system.loss_probability):g} % of "
+                "shots), and the simulation has no shots with fiducials missed",
+                "leave loss_probability out (of single points too) to simulate shots that have them all; the score "
+                "says what missing them adds",
+            )
+        )
     if shots_per_unit < 1:
         raise OutOfRangeError(Problem("", "shots-per-unit", f"shots_per_unit must be at least 1, got {shots_per_unit}"))
     values = _vertex_values(system, vertex)

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         Loss,
         Losses,
         MetricScore,
+        Mixture,
         PerUnit,
         Score,
         SecondOrder,
@@ -75,7 +76,7 @@ _HOME = {
     ),
     **dict.fromkeys(
         (
-            "Bounds", "Contributor", "Loss", "Losses", "MetricScore", "PerUnit", "Score", "SecondOrder",
+            "Bounds", "Contributor", "Loss", "Losses", "MetricScore", "Mixture", "PerUnit", "Score", "SecondOrder",
             "SlipReliability", "TargetScore",
             "Validity",
         ),
@@ -117,6 +118,7 @@ __all__ = [
     "Matrix3",
     "MetricEstimate",
     "MetricScore",
+    "Mixture",
     "MovedFiducial",
     "MovedPivot",
     "Optimisation",

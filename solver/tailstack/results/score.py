@@ -220,6 +220,32 @@ class Loss:
 
 
 @dataclass(frozen=True, slots=True)
+class Mixture:
+    """A quantile over shots in each of which fiducials are lost at random, as often as the design says, in all views at
+    once and independently of one another; over all units together.
+    """
+
+    quantile: float
+    """Fraction of shots within the value: that of the requirement, otherwise 0.95."""
+    value_mm: float | None
+    """The quantile of the error's norm over shots with and without losses, mm, what is not accounted for beyond it;
+    null where that alone is more than the quantile leaves.
+    """
+    target: str
+    """Target at which it is largest."""
+    smallest_loss_probability: float
+    """Smallest probability of a fiducial to be lost in a shot."""
+    largest_loss_probability: float
+    """Largest probability of a fiducial to be lost in a shot."""
+    probability_of_none: float
+    """Probability of a shot in which no fiducial is lost."""
+    probability_unaccounted: float
+    """Probability of a shot in which more are lost than was evaluated (two; one with more than 30 fiducials), or in
+    which what is left determines nothing: each counts as beyond every limit.
+    """
+
+
+@dataclass(frozen=True, slots=True)
 class Losses:
     """What the loss of fiducials in all views does to one requirement, or to P95 where the design has none."""
 
@@ -233,6 +259,8 @@ class Losses:
     """The worst loss of one."""
     double: Loss | None
     """The worst loss of two; null where there are too many fiducials to try every pair."""
+    mixture: Mixture | None = None
+    """What it comes to over shots with and without losses; null where the design states no probability of a loss."""
 
     def keeps(self, lost: int) -> bool | None:
         """Whether the limit is kept whichever fiducials are lost, so many at once; None where that is not known."""

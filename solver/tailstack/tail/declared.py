@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from math import log, sqrt
+from functools import cached_property, partial
+from math import inf, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
 
 from ..arrays import Array
 from ..errors import NotConvergedError, Problem
@@ -65,6 +66,7 @@ _LARGEST_COARSE_BOX = 2e5
 _LOG2_POINTS, _LOG2_COARSE = 12, 10
 _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: threshold, probability beyond
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
+MIXTURE_STEP, LARGEST_MIXTURE = 1.25, 1e12  # of the radius that is tried next; mm at which it is given up
 SLACK, ROUNDING = 1e-9, 1e-13  # of the trace: how negative an eigenvalue may be, and what is 0
 
 
@@ -307,6 +309,34 @@ def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
     if not law.columns.any():
         return norm_cdf(r, law.mean, law.covariance)
     return Evaluation(law, accuracy_for(0.5, fine)).probability(float(r))
+
+
+def mixture_quantile(laws: Sequence[LinearLaw], weights: ArrayLike, p: float) -> float:
+    """The r with sum_k weights_k P_k(|e| <= r) = p, mm; what weights lack to 1 is beyond every r, and where p is among
+    that, r is infinite.
+
+    Raises ValueError for p outside (0, 1).
+    """
+    p = probability_iv(p)
+    shares = np.asarray(weights, dtype=np.float64)
+    if shares.sum() <= p:
+        return inf
+    within = [
+        Evaluation(law, accuracy_for(p, True)).probability
+        if law.columns.any()
+        else partial(norm_cdf, mean=law.mean, covariance=law.covariance)
+        for law in laws
+    ]
+
+    def beyond_p(r: float) -> float:
+        return float(shares @ [probability(r) for probability in within]) - p
+
+    low, high = 0.0, law_quantile(laws[int(shares.argmax())], p).quantile_mm or 1e-9
+    while beyond_p(high) < 0:
+        low, high = high, MIXTURE_STEP * high
+        if high > LARGEST_MIXTURE:  # p differs from the sum of the weights by less than rounding
+            return inf
+    return float(brentq(beyond_p, low, high, xtol=1e-12, rtol=1e-10)) if beyond_p(low) < 0 else low
 
 
 def law_exceedance(law: LinearLaw, limit: float) -> float:

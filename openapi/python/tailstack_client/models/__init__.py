@@ -132,6 +132,7 @@ from .measured_file import MeasuredFile
 from .measured_file_form import MeasuredFileForm
 from .metric_estimate import MetricEstimate
 from .metric_score import MetricScore
+from .mixture import Mixture
 from .moved_fiducial import MovedFiducial
 from .moved_pivot import MovedPivot
 from .norm_compared import NormCompared
@@ -365,6 +366,7 @@ __all__ = (
     "MeasuredFileForm",
     "MetricEstimate",
     "MetricScore",
+    "Mixture",
     "MovedFiducial",
     "MovedPivot",
     "NormCompared",

@@ -12,6 +12,7 @@ from typing import cast
 
 if TYPE_CHECKING:
     from ..models.loss import Loss
+    from ..models.mixture import Mixture
 
 
 T = TypeVar("T", bound="Losses")
@@ -28,6 +29,8 @@ class Losses:
         value_mm (float): What it limits, with all fiducials and at the worst of its targets, mm.
         single (Loss): The worst of all ways to lose some fiducials.
         double (Loss | None): The worst loss of two; null where there are too many fiducials to try every pair.
+        mixture (Mixture | None): What it comes to over shots with and without losses; null where the design states no
+            probability of a loss.
     """
 
     requirement: str
@@ -35,9 +38,11 @@ class Losses:
     value_mm: float
     single: Loss
     double: Loss | None
+    mixture: Mixture | None
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.loss import Loss  # noqa: PLC0415
+        from ..models.mixture import Mixture  # noqa: PLC0415
 
         requirement = self.requirement
 
@@ -54,6 +59,12 @@ class Losses:
         else:
             double = self.double
 
+        mixture: dict[str, Any] | None
+        if isinstance(self.mixture, Mixture):
+            mixture = self.mixture.to_dict()
+        else:
+            mixture = self.mixture
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -63,6 +74,7 @@ class Losses:
                 "value_mm": value_mm,
                 "single": single,
                 "double": double,
+                "mixture": mixture,
             }
         )
 
@@ -71,6 +83,7 @@ class Losses:
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.loss import Loss  # noqa: PLC0415
+        from ..models.mixture import Mixture  # noqa: PLC0415
 
         d = dict(src_dict)
         requirement = d.pop("requirement")
@@ -101,12 +114,28 @@ class Losses:
 
         double = _parse_double(d.pop("double"))
 
+        def _parse_mixture(data: object) -> Mixture | None:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                mixture_type_0 = Mixture.from_dict(data)
+
+                return mixture_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(Mixture | None, data)
+
+        mixture = _parse_mixture(d.pop("mixture"))
+
         losses = cls(
             requirement=requirement,
             limit_mm=limit_mm,
             value_mm=value_mm,
             single=single,
             double=double,
+            mixture=mixture,
         )
 
         return losses

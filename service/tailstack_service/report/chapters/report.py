@@ -16,7 +16,15 @@ from .optimisation import (
     optimised_layout,
     optimised_sentence,
 )
-from .score import budget_blocks, error_blocks, headline_figure, key_numbers, largest_targets, method_blocks
+from .score import (
+    budget_blocks,
+    error_blocks,
+    headline_figure,
+    key_numbers,
+    largest_targets,
+    losses_listed,
+    method_blocks,
+)
 from .tables import (
     checks_table,
     estimates_table,
@@ -115,6 +123,8 @@ def judged_blocks(report: Report) -> tuple[Block, ...]:
         blocks.append(findings_table(findings))
     if report.score.views:
         blocks.append(views_table(report.score.views))
+    if any(line.mixture for line in report.score.losses):
+        blocks.append(losses_listed(report.score))
     return tuple(blocks) or error_blocks(report.score)
 
 

@@ -112,8 +112,12 @@ def error_blocks(score: Score) -> tuple[Block, ...]:
     if score.views:
         blocks.append(views_table(score.views))
     if score.losses:
-        blocks.append(Bullets(tuple(f"If fiducials are lost: {losses_sentence(line)}" for line in score.losses)))
+        blocks.append(losses_listed(score))
     return tuple(blocks)
+
+
+def losses_listed(score: Score) -> Bullets:
+    return Bullets(tuple(f"If fiducials are lost: {losses_sentence(line)}" for line in score.losses))
 
 
 def largest_targets(score: Score) -> list[TargetScore]:
