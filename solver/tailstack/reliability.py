@@ -20,7 +20,6 @@ from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import chdtri, chndtr
 
 from .arrays import Array
@@ -94,5 +93,7 @@ def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | N
 
 def _noncentrality(level: float, power: float) -> float:
     """Of a chi-square of two degrees of freedom that exceeds its own ``level`` point with this power."""
+    from scipy.optimize import brentq  # as few scores ask for reliability
+
     limit = float(chdtri(2, level))
     return float(brentq(lambda value: 1.0 - chndtr(limit, 2, value) - power, 0.0, 200.0, xtol=1e-12))

@@ -18,6 +18,7 @@ from schemathesis import GenerationMode
 
 from tailstack_service.operations.conversion import STEP_MEDIA
 from tailstack_service.operations.example import EXAMPLE_DESIGN
+from tailstack_service.tables import MEDIA_TYPES
 
 # Documents that the schema of a request leaves open, and trials within the limit of the service that is asked.
 POLICY = {"schema": "tailstack/policy/1", "verification": {"max_trials": 1000, "precision": 0.3}}
@@ -26,6 +27,12 @@ POLICY = {"schema": "tailstack/policy/1", "verification": {"max_trials": 1000, "
 @schemathesis.serializer(*STEP_MEDIA)
 def serialize_step(context: Any, value: Any) -> bytes:
     """A STEP file is text, which schemathesis does not know."""
+    return value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass")
+
+
+@schemathesis.serializer(*(set(MEDIA_TYPES.values()) - {"text/csv"}))
+def serialize_table(context: Any, value: Any) -> bytes:
+    """So are lines of JSON; workbooks and Arrow are bytes."""
     return value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass")
 
 

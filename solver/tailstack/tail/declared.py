@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
 from ..arrays import Array
 from ..errors import NotConvergedError, Problem
@@ -327,6 +326,8 @@ def mixture_quantile(laws: Sequence[LinearLaw], weights: ArrayLike, p: float) ->
         else partial(norm_cdf, mean=law.mean, covariance=law.covariance)
         for law in laws
     ]
+
+    from scipy.optimize import brentq  # as few scores take a mixture
 
     def beyond_p(r: float) -> float:
         return float(shares @ [probability(r) for probability in within]) - p
