@@ -115,24 +115,10 @@ interfaces: # half-widths of what may differ from one assembly to the next, abou
   structure_connector:
     label: carrier on connector
     pivot_mm: [{place(0, 0, seat)}]
-    tolerances:
-      rx: {{ half_width_deg: 0.1, distribution: uniform }}
-      ry: {{ half_width_deg: 0.1, distribution: uniform }}
-      rz: {{ half_width_deg: 0.1, distribution: uniform }}
-      tx: {{ half_width_mm: 0.05, distribution: uniform }}
-      ty: {{ half_width_mm: 0.05, distribution: uniform }}
-      tz: {{ half_width_mm: 0.05, distribution: uniform }}
-  connector_flange:
+{TOLERANCES}  connector_flange:
     label: connector on the robot's flange
     pivot_mm: [{place(0, 0, flange)}]
-    tolerances:
-      rx: {{ half_width_deg: 0.1, distribution: uniform }}
-      ry: {{ half_width_deg: 0.1, distribution: uniform }}
-      rz: {{ half_width_deg: 0.1, distribution: uniform }}
-      tx: {{ half_width_mm: 0.05, distribution: uniform }}
-      ty: {{ half_width_mm: 0.05, distribution: uniform }}
-      tz: {{ half_width_mm: 0.05, distribution: uniform }}
-
+{TOLERANCES}
 targets:
   - {{ name: tip, position_mm: [{place(*wishes.target)}] }} # where the error counts
 
@@ -153,6 +139,16 @@ def show_value(value: Any) -> str:
         return ",".join(f"{part:g}" for part in value)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
+
+TOLERANCES = """\
+    tolerances:
+      rx: { half_width_deg: 0.1, distribution: uniform }
+      ry: { half_width_deg: 0.1, distribution: uniform }
+      rz: { half_width_deg: 0.1, distribution: uniform }
+      tx: { half_width_mm: 0.05, distribution: uniform }
+      ty: { half_width_mm: 0.05, distribution: uniform }
+      tz: { half_width_mm: 0.05, distribution: uniform }
+"""  # of both seats alike
 
 HEAD = """\
 # A first design, made by tailstack init.  Every number is yours to correct; docs/design.md explains the fields.

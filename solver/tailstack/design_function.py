@@ -80,9 +80,9 @@ class DesignFunction:
                 data = replace_value(data, place, value)
         return load_design(data, base_directory=self.design.source.directory)
 
-    def score(self, values: Sequence[float] | Array) -> Score:
-        """The score of the design with these values (n,)."""
-        return score(self.design_at(values))
+    def score(self, values: Sequence[float] | Array, *, losses: bool = True) -> Score:
+        """The score of the design with these values (n,); losses: as of :func:`tailstack.score`."""
+        return score(self.design_at(values), losses=losses)
 
     def p95_gradient(
         self, values: Sequence[float] | Array, target: str | None = None, error: Error = "tcp"

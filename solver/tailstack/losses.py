@@ -132,11 +132,6 @@ def _read_only(values: Array) -> Array:
     return values
 
 
-def model_without(chain: Chain, model: LinearModel, kept: Array) -> LinearModel:
-    """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number is that of all."""
-    return linearise_at(replace(chain, weights=chain.weights * kept), model.target, model.nonlinearity)
-
-
 class Ranked(NamedTuple):
     """The worst loss, and the linear model without what is lost; None where that determines nothing."""
 
@@ -168,6 +163,11 @@ class LossSearch:
             kept = subsets(self.count, lost)
             self._images[lost] = kept, loss_covariances(*self._inputs, kept, *self._rest)
         return self._images[lost]
+
+    def model_without(self, name: str, kept: Array) -> LinearModel:
+        """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number is that of all."""
+        whole, rest = self.models[name], replace(self.chain, weights=self.chain.weights * kept)
+        return linearise_at(rest, whole.target, whole.nonlinearity)
 
     def labels(self, kept: Array) -> tuple[str, ...]:
         return tuple(label for label, here in zip(self.system.fiducial_labels, kept, strict=True) if not here)
@@ -207,7 +207,7 @@ class LossSearch:
         while best is None or highest.max() > (best.loss.value_mm or 0.0):
             place = int(highest.argmax())
             which, s = divmod(place, len(kept))
-            model = model_without(self.chain, self.models[targets[which]], kept[s])
+            model = self.model_without(targets[which], kept[s])
             law = law_quantile(error_law(model, error, quantile).law, quantile)
             value = law.quantile_mm
             highest[place] = -inf
@@ -227,13 +227,15 @@ class LossSearch:
         probability = np.array(self.system.loss_probability)
         if not probability.size:
             return None
-        kept = np.concatenate([subsets(self.count, lost) for lost in self._enumerated()])
+        each = [self.images(lost) for lost in range(3 if self.count <= PAIRS_UP_TO else 2)]
+        kept = np.concatenate([images[0] for images in each])
+        covariances = np.concatenate([images[1] for images in each], axis=1)
         weights = np.where(kept > 0, 1 - probability, probability).prod(axis=1)
-        answered = (weights > 0) & self._determined(kept, error, quantile, targets)
+        answered = (weights > 0) & self._determined(kept, covariances, error, quantile, targets)
         kept, weights = kept[answered], weights[answered]
         values = []
         for name in targets:
-            models = [model_without(self.chain, self.models[name], left) for left in kept]
+            models = [self.model_without(name, left) for left in kept]
             laws = [error_law(model, error, quantile).law for model in models]
             values.append(mixture_quantile(laws, weights, quantile))
         highest = int(np.argmax(values))
@@ -247,19 +249,16 @@ class LossSearch:
             probability_unaccounted=max(1.0 - float(weights.sum()), 0.0),
         )
 
-    def _enumerated(self) -> range:
-        """How many fiducials at once may be lost in the patterns that are evaluated one by one."""
-        return range(3 if self.count <= PAIRS_UP_TO else 2)
-
-    def _determined(self, kept: Array, error: str, quantile: float, targets: Sequence[str]) -> NDArray[np.bool_]:
+    def _determined(
+        self, kept: Array, covariances: Array, error: str, quantile: float, targets: Sequence[str]
+    ) -> NDArray[np.bool_]:
         """(S,) whether what is left still has an answer, refused as a structure without the lost ones would be."""
         fewest = fewest_fiducials(self.system)
         answered: NDArray[np.bool_] = ((self.chain.weights[None] * kept[:, None]).sum(axis=2) >= fewest).all(axis=1)
         enough = np.flatnonzero(answered)
-        covariances = loss_covariances(*self._inputs, kept[enough], *self._rest)
         for name in targets:
             law = error_law(self.models[name], error, quantile)
-            forms, *_ = self._rank(kept[enough], covariances[self.names.index(name)], name, law, quantile)
+            forms, *_ = self._rank(kept[enough], covariances[self.names.index(name), enough], name, law, quantile)
             whole = self._form(law, name, law.total_covariance, quantile)[0]
             for s in enough[~(forms < WORSE * whole)]:
                 answered[s] &= self._examined(kept[s])
@@ -279,7 +278,7 @@ class LossSearch:
         """Pearson's quantile (S,), mm, of each loss at a target, the cumulants (S, 3) and covariances (S, 3, 3)."""
         model = self.models[name]
         if self.system.common_shifts:  # what moves all images together hangs on who is left, and so does the mean
-            every = [model_without(self.chain, model, left) for left in kept]
+            every = [self.model_without(name, left) for left in kept]
             total = np.array([covariance(each, law.error) for each in every])
             means = law.worst.mean_mm + [each.bias_mm(law.error) - model.bias_mm(law.error) for each in every]
             return *self._form(law, name, total, quantile, means), total

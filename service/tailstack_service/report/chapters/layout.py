@@ -47,7 +47,7 @@ def score_if_determined(data: dict[str, object]) -> Known | None:
     from tailstack.scoring import score
 
     try:
-        return data, score(load_inside(data))
+        return data, score(load_inside(data), losses=False)
     except IllPosedError:
         return None
 
