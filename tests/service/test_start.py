@@ -11,6 +11,9 @@ import pytest
 from pipeline_scenes import SECONDS, environment
 from service_scenes import EXAMPLES
 
+from tailstack_service.operations.operation import LateImport
+from tailstack_service.operations.registry import OPERATIONS
+
 PREFIX = "tailstack_service.cli."
 
 
@@ -68,6 +71,14 @@ def test_a_command_loads_only_what_it_needs(arguments: tuple[str, ...], without:
         f"print(*sorted(set({without!r}) & set(sys.modules)), file=sys.stderr)"
     )
     assert told(code)[-1] == ""
+
+
+def test_what_an_operation_imports_late_is_there() -> None:
+    """Names in texts are seen neither by the type checker nor by the linter."""
+    for operation in OPERATIONS.values():
+        assert isinstance(operation.record(), type), operation.name
+        for function in (operation.text, operation.document):
+            assert not isinstance(function, LateImport) or callable(function.load()), operation.name
 
 
 def test_nothing_is_searched_for_cycles_at_the_end() -> None:

@@ -28,7 +28,7 @@ from ..problems import RequestError
 from ..tables import MEDIA_TYPES, Block, Format, Table, format_of, read_table
 from .content import canonical
 from .effort import admission_seconds
-from .operation import Call, JobRequest, Operation, Pieces, Reception
+from .operation import Call, JobRequest, LateImport, Operation, Pieces, Reception
 from .options import Options
 from .patches import NAMED
 
@@ -380,12 +380,6 @@ def _cell(cell: float | str | None) -> str:
     return f"{cell:.4f}" if isinstance(cell, float) else str(cell or "")
 
 
-def _document(record: ScoredTable, sha256: str) -> Any:
-    from ..report.chapters.batch import batch_document
-
-    return batch_document(record, sha256)
-
-
 OPERATION = Operation(
     name="batch",
     verb="score",
@@ -414,6 +408,6 @@ OPERATION = Operation(
     at_once="unless Prefer asks for a job",
     seconds=admission_seconds,
     text=_text,
-    document=_document,
+    document=LateImport("..report.chapters.batch", "batch_document"),
     exit_code=lambda record: NOT_EVALUATED if record.refused else PASS,
 )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from ..console.answer import EXIT_CODE
 from ..report.records import Comparison
 from .example import EXAMPLE_DESIGN
-from .operation import Again, Call, Demand, HeldDesign, Operation, Repetition
+from .operation import Again, Call, Demand, HeldDesign, LateImport, Operation, Repetition
 from .options import CheckOptions, within
 from .report import demand_of, parts_of
 
@@ -54,12 +54,6 @@ def _check(request: Request, settings: Settings) -> None:
         detail = "the two designs have no target of the same name: there is nothing to compare"
         problem = Problem("/targets", "no-common-target", detail, "give the targets the same names")
         raise Placed(DesignError(problem), "/second")
-
-
-def _document(record: Comparison, sha256: str) -> Any:
-    from ..report.chapters.comparison import comparison_document
-
-    return comparison_document(record, sha256)
 
 
 def _hold(record: Comparison) -> tuple[HeldDesign, ...]:
@@ -110,7 +104,7 @@ OPERATION = Operation(
     yaml=False,
     hint="options go into the body, beside the designs",
     check=_check,
-    document=_document,
+    document=LateImport("..report.chapters.comparison", "comparison_document"),
     exit_code=lambda record: EXIT_CODE[record.headline.status],
     hold=_hold,
     demand=_demand,

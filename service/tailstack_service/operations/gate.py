@@ -10,7 +10,7 @@ from tailstack.errors import TailstackError
 
 from .effort import gate_seconds
 from .example import EXAMPLE_DESIGN
-from .operation import Call, JobRequest, Operation, Reception
+from .operation import Call, JobRequest, LateImport, Operation, Reception
 from .options import Options
 
 if TYPE_CHECKING:
@@ -72,26 +72,11 @@ def _admit(data: dict[str, Any], settings: Settings) -> Reception:
     return Reception(job=JobRequest("gate", canonical(complete), name), terms=terms)
 
 
-def _request() -> type[Any]:
-    from ..gate.request import GateRequest
-
-    return GateRequest
-
-
-def _record() -> type:
-    from ..gate.records import GateRecord
-
-    return GateRecord
+_REQUEST = LateImport("..gate.request", "GateRequest")
 
 
 def _judge(call: Call) -> GateRecord:
     raise NotImplementedError("a gate is received with its policy, not as a design")
-
-
-def _document(record: GateRecord, sha256: str) -> Any:
-    from ..report.chapters.gate import gate_document
-
-    return gate_document(record, sha256)
 
 
 OPERATION = Operation(
@@ -125,17 +110,17 @@ OPERATION = Operation(
         "today": "2026-11-21",
         "mode": "analytic",
     },
-    record=_record,
+    record=LateImport("..gate.records", "GateRecord").load,
     run=_judge,
     cut=True,
     receive=_receive,
     hint="options go into the body, beside the designs",
     at_once="mode analytic",
     seconds=gate_seconds,
-    request=_request,
+    request=_REQUEST.load,
     query=QUERY,
-    query_schemas=lambda: _request().model_json_schema()["properties"],
+    query_schemas=lambda: _REQUEST.load().model_json_schema()["properties"],
     example_title="One design under a policy, first order, with one finding accepted for now",
-    document=_document,
+    document=LateImport("..report.chapters.gate", "gate_document"),
     exit_code=lambda record: int(record.exit_code),
 )

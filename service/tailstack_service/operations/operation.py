@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from ..console.answer import PASS
@@ -141,6 +142,21 @@ class Demand:
 
 
 @dataclass(frozen=True, slots=True)
+class LateImport:
+    """A function or a class of a module that is not loaded before it is used; calling this calls the function."""
+
+    module: str  # with leading dots: as imports in the modules of operations have it
+    name: str
+
+    def load(self) -> Any:
+        """The function or the class itself."""
+        return getattr(import_module(self.module, __package__), self.name)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.load()(*arguments)
+
+
+@dataclass(frozen=True, slots=True)
 class Command:
     """A verb that needs more than the flags of its options."""
 
@@ -161,8 +177,9 @@ def pass_always(record: Any) -> int:
 class Operation:
     """One operation, written in one place.
 
-    Whoever imports it gets by without the solver: ``run``, ``document`` and the like import what they need when they
-    are called, so that the command line and an API process know every operation and load none.
+    Whoever imports it gets by without the solver: ``run`` imports what it needs when it is called, ``text``,
+    ``document`` and ``record`` are a :class:`LateImport` where they are at home elsewhere, so that the command line and
+    an API process know every operation and load none.
     """
 
     # What it is

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
@@ -23,7 +23,7 @@ from ..console.arguments import add_design, read_design, whole
 from ..console.program import program
 from ..console.progress import Progress
 from ..problems import RequestError
-from .operation import Again, Call, Command, Demand, HeldDesign, Operation, Repetition
+from .operation import Again, Call, Command, Demand, HeldDesign, LateImport, Operation, Repetition
 from .options import Options, Seed, within
 from .remaining import RemainingTime
 
@@ -91,18 +91,6 @@ def check_freedom(request: Request, settings: Settings, *, starts_of_design: boo
         request.refuse_by(lambda _: within(section.starts, "max_starts", settings, "/optimise/starts"))
     request.refuse_by(check_design)
     request.refuse_by(influence)
-
-
-def _text(record: Optimisation) -> str:
-    from ..rendering.optimisation import optimisation_text
-
-    return optimisation_text(record)
-
-
-def _document(record: Optimisation, sha256: str) -> Any:
-    from ..report.chapters.optimisation import optimisation_document
-
-    return optimisation_document(record, sha256)
 
 
 def _hold(record: Optimisation) -> tuple[HeldDesign, ...]:
@@ -325,8 +313,8 @@ OPERATION = Operation(
     run=_optimise,
     cut=True,
     check=_check,
-    text=_text,
-    document=_document,
+    text=LateImport("..rendering.optimisation", "optimisation_text"),
+    document=LateImport("..report.chapters.optimisation", "optimisation_document"),
     exit_code=lambda record: exit_code_of(record.certificate.verification.verdict),
     hold=_hold,
     demand=lambda record: Demand(starts=record.certificate.starts, starts_at="/certificate/starts", checks=0),

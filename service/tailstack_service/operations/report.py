@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from ..console.answer import EXIT_CODE
 from ..report.records import Report, Reproduction
-from .operation import Again, Call, Demand, HeldDesign, Operation, Repetition
+from .operation import Again, Call, Demand, HeldDesign, LateImport, Operation, Repetition
 from .optimisation import check_freedom
 from .options import CheckOptions, within
 
@@ -68,12 +68,6 @@ def _check(request: Request, settings: Settings) -> None:
         request.refuse_by(check_design)
 
 
-def _document(record: Report, sha256: str) -> Any:
-    from ..report.chapters.report import report_document
-
-    return report_document(record, sha256)
-
-
 def demand_of(made: Reproduction, at: str) -> Demand:
     """How much the reproduction of a report asks for."""
     from tailstack.verification import MAX_TRIALS
@@ -122,7 +116,7 @@ OPERATION = Operation(
     limits=("max_trials",),
     cut=True,
     check=_check,
-    document=_document,
+    document=LateImport("..report.chapters.report", "report_document"),
     exit_code=lambda record: EXIT_CODE[record.headline.status],
     hold=lambda record: (HeldDesign("design", record.design, record.provenance.design_sha256),),
     demand=lambda record: demand_of(record.reproduction, "/reproduction"),

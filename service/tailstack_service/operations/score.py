@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from pydantic import Field
 
@@ -13,7 +12,7 @@ from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_design, read_design
 from .batch import add_batch_arguments, refuse_beside_batch, run_batch
 from .effort import score_reception_seconds
-from .operation import Again, Call, Command, Operation, Repetition
+from .operation import Again, Call, Command, LateImport, Operation, Repetition
 from .options import Options
 
 
@@ -34,18 +33,6 @@ def _score(call: Call) -> Score:
 
     options = call.options
     return score(call.design, second_order=options.second_order, losses=options.losses, reliability=options.reliability)
-
-
-def _text(record: Score) -> str:
-    from ..rendering.score import score_text
-
-    return score_text(record)
-
-
-def _document(record: Score, sha256: str) -> Any:
-    from ..report.chapters.score import score_document
-
-    return score_document(record, sha256)
 
 
 def _repeat(again: Repetition) -> Again:
@@ -118,8 +105,8 @@ OPERATION = Operation(
     run=_score,
     immediate=True,
     seconds=score_reception_seconds,
-    text=_text,
-    document=_document,
+    text=LateImport("..rendering.score", "score_text"),
+    document=LateImport("..report.chapters.score", "score_document"),
     exit_code=lambda record: exit_code_of(record.verdict),
     repeat=_repeat,
     command=Command(_add_arguments, _run),

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -20,7 +20,7 @@ from ..console.answer import FAIL, INCONCLUSIVE, PASS, Answer
 from ..console.arguments import add_design, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
-from .operation import Call, Command, Operation
+from .operation import Call, Command, LateImport, Operation
 from .options import Options, Seed
 
 if TYPE_CHECKING:
@@ -89,24 +89,6 @@ def _check(request: Request, settings: Settings) -> None:
     _read(request.design, request.options.measurements.encode("utf-8", "surrogatepass"), request.options.name)
 
 
-def _text(record: StudyComparison) -> str:
-    from ..rendering.studies.comparison import comparison_text
-
-    return comparison_text(record)
-
-
-def _document(record: StudyComparison, sha256: str) -> Any:
-    from ..report.chapters.studies import bench_document
-
-    return bench_document(record, sha256)
-
-
-def _record() -> type:
-    from tailstack.studies.bench.compare import StudyComparison
-
-    return StudyComparison
-
-
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser)
     parser.add_argument("--measurements", required=True, metavar="FILE", help="what was measured (.csv)")
@@ -169,12 +151,12 @@ OPERATION = Operation(
     title="answer of study compare: bench measurements against prediction",
     options=ComparisonStudyOptions,
     example={"measurements": MEASUREMENTS},
-    record=_record,
+    record=LateImport("tailstack.studies.bench.compare", "StudyComparison").load,
     run=_study,
     check=_check,
     yaml=False,
-    text=_text,
-    document=_document,
+    text=LateImport("..rendering.studies.comparison", "comparison_text"),
+    document=LateImport("..report.chapters.studies", "bench_document"),
     exit_code=lambda record: EXIT_CODE[record.verdict],
     command=Command(_add_arguments, _run),
     threads=True,

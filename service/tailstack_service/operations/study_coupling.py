@@ -18,7 +18,7 @@ from ..console.arguments import add_design, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
 from ..problems import RequestError
-from .operation import Again, Call, Command, Demand, Operation, Repetition
+from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, within
 
 if TYPE_CHECKING:
@@ -93,18 +93,6 @@ def _check(request: Request, settings: Settings) -> None:
     request.refuse_by(check_design)
 
 
-def _text(record: StudyCoupling) -> str:
-    from ..rendering.studies.coupling import coupling_text
-
-    return coupling_text(record, None)
-
-
-def _document(record: StudyCoupling, sha256: str) -> Any:
-    from ..report.chapters.studies import coupling_document
-
-    return coupling_document(record, sha256)
-
-
 def _repeat(again: Repetition) -> Again:
     record: StudyCoupling = again.record
     if again.fast:
@@ -117,12 +105,6 @@ def _repeat(again: Repetition) -> Again:
         seed=record.seed,
     )
     return Again(_study(Call(again.designs, options, progress=again.progress)))
-
-
-def _record() -> type:
-    from tailstack.studies.coupling import StudyCoupling
-
-    return StudyCoupling
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -197,11 +179,11 @@ OPERATION = Operation(
     title="answer of study coupling: the tail together against its parts, with intervals",
     options=CouplingOptions,
     example={"levels": [{"rotation_deg": 1.0, "translation_mm": 2.0}], "trials": 8192},
-    record=_record,
+    record=LateImport("tailstack.studies.coupling", "StudyCoupling").load,
     run=_study,
     check=_check,
-    text=_text,
-    document=_document,
+    text=LateImport("..rendering.studies.coupling", "coupling_text"),
+    document=LateImport("..report.chapters.studies", "coupling_document"),
     demand=lambda record: Demand(trials=record.trials * len(record.cases), trials_at="/trials", checks=0),
     repeat=_repeat,
     command=Command(_add_arguments, _run),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from .operation import Again, Call, Demand, Operation, Repetition
+from .operation import Again, Call, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, within
 
 if TYPE_CHECKING:
@@ -144,12 +144,6 @@ def _repeat(again: Repetition) -> Again:
     return Again(_study(Call(again.designs, options, progress=again.progress)))
 
 
-def _record() -> type:
-    from tailstack.studies.estimators import StudyEstimators
-
-    return StudyEstimators
-
-
 OPERATION = Operation(
     name="study-estimators",
     verb="study estimators",
@@ -161,7 +155,7 @@ OPERATION = Operation(
     title="answer of study estimators: P95 under each estimator, what it needs, and what being wrong costs",
     options=EstimatorOptions,
     example={"trials": 1024},
-    record=_record,
+    record=LateImport("tailstack.studies.estimators", "StudyEstimators").load,
     run=_study,
     check=_check,
     text=_text,

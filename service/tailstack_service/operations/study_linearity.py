@@ -15,7 +15,7 @@ from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import add_design, add_figure, add_form, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
-from .operation import Again, Call, Command, Demand, Operation, Repetition
+from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, within
 
 if TYPE_CHECKING:
@@ -86,20 +86,8 @@ def _check(request: Request, settings: Settings) -> None:
         raise RequestError(Problem("/target", "unknown-target", detail))
 
 
-def _text(record: StudyLinearity) -> str:
-    from ..rendering.studies.linearity import linearity_text
-
-    return linearity_text(record)
-
-
 def _exit_code(record: StudyLinearity) -> int:
     return PASS if any(point.status == "ok" for point in record.points) else NOT_EVALUATED
-
-
-def _document(record: StudyLinearity, sha256: str) -> Any:
-    from ..report.chapters.studies import linearity_document
-
-    return linearity_document(record, sha256)
 
 
 def _repeat(again: Repetition) -> Again:
@@ -117,12 +105,6 @@ def _repeat(again: Repetition) -> Again:
         seed=record.seed,
     )
     return Again(_study(Call(again.designs, options, progress=again.progress)))
-
-
-def _record() -> type:
-    from tailstack.studies.linearity import StudyLinearity
-
-    return StudyLinearity
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -211,11 +193,11 @@ OPERATION = Operation(
     title="answer of study linearity: first order over Monte Carlo, point by point of a grid",
     options=LinearityOptions,
     example={"noises_px": [0.3, 3.0], "rotations_deg": [0.0, 1.0], "spreads": [1.0], "trials": 8192},
-    record=_record,
+    record=LateImport("tailstack.studies.linearity", "StudyLinearity").load,
     run=_study,
     check=_check,
-    text=_text,
-    document=_document,
+    text=LateImport("..rendering.studies.linearity", "linearity_text"),
+    document=LateImport("..report.chapters.studies", "linearity_document"),
     demand=lambda record: Demand(trials=record.trials * len(record.points), trials_at="/trials", checks=0),
     repeat=_repeat,
     exit_code=_exit_code,

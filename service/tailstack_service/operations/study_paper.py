@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
@@ -18,7 +18,7 @@ from ..console.arguments import add_form, read_design, whole
 from ..console.files import writable_directory, write_figure
 from ..console.progress import Progress
 from ..examples import example_folder
-from .operation import Again, Call, Command, Demand, Operation, Repetition
+from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, within
 
 if TYPE_CHECKING:
@@ -70,18 +70,6 @@ def _check(request: Request, settings: Settings) -> None:
         request.refuse_by(check_design)
 
 
-def _text(record: StudyPaper) -> str:
-    from ..rendering.studies.paper import paper_text
-
-    return paper_text(record)
-
-
-def _document(record: StudyPaper, sha256: str) -> Any:
-    from ..report.chapters.studies import paper_document
-
-    return paper_document(record, sha256)
-
-
 def _demand(record: StudyPaper) -> Demand:
     cells = sum(len(geometry.cells) for geometry in record.geometries)
     return Demand(trials=record.trials * cells, trials_at="/trials", checks=0)
@@ -103,12 +91,6 @@ def _repeat(again: Repetition) -> Again:
         hint = "tailstack report --verify FILE DESIGN with its design; one of other fitted designs: --fast"
         raise RequestError(Problem("/geometries", "another-design", detail, hint))
     return Again(_study(Call(again.designs, options, progress=again.progress)))
-
-
-def _record() -> type:
-    from tailstack.studies.paper.reproduce import StudyPaper
-
-    return StudyPaper
 
 
 def scenario(name: str) -> Path:
@@ -171,11 +153,11 @@ OPERATION = Operation(
     needs_design=False,
     yaml=False,
     example={"trials": LEAST_TRIALS},
-    record=_record,
+    record=LateImport("tailstack.studies.paper.reproduce", "StudyPaper").load,
     run=_study,
     check=_check,
-    text=_text,
-    document=_document,
+    text=LateImport("..rendering.studies.paper", "paper_text"),
+    document=LateImport("..report.chapters.studies", "paper_document"),
     demand=_demand,
     repeat=_repeat,
     command=Command(_add_arguments, _run),

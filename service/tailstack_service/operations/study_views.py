@@ -6,11 +6,11 @@ target is not allowed.  --json prints the maps; the report of that record draws 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from .operation import Again, Call, Operation, Repetition
+from .operation import Again, Call, LateImport, Operation, Repetition
 from .options import Options
 
 if TYPE_CHECKING:
@@ -71,22 +71,10 @@ def _text(record: StudyViews) -> str:
     )
 
 
-def _document(record: StudyViews, sha256: str) -> Any:
-    from ..report.chapters.studies import views_document
-
-    return views_document(record, sha256)
-
-
 def _repeat(again: Repetition) -> Again:
     record: StudyViews = again.record
     options = ViewOptions(cone_deg=record.cone_deg, step_deg=record.step_deg, error=record.error)
     return Again(_study(Call(again.designs, options, progress=again.progress)))
-
-
-def _record() -> type:
-    from tailstack.studies.views import StudyViews
-
-    return StudyViews
 
 
 OPERATION = Operation(
@@ -99,10 +87,10 @@ OPERATION = Operation(
     title="answer of study views: P95 over the directions of the views, and of one more",
     options=ViewOptions,
     example={"step_deg": 15.0},
-    record=_record,
+    record=LateImport("tailstack.studies.views", "StudyViews").load,
     run=_study,
     check=_check,
     text=_text,
-    document=_document,
+    document=LateImport("..report.chapters.studies", "views_document"),
     repeat=_repeat,
 )

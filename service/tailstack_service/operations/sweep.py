@@ -22,7 +22,7 @@ from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
 from ..names import variable
 from ..problems import RequestError
-from .operation import Again, Call, Command, Demand, Operation, Repetition
+from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, within
 
 if TYPE_CHECKING:
@@ -160,18 +160,6 @@ def _prepare(options: SweepOptions, design: Design) -> dict[str, Any]:
 
     kept, data = options.model_dump(exclude_none=True), design.source.data
     return {**kept, "axes": [{**axis, "pointer": pointer_of(data, axis["pointer"])} for axis in kept["axes"]]}
-
-
-def _text(record: Sweep) -> str:
-    from ..rendering.sweep import sweep_text
-
-    return sweep_text(record)
-
-
-def _document(record: Sweep, sha256: str) -> Any:
-    from ..report.chapters.sweep import sweep_document
-
-    return sweep_document(record, sha256)
 
 
 def _exit_code(record: Sweep) -> int:
@@ -352,8 +340,8 @@ OPERATION = Operation(
     cut=True,
     check=_check,
     prepare=_prepare,
-    text=_text,
-    document=_document,
+    text=LateImport("..rendering.sweep", "sweep_text"),
+    document=LateImport("..report.chapters.sweep", "sweep_document"),
     exit_code=_exit_code,
     demand=_demand,
     repeat=_repeat,

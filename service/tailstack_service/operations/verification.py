@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
 from tailstack.results import Verification
 
 from ..console.answer import exit_code_of
-from .operation import Again, Call, Demand, Operation, Repetition
+from .operation import Again, Call, Demand, LateImport, Operation, Repetition
 from .options import CheckOptions, within
 
 if TYPE_CHECKING:
@@ -48,18 +48,6 @@ def _check(request: Request, settings: Settings) -> None:
 
     within(request.options.trials, "max_trials", settings, "/trials")
     request.refuse_by(check_design)
-
-
-def _text(record: Verification) -> str:
-    from ..rendering.verification import verification_text
-
-    return verification_text(record)
-
-
-def _document(record: Verification, sha256: str) -> Any:
-    from ..report.chapters.verification import verification_document
-
-    return verification_document(record, sha256)
 
 
 def _demand(record: Verification) -> Demand:
@@ -106,8 +94,8 @@ OPERATION = Operation(
     limits=("max_trials",),
     cut=True,
     check=_check,
-    text=_text,
-    document=_document,
+    text=LateImport("..rendering.verification", "verification_text"),
+    document=LateImport("..report.chapters.verification", "verification_document"),
     exit_code=lambda record: exit_code_of(record.verdict),
     demand=_demand,
     repeat=_repeat,
