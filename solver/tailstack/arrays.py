@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 Array = NDArray[np.float64]
+
+
+def frozen(values: Any, dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    """A read-only copy of numbers, C-contiguous: for another layout, kernels would be compiled again."""
+    array = np.array(values, dtype=dtype, order="C")
+    array.setflags(write=False)
+    return array

@@ -27,11 +27,11 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array
+from .arrays import Array, frozen
 from .contributors import ErrorLaw, error_law
 from .cores import usable_cores
 from .design import Design, compile_design, design_to_data, load_design
-from .design.compile import detector_distances, frozen
+from .design.compile import detector_distances
 from .design.fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels
 from .design.pointers import Place, pointer_of, value_at
 from .errors import MissingExtraError, Problem, TailstackError, describe_refusal

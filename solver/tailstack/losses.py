@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from .arrays import Array
+from .arrays import Array, frozen
 from .contributors import ErrorLaw, error_law
 from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
@@ -119,17 +119,11 @@ def without_fiducials(system: System, lost: Sequence[str]) -> System:
     return replace(
         system,
         fiducial_labels=labels,
-        fiducials_mm=_read_only(system.fiducials_mm[rest]),
-        manufacturing_half_width_mm=_read_only(system.manufacturing_half_width_mm[rest]),
+        fiducials_mm=frozen(system.fiducials_mm[rest]),
+        manufacturing_half_width_mm=frozen(system.manufacturing_half_width_mm[rest]),
         views=views,
         loss_probability=tuple(system.loss_probability[i] for i in rest) if system.loss_probability else (),
     )
-
-
-def _read_only(values: Array) -> Array:
-    values = np.ascontiguousarray(values)
-    values.setflags(write=False)
-    return values
 
 
 class Ranked(NamedTuple):

@@ -30,7 +30,7 @@ from scenes import (
 from tailstack.errors import OutOfRangeError
 from tailstack.estimation.checks import LINEAR
 from tailstack.montecarlo import bounded_names, compile_plan, draw, evaluate, quantile_estimate, run_indices, simulate
-from tailstack.montecarlo.chain import errors_by_svd
+from tailstack.montecarlo.chain import evaluate_plainly
 from tailstack.system import Law, Reading, RotationForm, System, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
@@ -44,7 +44,7 @@ def relative_difference(system: System, trials: int) -> tuple[float, int]:
     """Largest |structured - SVD| / |SVD| over trials, targets and both errors; and how many were redone."""
     plan = compile_plan(system)
     outcome = run_indices(plan, 3, 0, trials)
-    exact, _ = errors_by_svd(plan, draw(plan, 3, np.arange(trials)))
+    exact, _ = evaluate_plainly(plan, draw(plan, 3, np.arange(trials)))
     structured = np.moveaxis(outcome.errors, -1, 0)
     gap = np.linalg.norm(structured - exact, axis=-1) / np.linalg.norm(exact, axis=-1)
     return float(gap.max()), outcome.redone
@@ -266,7 +266,7 @@ def test_flagged_trials_are_redone() -> None:
 def test_reprojection_rms_agrees_with_svd() -> None:
     plan = compile_plan(cios_system())
     found = run_indices(plan, 4, 0, 256, reprojection=True).reprojection
-    _, expected = errors_by_svd(plan, draw(plan, 4, np.arange(256)))
+    _, expected = evaluate_plainly(plan, draw(plan, 4, np.arange(256)))
     assert found is not None
     assert np.abs(found - expected).max() < 1e-10
 

@@ -23,7 +23,7 @@ from scenes import (
     with_unseen,
 )
 from tailstack.montecarlo import compile_plan, draw, evaluate, quantile_estimate, run_indices, simulate
-from tailstack.montecarlo.chain import errors_by_svd
+from tailstack.montecarlo.chain import evaluate_plainly
 from tailstack.system import (
     INTRINSICS,
     Estimator,
@@ -93,7 +93,7 @@ def difference(system: System, trials: int) -> tuple[float, int]:
     """Largest |lanes - plain| / |plain| over trials, targets and both errors; and how many were redone."""
     plan = compile_plan(system)
     outcome = run_indices(plan, 3, 0, trials, reprojection=True)
-    exact, rms = errors_by_svd(plan, draw(plan, 3, np.arange(trials)))
+    exact, rms = evaluate_plainly(plan, draw(plan, 3, np.arange(trials)))
     gap = np.linalg.norm(np.moveaxis(outcome.errors, -1, 0) - exact, axis=-1) / np.linalg.norm(exact, axis=-1)
     assert np.abs(outcome.reprojection - rms).max() < 1e-9
     return float(gap.max()), outcome.redone
@@ -158,7 +158,7 @@ def test_what_the_lanes_do_not_know_runs_in_the_plain_form(changes: dict) -> Non
     plan = compile_plan(scene(**changes))
     z = draw(plan, 3, np.arange(64))
     assert not plan.in_lanes
-    assert np.array_equal(evaluate(plan, z), errors_by_svd(plan, z)[0])
+    assert np.array_equal(evaluate(plan, z), evaluate_plainly(plan, z)[0])
 
 
 def test_a_check_says_which_engine_ran() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, frozen
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import examine
 from ..geometry.camera import (
@@ -367,13 +367,6 @@ def _requirement(item: RequirementDocument, samples: dict[str, tuple[Target, ...
 
 
 RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
-
-
-def frozen(values: Any) -> Array:
-    """A read-only float array."""
-    array = np.array(values, dtype=float, order="C")  # one layout: another would have kernels compiled again
-    array.setflags(write=False)
-    return array
 
 
 def seen_by(view: Any) -> tuple[str, ...] | None:

@@ -1,4 +1,4 @@
-"""Trials by index or by given deviates: the kernel, with every flagged trial redone by SVD.
+"""Trials by index or by given deviates: the kernel, with every flagged trial redone by the plain form.
 
 The same chain by the plain estimators of ``tailstack.estimation`` (singular value decompositions, Gauss-Newton steps)
 is for flagged trials, where no reduction is exact, and for estimators that the kernel does not know: NumPy, batched
@@ -24,7 +24,7 @@ from .kernel import Draws, Results, run_trials, scratch_size
 from .plan import ChainPlan
 from .streams import draw_columns, stream_key
 
-SVD_BATCH = 1024  # trials per batched SVD: about 5 MB of design matrices at 12 fiducials
+PLAIN_BATCH = 1024  # trials of the plain form at once: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
 _NOT_GIVEN = np.empty((0, 0))
 _NO_KEYS = np.zeros(2, dtype=np.uint64)
@@ -34,7 +34,7 @@ class Outcome(NamedTuple):
     """Results of one run of trials, in the order of their indices."""
 
     errors: Array  # (T, 2, 3, n): TCP error in tcp, localisation error in con; mm
-    redone: int  # trials that went through SVD because the structured solution was not proven
+    redone: int  # trials that the plain form redid because the kernel's answer was not proven
     reprojection: Array | None  # (n,) px
 
 
@@ -95,9 +95,9 @@ def _redo(plan: ChainPlan, z: Array, columns: NDArray[np.int64], errors: Array, 
     Raises NotConvergedError where an estimate does not come to rest: such a trial has no answer.
     """
     lost = 0
-    for start in range(0, len(columns), SVD_BATCH):
-        part = columns[start : start + SVD_BATCH]
-        exact, reprojection = errors_by_svd(plan, z[start : start + SVD_BATCH])
+    for start in range(0, len(columns), PLAIN_BATCH):
+        part = columns[start : start + PLAIN_BATCH]
+        exact, reprojection = evaluate_plainly(plan, z[start : start + PLAIN_BATCH])
         errors[..., part] = np.moveaxis(exact, 0, -1)
         lost += int((~np.isfinite(exact).all(axis=(1, 2, 3))).sum())
         if rms is not None:
@@ -145,7 +145,7 @@ def evaluate(plan: ChainPlan, z: Array) -> Array:
     return out
 
 
-def errors_by_svd(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
+def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     """Errors (n, T, 2, 3) mm and reprojection RMS (n,) px of standardised deviates z (n, d), by the plain estimators.
 
     Axis 2: TCP error (tcp), localisation error (con).  NaN where an estimate does not come to rest.

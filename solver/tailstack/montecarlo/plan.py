@@ -28,12 +28,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, frozen
 from ..errors import OutOfRangeError, Problem
 from ..estimation.checks import LINEAR
 from ..estimation.resection import homogeneous
@@ -345,15 +345,8 @@ def compile_plan(
         pivots=np.array([slot.pivot_mm for slot in sources.slots[: 4 + views]]),
         execution_bias=sources.fixed[3],
     )
-    tables = Tables(*(_freeze(table) for table in tables))
+    tables = Tables(*(frozen(table, table.dtype) for table in tables))
     return ChainPlan(system, tables, blocks, bounded_names(system), values, shots_per_unit)
-
-
-def _freeze(table: NDArray[Any]) -> NDArray[Any]:
-    """A C-contiguous copy that is read-only."""
-    table = np.array(table, order="C")
-    table.setflags(write=False)
-    return table
 
 
 def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array]:

@@ -27,7 +27,7 @@ BLOCK = 8192
 REPROJECTION_TRIALS = 16384  # the first of a run, whose reprojection errors are kept
 LARGEST_SHARD = 2**18
 SHARD_MICROSECONDS = 60_000.0  # of one core: a hundred times what it costs to hand a shard out and take it back
-PILOT = 256  # trials that tell how many are redone by SVD
+PILOT = 256  # trials that tell how many the plain form redoes
 
 
 class Moments(NamedTuple):
@@ -47,7 +47,7 @@ class Shard:
     tails: Sequence[Array]  # of each metric, its largest norms, mm, in any order
     floors: Sequence[float]  # of each metric: every norm above it is in the tail
     above: tuple[int, ...]  # of each metric: norms beyond its limit
-    redone: int  # trials redone by SVD because the structured solution was not proven
+    redone: int  # trials that the plain form redid because the kernel's answer was not proven
     reprojection: Array | None  # px, of the trials before ``REPROJECTION_TRIALS``
 
     @property

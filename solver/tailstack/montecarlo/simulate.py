@@ -78,7 +78,7 @@ class Samples:
     simulation: Simulation
     trials: int
     errors: tuple[ErrorSample, ...]
-    redone: int  # trials redone by SVD because the structured solution was not proven
+    redone: int  # trials that the plain form redid because the kernel's answer was not proven
     reprojection_px: Array | None  # RMS reprojection errors of the first trials, ascending
 
     def of(self, target: str | int, error: str = "tcp") -> ErrorSample:

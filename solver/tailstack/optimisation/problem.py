@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, frozen
 from ..system import Mount, Requirement, System, Target
 from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
@@ -239,8 +239,7 @@ def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
 
     def change(contributor: str, **fields: Any) -> None:
         mount = mounts[contributor]
-        for array in fields.values():
-            array.setflags(write=False)
+        fields = {name: frozen(values) for name, values in fields.items()}
         pivot = {"pivot_mm": fields.pop("pivot_mm")} if "pivot_mm" in fields else {}
         mounts[contributor] = replace(mount, sources=replace(mount.sources, **fields), **pivot)
 
@@ -250,12 +249,13 @@ def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
         widths[sources.names.index(free.component)] = value
         change(free.contributor, half_width=widths)
     for pivot, position in zip(problem.pivots, choice.pivots_mm, strict=True):
-        change(pivot.contributor, pivot_mm=np.array(position, dtype=float))
+        change(pivot.contributor, pivot_mm=position)
     for spacing, factor in zip(problem.spacings, choice.spacing, strict=True):
         change(spacing.contributor, direction=spacing.shift + spacing.turn / float(factor))
-    placed = np.array(choice.fiducials_mm, dtype=float)
-    placed.setflags(write=False)
     first, second = problem.system.structure_connector.name, problem.system.connector_flange.name
     return replace(
-        problem.system, fiducials_mm=placed, structure_connector=mounts[first], connector_flange=mounts[second]
+        problem.system,
+        fiducials_mm=frozen(choice.fiducials_mm),
+        structure_connector=mounts[first],
+        connector_flange=mounts[second],
     )

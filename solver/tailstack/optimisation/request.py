@@ -7,7 +7,7 @@ from math import degrees, floor, radians
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, frozen
 from ..design import Design, Revision, compile_design, revise_design
 from ..design.compile import torsor_from_locators
 from ..design.consistency import ROTATIONS, TRANSLATIONS, list_declared
@@ -272,16 +272,10 @@ def with_count(request: Request, count: int) -> PlacementProblem:
     system = replace(
         system,
         fiducial_labels=tuple(labels),
-        fiducials_mm=_freeze(positions),
-        manufacturing_half_width_mm=_freeze(made),
+        fiducials_mm=frozen(positions),
+        manufacturing_half_width_mm=frozen(made),
     )
     return replace(problem, system=system, places=_places(system, section))
-
-
-def _freeze(values: Array) -> Array:
-    values = np.array(values)
-    values.setflags(write=False)
-    return values
 
 
 def list_counts(request: Request) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ...arrays import frozen
 from ...system import System, no_sources
 
 Table = Literal["S1", "S2", "S3"]
@@ -146,20 +147,14 @@ CELLS = S1 + S2 + S3
 
 def nominal(system: System) -> System:
     """The geometry alone: no installation error, no tolerances, manufacturing errors or execution; its image noise."""
-    still = np.zeros(6)
-    exact = np.zeros_like(system.fiducials_mm)
-    for array in (still, exact):
-        array.setflags(write=False)
     mounts = {
-        name: replace(getattr(system, name), bias=still, sources=no_sources(6))
+        name: replace(getattr(system, name), bias=frozen(np.zeros(6)), sources=no_sources(6))
         for name in ("structure_connector", "connector_flange", "hand_eye")
     }
-    shift = np.zeros(3)
-    shift.setflags(write=False)
     return replace(
         system,
-        manufacturing_half_width_mm=exact,
-        execution_bias_mm=shift,
+        manufacturing_half_width_mm=frozen(np.zeros_like(system.fiducials_mm)),
+        execution_bias_mm=frozen(np.zeros(3)),
         execution=no_sources(3),
         requirements=(),
         **mounts,
@@ -175,8 +170,7 @@ def with_noise(system: System, noise_px: float) -> System:
 def with_installation(system: System, rotation_deg: float, translation_mm: float) -> System:
     """A known installation error of the structure about its pivot: ``rotation_deg`` in each of the three angles of
     Eq 12, and a translation of this length along (1, 1, 1)."""
-    bias = np.array([radians(rotation_deg)] * 3 + [translation_mm / sqrt(3.0)] * 3)
-    bias.setflags(write=False)
+    bias = frozen([radians(rotation_deg)] * 3 + [translation_mm / sqrt(3.0)] * 3)
     return replace(system, structure_connector=replace(system.structure_connector, bias=bias))
 
 
