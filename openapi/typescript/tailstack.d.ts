@@ -1805,7 +1805,7 @@ export interface components {
         Contributor: {
             /**
              * Name
-             * @description Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, structure_connector, connector_flange, hand_eye, execution, motion:VIEW, image_field:VIEW, temperature or ball_images.
+             * @description Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, structure_connector, connector_flange, hand_eye, execution, assumed_intrinsics:VIEW, motion:VIEW, image_field:VIEW, temperature or ball_images.
              */
             name: string;
             /**

@@ -214,9 +214,8 @@ def _image_slopes(chain: Chain, model: LinearModel, points_mm: Array, error: str
     moved = replace(chain, points=chain.points + 1j * COMPLEX_STEP * points_mm)
     gains = image_gains(moved, model.reconstructed_mm.astype(np.complex128))  # whose kind some of the arrays take
     to_error = model.tcp_from_localisation if error == "tcp" else np.eye(3)
-    return _ImageSlopes(
-        to_error @ (gains.columns.imag / COMPLEX_STEP), to_error @ (np.imag(gains.bias_mm) / COMPLEX_STEP)
-    )
+    shift = gains.assumed_mm.sum(axis=1)
+    return _ImageSlopes(to_error @ (gains.columns.imag / COMPLEX_STEP), to_error @ (shift.imag / COMPLEX_STEP))
 
 
 def _foreign_change(chain: Chain, model: LinearModel, moved: Chain) -> str:

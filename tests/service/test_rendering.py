@@ -133,6 +133,15 @@ def test_budget_lines_are_grouped_and_sorted_by_share() -> None:
     assert found == [("seat", ["ry", "rx"]), ("arm", []), ("noise", [])]
 
 
+def test_what_is_known_of_a_source_has_a_row_of_its_own_beside_what_varies() -> None:
+    known = replace(line("seat", "known", 0.0), law="known")
+    found = [
+        (total.component, [part.component for part in parts])
+        for total, parts in group((line("seat", "rx", 0.1), line("seat", "ry", 0.3), line("seat", "all", 0.4), known))
+    ]
+    assert found == [("all", ["ry", "rx"]), ("known", [])]
+
+
 def check(status: str, **changes: object) -> Check:
     fields: dict[str, object] = {
         "requirement": "tip", "target": "entry", "error": "tcp", "risk": "pooled", "quantile": 0.95, "value_mm": 1.25,

@@ -94,6 +94,31 @@ def test_what_is_declared_is_no_longer_among_what_is_not_included() -> None:
     assert "distortion" in words  # LAT declares no field
 
 
+def test_a_known_error_of_assumed_intrinsics_has_a_line_that_says_what_correcting_it_is_worth() -> None:
+    """independent: the design whose intrinsics were corrected in that view, scored."""
+    known = {"focal": {"bias_rel": 0.1, "half_width_rel": 0.01, "distribution": "uniform"}}
+
+    def tell(*views: int) -> Any:
+        def change(data: dict[str, Any]) -> None:
+            data["model"] = {"estimator": "pose"}
+            for v, view in enumerate(data["views"]):
+                focal = known["focal"] if v in views else known["focal"] | {"bias_rel": 0}
+                view["intrinsics_error"] = {"focal": focal}
+
+        return change
+
+    target = score(demo(tell(0, 1))).targets[0]
+    lines, both = target.contributors, target.p95_mm
+    for name, other in (("AP", 1), ("LAT", 0)):
+        (line,) = [c for c in lines if c.name == f"assumed_intrinsics:{name}" and c.component == "known"]
+        corrected = score(demo(tell(other))).targets[0].p95_mm
+        assert line.p95_without_mm == pytest.approx(corrected, abs=2e-5)  # the budget is not refined further
+        assert abs(corrected - both) > 1e-3
+        assert line.label == f"assumed intrinsics, {name}, known"
+        assert line.variance_share == 0
+    assert not [c for c in score(demo(tell())).targets[0].contributors if c.law == "known"]
+
+
 def test_more_of_each_is_never_less_risk() -> None:
     plain = score(demo()).targets[0].p95_mm
     for change in (

@@ -258,10 +258,10 @@ def _moves(entry: Contributor) -> bool:
 
 def group(contributors: Sequence[Contributor]) -> list[tuple[Contributor, list[Contributor]]]:
     """(line of the whole contributor, its components), both by falling share of the variance."""
-    names = list(dict.fromkeys(entry.name for entry in contributors))
+    names = dict.fromkeys((entry.name, entry.law == "known") for entry in contributors)  # what is known stands alone
     groups = []
-    for name in names:
-        lines = [entry for entry in contributors if entry.name == name]
+    for each in names:
+        lines = [entry for entry in contributors if (entry.name, entry.law == "known") == each]
         total = next((entry for entry in lines if entry.component == "all"), None)
         parts = sorted((e for e in lines if e is not total), key=lambda e: e.variance_share, reverse=True)
         if total is not None:

@@ -44,7 +44,7 @@ class Block(NamedTuple):
 
 
 class KnownShift(NamedTuple):
-    """What a contributor is known to do to the error, beside the installation's bias."""
+    """What a contributor is known to do to the error, beside the bias of mounts and load."""
 
     contributor: str
     localisation_mm: Array  # (3,) con
@@ -282,8 +282,8 @@ def linearise_at(chain: Chain, target: Target, numbers: Nonlinearity | None = No
             localisation = before.get(block.contributor, np.zeros((3, len(block.laws))))
         tcp = behind[block.contributor] if block.contributor in behind else to_tcp @ localisation
         blocks.append(block._replace(localisation=localisation, tcp=tcp))
-    known, systematic = _systematic(chain, target, images.columns, to_tcp, from_moved)
-    localised = images.bias_mm + sum(each.localisation_mm for each in known)
+    shifts, systematic = _systematic(chain, target, images.columns, to_tcp, from_moved)
+    known = (*_assumed_shifts(system, images.assumed_mm, to_tcp), *shifts)
     if numbers is None:
         numbers = nonlinearity(
             chain.projections,
@@ -298,11 +298,10 @@ def linearise_at(chain: Chain, target: Target, numbers: Nonlinearity | None = No
     return LinearModel(
         target=target,
         reconstructed_mm=reconstructed,
-        localisation_bias_mm=reconstructed - target.position_mm + localised,
+        localisation_bias_mm=reconstructed - target.position_mm + sum(each.localisation_mm for each in known),
         tcp_bias_mm=chain.third.move(at_tool)
         + system.execution_bias_mm
         - (turn @ target.position_mm + shift)
-        + to_tcp @ images.bias_mm
         + sum(each.tcp_mm for each in known),
         known=known,
         blocks=(*blocks, *systematic),
@@ -318,8 +317,14 @@ class ImageGains(NamedTuple):
 
     columns: Array  # (3, K) of every source that acts through them, mm per native unit: of the imaged blocks in turn
     block_diagonal: Array  # (3, 3) mm^2, of the manufacturing errors as Eq 16 has it: cross-view terms dropped
-    bias_mm: Array  # (3,) of the known errors of the intrinsics that are believed
+    assumed_mm: Array  # (3, V) of the known errors of the intrinsics that each view believes
     row_weights: Array  # (V, 2, 2) of the rows of triangulation
+
+
+def _assumed_shifts(system: System, assumed_mm: Array, to_tcp: Array) -> tuple[KnownShift, ...]:
+    """What the known errors of assumed intrinsics do: assumed_mm (3, V) con, to_tcp (3, 3)."""
+    each = zip((f"{ASSUMED}{view.name}" for view in system.views), assumed_mm.T, strict=True)
+    return tuple(KnownShift(name, shift, to_tcp @ shift, _label(name)) for name, shift in each if shift.any())
 
 
 def _systematic(
@@ -377,17 +382,17 @@ def image_gains(chain: Chain, target_mm: Array) -> ImageGains:
     columns = []
     for v in range(views):
         columns += [fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count), aimed[v]]
-    block_diagonal, bias = np.zeros((3, 3), kind), np.zeros(3, kind)
+    block_diagonal, shifts = np.zeros((3, 3), kind), np.zeros((3, views), kind)
     if chain.manufactured:
         through = made @ chain.per_error
         columns.append(through.sum(axis=0).transpose(1, 0, 2).reshape(3, 3 * count))
         scaled = (through * chain.manufacturing_std_mm[:, None, :]).transpose(2, 0, 1, 3).reshape(3, -1)
         block_diagonal = scaled @ scaled.T
-    for gain, error in zip(assumed, chain.intrinsics, strict=True):
+    for v, error in enumerate(chain.intrinsics):
         if error is not None:
-            columns.append(gain @ error.sources.direction)
-            bias = bias + gain @ error.bias
-    return ImageGains(np.hstack(columns), block_diagonal, bias, row_weights)
+            columns.append(assumed[v] @ error.sources.direction)
+            shifts[:, v] = assumed[v] @ error.bias
+    return ImageGains(np.hstack(columns), block_diagonal, shifts, row_weights)
 
 
 def _extrapolation(points: Array, target_mm: Array) -> float:

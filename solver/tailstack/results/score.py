@@ -31,7 +31,8 @@ class Contributor:
 
     name: str
     """Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, structure_connector,
-    connector_flange, hand_eye, execution, motion:VIEW, image_field:VIEW, temperature or ball_images.
+    connector_flange, hand_eye, execution, assumed_intrinsics:VIEW, motion:VIEW, image_field:VIEW, temperature or
+    ball_images.
     """
     component: str
     """Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole;
@@ -337,7 +338,7 @@ class Score(Result):
             tuple(
                 row_of(line, source=source_name(line), percent=100 * line.variance_share)
                 for line in lines
-                if line.variance_share > 0 or line.law == "bounded"
+                if line.variance_share > 0 or line.law in ("bounded", "known")
             ),
         )  # fmt: skip
         shares = [Bar(source_name(line), 100 * line.variance_share) for line in lines if line.variance_share > 0]
@@ -370,7 +371,7 @@ class Line(Protocol):
 
 def source_name(line: Line) -> str:
     """A line of the budget as people call it: the label of its source and the component."""
-    return line.label if line.component == "all" else f"{line.label} {line.component}"
+    return line.label if line.component in ("all", "known") else f"{line.label} {line.component}"
 
 
 def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:

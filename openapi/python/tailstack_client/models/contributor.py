@@ -20,8 +20,8 @@ class Contributor:
 
     Attributes:
         name (str): Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing,
-            structure_connector, connector_flange, hand_eye, execution, motion:VIEW, image_field:VIEW, temperature or
-            ball_images.
+            structure_connector, connector_flange, hand_eye, execution, assumed_intrinsics:VIEW, motion:VIEW,
+            image_field:VIEW, temperature or ball_images.
         component (str): Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source
             as a whole; known for what does not vary.
         law (str): Declared law: normal, uniform, triangular or bounded; mixed for a line of several; known for what

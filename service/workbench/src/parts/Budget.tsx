@@ -15,10 +15,11 @@ const all = signal(false);
 function families(target: TargetScore): { whole: number; parts: number[] }[] {
   const found = new Map<string, { whole: number; parts: number[] }>();
   target.contributors.forEach((c, k) => {
-    const family = found.get(c.name) ?? { whole: -1, parts: [] };
+    const key = c.law === "known" ? `${c.name} known` : c.name; // what is known stands alone
+    const family = found.get(key) ?? { whole: -1, parts: [] };
     if (c.component === "all") family.whole = k;
     else family.parts.push(k);
-    found.set(c.name, family);
+    found.set(key, family);
   });
   const share = (k: number) => target.contributors[k].variance_share;
   const all = [...found.values()].flatMap((f) => (f.whole >= 0 ? [f] : f.parts.map((k) => ({ whole: k, parts: [] }))));
