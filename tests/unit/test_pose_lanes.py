@@ -49,10 +49,12 @@ def random_scene(seed: int, **changes) -> System:
     return random_system(np.random.default_rng(seed), 9, 3, targets=2, estimator=Estimator.POSE, **changes)
 
 
-def mistaken(system: System) -> System:
-    """Views told a focal length that is 0.2 % too long, give or take 1 %, and a principal point wrong by pixels."""
+def mistaken(system: System, times: float = 1.0) -> System:
+    """Views told a focal length that is 0.2 % too long, give or take 1 %, and a principal point wrong by pixels; the
+    half-widths that many times as large."""
+    half_width = read_only([times * 0.01, times * 5.0, times * 8.0])
     sources = Sources(
-        INTRINSICS, (Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR), read_only([0.01, 5.0, 8.0]), read_only([1.0, 2.0, 1.0]),
+        INTRINSICS, (Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR), half_width, read_only([1.0, 2.0, 1.0]),
         ("1", "px", "px"), read_only(np.eye(3)),
     )  # fmt: skip
     error = IntrinsicsError(read_only([0.002, 1.0, -1.0]), sources)
@@ -80,6 +82,10 @@ SCENES = {
     "random": random_scene(3),
     "mistaken": mistaken(random_scene(4)),
     "sheared": mistaken(sheared(random_scene(5))),
+    # a step of 100 px from the true pose: fixed steps did not arrive, or came to rest at infinity
+    "far-mistaken": mistaken(
+        system_of(cube_fiducials(5.0), views=with_noise(0.03, 0.03, (0.0, 0.8, 1.6)), estimator=Estimator.POSE), 12.0
+    ),
     "systematic": with_systematic(scene(), known=True),
     "some-seen": with_unseen(with_unseen(random_scene(6), 0, ("F2", "F7")), 2, ("F1",)),
     "four-fiducials": system_of(

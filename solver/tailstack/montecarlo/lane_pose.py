@@ -4,7 +4,8 @@ Fiducials y of the object frame are at ``x = R y + d`` before a view (lengths in
 imaged at ``u = (f_u x_0 + s x_1) / x_2``, ``v = f_v x_1 / x_2`` from the principal point.  Unknown are a turn w of R,
 about the origin of the object frame, and a shift of d: the rows of their slopes are ``a`` (by d) and ``(R y) x a`` (by
 w), a the slopes of an image coordinate by x.  The estimate is equivariant to motion, so that the search starts where
-the structure truly is in the trial, and what is left of it is what noise makes: a thousandth of the image.
+the structure truly is in the trial, and what is left of it is what noise makes: a thousandth of the image.  Where the
+assumed intrinsics are wrong, the start is shifted so that they image the origin where it truly is.
 
 **Steps** solve the normal equations H step = g.  H is that of the start and held for ``RENEWAL`` steps: what a step
 leaves of the last one is some thousandth of it, and g alone says where the estimate is.  ``step'H step = step.g`` is
@@ -12,8 +13,9 @@ the sum of squared moves of the images, px^2.  If the moves of two steps are m a
 ``m'^2 / m``; where that is below ``LEFT_PX``, the lane is at rest.  A target's image moves by no more than that times
 its standard deviation in units of the noise, wherever it lies: Cauchy and Schwarz in the metric H.
 
-A lane that does not come to rest, whose H is not positive definite or whose fiducials are not before the source is
-flagged.  There the plain form (``estimation.least_squares``) decides; it starts from the nominal pose and solves by QR.
+A lane that does not come to rest, whose H is not positive definite or whose depth is not between half and twice that of
+its start is flagged.  There the plain form (``estimation.least_squares``) decides; it starts from the nominal pose and
+solves by QR.
 
 Arguments below, lanes unless said:
 
@@ -55,9 +57,10 @@ def assumed_camera(tables, view, z):
 
 
 @lane_jit
-def true_pose(tables, view, projection):
+def pose_at_start(tables, view, projection, camera):
     """Pose in the rows of :func:`lane_motion.true_projection`; where small angles have stretched it, the rows made
-    orthogonal one after another."""
+    orthogonal one after another.  The origin of the object frame is shifted to where the assumed camera images it as
+    the true one does, and as large: a principal point that is wrong by 50 px would otherwise be a step of 50 px."""
     k = tables.intrinsics[view]
     (u0, u1, u2, u3), (v0, v1, v2, v3), (r20, r21, r22, d2) = projection
     one, size = splat(1.0), splat(tables.object_scale[0])
@@ -65,11 +68,12 @@ def true_pose(tables, view, projection):
     point_u, point_v, skew = splat(k[3]), splat(k[4]), splat(k[1])
     focal_u, focal_v = splat(1.0 / k[0]), splat(1.0 / k[2])
     r10, r11 = focal_v * fma(-point_v, r20, size * v0), focal_v * fma(-point_v, r21, size * v1)
-    r12, d1 = focal_v * fma(-point_v, r22, size * v2), focal_v * fma(-point_v, d2, size * v3)
+    r12, d1 = focal_v * fma(-point_v, r22, size * v2), focal_v * fma(-camera[4], d2, size * v3)
     r00 = focal_u * fma(-skew, r10, fma(-point_u, r20, size * u0))
     r01 = focal_u * fma(-skew, r11, fma(-point_u, r21, size * u1))
     r02 = focal_u * fma(-skew, r12, fma(-point_u, r22, size * u2))
-    d0 = focal_u * fma(-skew, d1, fma(-point_u, d2, size * u3))
+    d0 = focal_u * fma(-skew, d1, fma(-camera[3], d2, size * u3))
+    d2 = camera[2] / splat(k[2]) * d2
     length = one / square_root(dot3(r20, r21, r22, r20, r21, r22))
     r20, r21, r22 = length * r20, length * r21, length * r22
     along = dot3(r10, r11, r12, r20, r21, r22)
@@ -241,7 +245,8 @@ def resect_pose(tables, view, images, projection, z, estimate):
     stands where ``resect`` has the mean image.  Returns the mask of lanes that are at rest.
     """
     camera = assumed_camera(tables, view, z)
-    pose, good = refine_pose(tables, view, images, camera, true_pose(tables, view, projection))
+    start = pose_at_start(tables, view, projection, camera)
+    pose, good = refine_pose(tables, view, images, camera, start)
     focal_u, skew, focal_v, point_u, point_v = camera
     r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2 = pose
     inverse = splat(1.0) / d2
@@ -260,4 +265,5 @@ def resect_pose(tables, view, images, projection, z, estimate):
     store(estimate, 88, d2 * d2)
     store(estimate, 96, point_u)
     store(estimate, 104, point_v)
-    return good & (d2 > splat(0.0))
+    # far away no image moves any more, whatever the pose: rest there is no estimate
+    return good & (d2 > splat(0.5) * start[11]) & (d2 < splat(2.0) * start[11])
