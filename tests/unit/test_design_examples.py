@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tailstack import score, verify
 from tailstack.design import (
     Revision,
     check_design,
@@ -66,6 +67,27 @@ def test_demo_is_what_its_comments_say():
     np.testing.assert_allclose(system.execution_bias_mm, [0, 0.008, -0.008], rtol=1e-14)
     assert system.execution.names == (*(f"repeatability.{a}" for a in "xyz"), *(f"load.{a}" for a in "xyz"))
     np.testing.assert_allclose(system.manufacturing_std_mm, 0.05 / np.sqrt(3), rtol=1e-14)
+
+
+def test_a_compact_carrier_is_within_its_limit_by_what_is_known_of_the_c_arm_whatever_the_theatre_does():
+    design = load_design(EXAMPLES / "gallery" / "operating_theatre.yaml")
+    knowing, free = score(design), score(design.with_value("model.estimator", "dlt"))
+    assert [knowing.verdict.status, free.verdict.status] == ["pass", "fail"]
+    stated = (EXAMPLES.parent / "docs" / "gallery.md").read_text(encoding="utf-8").partition("by far (")[2]
+    assert float(stated.split(" mm")[0]) == pytest.approx(free.targets[0].p95_mm, abs=5e-4)
+    known = {"temperature", "ball_images"}
+    of_views = {f"{name}:{view}" for name in ("assumed_intrinsics", "image_field") for view in ("AP", "LAT")}
+    assert known | of_views | {"motion:LAT"} <= {line.name for line in knowing.targets[0].contributors}
+    simulated = verify(design, trials=2**14, seed=1).targets[0]
+    assert simulated.p95_interval_mm[0] < knowing.targets[0].p95_mm < simulated.p95_interval_mm[1]  # 95 %, one seed
+
+
+def test_the_field_of_the_theatre_is_as_large_as_its_comment_says():
+    """closed form: mean square of x**i y**j over a square image, whose sides are 1/sqrt(2) half diagonals away."""
+    field = compile_design(load_design(EXAMPLES / "gallery" / "operating_theatre.yaml")).views[0].image_field
+    half = np.sqrt(0.5)
+    square = [half ** (2 * (i + j)) / ((2 * i + 1) * (2 * j + 1)) for i, j in field.powers]
+    assert np.sqrt((field.sources.std**2 * square).sum()) == pytest.approx(0.20, abs=0.005)
 
 
 def test_a_design_can_be_revised():
