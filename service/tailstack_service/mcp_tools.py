@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tailstack.design.loading import read_source
 from tailstack.errors import LimitError, Problem, TailstackError
 from tailstack.extras import name_missing_extra, require_extras
 from tailstack.json_text import write_json
@@ -27,7 +28,7 @@ from .operations.operation import Call, Operation
 from .operations.patches import NAMED, PATCH
 from .operations.registry import OPERATIONS
 from .operations.rendering import render
-from .operations.sent import BaseNeeded, Placed, Request, Sent, read_request
+from .operations.sent import BaseNeeded, Placed, Request, Sent, limits_of, read_request
 from .operations.validation import Validation, validation_text
 from .problems import RequestError, problem_document
 
@@ -160,10 +161,6 @@ class Tools:
 
     def _with_design(self, arguments: dict[str, Any]) -> dict[str, Any]:
         """The arguments with the design as plain data.  Raises Placed, RequestError."""
-        from tailstack.design.loading import read_source
-
-        from .operations.sent import limits_of
-
         file = arguments.pop("file", None) if self.folder is not None else None
         given: Any = arguments.get("design")
         try:

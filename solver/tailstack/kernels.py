@@ -42,6 +42,7 @@ import numpy as np
 from numba import njit
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
+from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
@@ -407,8 +408,6 @@ def why_not_installed() -> str:
 @cache
 def target() -> list[str]:
     """What numba compiles for in this process: triple, processor, features."""
-    from numba.core.registry import cpu_target
-
     return list(cpu_target.target_context.codegen().magic_tuple())
 
 

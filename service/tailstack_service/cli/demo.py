@@ -11,10 +11,14 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tailstack.extras import require_extras
+
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_details
+from ..console.editors import write_document
 from ..console.program import program
 from ..examples import example_folder
+from ..rendering.jobs import advance_text
 
 if TYPE_CHECKING:
     from ..console.remote import Service
@@ -44,14 +48,11 @@ def demo_text() -> str:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from tailstack.extras import require_extras
-
     require_extras("optimise", "serve", "report")
 
     from tailstack.design import design_to_data, load_design
     from tailstack.design.write import data_to_yaml
 
-    from ..console.editors import write_document
     from ..console.progress import Progress
     from ..console.remote import Service
     from ..http.server import running_service
@@ -153,8 +154,6 @@ def wait_until_ready(service: Service, announce: Callable[[str], None], seconds:
 
 def run_job(service: Service, path: str, request: dict[str, Any], announce: Callable[[str], None]) -> tuple[bytes, str]:
     """The result of a job and its path, its progress announced on the way.  Raises RemoteError if it fails."""
-    from ..rendering.jobs import advance_text
-
     job = service.ask_record("POST", path, request)
     announced_at = time.monotonic()
     for event in service.events(job["id"]):

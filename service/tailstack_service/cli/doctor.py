@@ -8,10 +8,12 @@ import platform
 import sys
 from collections.abc import Callable
 
+from tailstack import __version__
 from tailstack.errors import MissingExtraError
 from tailstack.extras import install_command, missing_extras, name_missing_extra
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
+from ..operations.example import EXAMPLE_DESIGN
 from ..rendering.tables import wrap
 
 HELP = "check this installation"
@@ -52,8 +54,6 @@ def _python() -> str:
 
 def _versions() -> str:
     from importlib.metadata import PackageNotFoundError, version
-
-    from tailstack import __version__
 
     def version_of(name: str) -> str:
         try:
@@ -134,8 +134,6 @@ def _chain() -> str:
     from tailstack.design import load_design
     from tailstack.scoring import score
     from tailstack.verification import verify
-
-    from ..operations.example import EXAMPLE_DESIGN
 
     design = load_design(EXAMPLE_DESIGN)
     first = score(design).targets[0].p95_mm

@@ -12,9 +12,15 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from tailstack.errors import Problem
+
 from ..console.answer import Answer
+from ..console.editors import write_document
+from ..console.files import replace_file, writable
 from ..console.parser import suggest
 from ..console.program import program
+from ..examples import example_folder, list_example_designs, list_examples
+from ..problems import RequestError
 
 HELP = "print or write an example design; without a name, their list"
 
@@ -28,11 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from tailstack.errors import Problem
-
-    from ..examples import example_folder, list_example_designs, list_examples
-    from ..problems import RequestError
-
     known = list_examples()
     if arguments.name is None:
         width = max(map(len, known)) + 2
@@ -69,9 +70,6 @@ def _write_design(source: Path, target: Path, *, force: bool) -> str:
     """The design and the file of fiducials that it refers to."""
     from tailstack.design import load_design
 
-    from ..console.editors import write_document
-    from ..console.files import replace_file, writable
-
     writable(str(target), (".yaml", ".yml"))
     parts = [name] if (name := load_design(source).document.fiducials.file) else []
     refuse_overwriting([target, *(target.parent / part for part in parts)], force=force)
@@ -86,8 +84,6 @@ def _write_design(source: Path, target: Path, *, force: bool) -> str:
 
 def _write_folder(source: Path, target: Path, *, force: bool) -> str:
     """Every file of a folder."""
-    from ..console.editors import write_document
-
     names = [path.relative_to(source) for path in _files(source)]
     refuse_overwriting([target / name for name in names], force=force)
     for name in names:
@@ -108,10 +104,6 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def refuse_overwriting(paths: list[Path], *, force: bool) -> None:
     """Raises RequestError if a file is there already."""
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
-
     for path in paths:
         if path.exists() and not force:
             detail = f"{path} is there already"

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, TypeVar
 
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
-from ..console.answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer
+from ..console.answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer, write_out
 from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
-from ..console.arguments import add_details, read_number
+from ..console.arguments import add_details, read_design, read_number
 from ..console.progress import Progress
+from ..problems import RequestError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -124,8 +125,6 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 def _print_body(body: str | bytes) -> list[Problem]:
     """Write to stdout.  Returns what kept it from being written; a reader who has left is no reason."""
-    from ..console.answer import write_out
-
     try:
         write_out(body)
     except BrokenPipeError:
@@ -146,7 +145,6 @@ def _make_record(
     What stops it stands on stderr and in the record.
     """
     from ..console.refusals import report_error, report_failure
-    from ..problems import RequestError
     from .gate_outputs import INTERRUPTED, NOT_FINISHED, OutputError, record_unfinished
 
     known = partial(record_unfinished, arguments, today())
@@ -201,7 +199,6 @@ def _explain(rule: str) -> str:
     from tailstack.cures import ask_meant
 
     from ..gate.rules import RULES, explain
-    from ..problems import RequestError
 
     if rule == "all":
         return "".join(f"{name:<20}{entry.title}\n" for name, entry in RULES.items())
@@ -221,8 +218,6 @@ def _find_files(given: list[str]) -> dict[str, list[str]]:
 
 def _list_files(given: list[str], matches: dict[str, list[str]]) -> list[str]:
     """The designs' files: names as they are, patterns as what they match, each once.  Raises RequestError."""
-    from ..problems import RequestError
-
     files: list[str] = []
     for name in given:
         if matches.get(name) == []:  # a pattern that matches nothing must not pass as nothing to complain about
@@ -290,7 +285,6 @@ def _list_present(record: GateRecord, files: list[str]) -> tuple[str, ...]:
 
 def _read_design(name: str) -> GateDesign:
     """A design, or the refusal that becomes its finding: the others are judged all the same."""
-    from ..console.arguments import read_design
     from ..gate.judge import GateDesign
 
     try:

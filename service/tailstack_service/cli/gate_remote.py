@@ -6,6 +6,8 @@ import re
 from dataclasses import replace
 from typing import Any
 
+from pydantic import ValidationError
+
 from tailstack.design import Design, design_to_data
 from tailstack.design.reading import Source
 from tailstack.design.refusals import place
@@ -24,7 +26,6 @@ _POINT = re.compile(r"/fiducials/points(/\d+.*)?")
 
 def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
     """The record as it would have been computed here.  Raises RemoteError, also for an answer that is no record."""
-    from pydantic import ValidationError
 
     from ..console.remote import RemoteError, Service, compute_remotely
     from ..schemas import read_record

@@ -13,11 +13,16 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from tailstack.errors import Problem, TailstackError
+
 from ..console.answer import Answer
 from ..console.arguments import number, read_number, whole
+from ..console.editors import write_document
+from ..console.files import writable
 from ..console.parser import suggest
 from ..console.program import program
 from ..first_design import Wishes, design_text, show_value
+from ..problems import RequestError
 
 HELP = "write a first design, by questions or flags"
 
@@ -103,10 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import check_design, load_design
-    from tailstack.errors import TailstackError
 
-    from ..console.editors import write_document
-    from ..console.files import writable
     from .example import refuse_overwriting
 
     to_stdout = arguments.file == "-"
@@ -128,9 +130,6 @@ def run(arguments: argparse.Namespace) -> Answer:
 def read_wishes(arguments: argparse.Namespace, *, ask: bool) -> Wishes:
     """What flags say, and what is asked for besides.  Raises RequestError for a length that nobody says."""
     from tailstack.design.presets import PRESETS
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
 
     def answer(question: Question) -> Any:
         given = getattr(arguments, question.field)

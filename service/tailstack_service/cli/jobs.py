@@ -6,13 +6,16 @@ import argparse
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, get_args
+from urllib.parse import quote, urlencode
 
 from tailstack.json_text import write_json
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import whole
 from ..job_document import KINDS, State
+from ..rendering.jobs import advance_text, job_text, jobs_text
 
 if TYPE_CHECKING:
     from ..console.remote import Service
@@ -43,8 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from dataclasses import replace
-
     from ..console.remote import RemoteError, Service
     from ..settings import refuse_unknown
 
@@ -60,10 +61,6 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 
 def _list(service: Service, arguments: argparse.Namespace) -> Answer:
-    from urllib.parse import urlencode
-
-    from ..rendering.jobs import jobs_text
-
     query = {"limit": min(arguments.limit, PAGE), "state": arguments.state, "kind": arguments.kind}
     path: str | None = "/v1/jobs?" + urlencode({name: value for name, value in query.items() if value is not None})
     records: list[dict[str, Any]] = []
@@ -82,16 +79,12 @@ def _list(service: Service, arguments: argparse.Namespace) -> Answer:
 
 
 def _record(record: dict[str, Any], arguments: argparse.Namespace, code: int = PASS) -> Answer:
-    from ..rendering.jobs import job_text
-
     if arguments.json:
         return Answer(write_json(record).encode(), code)
     return Answer(job_text(record), code)
 
 
 def _path(arguments: argparse.Namespace) -> str:
-    from urllib.parse import quote
-
     return "/v1/jobs/" + quote(arguments.id, safe="")
 
 
@@ -137,8 +130,6 @@ class ProgressLine:
         self.terminal = sys.stderr.isatty()
 
     def show(self, name: str, data: dict[str, Any]) -> None:
-        from ..rendering.jobs import advance_text
-
         if name == "progress":
             done, expected = data["units_done"], max(data["units_expected"], 1)
             news = advance_text(min(done / expected, 1.0), done, expected, data["eta_seconds"])

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
+
+from tailstack.errors import Problem
+from tailstack.json_text import write_json
 
 from ..console.answer import Answer
 from ..console.arguments import add_database, read_settings, whole
 from ..console.program import program
+from ..problems import RequestError
+from ..rendering.tables import table
 
 if TYPE_CHECKING:
     from ..jobs.store.database import Database
@@ -69,12 +76,7 @@ def _create(db: Database, arguments: argparse.Namespace) -> Answer:
 
 
 def _list(db: Database, arguments: argparse.Namespace) -> Answer:
-    from dataclasses import asdict
-
-    from tailstack.json_text import write_json
-
     from ..jobs.store.keys import list_keys
-    from ..rendering.tables import table
 
     keys = list_keys(db, arguments.tenant)
     if arguments.json:
@@ -90,10 +92,7 @@ def _list(db: Database, arguments: argparse.Namespace) -> Answer:
 
 
 def _revoke(db: Database, arguments: argparse.Namespace) -> Answer:
-    from tailstack.errors import Problem
-
     from ..jobs.store.keys import read_key_id, revoke_key
-    from ..problems import RequestError
 
     key_id = read_key_id(arguments.id)
     key = revoke_key(db, key_id)
@@ -107,14 +106,8 @@ def _revoke(db: Database, arguments: argparse.Namespace) -> Answer:
 
 
 def _log(db: Database, arguments: argparse.Namespace) -> Answer:
-    import time
-    from dataclasses import asdict
-
-    from tailstack.json_text import write_json
-
     from ..jobs.store import audit
     from ..logs import moment
-    from ..rendering.tables import table
 
     since = time.time() - arguments.days * 86_400.0
     entries = audit.list_entries(db, tenant=arguments.tenant, action=arguments.only, since=since, limit=arguments.limit)
@@ -129,8 +122,6 @@ def _log(db: Database, arguments: argparse.Namespace) -> Answer:
 
 def _describe_detail(detail: dict[str, Any]) -> str:
     """A detail on a line: of a policy, which of its terms changed."""
-    from tailstack.json_text import write_json
-
     if "terms" in detail:
         return f"changed: {', '.join(detail['changed'])}" if detail["before"] is not None else "the first"
     return write_json(detail)

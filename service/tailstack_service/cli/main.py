@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
+from tailstack.errors import TailstackError
+from tailstack.extras import name_missing_extra
 from tailstack.version import __version__
 
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
@@ -95,8 +97,6 @@ def _leave_quickly() -> None:
 
 
 def _run_verb(arguments: argparse.Namespace) -> int:
-    from tailstack.errors import TailstackError
-    from tailstack.extras import name_missing_extra
     from tailstack.preparation import prepare_with
 
     from ..console.arguments import page_of

@@ -10,11 +10,14 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tailstack import __version__
 from tailstack.errors import Problem
 from tailstack.extras import require_extras
+from tailstack.json_text import write_json
 
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_settings
+from ..examples import list_example_designs, read_example
 from ..problems import RequestError
 
 if TYPE_CHECKING:
@@ -61,9 +64,6 @@ def make_server(tools: Tools) -> Server[Any]:
     """The server of one session."""
     from mcp.server.lowlevel import Server
 
-    from tailstack import __version__
-
-    from ..examples import list_example_designs
     from ..mcp_tools import INSTRUCTIONS
 
     handlers = Handlers(tools)
@@ -131,7 +131,6 @@ class Handlers:
     async def list_resources(self, context: Any, params: Any) -> Any:
         from mcp import types
 
-        from ..examples import list_example_designs
         from ..schemas import TITLES
 
         listed = [
@@ -173,9 +172,7 @@ def _reporter(send: Callable[[float, float], Coroutine[Any, Any, None]]) -> Call
 def _resource(kind: str, name: str) -> tuple[str | None, str]:
     """Text and media type of a resource; None where there is none."""
     from tailstack.design.write import data_to_yaml
-    from tailstack.json_text import write_json
 
-    from ..examples import list_example_designs, read_example
     from ..schemas import TITLES, json_schema
 
     if kind == "schemas" and name in TITLES:

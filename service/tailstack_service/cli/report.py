@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from tailstack.errors import DesignError, Problem
 from tailstack.extras import require_extras
 from tailstack.precision import FINEST_PRECISION
 
@@ -14,6 +15,8 @@ from ..console.answer import FAIL, NOT_EVALUATED, PASS, Answer
 from ..console.arguments import number, whole
 from ..console.files import replace_file
 from ..console.progress import Progress
+from ..operations.registry import OPERATIONS
+from ..problems import RequestError
 from .operation import LIMITS
 
 if TYPE_CHECKING:
@@ -86,7 +89,6 @@ def _list_type(known: Sequence[str]) -> type:
 
 def run(arguments: argparse.Namespace) -> Answer:
     from ..documents import to_json
-    from ..operations.registry import OPERATIONS
 
     if len(arguments.sources) > 2 or arguments.sources.count("-") > 1:
         hint = "tailstack report DESIGN, or tailstack report FIRST SECOND"
@@ -228,9 +230,6 @@ def _verify(arguments: argparse.Namespace) -> Answer:
 
 def _bytes_of(path: Path) -> bytes:
     from tailstack.design.reading import read_bytes
-    from tailstack.errors import DesignError
-
-    from ..problems import RequestError
 
     try:
         return read_bytes(path, MOST_BYTES, str(path))
@@ -245,10 +244,6 @@ def _no_options(arguments: argparse.Namespace, names: Sequence[str], reason: str
 
 
 def _refuse(code: str, detail: str, hint: str, file: str | None = None) -> NoReturn:
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
-
     raise RequestError(Problem("", code, detail, hint, file))
 
 
@@ -265,10 +260,6 @@ def _file(name: str | None, forms: Sequence[str] | None) -> Path | None:
 
 
 def _directory(name: str) -> Path:
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
-
     path = Path(name)
     if path.exists() and not path.is_dir():
         raise RequestError(Problem("", "file-unwritable", f"{name} is not a directory", "give a directory with -o"))

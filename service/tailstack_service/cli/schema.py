@@ -6,8 +6,13 @@ import argparse
 import sys
 from pathlib import Path
 
+from tailstack.errors import Problem
+
 from ..console.answer import Answer
+from ..console.editors import schema_file, schema_text
+from ..console.files import replace_file, writable
 from ..drafts import DRAFTS
+from ..problems import RequestError
 
 HELP = "published JSON Schemas; without a name, their list"
 
@@ -25,11 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.cures import ask_meant
-    from tailstack.errors import Problem
 
-    from ..console.editors import schema_file, schema_text
-    from ..console.files import replace_file, writable
-    from ..problems import RequestError
     from ..schemas import TITLES, json_schema
 
     names = TITLES

@@ -11,7 +11,11 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
+from tailstack.errors import Problem
+
 from ..console.answer import Answer
+from ..problems import RequestError
+from ..rendering.tables import wrap
 
 HELP = "what the words of results mean: P95, TCP, connector, unit, shot, ..."
 NAME = "glossary.md"
@@ -34,8 +38,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Answer:
     """Raises RequestError for a word that is not in the glossary."""
-    from ..rendering.tables import wrap
-
     words = read_glossary()
     if arguments.word:
         chosen = [_find(words, name) for name in arguments.word]
@@ -49,10 +51,6 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 def _find(words: list[Word], name: str) -> Word:
     from difflib import get_close_matches
-
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
 
     terms = {word.term.lower(): word for word in words}
     if name.lower() in terms:

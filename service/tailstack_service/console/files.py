@@ -10,7 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from tailstack.errors import Problem
 from tailstack.extras import require_extras
+
+from ..problems import RequestError
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +97,6 @@ def replace_file(path: Path, content: str | bytes) -> None:
 
 def writable(name: str, endings: tuple[str, ...]) -> Path:
     """A path for a new file, refused before the work and not after it.  Raises RequestError."""
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
-
     path = Path(name)
     if path.suffix.lower() not in endings:
         hint = f"known: {', '.join(endings)}"
@@ -123,10 +122,6 @@ def write_figure(path: Path, svg: str) -> None:
 
 def writable_directory(name: str) -> Path:
     """Where several new figures go; made if it is not there.  Raises RequestError, MissingExtraError, OSError."""
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
-
     require_extras("report")
     if not name:
         raise RequestError(Problem("", "file-unwritable", "no directory is named", "--figures ."))

@@ -30,6 +30,7 @@ from . import events, information, jobs, pages, posting, umbridge
 from .access import Access
 from .kept_designs import KeptDesigns
 from .metrics import NO_ROUTE, Metrics
+from .openapi import document
 from .origins import Origins, read_origins
 from .places import Places, stopping_error
 from .problems import CLIENT_LEFT, HANDLERS, defect_error, refusal_response
@@ -106,8 +107,6 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
 class _Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
         """The document of these routes, with what the overlay adds."""
-        from .openapi import document
-
         if self.openapi_schema is None:
             self.openapi_schema = document(ROUTERS, (*information.DESCRIBED, pages.Index))
         return self.openapi_schema

@@ -11,11 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from tailstack.design import load_design
 from tailstack.errors import Problem, TailstackError
 from tailstack.extras import name_missing_extra
 
 from ..documents import to_json
 from ..operations.content import canonical
+from ..operations.example import EXAMPLE_DESIGN, variants
 from ..operations.operation import Call, Done, JobRequest, More, Reception
 from ..operations.perform import compute, plan
 from ..operations.registry import OPERATIONS
@@ -47,11 +49,8 @@ def perform(call: Callable[[], Any]) -> Any:
 
 def warm_up() -> None:
     """Load or compile every kernel that a request can need, so that none of them waits for it."""
-    from tailstack.design import load_design
     from tailstack.optimisation import influence
     from tailstack.scoring import score
-
-    from ..operations.example import EXAMPLE_DESIGN, variants
 
     design = load_design(EXAMPLE_DESIGN)
     to_json(score(design, second_order=True))

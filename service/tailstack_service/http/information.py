@@ -13,6 +13,7 @@ from fastapi import APIRouter, Depends, FastAPI, Request, Response
 
 from tailstack import __version__
 from tailstack.cures import ask_meant
+from tailstack.design import list_presets
 from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
 
@@ -285,8 +286,6 @@ async def presets() -> Response:
 
 @cache
 def _presets() -> bytes:
-    from tailstack.design import list_presets
-
     entries = ({**preset, "view_must_state": tuple(preset["view_must_state"])} for preset in list_presets())
     return to_json(PresetList(tuple(PresetEntry(**entry) for entry in entries)))
 

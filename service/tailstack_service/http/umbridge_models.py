@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import Field
 from scipy.special import ndtri
 
+from tailstack import compile_design
 from tailstack.arrays import Array
 from tailstack.design.pointers import find_numbers, find_places, pointer_of, suggest, value_at
 from tailstack.errors import Problem, TailstackError
@@ -314,7 +315,6 @@ def _chain_model(config: dict[str, Any], base: bytes | None, settings: Settings)
 @lru_cache(maxsize=8)
 def _chain_plan(content: bytes, target: str | None, error: str) -> tuple[Any, int]:
     """The chain of a design with bounded components at the worst vertex for P95, and the number of the target."""
-    from tailstack import compile_design
     from tailstack.contributors import worst_case
     from tailstack.montecarlo import compile_plan
     from tailstack.propagation.linear import linearise

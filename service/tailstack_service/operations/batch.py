@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from tailstack.errors import Problem
+from tailstack.errors import DesignError, IllPosedError, LimitError, Problem
 from tailstack.results.batch import ScoredTable
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
@@ -25,12 +25,14 @@ from ..console.files import write_in_place
 from ..console.progress import Progress
 from ..names import variable
 from ..problems import RequestError
-from ..tables import MEDIA_TYPES, Block, Format, Table, format_of, read_table
+from ..rendering.tables import table, wrap
+from ..rendering.verdict import heading, join_blocks, provenance_text
+from ..tables import MEDIA_TYPES, WRITERS, Block, Format, Table, format_of, read_table
 from .content import canonical
 from .effort import admission_seconds
 from .operation import Call, JobRequest, LateImport, Operation, Pieces, Reception
 from .options import Options
-from .patches import NAMED
+from .patches import NAMED, SHA256
 
 if TYPE_CHECKING:
     from tailstack.batch import Batch
@@ -219,8 +221,6 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
 
 
 def _write(scores: TableScores, stream: IO[bytes], form: Format, threads: int | None, progress: Progress) -> None:
-    from ..tables import WRITERS
-
     writer = WRITERS[form](stream, scores.header, scores.numbers, scores.table.delimiter)
     for columns in scores.blocks(threads):
         writer.write(columns)
@@ -250,7 +250,6 @@ QUERY = {
 def receive(sent: Sent, settings: Settings) -> Reception:
     """A table that is read whole and can be scored.  Raises RequestError, LimitError, MalformedError, Placed."""
     from tailstack.design.reading import Source
-    from tailstack.errors import DesignError, IllPosedError
 
     from .sent import BaseNeeded, Request, load, read_request
 
@@ -287,8 +286,6 @@ def receive(sent: Sent, settings: Settings) -> Reception:
 
 def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
     """Every column of a table, as JSON can hold it.  Raises RequestError, LimitError."""
-    from tailstack.errors import LimitError
-
     table = scores.table
     cells: list[list[Any]] = [[] for _ in table.header]
     for block in table.blocks:
@@ -331,7 +328,6 @@ def _table_of(columns: Mapping[str, Sequence[float]]) -> Table:
 
 def _read_query(query: Query) -> tuple[str, list[tuple[str, str]], list[str] | None]:
     """The design's hash, the columns that are set, and those that are wanted.  Raises RequestError."""
-    from .patches import SHA256
     from .sent import refuse_query, single
 
     refuse_query(query, tuple(QUERY))
@@ -359,9 +355,6 @@ def _run(call: Call) -> ScoredTable:
 
 
 def _text(record: ScoredTable) -> str:
-    from ..rendering.tables import table, wrap
-    from ..rendering.verdict import heading, join_blocks, provenance_text
-
     names = [name for name in record.columns if name not in (*record.pointers, "reason")]
     shown = [
         [str(row + 1), *(_cell(record.columns[name][row]) for name in names)] for row in range(min(record.rows, 40))

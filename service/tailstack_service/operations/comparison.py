@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from tailstack.errors import DesignError, Problem
+
 from ..console.answer import EXIT_CODE
 from ..report.records import Comparison
 from .example import EXAMPLE_DESIGN
@@ -41,7 +43,6 @@ def _compare(call: Call) -> Comparison:
 def _check(request: Request, settings: Settings) -> None:
     """Both designs determine an answer, and share a target.  Raises Placed, LimitError."""
     from tailstack.design import check_design
-    from tailstack.errors import DesignError, Problem
 
     from .sent import Placed
 

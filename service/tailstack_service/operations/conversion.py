@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import Field
 
-from tailstack.errors import DesignError, Problem
+from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..console.answer import Answer
 from ..console.arguments import read_design, read_number
+from ..console.editors import write_document
 from ..problems import RequestError
+from ..rendering.tables import table
 from .effort import reading_seconds
 from .operation import Command, Operation, Reception
 from .options import Options
@@ -238,7 +240,6 @@ def _refuse_unused(wish: Wish, is_step: bool) -> None:
 def _what_is_missing(text: str, limits: Limits) -> list[str]:
     """Why a design does not score yet, in words."""
     from tailstack.design import check_design, load_design
-    from tailstack.errors import TailstackError
 
     try:
         check_design(load_design(text, limits=limits))
@@ -253,7 +254,6 @@ def _keep_comments(text: str, base: Design, made: str, limits: Limits) -> str:
 
     from tailstack.design import design_to_data, load_design
     from tailstack.design.yaml_text import revise_yaml
-    from tailstack.errors import TailstackError
 
     wanted = load_design(made, limits=limits)
     with suppress(TailstackError, yaml.YAMLError):
@@ -268,7 +268,6 @@ def _keep_comments(text: str, base: Design, made: str, limits: Limits) -> str:
 
 def receive(sent: Sent, settings: Settings) -> Reception:
     """The converted text, the fiducials in it, and what was done to the numbers.  Raises Placed, RequestError."""
-    from tailstack.errors import DesignError, LimitError
 
     from ..documents import to_json
     from .sent import Placed, design_of, limits_of, parse_json, read_options, refuse_query
@@ -377,7 +376,6 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design.reading import DEFAULT_LIMITS
     from tailstack.design.write import read_source_file
 
-    from ..console.editors import write_document
     from .revision import own_text
 
     given: dict[str, Any] = {name: getattr(arguments, name) for name in ("name", "frame", "seats", "pins")}
@@ -437,7 +435,6 @@ LISTED = 30  # bodies that were left, on the page
 
 def describe_bodies(bodies: Sequence[StepBody]) -> str:
     """What was taken of a STEP file, and what was left and why, as tables; those alike are one line."""
-    from ..rendering.tables import table
 
     def place(body: StepBody) -> list[str]:
         numbers = ["", "", ""] if body.position_mm is None else [f"{value:.3f}" for value in body.position_mm]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import TailstackError
 
+from .content import canonical
 from .effort import gate_seconds
 from .example import EXAMPLE_DESIGN
 from .operation import Call, JobRequest, LateImport, Operation, Reception
@@ -54,7 +55,6 @@ def _request_of_one(body: bytes, query: Query) -> dict[str, Any]:
 def _admit(data: dict[str, Any], settings: Settings) -> Reception:
     from ..documents import to_json
     from ..gate.request import admit_gate, judge_designs, list_terms
-    from .content import canonical
     from .sent import limits_of
 
     complete = admit_gate(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
+from tailstack.errors import IllPosedError
 from tailstack.results import Provenance
 
 from ..rendering.tables import decimal, table, visible
@@ -141,7 +142,6 @@ def lay_out(design: Design, *, scene: bool = False) -> Layout:
 
 def _scene(design: Design) -> dict[str, Any]:
     """The layout in space; where it can be scored, with its errors."""
-    from tailstack.errors import IllPosedError
     from tailstack.scoring import score_errors
 
     from ..report.scene import scene_data, scene_of

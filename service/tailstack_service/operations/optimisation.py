@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from tailstack.cores import usable_cores
-from tailstack.errors import Problem
+from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Optimisation
 
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
@@ -23,6 +23,7 @@ from ..console.arguments import add_design, read_design, whole
 from ..console.program import program
 from ..console.progress import Progress
 from ..problems import RequestError
+from ..rendering.verdict import findings_text
 from .operation import Again, Call, Command, Demand, HeldDesign, LateImport, Operation, Repetition
 from .options import Options, Seed, within
 from .remaining import RemainingTime
@@ -188,11 +189,9 @@ def _refuse_mixture(arguments: argparse.Namespace) -> None:
 def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tuple[Optimisation, bool] | None:
     """The result, and whether the search was stopped; None if it was stopped before it had found anything."""
     from tailstack import optimise
-    from tailstack.errors import NotConvergedError
     from tailstack.optimisation import influence
 
     from ..console.refusals import report_error
-    from ..rendering.verdict import findings_text
     from .revision import refuse_unasked_points
 
     if known := findings_text(influence(design)):

@@ -11,6 +11,7 @@ from typing import Any
 from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
 
+from ..problems import problem_document
 from ..task import ADVANCE, Outcome, Task, UnitResult
 from .content import Refused
 from .operation import More, Step
@@ -70,6 +71,5 @@ def _perform(task: Task) -> Outcome:
 
 def _refusal(error: TailstackError, prefix: str) -> Outcome:
     from ..documents import to_json
-    from ..problems import problem_document
 
     return Outcome(0.0, problem=to_json(problem_document(error, instance="", prefix=prefix)))

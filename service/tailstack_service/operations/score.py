@@ -6,10 +6,12 @@ import argparse
 
 from pydantic import Field
 
+from tailstack.errors import Problem
 from tailstack.results import Score
 
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_design, read_design
+from ..problems import RequestError
 from .batch import add_batch_arguments, refuse_beside_batch, run_batch
 from .effort import score_reception_seconds
 from .operation import Again, Call, Command, LateImport, Operation, Repetition
@@ -65,10 +67,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
         return run_batch(arguments)
     design = read_design(arguments.design)  # bad input is refused before the solver is loaded
 
-    from tailstack.errors import Problem
-
     from ..documents import to_json
-    from ..problems import RequestError
     from ..rendering.score import score_text
 
     record = _score(

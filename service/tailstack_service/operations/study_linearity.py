@@ -7,14 +7,18 @@ Every axis takes V1,V2,... in place of its default values.
 from __future__ import annotations
 
 import argparse
+from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
+
+from tailstack.errors import Problem
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import add_design, add_figure, add_form, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
+from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, within
 
@@ -73,9 +77,6 @@ def _study(call: Call) -> StudyLinearity:
 def _check(request: Request, settings: Settings) -> None:
     """A design that determines an answer, and a target that it has.  Raises Placed, RequestError, LimitError."""
     from tailstack.design import check_design
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
 
     within(request.options.trials, "max_trials", settings, "/trials")
     system, _, _ = request.refuse_by(check_design)
@@ -135,8 +136,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _numbers(said: str) -> list[float]:
-    from math import isfinite
-
     try:
         values = [float(part) for part in said.split(",")]
         if not all(map(isfinite, values)):

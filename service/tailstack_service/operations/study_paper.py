@@ -13,11 +13,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
+from tailstack.errors import Problem
+
 from ..console.answer import Answer
 from ..console.arguments import add_form, read_design, whole
 from ..console.files import writable_directory, write_figure
 from ..console.progress import Progress
 from ..examples import example_folder
+from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, within
 
@@ -77,9 +80,6 @@ def _demand(record: StudyPaper) -> Demand:
 
 def _repeat(again: Repetition) -> Again:
     from tailstack.design import load_design
-    from tailstack.errors import Problem
-
-    from ..problems import RequestError
 
     record: StudyPaper = again.record
     if again.fast:

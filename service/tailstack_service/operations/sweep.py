@@ -7,20 +7,22 @@ pointer (/views/0/fiducial_noise_px); * stands for every element (views.*.fiduci
 from __future__ import annotations
 
 import argparse
+from contextlib import closing
 from math import prod
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from tailstack.errors import LimitError, Problem
 from tailstack.results.sweep import Sweep
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
-from ..console.arguments import add_design, add_figure, add_form, read_design, whole
+from ..console.arguments import add_design, add_figure, add_form, read_design, read_settings, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
 from ..names import variable
+from ..operations.content import canonical
 from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, within
@@ -236,11 +238,9 @@ def _run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)
 
     from tailstack.design.pointers import pointer_of
-    from tailstack.errors import Problem
     from tailstack.sweeping import read_axes, sweep
 
     from ..documents import to_json
-    from ..problems import RequestError
     from ..rendering.sweep import sweep_csv, sweep_text
     from ..report.charts import draw_sweep, refuse_undrawable
 
@@ -274,7 +274,6 @@ def _run(arguments: argparse.Namespace) -> Answer:
 
 def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[str, Any]], progress: Progress) -> Sweep:
     """The record by way of the request that a service takes.  Raises RemoteError, RefusedJob, RequestError."""
-    from contextlib import closing
 
     from tailstack.design import design_to_data
 
@@ -290,11 +289,9 @@ def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[s
         service = Service(arguments.remote)
         return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, asked, service.url)
 
-    from ..console.arguments import read_settings
     from ..documents import from_json
     from ..jobs.alone import compute_job
     from ..jobs.engines.engine import start_engine
-    from ..operations.content import canonical
 
     with closing(start_engine(read_settings(arguments))) as engine:
         result: Sweep = from_json(Sweep, compute_job(engine, "sweep", canonical(request), progress.report))
@@ -303,9 +300,6 @@ def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[s
 
 def _record(body: bytes, design: Design, asked: list[dict[str, Any]], url: str) -> Sweep:
     """What a service answered, if it is the sweep that was asked for.  Raises RemoteError."""
-    from pydantic import ValidationError
-
-    from tailstack.errors import Problem
 
     from ..console.remote import RemoteError
     from ..documents import from_json

@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from tailstack.errors import TailstackError
 from tailstack.results import Finding, ViewCheck
 
 from ..console.answer import PASS, Answer
@@ -102,8 +103,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
-    from tailstack.errors import TailstackError
-
     from ..console.refusals import name_stdin, next_command, problems_text
 
     lines, codes = [], []

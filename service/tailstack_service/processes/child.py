@@ -19,6 +19,8 @@ from functools import partial
 from importlib import import_module
 from typing import IO, Any
 
+from ..operations.content import canonical
+from ..operations.example import EXAMPLE_DESIGN
 from ..task import ADVANCE, Outcome, Task, UnitResult
 from .frames import BEGUN, OTHER_CODE, PERFORM, receive, send
 from .interpreter import digest_code
@@ -119,8 +121,6 @@ def list_warm_up_steps() -> list[Callable[[], object]]:
 
 def check_once() -> None:
     """The smallest Monte Carlo check there is, as a job would do it."""
-    from ..operations.content import canonical
-    from ..operations.example import EXAMPLE_DESIGN
     from ..operations.perform import perform
 
     options = {"trials": 1_000, "precision": None, "seed": 0, "method": "plain", "max_trials": 1_000}

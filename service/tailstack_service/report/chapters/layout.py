@@ -5,6 +5,7 @@ from __future__ import annotations
 from tailstack.design import Design, load_design
 from tailstack.errors import IllPosedError
 from tailstack.results import Score
+from tailstack.scoring import score
 
 from ..blocks import Block, Figure
 from ..images import draw_images
@@ -44,8 +45,6 @@ def layout_blocks(
 
 def score_if_determined(data: dict[str, object]) -> Known | None:
     """A design with its score, for its picture; None where its layout does not determine an answer."""
-    from tailstack.scoring import score
-
     try:
         return data, score(load_inside(data), losses=False)
     except IllPosedError:
