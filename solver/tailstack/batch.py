@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib import import_module
 from itertools import chain
 from math import hypot, inf, nan, radians
 from typing import Any, get_args
@@ -33,16 +32,17 @@ from .cores import usable_cores
 from .design import Design, compile_design, design_to_data, load_design
 from .design.compile import detector_distances
 from .design.fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels
-from .design.pointers import Place, pointer_of, value_at
-from .errors import MissingExtraError, Problem, TailstackError, describe_refusal
+from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
+from .errors import Problem, TailstackError, describe_refusal
 from .estimation.checks import COPLANAR, LINEAR, NO_PARALLAX, SINGULAR, TOUCHING_MM, sines_between_rays
 from .geometry.symmetric import eigen_symmetric
 from .kernels import kernel
 from .propagation.linear import Chain, LinearModel, chain_of, linearise_at
 from .propagation.noise import Estimation, eliminate, mean_rows, noise_gains_jit
 from .results import Check
+from .results.record import data_frame
 from .scoring import P95, ErrorScore, check_requirement, score, tightest_limit, trust_of
-from .sweeping import SweepError, find_numbers, set_numbers
+from .sweeping import SweepError
 from .system import INTERFACES, STD_PER_HALF_WIDTH, TORSOR_COMPONENTS, Estimator, Law, Mount, Reading, Sources, System
 from .tail.declared import LawSummary, law_mean, law_quantile
 from .tail.gaussian import norm_mean_jit, norm_quantile_jit
@@ -109,12 +109,7 @@ class BatchScores:
 
     def to_frame(self) -> Any:
         """The columns and the reasons as a pandas DataFrame.  Raises MissingExtraError where there is no pandas."""
-        try:
-            pandas = import_module("pandas")  # no part of any extra: who wants a frame has it
-        except ModuleNotFoundError as error:
-            detail = "to_frame() needs the Python package pandas, which is not installed here"
-            raise MissingExtraError(Problem("", "missing-extra", detail, "pip install pandas")) from error
-        return pandas.DataFrame({**self.columns, REASON: self.reasons})
+        return data_frame({**self.columns, REASON: self.reasons})
 
 
 def score_batch(
@@ -328,7 +323,7 @@ class Batch:
         if not np.isfinite(row).all():
             return f"{self.pointers[int(np.isfinite(row).argmin())]}: no finite number"
         try:
-            data = set_numbers(self.design, self._places, row.tolist())
+            data = set_numbers(self.design.source.data, self._places, row.tolist())
             found = score(load_design(data, base_directory=self.design.source.directory), losses=False)
         except TailstackError as error:
             return describe_refusal(error)
@@ -815,7 +810,7 @@ def _find_places(design: Design, pointers: Sequence[str]) -> list[tuple[Place, .
         raise SweepError(Problem("/table", "no-columns", "a table has a column for at least one number of the design"))
     found: list[tuple[Place, ...]] = []
     for pointer in pointers:
-        places = find_numbers(design, pointer, "/table")
+        places = locate_numbers(design.source.data, pointer, "/table", SweepError)
         if any(not set(places).isdisjoint(earlier) for earlier in found):
             detail = f"two columns give the same number: the one for {pointer}, and one before it"
             raise SweepError(Problem("/table", "given-twice", detail, "leave one of them out"))

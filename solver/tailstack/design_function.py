@@ -24,7 +24,7 @@ import numpy as np
 from .arrays import Array
 from .contributors import ErrorLaw, error_law
 from .design import Design, compile_design, load_design
-from .design.pointers import Place, find_places, pointer_of, replace_value, suggest, value_at
+from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
 from .errors import DesignError, OutOfRangeError, Problem
 from .propagation.linear import Block, Chain, LinearModel, chain_of, image_gains, linearise_at
 from .results import Score
@@ -60,7 +60,8 @@ class DesignFunction:
     def __init__(self, design: Design, inputs: Sequence[str]) -> None:
         self.design = design
         self.pointers = tuple(pointer_of(design.source.data, path) for path in inputs)
-        self._places = tuple(_find_numbers(design, pointer) for pointer in self.pointers)
+        data = design.source.data
+        self._places = tuple(locate_numbers(data, pointer, pointer, DesignError) for pointer in self.pointers)
         self._slopes: dict[int, _Slope] = {}  # of the inputs that were differentiated by so far
 
     @property
@@ -74,10 +75,7 @@ class DesignFunction:
         if given.shape != (len(self._places),):
             detail = f"{len(self._places)} numbers are varied; values of shape {given.shape} arrived"
             raise OutOfRangeError(Problem("", "wrong-length", detail, "give one value for each input, in their order"))
-        data = self.design.source.data
-        for places, value in zip(self._places, given.tolist(), strict=True):
-            for place in places:
-                data = replace_value(data, place, value)
+        data = set_numbers(self.design.source.data, self._places, given.tolist())
         return load_design(data, base_directory=self.design.source.directory)
 
     def score(self, values: Sequence[float] | Array, *, losses: bool = True) -> Score:
@@ -270,17 +268,3 @@ def _target_named(system: System, name: str | None) -> Target:
         known = ", ".join(target.name for target in system.targets[:20])
         raise OutOfRangeError(Problem("", "unknown-target", f"no target is called {name!r}; there are {known}"))
     return named[0]
-
-
-def _find_numbers(design: Design, pointer: str) -> tuple[Place, ...]:
-    """Where an input leads.  Raises DesignError."""
-    data = design.source.data
-    places = find_places(data, pointer)
-    hint = suggest(data, pointer) or "what the design leaves to its default is written out to be varied"
-    if not places:
-        raise DesignError(Problem(pointer, "not-found", f"the design as it was written has nothing at {pointer}", hint))
-    for place in places:
-        value = value_at(data, place)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise DesignError(Problem(pointer, "not-a-number", f"only numbers can be varied; got {value!r:.40}", hint))
-    return tuple(places)

@@ -14,7 +14,7 @@ import numpy as np
 
 from .arrays import Array
 from .design import Design, compile_design, load_design
-from .design.pointers import Place, find_places, pointer_of, replace_value, suggest, value_at
+from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
 from .errors import Problem, TailstackError, describe_refusal
 from .results import Provenance, Score, TargetEstimate, TargetScore, Verification
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
@@ -60,7 +60,11 @@ def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[Axis,
         pointer = entry.get("pointer")
         if not isinstance(pointer, str):
             raise SweepError(Problem(f"{where}/pointer", "missing-field", "an axis names the number it varies"))
-        axis = Axis(pointer, find_numbers(design, pointer, f"{where}/pointer"), _values(entry, where))
+        axis = Axis(
+            pointer,
+            locate_numbers(design.source.data, pointer, f"{where}/pointer", SweepError),
+            _values(entry, where),
+        )
         for earlier in axes:
             if set(earlier.places) & set(axis.places):
                 detail = f"{pointer} is varied by {earlier.pointer} already"
@@ -131,9 +135,8 @@ def _compute_point(
     """The design with these values; refused with the reason where it cannot be computed."""
     result: Score | Verification
     try:
-        varied = load_design(
-            set_numbers(design, [axis.places for axis in axes], values), base_directory=design.source.directory
-        )
+        data = set_numbers(design.source.data, [axis.places for axis in axes], values)
+        varied = load_design(data, base_directory=design.source.directory)
         if check.kind == "score":
             result = score(varied, losses=False)
         else:
@@ -222,33 +225,3 @@ def _values_at(axes: Sequence[Axis], number: int) -> tuple[float, ...]:
         number, place = divmod(number, len(axis.values))
         values.append(axis.values[place])
     return tuple(reversed(values))
-
-
-# --- the document ---------------------------------------------------------------------------------
-
-
-def set_numbers(design: Design, places: Sequence[Sequence[Place]], values: Sequence[float]) -> Any:
-    """The document with a new number at all places of each list; what is not on the way to them is shared."""
-    data = design.source.data
-    for each, value in zip(places, values, strict=True):
-        for place in each:
-            # A whole number stays one: fields that count do not take 8.0.
-            counts = isinstance(value_at(data, place), int) and value.is_integer()
-            data = replace_value(data, place, int(value) if counts else value)
-    return data
-
-
-def find_numbers(design: Design, pointer: str, where: str) -> tuple[Place, ...]:
-    """The places of every number that a pointer leads to.  Raises SweepError that points at ``where``."""
-    data = design.source.data
-    reached = find_places(data, pointer)
-    hint = suggest(data, pointer) or "what the design leaves to its default is written out to be varied"
-    if not reached:
-        detail = f"the design as it was written has nothing at {pointer}"
-        raise SweepError(Problem(where, "not-found", detail, hint))
-    for place in reached:
-        value = value_at(data, place)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            said = f"{pointer} is {'a text' if isinstance(value, str) else 'not a number'}"
-            raise SweepError(Problem(where, "not-a-number", f"only numbers can be varied; {said}", hint))
-    return tuple(reached)

@@ -7,10 +7,11 @@ A place is a JSON pointer (RFC 6901), ``/views/0/fiducial_noise_px``, or fields 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..cures import find_nearest
+from ..errors import Problem, TailstackError
 from .refusals import escape
 
 EVERY = "*"
@@ -61,6 +62,30 @@ def replace_value(data: Any, place: Place, value: Any) -> Any:
     changed = list(data)
     changed[int(step)] = replace_value(data[int(step)], rest, value)
     return changed
+
+
+def locate_numbers(data: Any, pointer: str, where: str, refusal: type[TailstackError]) -> tuple[Place, ...]:
+    """The places of every number that a pointer leads to.  Raises the refusal, which points at ``where``."""
+    places = find_places(data, pointer)
+    hint = suggest(data, pointer) or "what the design leaves to its default is written out to be varied"
+    if not places:
+        raise refusal(Problem(where, "not-found", f"the design as it was written has nothing at {pointer}", hint))
+    for place in places:
+        value = value_at(data, place)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            said = f"{pointer} is {'a text' if isinstance(value, str) else 'not a number'}"
+            raise refusal(Problem(where, "not-a-number", f"only numbers can be varied; {said}", hint))
+    return tuple(places)
+
+
+def set_numbers(data: Any, places: Sequence[Sequence[Place]], values: Sequence[float]) -> Any:
+    """The document with a new number at all places of each list; what is not on the way to them is shared."""
+    for each, value in zip(places, values, strict=True):
+        for place in each:
+            # A whole number stays one: fields that count do not take 8.0.
+            counts = isinstance(value_at(data, place), int) and value.is_integer()
+            data = replace_value(data, place, int(value) if counts else value)
+    return data
 
 
 def suggest(data: Any, pointer: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,16 @@ from .outline import Outline, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+def data_frame(data: Any, columns: Sequence[str] = ()) -> Any:
+    """A pandas DataFrame, of columns by name or of rows.  Raises MissingExtraError where pandas is not installed."""
+    try:
+        pandas = import_module("pandas")  # no part of any extra: who wants a frame has it
+    except ModuleNotFoundError as error:
+        detail = "to_frame() needs the Python package pandas, which is not installed here"
+        raise MissingExtraError(Problem("", "missing-extra", detail, "pip install pandas")) from error
+    return pandas.DataFrame(data, columns=columns or None)
 
 
 class Result:
@@ -38,12 +49,7 @@ class Result:
         name = next(iter(tables)) if table is None else table
         if name not in tables:
             raise ValueError(f"{type(self).__name__} has the tables {', '.join(tables)}; got {name!r}")
-        try:
-            pandas = import_module("pandas")  # no part of any extra: who wants a frame has it
-        except ModuleNotFoundError as error:
-            detail = "to_frame() needs the Python package pandas, which is not installed here"
-            raise MissingExtraError(Problem("", "missing-extra", detail, "pip install pandas")) from error
-        return pandas.DataFrame(list(tables[name].rows), columns=tables[name].columns or None)
+        return data_frame(list(tables[name].rows), tables[name].columns)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """The result's chart; gives back its axes, in which everything can be changed.

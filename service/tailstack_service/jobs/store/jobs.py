@@ -167,17 +167,6 @@ def _select_job(connection: Connection, tenant: str, job_id: str, *, lock: bool 
     return _make_job(row) if row else None
 
 
-def find_request(db: Database, tenant: str, job_id: str) -> bytes | None:
-    """The canonical request of a tenant's job."""
-    if not is_job_id(job_id):
-        return None
-    r, j = tables.requests, tables.jobs
-    query = sa.select(r.c.body).join(j, j.c.id == r.c.job_id).where(j.c.id == job_id, j.c.tenant == tenant)
-    with reading(db) as connection:
-        body: bytes | None = connection.execute(query).scalar_one_or_none()
-    return body
-
-
 def list_page(
     db: Database,
     tenant: str,
