@@ -92,21 +92,22 @@ def _run(
 def _redo(plan: ChainPlan, z: Array, columns: NDArray[np.int64], errors: Array, rms: Array | None) -> None:
     """Overwrite these columns of ``errors`` (T, 2, 3, n) by the plain chain of their deviates.
 
-    Raises NotConvergedError where an estimate does not come to rest: such a trial has no answer.
+    Raises NotConvergedError where an estimate does not come to rest: such a trial has no answer, and those after its
+    batch are not looked at.
     """
-    lost = 0
     for start in range(0, len(columns), PLAIN_BATCH):
         part = columns[start : start + PLAIN_BATCH]
         exact, reprojection = evaluate_plainly(plan, z[start : start + PLAIN_BATCH])
         errors[..., part] = np.moveaxis(exact, 0, -1)
-        lost += int((~np.isfinite(exact).all(axis=(1, 2, 3))).sum())
         if rms is not None:
             rms[part] = reprojection
-    if lost:
-        estimator = plan.system.estimator
-        detail = f"in {lost} of {errors.shape[-1]} trials the estimate by {estimator} does not come to rest"
-        hint = "the noise is too large for these fiducials: add some, spread them, or estimate by dlt to see its errors"
-        raise NotConvergedError(Problem("/model/estimator", "estimate-not-found", detail, hint))
+        lost = int((~np.isfinite(exact).all(axis=(1, 2, 3))).sum())
+        if lost:
+            seen = errors.shape[-1] if part[-1] == columns[-1] else int(part[-1]) + 1
+            estimator = plan.system.estimator
+            detail = f"in {lost} of {seen} trials the estimate by {estimator} does not come to rest"
+            hint = "the noise is too large for these fiducials: add some, spread them, or see the errors of dlt"
+            raise NotConvergedError(Problem("/model/estimator", "estimate-not-found", detail, hint))
 
 
 def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reprojection: bool = False) -> Outcome:
