@@ -114,7 +114,7 @@ def job_document(job: Job, eta_seconds: float | None = None) -> JobDocument:
         started_at=None if job.started_at is None else moment(job.started_at),
         finished_at=None if job.finished_at is None else moment(job.finished_at),
         solver_version=job.solver_version,
-        recomputed=_recomputed(job),
+        recomputed=_describe_restart(job),
         cpu_seconds=round(job.cpu_seconds, 6),
         progress=_progress(job, eta_seconds),
         problem=None if job.problem is None else problem_of(job.problem),
@@ -128,7 +128,7 @@ def problem_of(stored: dict[str, Any]) -> ProblemDocument:
     return ProblemDocument(**{**stored, "errors": tuple(ProblemEntry(**entry) for entry in stored["errors"])})
 
 
-def _recomputed(job: Job) -> str | None:
+def _describe_restart(job: Job) -> str | None:
     if job.generation == FIRST_GENERATION:
         return None
     times = job.generation - FIRST_GENERATION

@@ -154,7 +154,7 @@ class Tools:
         if tool == "optimise":
             self._keep(str(content["provenance"]["design_sha256"]), content["design"])
         if target is not None:
-            replace_file(target, _saved(operation, content, body, target.suffix))
+            replace_file(target, _make_file(operation, content, body, target.suffix))
         return Answer(_words(operation, record, target), content, False)
 
     # --- which design -----------------------------------------------------------------------------------
@@ -213,7 +213,7 @@ class Tools:
         return path
 
 
-def _saved(operation: Operation, content: dict[str, Any], body: bytes, suffix: str) -> bytes:
+def _make_file(operation: Operation, content: dict[str, Any], body: bytes, suffix: str) -> bytes:
     """What is written: the new design of an optimisation, or a document made of a record."""
     if operation.name != "optimisation":
         return render(operation.name, body, suffix.removeprefix("."))[0]

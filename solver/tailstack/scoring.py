@@ -250,7 +250,7 @@ def _metric(error: ErrorScore) -> MetricScore:
 
 def _per_unit(system: System, tcp: ErrorScore) -> PerUnit:
     """At the tightest requirement on each unit of the TCP error; without one, P95 at the target's limit."""
-    each = [item for item in _required(system, tcp.model.target.name, "tcp") if item.risk == "per_unit"]
+    each = [item for item in _list_requirements(system, tcp.model.target.name, "tcp") if item.risk == "per_unit"]
     quantile, fraction, limit_mm = P95, P95, tcp.limit_mm
     if each:
         own = min(each, key=lambda item: item.limit_mm)
@@ -318,11 +318,11 @@ def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
 
 def tightest_limit(system: System, target: str, error: str) -> float | None:
     """Smallest limit that a requirement sets on this error at this target, all units together, mm."""
-    limits = [r.limit_mm for r in _required(system, target, error) if r.risk == "pooled"]
+    limits = [r.limit_mm for r in _list_requirements(system, target, error) if r.risk == "pooled"]
     return min(limits) if limits else None
 
 
-def _required(system: System, target: str, error: str) -> list[Requirement]:
+def _list_requirements(system: System, target: str, error: str) -> list[Requirement]:
     return [item for item in system.requirements if item.error == error and target in item.targets]
 
 

@@ -73,7 +73,7 @@ def sizes_of(sent: Sent) -> list[Size] | None:
         return []  # it will be refused
     if not isinstance(data, dict):
         return []
-    found = [_patched(data, sent.base), data.get("first"), data.get("second")]
+    found = [_apply_patch(data, sent.base), data.get("first"), data.get("second")]
     for entry in _list(data.get("designs")):
         if isinstance(entry, dict):
             found += [entry.get("design"), entry.get("text")]
@@ -81,7 +81,7 @@ def sizes_of(sent: Sent) -> list[Size] | None:
             for one in found if isinstance(one, dict | str)]  # fmt: skip
 
 
-def _patched(data: dict[str, Any], base: bytes | None) -> Any:
+def _apply_patch(data: dict[str, Any], base: bytes | None) -> Any:
     """The design of a body, its patch applied; ``base`` is the one that it names by its hash."""
     design = data.get("design") if base is None else json.loads(base)
     patch = data.get("patch")

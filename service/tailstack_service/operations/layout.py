@@ -125,15 +125,15 @@ def lay_out(design: Design, *, scene: bool = False) -> Layout:
             image_size_px=None if beam.view.image_size_px is None else _numbers(beam.view.image_size_px),
             margin_px=0.0 if section is None else float(section.image_margin_px),
             source_mm=_numbers(beam.source_mm),
-            fiducials=_imaged(beam, system.fiducial_labels, places, used),
-            targets=_imaged(beam, target_names, targets, np.ones(len(targets))),
+            fiducials=_image_points(beam, system.fiducial_labels, places, used),
+            targets=_image_points(beam, target_names, targets, np.ones(len(targets))),
         )
         for beam, used in zip(beams_of(design, system), system.sees, strict=True)
     )
     return Layout(
         schema="tailstack/layout/1",
-        fiducials=_placed(system.fiducial_labels, system.fiducials_mm),
-        targets=_placed(target_names, targets),
+        fiducials=_place_points(system.fiducial_labels, system.fiducials_mm),
+        targets=_place_points(target_names, targets),
         views=views,
         scene=_scene(design) if scene else None,
         provenance=provenance(system),
@@ -152,7 +152,7 @@ def _scene(design: Design) -> dict[str, Any]:
     return scene_data(scene_of(design, record, design.name))
 
 
-def _imaged(beam: Beam, labels: Sequence[str], points: Array, used: Array) -> tuple[ImagedPoint, ...]:
+def _image_points(beam: Beam, labels: Sequence[str], points: Array, used: Array) -> tuple[ImagedPoint, ...]:
     low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
     found = []
     for label, image, weight in zip(labels, beam.images(points), used, strict=True):
@@ -174,7 +174,7 @@ def _displacement(system: System) -> Array:
     )
 
 
-def _placed(labels: Sequence[str], points: Array) -> tuple[PlacedPoint, ...]:
+def _place_points(labels: Sequence[str], points: Array) -> tuple[PlacedPoint, ...]:
     return tuple(PlacedPoint(label, _numbers(point)) for label, point in zip(labels, points, strict=True))
 
 

@@ -113,7 +113,7 @@ def read_request(sent: Sent, operation: Operation, settings: Settings) -> Reques
     partial = read_partial(body, fields)
     options = read_options(operation.options, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
     if partial is not None:
-        body["design"] = _patched(body, partial, sent)
+        body["design"] = _apply_patch(body, partial, sent)
     fields = tuple(field for field in fields if operation.needs_design or field in body)
     try:
         designs = tuple(design_of(body, settings, field) for field in fields)
@@ -125,7 +125,7 @@ def read_request(sent: Sent, operation: Operation, settings: Settings) -> Reques
     return Request(options, designs, data, tuple(f"/{field}" for field in fields), False, partial)
 
 
-def _patched(body: dict[str, Any], partial: PartialDocument, sent: Sent) -> Any:
+def _apply_patch(body: dict[str, Any], partial: PartialDocument, sent: Sent) -> Any:
     """The design that a request means.  Raises BaseNeeded."""
     if partial.sha256 is None:
         if not isinstance(body["design"], dict):

@@ -113,7 +113,7 @@ def _draw(
     distributions, convergence = [], []
     for target in pictured:
         count = 0 if verification is None else min(verification.trials, DRAWN)
-        norms = drawn_norms(ready, target.name, options.seed, count) if count else None
+        norms = draw_norms(ready, target.name, options.seed, count) if count else None
         p95 = target.p95_mm if norms is None else float(np.quantile(norms, 0.95))
         edges = np.linspace(0.0, 1.45 * max(p95, target.p95_mm, 1e-9), BINS + 1)
         law, _ = declared_law(ready.models[target.name], "tcp", ready.worst[target.name, "tcp"].mean_mm)
@@ -135,7 +135,7 @@ def _draw(
     return tuple(distributions), tuple(convergence)
 
 
-def drawn_norms(ready: PreparedDesign, name: str, seed: int, count: int) -> Array:
+def draw_norms(ready: PreparedDesign, name: str, seed: int, count: int) -> Array:
     """(count,) mm: norms of the TCP error at a target in the first trials of the check itself, at its worst vertex."""
     place = [target.name for target in ready.system.targets].index(name)
 

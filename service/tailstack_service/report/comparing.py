@@ -13,7 +13,7 @@ from tailstack.results.verdicts import check_sentence, decisive_check, urgency
 from tailstack.verification import PreparedDesign, Sampling, prepare, verify_prepared
 
 from ..problems import RequestError
-from .assembling import ReportOptions, assemble, drawing_options, drawn_norms
+from .assembling import ReportOptions, assemble, draw_norms, drawing_options
 from .changes import changes_of
 from .paired import FEWEST, SECTIONS, paired_difference
 from .records import Comparison, ComparisonHeadline, Difference, Report
@@ -37,15 +37,15 @@ def compute_comparison(
     checks: tuple[Verification | None, Verification | None] = (None, None)
     if sampled:
 
-        def drawn(how: Sampling) -> Pair:
+        def draw_pair(how: Sampling) -> Pair:
             return verify_prepared(ready[0], how, progress=progress), verify_prepared(ready[1], how, progress=progress)
 
-        checks = drawn_alike(ready, options, drawn)
+        checks = verify_alike(ready, options, draw_pair)
     reports = [assemble(design, options, check, None) for design, check in zip((first, second), checks, strict=True)]
     return compare(reports[0], reports[1], options)
 
 
-def drawn_alike(
+def verify_alike(
     ready: tuple[PreparedDesign, PreparedDesign], options: ReportOptions, draw: Callable[[Sampling], Pair]
 ) -> Pair:
     """The checks of both designs, with the same trials: where one stops sooner it is drawn on, so that the P95 of each
@@ -141,7 +141,7 @@ def _draw_both(first: Report, second: Report, names: list[str], seed: int, count
     ready = [prepare(load_design(report.design, allow_files=False)) for report in (first, second)]
     found = []
     for name in names:
-        a, b = (drawn_norms(one, name, seed, count) for one in ready)
+        a, b = (draw_norms(one, name, seed, count) for one in ready)
         paired = paired_difference(a, b, 0.95, CONFIDENCE)
         was, now = (_checked_p95(report, name) for report in (first, second))
         low, high = (now - was + (end - paired.difference) for end in paired.interval)

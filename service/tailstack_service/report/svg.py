@@ -161,8 +161,9 @@ def label_places(points: list[MarkedPoint], lines: list[Box], frame: Box, font: 
         area = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
         order = np.arange(len(boxes))
         harm = (
-            HIDDEN * covered(boxes, labels) + covered(boxes, marks) + CROSSED * covered(boxes, crossed)
-            + OUTSIDE * (area - covered(boxes, np.array([frame])))
+            HIDDEN * measure_overlap(boxes, labels) + measure_overlap(boxes, marks)
+            + CROSSED * measure_overlap(boxes, crossed)
+            + OUTSIDE * (area - measure_overlap(boxes, np.array([frame])))
             + FURTHER * (order // len(DIRECTIONS)) + 0.5 * order
         )  # fmt: skip
         best = boxes[int(np.argmin(harm))]
@@ -190,7 +191,7 @@ def beads(line: Box) -> list[Box]:
     return [(x - 1.5, y - 1.5, x + 1.5, y + 1.5) for x, y in along]
 
 
-def covered(boxes: Array, others: Array) -> Array:
+def measure_overlap(boxes: Array, others: Array) -> Array:
     """(C,) area of the others (M, 4) that each of the boxes (C, 4) hides."""
     corner = np.maximum(boxes[:, None, :2], others[None, :, :2])
     opposite = np.minimum(boxes[:, None, 2:], others[None, :, 2:])

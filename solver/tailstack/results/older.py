@@ -23,11 +23,11 @@ def in_words_of_today(data: Any) -> Any:
         read[key] = NUMBERED.get(name, name)
         read.setdefault("label", read[key].replace("_", " ").replace(":", ", ") if name not in NUMBERED else read[key])
     if isinstance(ends := read.get("worst_vertex"), list):
-        read["worst_vertex"] = [_renamed(end) for end in ends]
+        read["worst_vertex"] = [_rename(end) for end in ends]
     return read
 
 
-def _renamed(end: Any) -> Any:
+def _rename(end: Any) -> Any:
     """``interface_1.rz=+0.1 deg`` by the interface's name."""
     if not isinstance(end, str):
         return end

@@ -275,7 +275,7 @@ class _Sampler:
     progress: Progress | None
     runs: int
 
-    def _drawn(self, number: int) -> tuple[slice, Array]:
+    def _draw_block(self, number: int) -> tuple[slice, Array]:
         at = slice(number * self.size, (number + 1) * self.size)
         return at, draw(self.at_rest, self.seed, np.arange(at.start, at.stop, dtype=np.int64))
 
@@ -290,7 +290,7 @@ class _Sampler:
         kept = np.empty((len(self.at_rest.system.targets), 5, SECTIONS * self.size))
 
         def section(number: int) -> None:
-            at, z = self._drawn(number)
+            at, z = self._draw_block(number)
             errors = evaluate(self.at_rest, _keep_stream(self.at_rest, z, SHOT))
             kept[:, 0, at] = np.linalg.norm(errors[:, :, self.metric], axis=2).T
             kept[:, 1, at] = (errors[:, :, LOCALISED] ** 2).sum(axis=2).T
@@ -304,7 +304,7 @@ class _Sampler:
         kept = np.empty((len(still), 4, SECTIONS * self.size))
 
         def section(number: int) -> None:
-            at, z = self._drawn(number)
+            at, z = self._draw_block(number)
             inputs, alone = z, _keep_stream(self.at_rest, z, INSTALLATION)
             if case.level is not None:  # it stands still: its error without noise is one vector
                 inputs, alone = _keep_stream(self.at_rest, z, SHOT), np.zeros((1, z.shape[1]))
@@ -496,16 +496,16 @@ def level_torsor(level: Level) -> Array:
 
 
 def remove_biases(system: System) -> System:
-    """The system without any known error: mounts unbiased, no deflection."""
+    """The system without any known error: no bias in a mount, no deflection."""
 
-    def unbiased(mount: Mount) -> Mount:
+    def remove_bias(mount: Mount) -> Mount:
         return replace(mount, bias=np.zeros(6))
 
     return replace(
         system,
-        structure_connector=unbiased(system.structure_connector),
-        connector_flange=unbiased(system.connector_flange),
-        hand_eye=unbiased(system.hand_eye),
+        structure_connector=remove_bias(system.structure_connector),
+        connector_flange=remove_bias(system.connector_flange),
+        hand_eye=remove_bias(system.hand_eye),
         execution_bias_mm=np.zeros(3),
     )
 

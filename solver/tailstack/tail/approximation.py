@@ -108,11 +108,11 @@ def _trace(a: Matrix, b: Matrix) -> Any:
     return sum(a[i][k] * b[k][i] for i in range(3) for k in range(3))
 
 
-def _applied(a: Matrix, v: Vector) -> list[Any]:
+def _apply(a: Matrix, v: Vector) -> list[Any]:
     return [sum(a[i][k] * v[k] for k in range(3)) for i in range(3)]
 
 
-def _mixed(a: Matrix, b: Matrix, by: tuple[Any, Any]) -> list[list[Any]]:
+def _mix(a: Matrix, b: Matrix, by: tuple[Any, Any]) -> list[list[Any]]:
     """by[0] a + by[1] b."""
     return [[by[0] * a[i][j] + by[1] * b[i][j] for j in range(3)] for i in range(3)]
 
@@ -138,11 +138,11 @@ def _moment_at_quantile(
 ) -> list[list[Any]]:
     """D (3, 3) mm^2 = E[dd' | d'Qd is at its fraction-quantile], Q the metric: the module's K_n, symmetric."""
     axes = range(3)
-    q_m = _applied(metric, mean)
+    q_m = _apply(metric, mean)
     s_q = _product(covariance, metric)
     mm = [[mean[i] * mean[j] for j in axes] for i in axes]
-    a = _applied(s_q, mean)
-    aa = _applied(s_q, a)
+    a = _apply(s_q, mean)
+    aa = _apply(s_q, a)
     s_2 = _product(s_q, covariance)
     s_3 = _product(s_q, s_2)
     k1 = [[covariance[i][j] + mm[i][j] for j in axes] for i in axes]
@@ -153,8 +153,8 @@ def _moment_at_quantile(
         (triangular, KAPPA4_TRIANGULAR, KAPPA6_TRIANGULAR),
     ):
         for g in columns:
-            q_g = _applied(metric, g)
-            s_g = _applied(covariance, q_g)
+            q_g = _apply(metric, g)
+            s_g = _apply(covariance, q_g)
             gg = sum(g[i] * q_g[i] for i in axes)
             gm = sum(g[i] * q_m[i] for i in axes)
             gsg = sum(q_g[i] * s_g[i] for i in axes)
@@ -165,7 +165,7 @@ def _moment_at_quantile(
                     k2[i][j] = k2[i][j] + kappa4 / 2 * gg * g[i] * g[j]
                     k3[i][j] = k3[i][j] + square * g[i] * g[j] + cross[i] * g[j] + g[i] * cross[j]
     by_c2, by_c3 = _pearson_slopes(fraction, (_trace(metric, k1), _trace(metric, k2), _trace(metric, k3)))
-    return _mixed(k1, _mixed(k2, k3, (2 * by_c2, 3 * by_c3)), (1, 1))
+    return _mix(k1, _mix(k2, k3, (2 * by_c2, 3 * by_c3)), (1, 1))
 
 
 def unit_quantile_squared(
@@ -187,8 +187,8 @@ def unit_quantile_squared(
     axes = range(3)
     identity = [[float(i == j) for j in axes] for i in axes]
     small = _TINY * sum(installation_covariance[i][i] + shot_covariance[i][i] + mean[i] * mean[i] for i in axes)
-    installation = _mixed(installation_covariance, identity, (1, small))
-    shot = _mixed(shot_covariance, identity, (1, small))
+    installation = _mix(installation_covariance, identity, (1, small))
+    shot = _mix(shot_covariance, identity, (1, small))
     shot_2 = _product(shot, shot)
 
     def shot_cumulants(moment: Matrix) -> tuple[Any, Any, Any]:
@@ -200,6 +200,6 @@ def unit_quantile_squared(
 
     moment = _moment_at_quantile(fraction, identity, mean, installation, uniform, triangular)
     by_c2, by_c3 = _pearson_slopes(p, shot_cumulants(moment))
-    metric = _mixed(identity, _mixed(shot, shot_2, (2 * by_c2, 3 * by_c3)), (1, 1))
+    metric = _mix(identity, _mix(shot, shot_2, (2 * by_c2, 3 * by_c3)), (1, 1))
     moment = _moment_at_quantile(fraction, metric, mean, installation, uniform, triangular)
     return pearson_square(*shot_cumulants(moment), float(ndtri(p)))

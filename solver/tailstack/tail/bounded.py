@@ -143,7 +143,7 @@ def _probabilities(law: LinearLaw, means: Array, r: float, p: float) -> tuple[Ar
         out[open_vertices] = [law_cdf(replace(law, mean=mean), r) for mean in means[open_vertices]]
         return out, 0.0
     points = sample(law.mean, law.covariance, lattice_columns(law)[0], _LOG2_POINTS)
-    out[open_vertices] = [points.moved(mean - law.mean).probability(r) for mean in means[open_vertices]]
+    out[open_vertices] = [points.shift(mean - law.mean).probability(r) for mean in means[open_vertices]]
     return out, _SLACK
 
 

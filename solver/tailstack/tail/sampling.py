@@ -100,7 +100,7 @@ class Sample:
         crossing = (chord > 0) * (1.0 * (np.abs(enters) < 1) + (np.abs(leaves) < 1))
         return float((0.5 * r * crossing / np.where(chord > 0, chord, 1.0)).mean())
 
-    def moved(self, by: Array) -> Sample:
+    def shift(self, by: Array) -> Sample:
         """The same sample with the mean elsewhere, by (3,) mm."""
         return replace(self, x=self.x + by)
 

@@ -25,7 +25,7 @@ SIDES = ("first", "second")
 def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     """More units for the checks that are not finished, or the comparison."""
     from ...report.assembling import assemble, options_of
-    from ...report.comparing import check_parts, compare, drawn_alike
+    from ...report.comparing import check_parts, compare, verify_alike
 
     try:
         options = options_of(request)
@@ -36,7 +36,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     if "verification" in options.parts:
         ready = (_ready(request, "first"), _ready(request, "second"))
         try:
-            checks = drawn_alike(ready, options, partial(_check_both, request, results))
+            checks = verify_alike(ready, options, partial(_check_both, request, results))
         except _NotYet as missing:
             return missing.step
     reports = []

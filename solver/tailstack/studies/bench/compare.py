@@ -210,9 +210,9 @@ def describe_test(level: LevelCompared, test: TestName, differs: bool) -> str:
             return "the mean is one of those that such a bench would give"
         if level.bias is not None:
             out = [
-                f"{axis} by {_exceed(value, ends):+.3g} mm"
+                f"{axis} by {_measure_excess(value, ends):+.3g} mm"
                 for axis, value, ends in zip("xyz", level.bias.measured_mm, level.bias.predicted_range_mm, strict=True)
-                if _exceed(value, ends)
+                if _measure_excess(value, ends)
             ]
             where = f": outside the predicted range in {', '.join(out)}" if out else ": no axis alone, but together"
             return f"the mean is not one that such a bench would give{where}"
@@ -227,7 +227,7 @@ def describe_test(level: LevelCompared, test: TestName, differs: bool) -> str:
     return f"{what} is not as predicted{_write_ratio(spread)}"
 
 
-def _exceed(value: float, ends: Interval) -> float:
+def _measure_excess(value: float, ends: Interval) -> float:
     """How far a value is out of an interval; 0 inside."""
     return min(value - ends[0], 0.0) + max(value - ends[1], 0.0)
 
