@@ -64,6 +64,9 @@ CASES = {
     "an item that comes is last, and looks like the others": (
         "p:\n- {label: A, x: 1}\n# end\nq: 1\n", {"p": [{"label": "A", "x": 1}, {"label": "B", "x": 2}], "q": 1},
         "p:\n- {label: A, x: 1}\n- {label: B, x: 2}\n# end\nq: 1\n"),
+    "an item that comes stands below what the last one gets": (
+        "p:\n  - name: A\n    x: 1\nq: 1\n", {"p": [{"name": "A", "x": 1, "y": 2}, {"name": "B"}], "q": 1},
+        "p:\n  - name: A\n    x: 1\n    y: 2\n  - { name: B }\nq: 1\n"),
     "an alias follows its anchor": ("a: &v { x: 1 }\nb: *v\n", {"a": {"x": 2}, "b": {"x": 2}},
                                     "a: &v { x: 2 }\nb: *v\n"),
     "an alias that differs is written out": ("a: &v { x: 1 }\nb: *v\n", {"a": {"x": 2}, "b": {"x": 1}},

@@ -168,15 +168,15 @@ class _Editor:
             if old != new:
                 self._replace_items(node, new, starts)
             return
+        if added:  # before what the last item gets, which ends at the same place and comes to stand above
+            like = self.text[node.parts[-1].start : node.parts[-1].end]
+            indent = " " * self._column(starts[0] or 0)
+            self._insert_after(node.end, "".join(f"{indent}- {self._dump(item, like)}\n" for item in added))
         for position, part in enumerate(node.parts):
             if position in kept:
                 self.revise(part, old[position], kept[position])
             else:
                 self._drop_lines(starts[position] or 0, part.end)
-        if added:
-            like = self.text[node.parts[-1].start : node.parts[-1].end]
-            indent = " " * self._column(starts[0] or 0)
-            self._insert_after(node.end, "".join(f"{indent}- {self._dump(item, like)}\n" for item in added))
 
     def _replace_items(self, node: Node, new: list[Any], starts: list[int | None]) -> None:
         """A list written anew, an item on each line if it was so."""
