@@ -729,6 +729,49 @@ export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
         /**
+         * AddedView
+         * @description A view that the design does not have: it is added where it saves more than its price.
+         */
+        AddedView: {
+            /**
+             * Add
+             * @description Name of the new view; no view of the design has it.
+             * @example OBL
+             */
+            add: string;
+            /**
+             * Like
+             * @description The aimed view that it is a copy of, isocentre, detector, noise and all, but for its direction.
+             * @example AP
+             */
+            like: string;
+            /**
+             * Price
+             * @description What it costs, in the unit of what is minimised. It is added where it saves more than that, or where no design keeps the limits without it.
+             * @example 300
+             */
+            price: number;
+            /**
+             * Cone Deg
+             * @description How far its beam may be turned from that of `like` about isocentre_mm, deg; the image turns with it. Default 90: half of all directions, and the others are nearly the same from behind.
+             * @default 90
+             * @example 60
+             */
+            cone_deg?: number;
+            /**
+             * Source Isocentre Mm
+             * @description Smallest and largest distance from its source to isocentre_mm, mm. Default: that of `like`.
+             * @example [
+             *       600,
+             *       800
+             *     ]
+             */
+            source_isocentre_mm?: [
+                number,
+                number
+            ];
+        };
+        /**
          * Additivity
          * @description A cell of S2 against its parts: installation error alone and noise alone.
          */
@@ -781,7 +824,7 @@ export interface components {
         };
         /**
          * AimedView
-         * @description A view that was free to be aimed otherwise.
+         * @description A view that was free to be aimed otherwise, or that was added: what it was before is then that of its model.
          */
         AimedView: {
             /**
@@ -5558,7 +5601,7 @@ export interface components {
             cost_before: number | null;
             /**
              * Cost After
-             * @description Cost of the new design.
+             * @description Cost of the new design, that of a view that was added included.
              */
             cost_after: number;
             /**
@@ -5674,6 +5717,11 @@ export interface components {
              * @default null
              */
             aimed: components["schemas"]["ViewSearch"] | null;
+            /**
+             * @description What became of a view that `optimise.views` may add at a price; null where it names none.
+             * @default null
+             */
+            view_offer: components["schemas"]["ViewOffer"] | null;
         };
         OptimisationRequest: {
             /** @description The design document. */
@@ -5753,9 +5801,9 @@ export interface components {
             survive?: components["schemas"]["Survive"];
             /**
              * Views
-             * @description Views that may be aimed otherwise, beside what else is free: the best of a few directions that are tried. Default none.
+             * @description Views that may be aimed otherwise, beside what else is free: the best of a few directions that are tried. One entry may add a view at a price. Default none.
              */
-            views?: components["schemas"]["FreeView"][];
+            views?: (components["schemas"]["FreeView"] | components["schemas"]["AddedView"])[];
             /**
              * Min Spacing Mm
              * @description Smallest distance between two fiducials, mm. Default 10.
@@ -9394,6 +9442,85 @@ export interface components {
             sentence: string;
         };
         /**
+         * ViewOffer
+         * @description A view that could be added at a price: the cheapest designs with it and without it, both verified.
+         */
+        ViewOffer: {
+            /**
+             * View
+             * @description Name of the view.
+             */
+            view: string;
+            /**
+             * Like
+             * @description The view that it is a copy of, but for its direction and distance.
+             */
+            like: string;
+            /**
+             * Price
+             * @description What it costs.
+             */
+            price: number;
+            /**
+             * Added
+             * @description Whether the new design has it.
+             */
+            added: boolean;
+            /**
+             * Cost Without
+             * @description Least cost found without it; null: no design keeps the limits, or none was found.
+             */
+            cost_without: number | null;
+            /**
+             * Cost With
+             * @description Least cost found with it, its price not included; null as above.
+             */
+            cost_with: number | null;
+            /**
+             * Worth
+             * @description The price below which it pays: what it saves; null where one of the costs is.
+             */
+            worth: number | null;
+            /**
+             * Beam Direction
+             * @description From its source to its detector, in con, where it was aimed best; null without a design with it.
+             */
+            beam_direction: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Up Direction
+             * @description The direction in con that is up in its image then.
+             */
+            up_direction: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Source Isocentre Mm
+             * @description From its source to its isocentre then, mm.
+             */
+            source_isocentre_mm: number | null;
+            /**
+             * P95 Without Mm
+             * @description First-order P95 of the worst target of the design as it stood, mm; null: its layout does not determine it.
+             */
+            p95_without_mm: number | null;
+            /**
+             * P95 With Mm
+             * @description The same with this view so aimed and all else as it stood, mm; null without such a view.
+             */
+            p95_with_mm: number | null;
+            /**
+             * Sentence
+             * @description What was decided, and why.
+             */
+            sentence: string;
+        };
+        /**
          * ViewSearch
          * @description Where views were free: what became of them, and what that rests on.
          */
@@ -9420,7 +9547,7 @@ export interface components {
             refused: number;
             /**
              * Objective As Aimed
-             * @description Objective by the closed form with the views as they were; null: no design there, or they may not stay so.
+             * @description Objective by the closed form with the views as they were; null: no design there, they may not stay so, or one was added.
              */
             objective_as_aimed: number | null;
             /**

@@ -16,6 +16,9 @@ from scipy.spatial.transform import Rotation
 from optimise_documents import document, moving, optimised
 from tailstack.design import load_design
 from tailstack.errors import DesignError, InfeasibleError
+from tailstack.optimisation import optimise
+from tailstack.results import Optimisation, ViewOffer
+from tailstack.studies.views import study_views
 
 BEAM, UP = np.array([0.42261826, 0.90630779, 0.0]), np.array([0.0, 0.0, 1.0])  # LAT, only 25 deg from AP
 
@@ -130,3 +133,181 @@ def test_views_that_cannot_be_aimed_are_refused_where_they_stand(free: dict[str,
 def test_views_are_not_aimed_along_a_front() -> None:
     with pytest.raises(DesignError, match="front is not traced with views"):
         load_design(with_views(poor(objective="pareto"), {"view": "LAT", "cone_deg": 30.0}))
+
+
+# --- a view at a price ------------------------------------------------------------------------------------
+
+
+OBLIQUE = {"add": "OBL", "like": "AP"}
+
+
+def with_one_more(data: dict[str, Any], beam: Any, up: Any) -> dict[str, Any]:
+    """The document with a copy of AP written into it by hand."""
+    copied = {field: value for field, value in data["views"][0].items() if field != "orientation"}
+    new = copied | {"name": "by hand", "beam_direction": list(beam), "up_direction": list(up)}
+    return data | {"views": [*data["views"], new]}
+
+
+def offer_of(found: Optimisation) -> ViewOffer:
+    assert found.view_offer is not None
+    return found.view_offer
+
+
+@pytest.fixture(scope="module")
+def worth() -> tuple[float, float]:
+    """independent: cost of the plain optimiser without the view, and with it written by hand where it was aimed."""
+    offer = offer_of(optimised(with_views(poor(), OBLIQUE | {"price": 1.0})))
+    return plain_cost(poor()), plain_cost(with_one_more(poor(), offer.beam_direction, offer.up_direction))
+
+
+def test_a_view_is_added_below_the_price_that_is_the_difference_of_two_plain_optima(worth: tuple[float, float]) -> None:
+    without, by_hand = worth
+    assert without > 1.3 * by_hand
+    price = 0.9999 * (without - by_hand)
+    found = optimised(with_views(poor(), OBLIQUE | {"price": price}))
+    offer = offer_of(found)
+    assert offer.added
+    assert (offer.cost_without, offer.cost_with) == (without, by_hand)
+    assert offer.worth == pytest.approx(without - by_hand, rel=1e-12)
+    assert found.cost_after == pytest.approx(by_hand + price, rel=1e-12)
+    assert found.verdict_status == "pass"
+    views: Any = found.design["views"]
+    assert [view["name"] for view in views] == ["AP", "LAT", "OBL"]
+    assert tuple(views[2]["beam_direction"]) == offer.beam_direction
+    assert views[2]["fiducial_noise_px"] == views[0]["fiducial_noise_px"]
+    assert [view["name"] for view in found.design_before["views"]] == ["AP", "LAT"]  # type: ignore[attr-defined]
+    again = load_design(found.design).document.optimise
+    assert again is not None
+    assert [free.view for free in again.free_views] == ["OBL"]
+    assert again.added_view is None
+
+
+def test_a_view_is_left_out_above_that_price(worth: tuple[float, float]) -> None:
+    without, by_hand = worth
+    price = 1.0001 * (without - by_hand)
+    found = optimised(with_views(poor(), OBLIQUE | {"price": price}))
+    offer, plain = offer_of(found), optimised(poor())
+    assert not offer.added
+    assert f"worth a price of up to {without - by_hand:.5g}" in offer.sentence
+    assert found.cost_after == without
+    assert found.tolerances == plain.tolerances
+    assert found.design["views"] == plain.design["views"]
+    assert found.aimed is None
+    again = load_design(found.design).document.optimise
+    assert again is not None
+    assert again.added_view is not None
+    assert again.added_view.price == price
+
+
+def test_the_view_is_added_where_neither_study_views_nor_a_search_by_hand_finds_a_cheaper_direction(
+    worth: tuple[float, float],
+) -> None:
+    """independent: the study's best direction and four turns by 45 deg, written by hand, turned by SciPy."""
+    best = study_views(load_design(poor()))
+    assert best.further is not None
+    assert best.further.best is not None
+    directions = [(best.further.best.beam_direction, best.further.best.up_direction)]
+    beam, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    right = np.cross(beam, up)
+    for right_deg, up_deg in ((45.0, 0.0), (-45.0, 0.0), (0.0, 45.0), (0.0, -45.0)):
+        about = radians(right_deg) * np.cross(beam, right) + radians(up_deg) * np.cross(beam, up)
+        turn = Rotation.from_rotvec(about)
+        directions.append((tuple(turn.apply(beam)), tuple(turn.apply(up))))
+    assert worth[1] <= min(plain_cost(with_one_more(poor(), *each)) for each in directions)
+    offer = offer_of(optimised(with_views(poor(), OBLIQUE | {"price": 1.0})))
+    assert offer.p95_without_mm == pytest.approx(best.p95_mm, rel=1e-6)
+    assert offer.p95_with_mm is not None
+    assert offer.p95_with_mm <= best.further.best.p95_mm * 1.01  # type: ignore[operator]
+
+
+def test_a_limit_out_of_reach_without_the_view_adds_it_whatever_its_price() -> None:
+    """independent: the plain optimiser refuses the limit with the two views."""
+    base = poor(limit_mm=0.42)
+    with pytest.raises(InfeasibleError) as plain:
+        optimised(base)
+    found = optimised(with_views(base, OBLIQUE | {"price": 1e8}))
+    offer = offer_of(found)
+    assert offer.added
+    assert offer.cost_without is None
+    assert found.verdict_status == "pass"
+    assert "whatever its price" in offer.sentence
+    assert "is 0.4549 mm" in plain.value.problems[0].detail
+    assert "is 0.4549 mm" in offer.sentence
+
+
+def test_a_limit_out_of_reach_with_the_view_too_is_refused_for_both_designs() -> None:
+    base = poor(limit_mm=0.01)
+    with pytest.raises(InfeasibleError) as plain:
+        optimised(base)
+    with pytest.raises(InfeasibleError) as refused:
+        optimised(with_views(base, OBLIQUE | {"price": 1.0}))
+    alone, with_it = refused.value.problems
+    assert alone.detail == plain.value.problems[0].detail
+    assert with_it.pointer == "/optimise/views/0"
+    assert "with the view" in with_it.detail
+
+
+def test_a_search_that_is_stopped_before_the_view_was_tried_says_so() -> None:
+    stops = iter([False] * 2)
+    asked: list[str] = []
+
+    def follow(stage: str, _done: int, _total: int, _least: float | None) -> None:
+        asked.append(stage)
+
+    found = optimise(
+        load_design(with_views(poor(), OBLIQUE | {"price": 1.0})),
+        progress=follow,
+        stop=lambda: next(stops, True),
+    )
+    offer = offer_of(found)
+    assert not offer.added
+    assert offer.cost_with is None
+    assert "stopped on request" in offer.sentence
+    assert set(asked) == {"view"}
+
+
+@pytest.mark.parametrize(
+    ("entry", "section", "pointer", "says"),
+    [
+        ({"like": "PA"}, {}, "/like", "AP"),
+        ({"add": "LAT"}, {}, "/add", "already"),
+        ({"price": -1.0}, {}, "/price", "at least 0"),
+        ({"cone_deg": 120.0}, {}, "/cone_deg", "at most 90"),
+        ({"source_isocentre_mm": [800.0, 600.0]}, {}, "/source_isocentre_mm", "800"),
+        ({"source_isocentre_mm": [600.0, 5000.0]}, {}, "/source_isocentre_mm/1", "5000"),
+        ({}, {"objective": "scaling"}, "/price", "saves no cost"),
+        ({}, {"objective": "quantile", "cost_limit": 3000.0}, "/price", "study views"),
+        ({"view": "LAT"}, {}, "/view", "add, like, price"),
+    ],
+)  # fmt: skip
+def test_a_view_that_cannot_be_added_is_refused_where_it_stands(
+    entry: dict[str, Any], section: dict[str, Any], pointer: str, says: str
+) -> None:
+    data = with_views(poor(**section), OBLIQUE | {"price": 300.0} | entry)
+    with pytest.raises(DesignError) as refused:
+        load_design(data)
+    (problem,) = refused.value.problems
+    assert problem.pointer == f"/optimise/views/0{pointer}"
+    assert says in f"{problem.detail} {problem.hint}"
+
+
+def test_what_is_missing_of_a_view_to_be_added_is_named() -> None:
+    with pytest.raises(DesignError) as refused:
+        load_design(with_views(poor(), {"add": "OBL"}))
+    assert [problem.pointer for problem in refused.value.problems] == [
+        "/optimise/views/0/like", "/optimise/views/0/price",
+    ]  # fmt: skip
+
+
+def test_one_view_is_added_at_a_time() -> None:
+    entries = [OBLIQUE | {"price": 1.0}, OBLIQUE | {"add": "OBL2", "price": 1.0}]
+    with pytest.raises(DesignError) as refused:
+        load_design(with_views(poor(), *entries))
+    (problem,) = refused.value.problems
+    assert problem.pointer == "/optimise/views/1"
+
+
+def test_designs_with_free_views_have_the_hash_that_they_had_before_views_could_be_added() -> None:
+    """published: computed by the version before."""
+    data = with_views(poor(), {"view": "LAT", "cone_deg": 20.0, "source_isocentre_mm": [650.0, 800.0]})
+    assert load_design(data).sha256 == "54878beaf21afafe24f5f12dd79f7d417ac5d23f4d5915d23fbcb54bb502a2f3"

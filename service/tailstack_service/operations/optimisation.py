@@ -65,7 +65,7 @@ def _share(design: Design, progress: Callable[[float, float], None]) -> Callable
 
     def report(stage: str, done: int, total: int, least: float | None) -> None:
         nonlocal begun
-        if stage == "view":  # before everything that is known to take so long
+        if stage == "view":  # before everything whose course is known
             begun = time.monotonic()
             return
         now = time.monotonic() - begun
@@ -249,7 +249,7 @@ def reporter(
 
     def report(stage: str, done: int, total: int, least: float | None) -> None:
         nonlocal best, aimed
-        if stage == "view":  # before everything that is known to take so long
+        if stage == "view":  # before everything whose course is known
             aimed = progress.elapsed
             progress.report(done, total + 1, f"{STAGES[stage]} {done}, at most {total}")
             return
@@ -260,7 +260,9 @@ def reporter(
         elif least is not None and stage == "start":
             best = min(best, least)
             known = f", least {what} so far {best:.5g}"
-        progress.report_left(remaining.left, f"{STAGES.get(stage, stage)} {done} of {total}{known}")
+        progress.report_left(
+            lambda elapsed: remaining.left(elapsed - aimed), f"{STAGES.get(stage, stage)} {done} of {total}{known}"
+        )
 
     return report
 

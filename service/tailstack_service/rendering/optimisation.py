@@ -79,6 +79,8 @@ def before_after_text(result: Optimisation) -> str:
         lines.append(wrap(f"all free half-widths times {number(result.scaling)}", first="scaling: ", indent="  "))
     if result.survived is not None:
         lines.append(wrap(survived_sentence(result.survived), first="if fiducials are lost: ", indent="  "))
+    if result.view_offer is not None:
+        lines.append(wrap(visible(result.view_offer.sentence), first="a view more: ", indent="  "))
     if result.aimed is not None:
         lines.append(wrap(visible(result.aimed.sentence), first="views: ", indent="  "))
     if result.placement_value is not None:
@@ -113,8 +115,11 @@ def _cost_in_words(result: Optimisation) -> str:
     parts = [
         f"{number(sum(costs))} ({names[name]}, {_count(len(costs), 'half-width')})" for name, costs in widths.items()
     ]
-    of_widths = sum(map(sum, widths.values()))
-    fiducials = result.cost_after - of_widths
+    view = 0.0
+    if result.view_offer is not None and result.view_offer.added:
+        view = result.view_offer.price
+        parts.append(f"{number(view)} (view {visible(result.view_offer.view)})")
+    fiducials = result.cost_after - view - sum(map(sum, widths.values()))
     if abs(fiducials) > 1e-6 * abs(result.cost_after):
         parts.append(f"{number(fiducials)} (fiducials)")
     return f"{' + '.join(parts)} = {number(result.cost_after)}"

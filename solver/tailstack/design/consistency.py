@@ -12,6 +12,7 @@ from ..errors import Problem
 from ..system import INTERFACES, Estimator, RotationForm
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, TargetDocument
 from .fiducial_files import FiducialList
+from .optimise_document import AddedView, FreeView
 from .presets import PRESETS
 from .reading import Limits
 
@@ -36,6 +37,9 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     """Everything that can be said before a fiducial file is opened."""
     problems: list[Problem] = []
     problems += _too_many("/views", "views", len(document.views), limits.views)
+    if document.optimise is not None and document.optimise.added_view is not None:
+        with_one = len(document.views) + 1
+        problems += _too_many("/optimise/views", "views with the one that may be added", with_one, limits.views)
     problems += _too_many("/fiducials/points", "fiducials", len(document.fiducials.points or ()), limits.fiducials)
     left_out = () if document.fiducials.origin is None else document.fiducials.origin.left_out
     problems += _too_many("/fiducials/origin/left_out", "points that were left out", len(left_out), limits.fiducials)
@@ -208,25 +212,34 @@ def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Proble
 
 
 def _views(document: DesignDocument) -> list[Problem]:
-    """Views that may be aimed otherwise are aimed, each is named once, and their sources stay before the detector."""
+    """Views that may be aimed otherwise are aimed, each is named once, and their sources stay before the detector; the
+    view that may be added has a name of its own, and the same holds of the one that it is a copy of."""
     assert document.optimise is not None
-    wanted, views = document.optimise.views or [], {view.name: view for view in document.views}
-    problems = find_duplicates([free.view for free in wanted], "/optimise/views/{}/view".format, "entries")
-    for index, free in enumerate(wanted):
-        pointer, view = f"/optimise/views/{index}", views.get(free.view)
-        problems += find_unknown(f"{pointer}/view", "view", free.view, list(views))
+    views = {view.name: view for view in document.views}
+    entries = document.optimise.views or []
+    turned = {index: each.view for index, each in enumerate(entries) if isinstance(each, FreeView)}
+    problems = find_duplicates(
+        list(turned.values()), lambda index: f"/optimise/views/{list(turned)[index]}/view", "entries"
+    )
+    for index, each in enumerate(entries):
+        field, name = ("like", each.like) if isinstance(each, AddedView) else ("view", each.view)
+        pointer, view = f"/optimise/views/{index}", views.get(name)
+        if isinstance(each, AddedView) and each.add in views:
+            detail, hint = f"the design has a view {each.add!r} already", "give the new one another name"
+            problems.append(Problem(f"{pointer}/add", "duplicate-name", detail, hint))
+        problems += find_unknown(f"{pointer}/{field}", "view", name, list(views))
         if isinstance(view, PresetView | DistanceView):
             preset = PRESETS.get(view.preset) if isinstance(view, PresetView) else None
             detector_mm = view.source_detector_mm or (preset and preset.source_detector_mm)
-            if free.source_isocentre_mm and detector_mm and free.source_isocentre_mm[1] >= detector_mm:
-                detail = f"{free.source_isocentre_mm[1]:g} mm is not below the {detector_mm:g} mm to the detector"
+            if each.source_isocentre_mm and detector_mm and each.source_isocentre_mm[1] >= detector_mm:
+                detail = f"{each.source_isocentre_mm[1]:g} mm is not below the {detector_mm:g} mm to the detector"
                 problems.append(Problem(f"{pointer}/source_isocentre_mm/1", "distance-order", detail))
         elif view is not None:
-            detail = (
-                f"{free.view} is given by a matrix or by intrinsics and a pose, which say nothing of how it is aimed"
+            detail = f"{name} is given by a matrix or by intrinsics and a pose, which say nothing of how it is aimed"
+            hint = "give it by a preset or by distances, or " + (
+                "name another" if field == "like" else "leave it as it is"
             )
-            hint = "give it by a preset or by distances, or leave it as it is"
-            problems.append(Problem(f"{pointer}/view", "not-aimed", detail, hint))
+            problems.append(Problem(f"{pointer}/{field}", "not-aimed", detail, hint))
     return problems
 
 

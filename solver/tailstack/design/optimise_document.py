@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from .fields import Direction, Distance, HalfWidth, HalfWidthDegrees, Length, Name, Point, Record, refusal
 
@@ -46,6 +46,15 @@ class Survive(Record):
     )
 
 
+_Reach = Annotated[tuple[Distance, Distance], Field(strict=False)]
+
+
+def _check_reach(reach_mm: tuple[float, float] | None) -> None:
+    if reach_mm is not None and reach_mm[0] > reach_mm[1]:
+        low, high = reach_mm
+        raise refusal("out-of-range", f"the smallest, {low:g}, is above {high:g}", at="source_isocentre_mm")
+
+
 class FreeView(Record):
     """A view whose beam may turn, or whose source may come nearer or go further."""
 
@@ -58,7 +67,7 @@ class FreeView(Record):
         "Default 0.",
         examples=[30.0],
     )
-    source_isocentre_mm: Annotated[tuple[Distance, Distance], Field(strict=False)] | None = Field(
+    source_isocentre_mm: _Reach | None = Field(
         default=None,
         description="Smallest and largest distance from its source to isocentre_mm, mm; that to the detector stays. "
         "Default: as it is.",
@@ -69,10 +78,52 @@ class FreeView(Record):
     def _check_freedom(self) -> FreeView:
         if self.cone_deg == 0 and self.source_isocentre_mm is None:
             raise refusal("nothing-free", "give cone_deg above zero, source_isocentre_mm or both", "cone_deg: 30")
-        if self.source_isocentre_mm is not None and self.source_isocentre_mm[0] > self.source_isocentre_mm[1]:
-            low, high = self.source_isocentre_mm
-            raise refusal("out-of-range", f"the smallest, {low:g}, is above {high:g}", at="source_isocentre_mm")
+        _check_reach(self.source_isocentre_mm)
         return self
+
+
+class AddedView(Record):
+    """A view that the design does not have: it is added where it saves more than its price."""
+
+    add: Name = Field(description="Name of the new view; no view of the design has it.", examples=["OBL"])
+    like: Name = Field(
+        description="The aimed view that it is a copy of, isocentre, detector, noise and all, but for its direction.",
+        examples=["AP"],
+    )
+    price: Annotated[float, Field(ge=0, le=1e9)] = Field(
+        description="What it costs, in the unit of what is minimised. It is added where it saves more than that, or "
+        "where no design keeps the limits without it.",
+        examples=[300.0],
+    )
+    cone_deg: Annotated[float, Field(gt=0, le=90)] = Field(
+        default=90.0,
+        description="How far its beam may be turned from that of `like` about isocentre_mm, deg; the image turns with "
+        "it. Default 90: half of all directions, and the others are nearly the same from behind.",
+        examples=[60.0],
+    )
+    source_isocentre_mm: _Reach | None = Field(
+        default=None,
+        description="Smallest and largest distance from its source to isocentre_mm, mm. Default: that of `like`.",
+        examples=[[600.0, 800.0]],
+    )
+
+    @model_validator(mode="after")
+    def _check_distances(self) -> AddedView:
+        _check_reach(self.source_isocentre_mm)
+        return self
+
+
+FREE_VIEW_KINDS: dict[str, type[Record]] = {"<view>": FreeView, "<add>": AddedView}
+
+
+def _free_view_kind(value: Any) -> str:
+    adds = any(field in value for field in ("add", "like", "price")) if isinstance(value, dict) else False
+    return "<add>" if adds or isinstance(value, AddedView) else "<view>"
+
+
+_FreeViewEntry = Annotated[
+    Annotated[FreeView, Tag("<view>")] | Annotated[AddedView, Tag("<add>")], Discriminator(_free_view_kind)
+]
 
 
 class CostCurve(Record):
@@ -313,10 +364,10 @@ class Optimise(Record):
         default=None,
         description="What must hold when fiducials are lost, beside the limits with all of them. Default nothing.",
     )
-    views: Annotated[list[FreeView], Field(min_length=1, max_length=4)] | None = Field(
+    views: Annotated[list[_FreeViewEntry], Field(min_length=1, max_length=4)] | None = Field(
         default=None,
         description="Views that may be aimed otherwise, beside what else is free: the best of a few directions that "
-        "are tried. Default none.",
+        "are tried. One entry may add a view at a price. Default none.",
     )
     min_spacing_mm: _Spacing = Field(
         default=10.0, description="Smallest distance between two fiducials, mm. Default 10.", examples=[12.0]
@@ -368,6 +419,16 @@ class Optimise(Record):
         """The objective, its default filled in."""
         return self.objective or ("cost" if self.frees_tolerances else "quantile")
 
+    @property
+    def free_views(self) -> list[FreeView]:
+        """Views of the design that may be aimed otherwise."""
+        return [each for each in self.views or () if isinstance(each, FreeView)]
+
+    @property
+    def added_view(self) -> AddedView | None:
+        """The view that may be added."""
+        return next((each for each in self.views or () if isinstance(each, AddedView)), None)
+
     @model_validator(mode="after")
     def _consistent(self) -> Optimise:
         given = [name for name in _REGIONS if getattr(self, name) is not None]
@@ -406,6 +467,18 @@ class Optimise(Record):
             raise refusal("unsupported", "a front is not traced with survive", "objective: cost, or leave out survive")
         if self.views is not None and self.goal == "pareto":
             raise refusal("unsupported", "a front is not traced with views", "objective: cost, or leave out views")
+        added = [index for index, each in enumerate(self.views or ()) if isinstance(each, AddedView)]
+        if added and self.goal != "cost":
+            raise refusal(
+                "unsupported",
+                f"a view is added where it saves more than its price, and objective: {self.goal} saves no cost",
+                "objective: cost with free tolerances; what one more view does to P95 says tailstack study views",
+                at=f"views/{added[0]}/price",
+            )
+        if len(added) > 1:
+            raise refusal(
+                "too-many", "one view is added at a time", "optimise the new design again", at=f"views/{added[1]}"
+            )
         if self.front is not None and self.goal != "pareto":
             raise refusal("unused-field", "front is read only with objective: pareto", at="front")
         graded = [index for index, free in enumerate(self.tolerances) if free.grades is not None]

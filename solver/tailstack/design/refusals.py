@@ -11,9 +11,10 @@ from pydantic import BaseModel, ValidationError
 from ..cures import ask_meant, cure_list, cure_range, cure_text, find_nearest
 from ..errors import DesignError, Problem
 from .document import VIEW_KINDS, DesignDocument, Pose
+from .optimise_document import FREE_VIEW_KINDS
 from .reading import Limits, Source, Vast, show
 
-_TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
+_TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, **FREE_VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
 _WANTED = {
     "float_type": "a number",
     "float_parsing": "a number",

@@ -1,7 +1,8 @@
 """The optimiser's course on one page: from a design document to a better one, verified before it is called that.
 
 ====================  =========================================================================================
-views                 where they are free: which way they look, a search around all that follows (``views``)
+views                 where they are free: which way they look, a search around all that follows (``views``); where
+                      one may be added: all of it with and without (``offer``)
 problem               what may change and what must hold (``request``, ``problem``); what no search could meet is
                       refused at once (``task``, ``contradictions``, ``explain``)
 starts                layouts to start from (``starts``)
@@ -25,13 +26,15 @@ from typing import Protocol
 import numpy as np
 
 from ..design import Design
+from ..design.optimise_document import AddedView
 from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, FrontPoint, Optimisation
 from .alternatives import trace_front, value_placement
+from .offer import weigh_offer
 from .placement import settle
 from .reporting import add_aims, report
 from .search import Control, Progress, Search, Stop, search
-from .task import Task, frees_views, locate_refusals, read_task
+from .task import Task, locate_refusals, read_task
 from .tightening import CheckSettings, VerifiedOptimum, tighten
 from .views import aim_views
 
@@ -61,19 +64,26 @@ def optimise(
     converged).
     """
     control = Control(threads, progress, stop)
-    if frees_views(design):
+
+    def optimise_aimed(each: Design, follow: Control) -> Optimisation:
+        task = read_task(each, seed=seed, starts=starts)
+        return optimise_task(task, LocalSearcher(task, follow), follow)
+
+    def optimise_views(each: Design, aims: Control, rest: Control, added: AddedView | None = None) -> Optimisation:
+        """With its views aimed first, where some are free."""
+        if not (each.document.optimise and each.document.optimise.free_views):
+            return optimise_aimed(each, rest)
         silent = replace(control, progress=None)
         with locate_refusals(design):
             aimed, record = aim_views(
-                design, lambda each: least_objective(read_task(each, seed=seed, starts=starts), silent), control
+                each, lambda one: least_objective(read_task(one, seed=seed, starts=starts), silent), aims, added
             )
-        return add_aims(_optimise_aimed(aimed, seed, starts, control), design, record)
-    return _optimise_aimed(design, seed, starts, control)
+        return add_aims(optimise_aimed(aimed, rest), design, record)
 
-
-def _optimise_aimed(design: Design, seed: int | None, starts: int | None, control: Control) -> Optimisation:
-    task = read_task(design, seed=seed, starts=starts)
-    return optimise_task(task, LocalSearcher(task, control), control)
+    added = None if design.document.optimise is None else design.document.optimise.added_view
+    if added is None:
+        return optimise_views(design, control, control)
+    return weigh_offer(design, added, optimise_views, control)
 
 
 def least_objective(task: Task, control: Control) -> float:

@@ -29,6 +29,7 @@ from ..scoring import vector3
 from ..system import System
 from .certificate import bound_cost, name_binding, price_bounds
 from .exact_law import exact_quantile
+from .explain import influence_of
 from .placement import PlacementSolution
 from .prices import cost_of
 from .problem import Choice, Demand, PlacementProblem, for_people, in_words, label_of, present_choice
@@ -121,8 +122,19 @@ def report(
 
 def add_aims(found: Optimisation, design: Design, search: ViewSearch) -> Optimisation:
     """An optimisation with views aimed beforehand as one of the design whose views were free."""
-    before = _p95_before(read_request(design).problem)
-    return replace(found, p95_before_mm=before, design_before=design_to_data(design), aimed=search)
+    problem = read_request(design).problem
+    return replace(
+        found,
+        p95_before_mm=_p95_before(problem),
+        influence=influence_of(problem),
+        design_before=design_to_data(design),
+        aimed=search,
+    )
+
+
+def find_p95_mm(design: Design) -> float | None:
+    """Largest first-order P95 of what is limited in a design as it stands; None where its layout determines none."""
+    return _p95_before(read_request(design).problem)
 
 
 def _p95_before(problem: PlacementProblem) -> float | None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..design import Design
 from ..design.document import PresetView
-from ..design.optimise_document import FreeView
+from ..design.optimise_document import AddedView, FreeView
 from ..design.presets import PRESETS
 from ..errors import NotConvergedError, TailstackError
 from ..geometry.camera import list_turns, turn_view
@@ -28,7 +28,7 @@ from .request import read_request
 from .search import SAME, Control
 
 MOST_SOLVED = 25  # aims at which everything else is optimised
-GRID = 3  # steps from the middle of the cone to its edge: 29 directions
+GRID, LARGEST_STEP_DEG = 3, 15.0  # steps from the middle of the cone to its edge, more in a wide one: 29 to 113 turns
 FIRST, LAST = 1 / 2, 1 / 8  # steps of the compass, in those of the grid
 
 Solve = Callable[[Design], float]  # the objective of a design whose views are fixed; raises what refuses it
@@ -46,9 +46,12 @@ class Aim:
 Aims = tuple[Aim, ...]  # of every free view
 
 
-def aim_views(design: Design, solve: Solve, control: Control) -> tuple[Design, ViewSearch]:
+def aim_views(
+    design: Design, solve: Solve, control: Control, added: AddedView | None = None
+) -> tuple[Design, ViewSearch]:
     """The design with its free views aimed best among what is tried, and the record of that.
 
+    added: what one of them was written into the design by; it is no view that could stay as it is.
     Raises what ``solve`` raises of the design as it stands where no aim gives a design.
     """
     search = AimSearch(design, solve, control)
@@ -68,9 +71,9 @@ def aim_views(design: Design, solve: Solve, control: Control) -> tuple[Design, V
         _compare(design, free.view, aim, distance)
         for free, aim, distance in zip(search.free, best, present, strict=True)
     )
-    may_stay = present == tuple(aim.source_isocentre_mm for aim in start)
+    may_stay = added is None and present == tuple(aim.source_isocentre_mm for aim in start)
     as_aimed = search.solve_at(start) if may_stay else inf
-    return search.aim(best), _record(search, views, as_aimed, search.solve_at(best))
+    return search.aim(best), _record(search, views, as_aimed, search.solve_at(best), added)
 
 
 @dataclass(slots=True)
@@ -88,13 +91,13 @@ class AimSearch:
 
     def __post_init__(self) -> None:
         request = read_request(self.design)
-        self.requirements, self.free = request.problem.requirements, list(request.section.views or ())
+        self.requirements, self.free = request.problem.requirements, request.section.free_views
 
     def aim(self, aims: Aims) -> Design:
         """The design with its views so aimed.  Raises DesignError."""
         written: list[dict[str, Any]] = [dict(view) for view in self.design.source.data["views"]]
         for free, aim in zip(self.free, aims, strict=True):
-            place, view = _find(self.design, free.view)
+            place, view = find_view(self.design, free.view)
             if aim.right_deg or aim.up_deg:
                 written[place].pop("orientation", None)
                 turned = turn_view(np.array(view.beam), np.array(view.up_direction), aim.right_deg, aim.up_deg)
@@ -107,7 +110,7 @@ class AimSearch:
         """The aim with the smallest P95 over its limit, one view after another, everything else as it stands."""
         best, least = start, self._score(start)
         for place, free in enumerate(self.free):
-            step = free.cone_deg / GRID
+            step = _step_deg(free)
             turns = list_turns(free.cone_deg, step) if step else [(0.0, 0.0)]
             limits = free.source_isocentre_mm or ()
             distances = sorted({start[place].source_isocentre_mm, *limits})
@@ -164,7 +167,7 @@ class AimSearch:
 
     def _neighbours(self, aims: Aims, steps: float) -> Iterator[Aims]:
         for place, (free, aim) in enumerate(zip(self.free, aims, strict=True)):
-            turn = steps * free.cone_deg / GRID
+            turn = steps * _step_deg(free)
             low, high = free.source_isocentre_mm or (aim.source_isocentre_mm,) * 2
             move = steps * (high - low) / 2
             for name, step in (("right_deg", turn), ("up_deg", turn), ("source_isocentre_mm", move)):
@@ -176,19 +179,24 @@ class AimSearch:
                         yield (*aims[:place], near, *aims[place + 1 :])
 
 
-def _find(design: Design, name: str) -> tuple[int, Any]:
+def _step_deg(free: FreeView) -> float:
+    """Of the grid in the cone of a view."""
+    return min(free.cone_deg / GRID, LARGEST_STEP_DEG)
+
+
+def find_view(design: Design, name: str) -> tuple[int, Any]:
     return next((place, view) for place, view in enumerate(design.document.views) if view.name == name)
 
 
 def _present_distance(design: Design, name: str) -> float:
-    view = _find(design, name)[1]
+    view = find_view(design, name)[1]
     if isinstance(view, PresetView) and view.source_isocentre_mm is None:
         return float(PRESETS[view.preset].source_isocentre_mm or 0.0)  # loading has made sure that it is stated
     return float(view.source_isocentre_mm)
 
 
 def _compare(design: Design, name: str, aim: Aim, before_mm: float) -> AimedView:
-    view = _find(design, name)[1]
+    view = find_view(design, name)[1]
     beam, up = np.array(view.beam, dtype=float), np.array(view.up_direction)
     turned = turn_view(beam, up, aim.right_deg, aim.up_deg)[0] if aim.right_deg or aim.up_deg else view.beam
     angle = degrees(acos(min(float(unit(beam) @ unit(np.array(turned, dtype=float))), 1.0)))
@@ -200,10 +208,14 @@ def _vector(values: Any) -> Vector3:
     return x, y, z
 
 
-def _record(search: AimSearch, views: tuple[AimedView, ...], as_aimed: float, objective: float) -> ViewSearch:
+def _record(
+    search: AimSearch, views: tuple[AimedView, ...], as_aimed: float, objective: float, added: AddedView | None
+) -> ViewSearch:
     said = []
     for view in views:
         what = [f"turned by {view.turn_deg:.1f} deg"] if view.turn_deg else []
+        if added is not None and view.view == added.add:
+            what = [f"{view.turn_deg:.1f} deg from {added.like}"]
         if view.source_isocentre_mm != view.source_isocentre_before_mm:
             what.append(f"its source at {view.source_isocentre_mm:g} instead of {view.source_isocentre_before_mm:g} mm")
         said.append(f"{view.view} is {' and '.join(what) or 'left as it was'}")

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         Relaxation,
         ShadowPrice,
         SurvivedLoss,
+        ViewOffer,
         ViewSearch,
     )
     from .score import (
@@ -70,7 +71,7 @@ _HOME = {
         (
             "Certificate", "ChangedSpacing", "ChangedTolerance", "CountTried", "FrontPoint", "LocalOptimum",
             "MovedFiducial", "MovedPivot", "Optimisation", "PlacementValue", "Relaxation", "ShadowPrice",
-            "SurvivedLoss", "AimedView", "ViewSearch",
+            "SurvivedLoss", "AimedView", "ViewSearch", "ViewOffer",
         ),
         "optimisation",
     ),
@@ -144,6 +145,7 @@ __all__ = [
     "Verdict",
     "Verification",
     "ViewCheck",
+    "ViewOffer",
     "ViewSearch",
     "headline_of",
 ]

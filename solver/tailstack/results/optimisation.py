@@ -81,7 +81,7 @@ class ChangedSpacing:
 
 @dataclass(frozen=True, slots=True)
 class AimedView:
-    """A view that was free to be aimed otherwise."""
+    """A view that was free to be aimed otherwise, or that was added: what it was before is then that of its model."""
 
     view: str
     """Name of the view."""
@@ -110,11 +110,45 @@ class ViewSearch:
     refused: int
     """How many of these gave no design: what they hide, or a limit out of reach."""
     objective_as_aimed: float | None
-    """Objective by the closed form with the views as they were; null: no design there, or they may not stay so."""
+    """Objective by the closed form with the views as they were; null: no design there, they may not stay so, or one was
+    added.
+    """
     objective: float
     """Objective by the closed form with the views of the new design."""
     sentence: str
     """The same in words, and that it is the best of what was tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class ViewOffer:
+    """A view that could be added at a price: the cheapest designs with it and without it, both verified."""
+
+    view: str
+    """Name of the view."""
+    like: str
+    """The view that it is a copy of, but for its direction and distance."""
+    price: float
+    """What it costs."""
+    added: bool
+    """Whether the new design has it."""
+    cost_without: float | None
+    """Least cost found without it; null: no design keeps the limits, or none was found."""
+    cost_with: float | None
+    """Least cost found with it, its price not included; null as above."""
+    worth: float | None
+    """The price below which it pays: what it saves; null where one of the costs is."""
+    beam_direction: Vector3 | None
+    """From its source to its detector, in con, where it was aimed best; null without a design with it."""
+    up_direction: Vector3 | None
+    """The direction in con that is up in its image then."""
+    source_isocentre_mm: float | None
+    """From its source to its isocentre then, mm."""
+    p95_without_mm: float | None
+    """First-order P95 of the worst target of the design as it stood, mm; null: its layout does not determine it."""
+    p95_with_mm: float | None
+    """The same with this view so aimed and all else as it stood, mm; null without such a view."""
+    sentence: str
+    """What was decided, and why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,7 +329,7 @@ class Optimisation(Result):
     cost_before: float | None
     """Cost of the design as it stood, in the unit of its prices; null: some of it has no price."""
     cost_after: float
-    """Cost of the new design."""
+    """Cost of the new design, that of a view that was added included."""
     cost_closed_form: float | None
     """Cost of the optimum by the smooth closed form that drives the search; null where no cost is minimised."""
     cost_exact_law: float | None
@@ -344,6 +378,8 @@ class Optimisation(Result):
     """Of all requirements of the new design, asked for or not: that of the check's verdict."""
     aimed: ViewSearch | None = None
     """How the views of `optimise.views` were aimed; null where none was free. All else holds for the views so aimed."""
+    view_offer: ViewOffer | None = None
+    """What became of a view that `optimise.views` may add at a price; null where it names none."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "verdict_status", self.certificate.verification.verdict.status)

@@ -231,6 +231,7 @@ from .verification_request_method import VerificationRequestMethod
 from .version import Version
 from .view_check import ViewCheck
 from .view_map import ViewMap
+from .view_offer import ViewOffer
 from .view_search import ViewSearch
 
 __all__ = (
@@ -465,5 +466,6 @@ __all__ = (
     "Version",
     "ViewCheck",
     "ViewMap",
+    "ViewOffer",
     "ViewSearch",
 )

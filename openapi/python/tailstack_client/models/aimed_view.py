@@ -16,7 +16,7 @@ T = TypeVar("T", bound="AimedView")
 
 @_attrs_define
 class AimedView:
-    """A view that was free to be aimed otherwise.
+    """A view that was free to be aimed otherwise, or that was added: what it was before is then that of its model.
 
     Attributes:
         view (str): Name of the view.

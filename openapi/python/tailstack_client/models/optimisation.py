@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..models.provenance import Provenance
     from ..models.shadow_price import ShadowPrice
     from ..models.survived_loss import SurvivedLoss
+    from ..models.view_offer import ViewOffer
     from ..models.view_search import ViewSearch
 
 
@@ -48,7 +49,7 @@ class Optimisation:
             objective (str): What was minimised, in a sentence.
             cost_before (float | None): Cost of the design as it stood, in the unit of its prices; null: some of it has no
                 price.
-            cost_after (float): Cost of the new design.
+            cost_after (float): Cost of the new design, that of a view that was added included.
             cost_closed_form (float | None): Cost of the optimum by the smooth closed form that drives the search; null
                 where no cost is minimised.
             cost_exact_law (float | None): Cost of the optimum by the exact law at the limit itself, before the check's
@@ -78,6 +79,8 @@ class Optimisation:
                 check's verdict. Default: 'pass'.
             aimed (None | ViewSearch): How the views of `optimise.views` were aimed; null where none was free. All else
                 holds for the views so aimed.
+            view_offer (None | ViewOffer): What became of a view that `optimise.views` may add at a price; null where it
+                names none.
     """
 
     schema: Literal["tailstack/optimisation/1"]
@@ -107,6 +110,7 @@ class Optimisation:
     survived: None | SurvivedLoss
     not_asked: list[str]
     aimed: None | ViewSearch
+    view_offer: None | ViewOffer
     verdict_status: OptimisationVerdictStatus = "pass"
 
     def to_dict(self) -> dict[str, Any]:
@@ -124,6 +128,7 @@ class Optimisation:
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
         from ..models.survived_loss import SurvivedLoss  # noqa: PLC0415
+        from ..models.view_offer import ViewOffer  # noqa: PLC0415
         from ..models.view_search import ViewSearch  # noqa: PLC0415
 
         schema = self.schema
@@ -223,6 +228,12 @@ class Optimisation:
         else:
             aimed = self.aimed
 
+        view_offer: dict[str, Any] | None
+        if isinstance(self.view_offer, ViewOffer):
+            view_offer = self.view_offer.to_dict()
+        else:
+            view_offer = self.view_offer
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -255,6 +266,7 @@ class Optimisation:
                 "not_asked": not_asked,
                 "verdict_status": verdict_status,
                 "aimed": aimed,
+                "view_offer": view_offer,
             }
         )
 
@@ -276,6 +288,7 @@ class Optimisation:
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.shadow_price import ShadowPrice  # noqa: PLC0415
         from ..models.survived_loss import SurvivedLoss  # noqa: PLC0415
+        from ..models.view_offer import ViewOffer  # noqa: PLC0415
         from ..models.view_search import ViewSearch  # noqa: PLC0415
 
         d = dict(src_dict)
@@ -443,6 +456,21 @@ class Optimisation:
 
         aimed = _parse_aimed(d.pop("aimed"))
 
+        def _parse_view_offer(data: object) -> None | ViewOffer:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                view_offer_type_0 = ViewOffer.from_dict(data)
+
+                return view_offer_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(None | ViewOffer, data)
+
+        view_offer = _parse_view_offer(d.pop("view_offer"))
+
         optimisation = cls(
             schema=schema,
             status=status,
@@ -472,6 +500,7 @@ class Optimisation:
             not_asked=not_asked,
             verdict_status=verdict_status,
             aimed=aimed,
+            view_offer=view_offer,
         )
 
         return optimisation

@@ -27,7 +27,7 @@ class ViewSearch:
         solved (int): Ways to aim them at which everything else was optimised.
         refused (int): How many of these gave no design: what they hide, or a limit out of reach.
         objective_as_aimed (float | None): Objective by the closed form with the views as they were; null: no design
-            there, or they may not stay so.
+            there, they may not stay so, or one was added.
         objective (float): Objective by the closed form with the views of the new design.
         sentence (str): The same in words, and that it is the best of what was tried.
     """

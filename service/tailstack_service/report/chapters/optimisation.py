@@ -53,6 +53,7 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
         requirements=requirements_table(check.verdict),
         matters=(
             *others_sentences(found),
+            *(() if found.view_offer is None else (found.view_offer.sentence,)),
             binding,
             *(sentence_of(price.sentence) for price in found.shadow_prices[:2]),
         ),
@@ -157,6 +158,20 @@ def change_blocks(found: Optimisation) -> tuple[Block, ...]:
             Table("Fiducials", "Fiducials that could move, frame con", (Column("Fiducial"), *axes), tuple(moved),
                   "Before empty: new; after empty: left out.")
         )  # fmt: skip
+    if found.view_offer is not None:
+        offer = found.view_offer
+        either = [
+            Row((what, cost, price, None if cost is None else cost + price, p95_mm))
+            for what, cost, price, p95_mm in (
+                (f"without {offer.view}", offer.cost_without, 0.0, offer.p95_without_mm),
+                (f"with {offer.view}", offer.cost_with, offer.price, offer.p95_with_mm),
+            )
+        ]
+        headings = (
+            Column("Design"), Column("Cost", "", "significant", 4), Column("Price of the view", "", "significant", 4),
+            Column("In all", "", "significant", 4), Column("P95 as it stood", "mm", "fixed"),
+        )  # fmt: skip
+        blocks.append(Table("A view more", "The view that could be added", headings, tuple(either), offer.sentence))
     if found.aimed is not None:
         aims = [
             Row((e.view, e.turn_deg, *e.beam_direction, e.source_isocentre_before_mm, e.source_isocentre_mm))

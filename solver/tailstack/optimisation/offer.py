@@ -1,0 +1,134 @@
+"""A view at a price: the best design with it and the best without it, both verified, and the cheaper of the two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Protocol
+
+from ..design import Design, load_design
+from ..design.optimise_document import AddedView
+from ..errors import NotConvergedError, Problem, TailstackError
+from ..results import Optimisation, ViewOffer
+from .reporting import find_p95_mm
+from .search import Control
+from .views import MOST_SOLVED, find_view
+
+STOPPED = NotConvergedError(Problem("/optimise/views", "stopped", "the search was stopped on request before that"))
+
+
+class OptimiseViews(Protocol):
+    """The optimiser of a design whose views may be aimed: one control follows that, and one the rest."""
+
+    def __call__(self, each: Design, aims: Control, rest: Control, added: AddedView | None = None) -> Optimisation: ...
+
+
+def weigh_offer(design: Design, added: AddedView, optimise: OptimiseViews, control: Control) -> Optimisation:
+    """The cheaper of both designs, the price counted; that without the view where they cost the same.
+
+    Raises what refuses the design without the view, and with it, where there is neither.
+    """
+    first, second = (control.for_part(part, 2) for part in (0, 1))
+    first.report("view", 0, MOST_SOLVED, None)
+    without = _attempt(lambda: optimise(design, first, replace(control, progress=None)))
+    found: Optimisation | TailstackError = STOPPED
+    if not control.stops():
+        found = _attempt(lambda: optimise(add_view(design, added), second, control, added))
+    if not isinstance(found, TailstackError):
+        return _choose(design, added, without, found)
+    if isinstance(without, TailstackError):
+        raise _refuse(design, without, found)
+    words = f"{added.add} is left out: no design with it was found. {_reason(found)}."
+    return _record(without, ViewOffer(
+        view=added.add, like=added.like, price=added.price, added=False, cost_without=without.cost_after,
+        cost_with=None, worth=None, beam_direction=None, up_direction=None, source_isocentre_mm=None,
+        p95_without_mm=find_p95_mm(design), p95_with_mm=None, sentence=words,
+    ))  # fmt: skip
+
+
+def add_view(design: Design, added: AddedView) -> Design:
+    """The design with the view written into it, aimed like its model, and free as far as its entry says.
+
+    Raises DesignError, LimitError.
+    """
+    data = design.source.data
+    free: dict[str, Any] = {"view": added.add, "cone_deg": added.cone_deg}
+    if added.source_isocentre_mm is not None:
+        free["source_isocentre_mm"] = list(added.source_isocentre_mm)
+    entries = [free if "add" in entry else entry for entry in data["optimise"]["views"]]
+    model = data["views"][find_view(design, added.like)[0]]
+    written = {**data, "views": [*data["views"], {**model, "name": added.add}]}
+    written["optimise"] = {**data["optimise"], "views": entries}
+    return load_design(written, base_directory=design.source.directory)
+
+
+def _attempt(optimise: Callable[[], Optimisation]) -> Optimisation | TailstackError:
+    try:
+        return optimise()
+    except TailstackError as refusal:
+        return refusal
+
+
+def _choose(
+    design: Design, added: AddedView, without: Optimisation | TailstackError, found: Optimisation
+) -> Optimisation:
+    """The cheaper of the two, or the only one; what the view does to the design as it stood beside that."""
+    view = find_view(load_design(found.design), added.add)[1]
+    p95_mm, p95_with_mm = find_p95_mm(design), _find_p95_with(design, added, found)
+    assert found.aimed is not None  # what was added is free
+    aim = next(each for each in found.aimed.views if each.view == added.add)
+    cost_without = worth = None
+    if isinstance(without, TailstackError):
+        words = f"{added.add} is added, whatever its price: there is no design without it. {_reason(without)}. "
+        words += f"With it the design costs {found.cost_after:.5g}, and {added.price:.5g} for the view"
+    else:
+        cost_without = without.cost_after
+        worth = cost_without - found.cost_after
+        words = f"{added.add} is {'added' if worth > added.price else 'left out'}: with it the design costs "
+        words += f"{found.cost_after:.5g}, without it {cost_without:.5g}, so it is "
+        words += f"worth a price of up to {worth:.5g}; it" if worth > 0 else "worth no price; it"
+        words += f" costs {added.price:.5g}"
+    if p95_mm is not None and p95_with_mm is not None:
+        words += f". In the design as it stood it takes P95 from {p95_mm:.4g} to {p95_with_mm:.4g} mm"
+    offer = ViewOffer(
+        view=added.add, like=added.like, price=added.price, added=worth is None or worth > added.price,
+        cost_without=cost_without, cost_with=found.cost_after, worth=worth, beam_direction=aim.beam_direction,
+        up_direction=view.up_direction, source_isocentre_mm=aim.source_isocentre_mm, p95_without_mm=p95_mm,
+        p95_with_mm=p95_with_mm, sentence=f"{words}.",
+    )  # fmt: skip
+    if isinstance(without, TailstackError) or offer.added:
+        return _record(replace(found, cost_after=found.cost_after + added.price), offer)
+    return _record(without, offer)
+
+
+def _find_p95_with(design: Design, added: AddedView, found: Optimisation) -> float | None:
+    """Of the design as it stood, mm, with the view of the new one; None where that hides something of it."""
+    views: Any = found.design["views"]
+    try:
+        return find_p95_mm(add_view(design, added).with_value("/views", [*design.source.data["views"], views[-1]]))
+    except TailstackError:
+        return None
+
+
+def _record(found: Optimisation, offer: ViewOffer) -> Optimisation:
+    objective = f"{found.objective}, the view {offer.view} for {offer.price:g} if it pays"
+    return replace(found, objective=objective, view_offer=offer)
+
+
+def _refuse(design: Design, without: TailstackError, found: TailstackError) -> TailstackError:
+    """What was said of both designs; where the search was stopped, that."""
+    for each in (without, found):
+        if each.problems[0].code == "stopped":
+            return each
+    assert design.document.optimise is not None
+    entry = next(k for k, each in enumerate(design.document.optimise.views or ()) if isinstance(each, AddedView))
+    with_it = Problem(
+        f"/optimise/views/{entry}", found.problems[0].code, f"nor is there one with the view: {_reason(found)}"
+    )
+    return type(without)([*without.problems, with_it])
+
+
+def _reason(refusal: TailstackError) -> str:
+    """The first sentence, with a capital and without its full stop."""
+    detail = refusal.problems[0].detail.rstrip(".").partition(". ")[0]
+    return detail[:1].upper() + detail[1:]
