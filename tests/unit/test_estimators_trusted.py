@@ -8,29 +8,79 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenes import cube_fiducials, random_system, system_of, with_noise
-from tailstack.montecarlo import compile_plan, draw, evaluate
-from tailstack.montecarlo.radial import gains_in_plan_order
-from tailstack.propagation.linear import linearise, linearise_all
+from scenes import cube_fiducials, mount, projection_looking, read_only, system_of, target, with_noise
+from tailstack.montecarlo import compile_plan
+from tailstack.propagation.linear import linearise_all
 from tailstack.scoring import score, trust_of
-from tailstack.system import Estimator, Triangulation
+from tailstack.system import (
+    INTRINSICS,
+    Estimator,
+    IntrinsicsError,
+    Law,
+    Reading,
+    Sources,
+    System,
+    Triangulation,
+    View,
+)
+from validity_trials import ratio
+
+TRIALS = {True: 65_536, False: 6_144}  # in lanes, in the plain form
 
 
-@pytest.mark.parametrize("estimator", [Estimator.POSE, Estimator.POSE_WITH_PRIOR, Estimator.REPROJECTION])
-def test_what_is_called_good_to_one_per_cent_is_within_three_thousandths(estimator):
-    """sampled: 2000 trials of four layouts with two to four views, oblique and biased, first order and the chain in the
-    same deviates, so that chance cancels."""
-    for seed, views in ((21, 2), (22, 3), (23, 4), (24, 2)):
-        system = random_system(np.random.default_rng(seed), fiducials=9 + seed % 3, views=views, estimator=estimator)
-        quiet: dict[str, Any] = {"fiducial_noise_px": 0.15, "target_noise_px": 0.15, "intrinsics_prior": (0.01, 5.0)}
-        known = tuple(replace(view, **quiet) for view in system.views)
-        system = replace(system, views=known)
-        assert trust_of(system, linearise_all(system)).status == "good to 1 %"
-        plan, model = compile_plan(system), linearise(system, system.targets[0])
-        z = draw(plan, 3, np.arange(2000))
-        simulated = np.linalg.norm(evaluate(plan, z)[:, 0, 0], axis=1)
-        linear = np.linalg.norm(z @ gains_in_plan_order(plan, model.blocks, 0, "tcp").T + model.tcp_bias_mm, axis=1)
-        assert np.quantile(simulated, 0.95) / np.quantile(linear, 0.95) == pytest.approx(1, abs=0.003)
+def scene(seed: int, views: tuple[tuple[float, float, float], ...], law: Law, **changes: Any) -> System:
+    """Eight to ten fiducials in a seat that has a known bias and play of this law, each view of a C-arm at an azimuth
+    and a tilt, degrees, and a distance, mm; intrinsics known to 1 % and 5 px, and wrong by as much."""
+    rng = np.random.default_rng(seed)
+    units, half_width = ("1", "px", "px"), read_only([0.01, 5.0, 5.0])
+    sources = Sources(INTRINSICS, (law,) * 3, half_width, np.ones(3), units, read_only(np.eye(3)))
+    error = IntrinsicsError(read_only([0.002, 1.0, -1.0]), sources)
+    taken = tuple(
+        View(f"V{k}", projection_looking(np.deg2rad(azimuth), depth, np.deg2rad(tilt)), 0.4, 0.3, (1536, 1536),
+             intrinsics_prior=(0.01, 5.0), intrinsics_error=error)
+        for k, (azimuth, tilt, depth) in enumerate(views)
+    )  # fmt: skip
+    bias = [*np.deg2rad(rng.normal(0, 2, 3)), *rng.normal(0, 2, 3)]
+    play = [np.deg2rad(0.1)] * 3 + [0.05] * 3
+    return system_of(
+        rng.uniform((-40, -40, -70), (40, 40, 10), (9 + seed % 2, 3)),
+        views=taken,
+        structure_connector=mount("structure_connector", (0, 0, -95), bias=bias, half_width=play, law=law),
+        connector_flange=mount("connector_flange", (0, 0, -145), half_width=play, law=law),
+        targets=(target(rng.uniform(-20, 60, 3)),),
+        **changes,
+    )
+
+
+AP, LAT = (0.0, 0.0, 700.0), (90.0, 0.0, 700.0)
+SCENES = {
+    "two views": scene(1, (AP, LAT), Law.NORMAL),
+    "two views, uniform": scene(2, (AP, LAT), Law.UNIFORM),
+    "two views 30 degrees apart": scene(3, ((10, 5, 650), (40, -10, 750)), Law.NORMAL),
+    "two views, oblique, eq18": scene(9, ((20, 30, 700), (100, -25, 600)), Law.UNIFORM, reading=Reading.EQ18),
+    "three views": scene(5, (AP, (45, 0, 700), LAT), Law.TRIANGULAR),
+    "three views, oblique, uniform": scene(6, ((0, 25, 620), (60, -20, 700), (120, 10, 820)), Law.UNIFORM),
+    "four views": scene(7, (AP, (30, 0, 700), (60, 0, 700), LAT), Law.NORMAL),
+    "four views, oblique, uniform": scene(
+        8, ((0, 20, 700), (50, -20, 650), (100, 15, 800), (140, 0, 700)), Law.UNIFORM
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_what_is_called_good_to_one_per_cent_is_within_three_thousandths(estimator, name):
+    """sampled: first order and the chain in the same deviates, so that chance cancels: the ratio of their P95 has the
+    standard error that eight sections give it by the jackknife, mostly some 0.04 %, of which 3.3 are allowed beside the
+    0.3 % (error rate 10^-3).  Noise is such that nu is about 0.01, or less where part of it is the intrinsics."""
+    system = replace(SCENES[name], estimator=estimator)
+    times = 0.01 / trust_of(system, linearise_all(system)).nu
+    loud = {"fiducial_noise_px": times * 0.4, "target_noise_px": times * 0.3}
+    system = replace(system, views=tuple(replace(view, **loud) for view in system.views))
+    assert trust_of(system, linearise_all(system)).status == "good to 1 %"
+    found, error = ratio(system, "localisation", 0.95, TRIALS[compile_plan(system).in_lanes], 3)
+    assert error < 0.001
+    assert abs(found - 1) < 0.003 + 3.3 * error
 
 
 def test_a_class_that_was_not_sampled_is_not_called_valid():
