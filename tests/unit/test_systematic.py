@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from scenes import projection_looking
-from tailstack import DesignFunction, load_design, optimise, score, score_batch, verify
-from tailstack.design import Design
+from tailstack import DesignFunction, load_design, optimise, score, score_batch, sweep, verify
+from tailstack.design import Design, design_to_yaml
 from tailstack.errors import DesignError, OutOfRangeError
 from tailstack.geometry.image_shifts import outline_shifts
 
@@ -117,6 +117,38 @@ def test_a_known_error_of_assumed_intrinsics_has_a_line_that_says_what_correctin
         assert line.label == f"assumed intrinsics, {name}, known"
         assert line.variance_share == 0
     assert not [c for c in score(demo(tell())).targets[0].contributors if c.law == "known"]
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["temperature.half_width_k", "views.0.intrinsics_error.focal.half_width_rel",
+     "views.0.intrinsics_error.principal_point.half_width_px"],
+)  # fmt: skip
+def test_a_half_width_can_be_varied_from_nought_its_law_beside_it(path: str) -> None:
+    """closed form: a half-width of 0 is as if there were none; what was written can be read again."""
+
+    def declare(data: dict[str, Any]) -> None:
+        data["model"] = {"estimator": "pose"}
+        data["temperature"] = {"structure_expansion_um_per_m_k": 47, "half_width_k": 9, "distribution": "normal"}
+        data["views"][0]["intrinsics_error"] = {
+            "focal": {"half_width_rel": 0.05, "distribution": "uniform"},
+            "principal_point": {"half_width_px": 40, "distribution": "normal", "coverage_factor": 2},
+        }
+
+    def leave_out(data: dict[str, Any]) -> None:
+        declare(data)
+        place = data
+        *way, _ = path.split(".")
+        for step in way:
+            place = place[int(step) if step.isdecimal() else step]
+        for field in (path.rpartition(".")[2], "distribution", "coverage_factor"):
+            place.pop(field, None)
+
+    first, second = sweep(demo(declare), {path: [0.0, 0.9]}).points
+    assert first.targets[0].p95_mm == pytest.approx(score(demo(leave_out)).targets[0].p95_mm, rel=1e-12)
+    assert first.targets[0].p95_mm < second.targets[0].p95_mm
+    nought = demo(declare).with_value(path, 0)
+    assert load_design(design_to_yaml(nought)).sha256 == nought.sha256
 
 
 def test_more_of_each_is_never_less_risk() -> None:

@@ -230,7 +230,8 @@ def _axis_of_flag(text: str) -> tuple[str, dict[str, Any]]:
         return _parse_axis(text)
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"expected PATH=START:STOP:COUNT or PATH=V1,V2,... like views.*.fiducial_noise_px=0.1:0.5:5; got {text!r}"
+            "expected PATH=START:STOP:COUNT or PATH=V1,V2,... with numbers, like views.*.fiducial_noise_px=0.1:0.5:5; "
+            f"got {text!r}"
         ) from None
 
 

@@ -93,7 +93,7 @@ class FocalError(Record):
 
     @model_validator(mode="after")
     def _law(self) -> FocalError:
-        check_law("half_width_rel", bool(self.half_width_rel), self.distribution, self.coverage_factor)
+        check_law(self, "half_width_rel")
         return self
 
 
@@ -115,7 +115,7 @@ class PrincipalPointError(Record):
 
     @model_validator(mode="after")
     def _law(self) -> PrincipalPointError:
-        check_law("half_width_px", bool(self.half_width_px), self.distribution, self.coverage_factor)
+        check_law(self, "half_width_px")
         return self
 
 
@@ -833,14 +833,7 @@ class TemperatureDocument(Record):
 
     @model_validator(mode="after")
     def _law(self) -> TemperatureDocument:
-        if self.half_width_k == 0:
-            for field in ("distribution", "coverage_factor"):
-                if getattr(self, field) is not None:
-                    raise refusal("unused-field", f"{field} is read only with half_width_k", at=field)
-        elif self.distribution is None:
-            raise refusal("missing-field", "half_width_k needs a distribution", "distribution: uniform")
-        else:
-            check_coverage(self.distribution, self.coverage_factor)
+        check_law(self, "half_width_k")
         return self
 
 

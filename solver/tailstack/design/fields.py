@@ -137,13 +137,19 @@ def check_coverage(distribution: str, coverage_factor: float | None, at: str = "
         )
 
 
-def check_law(width: str, wide: bool, distribution: str | None, coverage_factor: float | None) -> None:
-    """A half-width that is not 0 (``wide``) needs a law; without one a law is refused as read by nothing."""
-    if wide and distribution is None:
+def check_law(record: Any, width: str) -> None:
+    """A half-width above 0 needs a law, and a law a half-width that is stated: of 0, so that it can be varied."""
+    if getattr(record, width) and record.distribution is None:
         raise refusal("missing-field", f"{width} needs a distribution", "distribution: uniform")
-    if not wide:
-        for field, value in (("distribution", distribution), ("coverage_factor", coverage_factor)):
-            if value is not None:
-                raise refusal("unused-field", f"{field} is read only with {width}", at=field)
-    elif distribution is not None:
-        check_coverage(distribution, coverage_factor)
+    if record.distribution is not None and width in record.model_fields_set:
+        check_coverage(record.distribution, record.coverage_factor)
+        return
+    for field in ("distribution", "coverage_factor"):
+        if getattr(record, field) is not None:
+            missing = "distribution" if width in record.model_fields_set else width
+            raise refusal(
+                "unused-field",
+                f"{field} is read only with {missing}",
+                f"state {missing}, or leave {field} out",
+                at=field,
+            )

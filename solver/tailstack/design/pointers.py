@@ -67,13 +67,16 @@ def replace_value(data: Any, place: Place, value: Any) -> Any:
 def locate_numbers(data: Any, pointer: str, where: str, refusal: type[TailstackError]) -> tuple[Place, ...]:
     """The places of every number that a pointer leads to.  Raises the refusal, which points at ``where``."""
     places = find_places(data, pointer)
-    hint = suggest(data, pointer) or "what the design leaves to its default is written out to be varied"
+    cure = "what the design leaves to its default is written out to be varied"
     if not places:
+        hint = " ".join(filter(None, (suggest(data, pointer), cure)))
         raise refusal(Problem(where, "not-found", f"the design as it was written has nothing at {pointer}", hint))
     for place in places:
         value = value_at(data, place)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            said = f"{pointer} is {'a text' if isinstance(value, str) else 'not a number'}"
+            said, hint = f"{pointer} is not a number", suggest(data, pointer) or cure
+            if isinstance(value, str):
+                said, hint = f"{pointer} is a text", "write a design for each text, and score them one by one"
             raise refusal(Problem(where, "not-a-number", f"only numbers can be varied; {said}", hint))
     return tuple(places)
 
