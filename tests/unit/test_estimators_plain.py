@@ -73,6 +73,27 @@ def test_the_pose_is_that_of_opencv(cv2):
         )
 
 
+def test_with_nothing_known_of_the_intrinsics_the_estimate_is_opencvs_calibration(cv2):
+    """independent: cv2.calibrateCamera of one image, focal length and principal point free, to what it stops at."""
+    rng = np.random.default_rng(9)
+    points = rng.uniform((-45, -45, -85), (45, 45, 5), (12, 3))
+    view = with_noise(0.3, azimuths_rad=(0.3,))[0]
+    images = project(view.projection, points) + 0.3 * rng.normal(size=(5, 12, 2))
+    camera = split(view.projection)
+    fixed = cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2 + cv2.CALIB_FIX_K3 + cv2.CALIB_ZERO_TANGENT_DIST
+    free = cv2.CALIB_USE_INTRINSIC_GUESS + cv2.CALIB_FIX_ASPECT_RATIO
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 1000, 1e-15)
+    ours = resect_pose(points, images, view, precision=np.zeros(3))
+    for image, estimate in zip(images.astype(np.float32), ours, strict=True):
+        _, intrinsics, _, turns, shifts = cv2.calibrateCamera(
+            [points.astype(np.float32)], [image], (1536, 1536), camera.intrinsics.copy(), None, flags=fixed + free,
+            criteria=stop,
+        )  # fmt: skip
+        theirs = intrinsics @ np.column_stack([cv2.Rodrigues(turns[0])[0], shifts[0]])
+        np.testing.assert_allclose(project(estimate, points), project(theirs, points), rtol=0, atol=1e-3)
+        assert split(estimate).intrinsics[0, 0] == pytest.approx(intrinsics[0, 0], rel=1e-3)
+
+
 @pytest.mark.parametrize("half_mm", [50, 20])
 def test_trials_of_the_pose_have_the_p95_of_the_reference(half_mm):
     """sampled: 8000 trials against 8000 trials of OpenCV's; both intervals are two-sided 95 %."""
