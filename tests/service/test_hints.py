@@ -22,7 +22,9 @@ from tailstack_service.cli.main import build_parser
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.refusals import NEXT, next_command
 from tailstack_service.names import OTHERS, variable
-from tailstack_service.problems import CATALOGUE
+from tailstack_service.operations.sent import read_options
+from tailstack_service.operations.study_comparison import ComparisonStudyOptions
+from tailstack_service.problems import CATALOGUE, RequestError
 from tailstack_service.schemas import TITLES, json_schema
 from tailstack_service.settings import GONE, Settings
 
@@ -222,3 +224,12 @@ def test_there_is_a_hint_to_hold() -> None:
         text.startswith("tailstack verify {file} --trials")
         for text in texts(ROOT / "service" / "tailstack_service" / "console" / "refusals.py")
     )
+
+
+def test_a_text_of_a_request_is_refused_in_the_words_of_a_document() -> None:
+    """A line break in a name was refused as "String should match pattern ..."."""
+    for name, words in (("a\nb", "holds a line break"), ("a" * 500, "has at most 400 characters")):
+        with pytest.raises(RequestError) as caught:
+            read_options(ComparisonStudyOptions, {"measurements": "-", "name": name}, ())
+        assert [problem.code for problem in caught.value.problems] == ["bad-text"]
+        assert words in caught.value.problems[0].detail

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from tailstack.cures import ask_meant, cure_range, cure_text
+from tailstack.cures import ask_meant
 from tailstack.design import Design, load_design
 from tailstack.design.loading import holds_points
 from tailstack.design.reading import (
@@ -22,13 +22,12 @@ from tailstack.design.reading import (
     LOOKS_LIKE_YAML,
     Limits,
     Source,
-    Vast,
     decode,
     point_list_problem,
     read_text,
     show,
 )
-from tailstack.design.refusals import pointer
+from tailstack.design.refusals import describe_value, pointer
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.json_text import write_json
 
@@ -150,54 +149,19 @@ def read_options(kind: type[O], data: dict[str, Any], others: Sequence[str] = ("
         raise RequestError(problems[:25]) from None
 
 
-_WANTED = {
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
-    "float_type": "a number",
-    "bool_type": "true or false",
-    "string_type": "a text",
-    "list_type": "a list",
-    "model_type": "a mapping of fields",
-}
-
-
 def _translate(entry: Any, known: list[str], options: type[Options]) -> Problem:
-    context, kind, value = entry.get("ctx", {}), entry["type"], entry.get("input")
-    pointer = "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in entry["loc"])
-    pointer += str(context.get("at", ""))
+    path, kind = entry["loc"], entry["type"]
     if kind == "extra_forbidden":
-        name = str(entry["loc"][-1])
+        name = str(path[-1])
         hint = ask_meant(name, known, f"known: {', '.join(known)}")
-        return Problem(pointer, "unknown-field", f"there is no option {show(name)[9:]}", hint)
+        return Problem(pointer(path), "unknown-field", f"there is no option {show(name)[9:]}", hint)
     if kind == "missing":
-        detail = f"the field {str(entry['loc'][-1])!r} is required"
-        return Problem(pointer.rpartition("/")[0], "missing-field", detail, "GET /openapi.json describes it")
-    if isinstance(value, Vast):
-        return Problem(pointer, "out-of-range", f"the number is too large; got {show(value)}")
-    field = next((step for step in reversed(entry["loc"]) if isinstance(step, str)), "")
-    if kind in _WANTED:
-        hint = cure_text(value, field) if isinstance(value, str) and "number" in _WANTED[kind] else ""
-        return Problem(pointer, "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}", hint)
-    if kind == "finite_number":
-        return Problem(pointer, "not-finite", f"must be a finite number; got {show(value)}")
-    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
-        word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
-        limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
-        hint = cure_range(value, field, **{"most" if kind.startswith("less") else "least": limit})
-        return Problem(pointer, "out-of-range", f"must be {word} {limit}; got {show(value)}", hint)
-    if kind == "literal_error":
-        words = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
-        detail = f"must be {context['expected']}; got {show(value)}"
-        return Problem(pointer, "unknown-value", detail, ask_meant(str(value), words))
-    if kind in ("too_short", "too_long"):
-        word, bound = ("at least", "min_length") if kind == "too_short" else ("at most", "max_length")
-        many = f"{context[bound]} {'entry' if context[bound] == 1 else 'entries'}"
-        detail = f"needs {word} {many}; got {show(value)}"
-        return Problem(pointer, kind.replace("_", "-"), detail, _example(entry["loc"], options))
-    if kind in ("string_too_short", "string_too_long"):
-        bound = "must not be empty" if kind == "string_too_short" else f"has at most {context['max_length']} characters"
-        return Problem(pointer, "bad-text", f"the text {bound}; got {show(value)}", _example(entry["loc"], options))
-    return Problem(pointer, kind.replace("_", "-"), f"{entry['msg']}")
+        detail = f"the field {str(path[-1])!r} is required"
+        return Problem(pointer(path[:-1]), "missing-field", detail, "GET /openapi.json describes it")
+    problem = describe_value(entry, path)
+    if kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
+        return replace(problem, hint=_example(path, options))
+    return problem
 
 
 def _example(path: tuple[str | int, ...], options: type[Options]) -> str:

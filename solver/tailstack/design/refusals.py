@@ -118,8 +118,6 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
     kind, value, context = entry["type"], entry.get("input"), entry.get("ctx", {})
     if kind == "extra_forbidden":
         return _refuse_unknown(raw, path, value, root)
-    if isinstance(value, Vast):
-        return Problem(pointer(path), "out-of-range", f"the number is too large; got {show(value)}")
     field = next((step for step in reversed(path) if isinstance(step, str)), "")
     if kind == "missing" and isinstance(path[-1], int):
         detail = f"the list has too few entries; got {show(value)}"
@@ -127,45 +125,56 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
     if kind == "missing":
         example = _example(raw, root)
         return Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
-    if kind in _WANTED:
-        hint = ""
+    problem, hint = describe_value(entry, path), ""
+    if problem.code == "wrong-type" and kind in _WANTED:
         if value in (float("inf"), float("-inf")):
             return Problem(pointer(path), "out-of-range", "the number is too large")
         owner = _model_at(raw, root)
         if owner is not None and kind.startswith("model"):
             hint = "fields: " + ", ".join(info.alias or name for name, info in owner.model_fields.items())
-        if isinstance(value, str) and "number" in _WANTED[kind]:
-            hint = cure_text(value, field)
         if kind == "string_type" and isinstance(value, int | float):
             hint = "put it in quotes"
-        return Problem(pointer(path), "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}", hint)
+    elif kind in ("too_short", "too_long"):
+        most = context.get("max_length")
+        hint = _cure_matrix(field, value) or (cure_list(value, most) if kind == "too_long" and most else "")
+    elif kind in ("wrong-type", "view-geometry", "unknown-value"):
+        return replace(problem, detail=f"{problem.detail}; got {show(value)}")
+    return replace(problem, hint=problem.hint or hint)
+
+
+def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
+    """What one of pydantic's errors says of a value at a path, in our words: any but a field's absence or name."""
+    kind, value, context, at = entry["type"], entry.get("input"), entry.get("ctx", {}), pointer(path)
+    field = next((step for step in reversed(path) if isinstance(step, str)), "")
+    if isinstance(value, Vast):
+        return Problem(at, "out-of-range", f"the number is too large; got {show(value)}")
+    if kind in _WANTED:
+        hint = cure_text(value, field) if isinstance(value, str) and "number" in _WANTED[kind] else ""
+        return Problem(at, "wrong-type", f"expected {_WANTED[kind]}; got {show(value)}", hint)
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
         limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
-        bound = {"most" if kind.startswith("less") else "least": limit}
-        hint = cure_range(value, field, **bound)
-        return Problem(pointer(path), "out-of-range", f"must be {word} {limit:g}; got {show(value)}", hint)
+        said = f"{limit:g}" if isinstance(limit, float) else limit
+        hint = cure_range(value, field, **{"most" if kind.startswith("less") else "least": limit})
+        return Problem(at, "out-of-range", f"must be {word} {said}; got {show(value)}", hint)
     if kind == "finite_number":
-        return Problem(pointer(path), "not-finite", f"must be a finite number; got {show(value)}")
+        return Problem(at, "not-finite", f"must be a finite number; got {show(value)}")
     if kind in ("literal_error", "enum"):
         words = str(context.get("expected", ""))
         hint = ask_meant(str(value), words.replace("'", "").replace(" or ", ", ").split(", "))
-        return Problem(pointer(path), "unknown-value", f"must be {words}; got {show(value)}", hint)
+        return Problem(at, "unknown-value", f"must be {words}; got {show(value)}", hint)
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         many = f"{'at least' if kind == 'too_short' else 'at most'} {bound} {'entry' if bound == 1 else 'entries'}"
-        hint = _cure_matrix(field, value) or (cure_list(value, bound) if kind == "too_long" and bound else "")
-        return Problem(pointer(path), kind.replace("_", "-"), f"needs {many}; got {show(value)}", hint)
+        return Problem(at, kind.replace("_", "-"), f"needs {many}; got {show(value)}")
     if kind in ("string_too_short", "string_too_long", "string_pattern_mismatch"):
-        detail = {"string_too_short": "must not be empty", "string_too_long": "is too long"}.get(
-            kind, PATTERNS.get(str(context.get("pattern")), "is not of the form that is asked for")
+        most, pattern = context.get("max_length"), str(context.get("pattern"))
+        detail = {"string_too_short": "must not be empty", "string_too_long": f"has at most {most} characters"}.get(
+            kind, PATTERNS.get(pattern, "is not of the form that is asked for")
         )
-        return Problem(pointer(path), "bad-text", f"the text {detail}; got {show(value)}")
-    at = [step for step in str(context.get("at", "")).split("/") if step]
-    message = entry["msg"]
-    if kind in ("wrong-type", "view-geometry", "unknown-value"):
-        message += f"; got {show(value)}"
-    return Problem(pointer([*path, *at]), kind.replace("_", "-"), message, str(context.get("hint", "")))
+        return Problem(at, "bad-text", f"the text {detail}; got {show(value)}")
+    inside = [step for step in str(context.get("at", "")).split("/") if step]
+    return Problem(pointer([*path, *inside]), kind.replace("_", "-"), entry["msg"], str(context.get("hint", "")))
 
 
 _SHAPES = {  # of matrices that were written into a field for another, rows and columns
