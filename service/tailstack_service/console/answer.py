@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tailstack.results import Verdict
+    from tailstack.results.sweep import Sweep
+    from tailstack.studies.linearity import StudyLinearity
 
 PASS, FAIL, BAD_INPUT, NOT_EVALUATED, INCONCLUSIVE, INTERRUPTED = 0, 1, 2, 3, 4, 130
 EXIT_CODE = {"pass": PASS, "no requirement": PASS, "fail": FAIL, "inconclusive": INCONCLUSIVE}
@@ -24,6 +26,11 @@ class Answer:
 
 def exit_code_of(verdict: Verdict) -> int:
     return EXIT_CODE[verdict.status]
+
+
+def exit_code_of_points(record: Sweep | StudyLinearity) -> int:
+    """Of a grid: it was evaluated if any of its points was."""
+    return PASS if any(point.status == "ok" for point in record.points) else NOT_EVALUATED
 
 
 def write_out(body: str | bytes) -> None:

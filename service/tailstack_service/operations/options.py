@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -11,9 +12,11 @@ from tailstack.errors import LimitError, Problem
 from tailstack.precision import FINEST_PRECISION
 
 from ..names import variable
+from ..problems import RequestError
 
 if TYPE_CHECKING:
     from ..settings import Settings
+    from .sent import Request
 
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 
@@ -59,6 +62,22 @@ class CheckOptions(Options):
         if self.trials is not None and self.precision is not None:
             raise PydanticCustomError("one-of", "give trials or precision; both arrived", {"at": "/precision"})
         return self
+
+
+def check_trials(request: Request, settings: Settings) -> None:
+    """Trials within the limit, designs that determine an answer.  Raises Placed, LimitError."""
+    from tailstack.design import check_design
+
+    within(request.options.trials, "max_trials", settings, "/trials")
+    for which in range(len(request.designs)):
+        request.refuse_by(check_design, which)
+
+
+def refuse_unknown_target(name: str | None, names: Sequence[str], pointer: str = "") -> None:
+    """Raises RequestError for a target that the design does not have; None: no target was named."""
+    if name is not None and name not in names:
+        detail = f"no target is called {name!r}; there are {', '.join(names[:20])}"
+        raise RequestError(Problem(pointer, "unknown-target", detail))
 
 
 def within(value: int | None, setting: str, settings: Settings, pointer: str) -> None:

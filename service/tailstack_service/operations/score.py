@@ -6,16 +6,14 @@ import argparse
 
 from pydantic import Field
 
-from tailstack.errors import Problem
 from tailstack.results import Score
 
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_design, read_design
-from ..problems import RequestError
 from .batch import add_batch_arguments, refuse_beside_batch, run_batch
 from .effort import score_reception_seconds
 from .operation import Again, Call, Command, LateImport, Operation, Repetition
-from .options import Options
+from .options import Options, refuse_unknown_target
 
 
 class ScoreOptions(Options):
@@ -78,11 +76,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
             ),
         )
     )
-    names = [target.name for target in record.targets]
-    if arguments.target is not None and arguments.target not in names:
-        listed = ", ".join(names[:20])
-        detail = f"no target is called {arguments.target!r}; there are {listed}"
-        raise RequestError(Problem("", "unknown-target", detail))
+    refuse_unknown_target(arguments.target, [target.name for target in record.targets])
     code = exit_code_of(record.verdict)
     if arguments.json:
         return Answer(to_json(record), code)

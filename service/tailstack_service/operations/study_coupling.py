@@ -19,13 +19,10 @@ from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
 from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
-from .options import Options, Seed, within
+from .options import Options, Seed, check_trials, refuse_unknown_target
 
 if TYPE_CHECKING:
     from tailstack.studies.coupling import StudyCoupling
-
-    from ..settings import Settings
-    from .sent import Request
 
 
 LEAST_TRIALS, MOST_TRIALS = 8192, 2**24  # of each case
@@ -85,14 +82,6 @@ def _study(call: Call) -> StudyCoupling:
     )
 
 
-def _check(request: Request, settings: Settings) -> None:
-    """A design that determines an answer, trials within the limit.  Raises Placed, LimitError."""
-    from tailstack.design import check_design
-
-    within(request.options.trials, "max_trials", settings, "/trials")
-    request.refuse_by(check_design)
-
-
 def _repeat(again: Repetition) -> Again:
     record: StudyCoupling = again.record
     if again.fast:
@@ -150,9 +139,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     names = [target.name for target in compile_design(design).targets]
-    if arguments.target is not None and arguments.target not in names:
-        detail = f"no target is called {arguments.target!r}; there are {', '.join(names[:20])}"
-        raise RequestError(Problem("", "unknown-target", detail))
+    refuse_unknown_target(arguments.target, names)
     pairs = arguments.levels or ()
     options = CouplingOptions(
         levels=[InstallationLevel(rotation_deg=rot, translation_mm=move) for rot, move in pairs] or None,
@@ -181,7 +168,7 @@ OPERATION = Operation(
     example={"levels": [{"rotation_deg": 1.0, "translation_mm": 2.0}], "trials": 8192},
     record=LateImport("tailstack.studies.coupling", "StudyCoupling").load,
     run=_study,
-    check=_check,
+    check=check_trials,
     text=LateImport("..rendering.studies.coupling", "coupling_text"),
     document=LateImport("..report.chapters.studies", "coupling_document"),
     demand=lambda record: Demand(trials=record.trials * len(record.cases), trials_at="/trials", checks=0),

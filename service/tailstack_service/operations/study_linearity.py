@@ -12,15 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from tailstack.errors import Problem
-
-from ..console.answer import NOT_EVALUATED, PASS, Answer
+from ..console.answer import Answer, exit_code_of_points
 from ..console.arguments import add_design, add_figure, add_form, read_design, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
-from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
-from .options import Options, Seed, within
+from .options import Options, Seed, refuse_unknown_target, within
 
 if TYPE_CHECKING:
     from tailstack.studies.linearity import StudyLinearity
@@ -80,15 +77,7 @@ def _check(request: Request, settings: Settings) -> None:
 
     within(request.options.trials, "max_trials", settings, "/trials")
     system, _, _ = request.refuse_by(check_design)
-    names = [target.name for target in system.targets]
-    wanted = request.options.target
-    if wanted is not None and wanted not in names:
-        detail = f"no target is called {wanted!r}; there are {', '.join(names[:20])}"
-        raise RequestError(Problem("/target", "unknown-target", detail))
-
-
-def _exit_code(record: StudyLinearity) -> int:
-    return PASS if any(point.status == "ok" for point in record.points) else NOT_EVALUATED
+    refuse_unknown_target(request.options.target, [target.name for target in system.targets], "/target")
 
 
 def _repeat(again: Repetition) -> Again:
@@ -176,7 +165,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
         study = _study(Call((design,), options, threads=arguments.threads, progress=progress.report))
     if figure is not None:
         write_figure(figure, draw_linearity(study))
-    code = _exit_code(study)
+    code = exit_code_of_points(study)
     if arguments.json:
         return Answer(to_json(study), code)
     return Answer(linearity_csv(study) if arguments.csv else linearity_text(study), code)
@@ -199,7 +188,7 @@ OPERATION = Operation(
     document=LateImport("..report.chapters.studies", "linearity_document"),
     demand=lambda record: Demand(trials=record.trials * len(record.points), trials_at="/trials", checks=0),
     repeat=_repeat,
-    exit_code=_exit_code,
+    exit_code=exit_code_of_points,
     command=Command(_add_arguments, _run),
     threads=True,
 )

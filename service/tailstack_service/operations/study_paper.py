@@ -22,14 +22,11 @@ from ..console.progress import Progress
 from ..examples import example_folder
 from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
-from .options import Options, Seed, within
+from .options import Options, Seed, check_trials
 
 if TYPE_CHECKING:
     from tailstack.design import Design
     from tailstack.studies.paper.reproduce import StudyPaper
-
-    from ..settings import Settings
-    from .sent import Request
 
 
 FITTED = ("fitted_eq18.yaml", "fitted_physical.yaml")
@@ -62,15 +59,6 @@ def _reproduce(fitted: list[Design], other: Design, call: Call) -> StudyPaper:
     cases = [*(Case(compile_design(design), True) for design in fitted), Case(compile_design(other), False)]
     options = call.options
     return study_paper(cases, trials=options.trials, seed=options.seed, threads=call.threads, progress=call.progress)
-
-
-def _check(request: Request, settings: Settings) -> None:
-    """Trials within the limit, a design that determines an answer.  Raises Placed, LimitError."""
-    from tailstack.design import check_design
-
-    within(request.options.trials, "max_trials", settings, "/trials")
-    if request.designs:
-        request.refuse_by(check_design)
 
 
 def _demand(record: StudyPaper) -> Demand:
@@ -155,7 +143,7 @@ OPERATION = Operation(
     example={"trials": LEAST_TRIALS},
     record=LateImport("tailstack.studies.paper.reproduce", "StudyPaper").load,
     run=_study,
-    check=_check,
+    check=check_trials,
     text=LateImport("..rendering.studies.paper", "paper_text"),
     document=LateImport("..report.chapters.studies", "paper_document"),
     demand=_demand,

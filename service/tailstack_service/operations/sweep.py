@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from tailstack.errors import LimitError, Problem
 from tailstack.results.sweep import Sweep
 
-from ..console.answer import NOT_EVALUATED, PASS, Answer
+from ..console.answer import Answer, exit_code_of_points
 from ..console.arguments import add_design, add_figure, add_form, read_design, read_settings, whole
 from ..console.files import writable_figure, write_figure
 from ..console.progress import Progress
@@ -164,10 +164,6 @@ def _prepare(options: SweepOptions, design: Design) -> dict[str, Any]:
     return {**kept, "axes": [{**axis, "pointer": pointer_of(data, axis["pointer"])} for axis in kept["axes"]]}
 
 
-def _exit_code(record: Sweep) -> int:
-    return PASS if any(point.status == "ok" for point in record.points) else NOT_EVALUATED
-
-
 def _demand(record: Sweep) -> Demand:
     from tailstack.verification import MAX_TRIALS
 
@@ -265,7 +261,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
             result = _elsewhere(arguments, design, asked, progress)
     if figure is not None:
         write_figure(figure, draw_sweep(result))
-    code = PASS if any(point.status == "ok" for point in result.points) else NOT_EVALUATED
+    code = exit_code_of_points(result)
     if arguments.json:
         return Answer(to_json(result), code)
     if arguments.csv:
@@ -337,7 +333,7 @@ OPERATION = Operation(
     prepare=_prepare,
     text=LateImport("..rendering.sweep", "sweep_text"),
     document=LateImport("..report.chapters.sweep", "sweep_document"),
-    exit_code=_exit_code,
+    exit_code=exit_code_of_points,
     demand=_demand,
     repeat=_repeat,
     command=Command(_add_arguments, _run),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -11,11 +11,7 @@ from tailstack.results import Verification
 
 from ..console.answer import exit_code_of
 from .operation import Again, Call, Demand, LateImport, Operation, Repetition
-from .options import CheckOptions, within
-
-if TYPE_CHECKING:
-    from ..settings import Settings
-    from .sent import Request
+from .options import CheckOptions, check_trials
 
 
 class VerificationOptions(CheckOptions):
@@ -40,14 +36,6 @@ def _verify(call: Call) -> Verification:
         threads=call.threads,
         progress=call.progress,
     )
-
-
-def _check(request: Request, settings: Settings) -> None:
-    """Geometry that determines an answer, trials within the limit.  Raises Placed, LimitError."""
-    from tailstack.design import check_design
-
-    within(request.options.trials, "max_trials", settings, "/trials")
-    request.refuse_by(check_design)
 
 
 def _demand(record: Verification) -> Demand:
@@ -93,7 +81,7 @@ OPERATION = Operation(
     run=_verify,
     limits=("max_trials",),
     cut=True,
-    check=_check,
+    check=check_trials,
     text=LateImport("..rendering.verification", "verification_text"),
     document=LateImport("..report.chapters.verification", "verification_document"),
     exit_code=lambda record: exit_code_of(record.verdict),

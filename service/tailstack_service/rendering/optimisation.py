@@ -8,7 +8,7 @@ from tailstack.results import Optimisation, SurvivedLoss, Vector3
 from tailstack.results.verdicts import STATED
 
 from .page import current
-from .tables import decimal, number, percent, table, visible, wrap
+from .tables import decimal, number, percent, spell_count, table, visible, wrap
 from .verdict import (
     checks_table,
     decided_by,
@@ -113,7 +113,8 @@ def _cost_in_words(result: Optimisation) -> str:
         names.setdefault(entry.contributor, entry.label.removesuffix(f" {entry.component}"))
         widths.setdefault(entry.contributor, []).append(entry.cost_after)
     parts = [
-        f"{number(sum(costs))} ({names[name]}, {_count(len(costs), 'half-width')})" for name, costs in widths.items()
+        f"{number(sum(costs))} ({names[name]}, {spell_count(len(costs), 'half-width')})"
+        for name, costs in widths.items()
     ]
     view = 0.0
     if result.view_offer is not None and result.view_offer.added:
@@ -123,10 +124,6 @@ def _cost_in_words(result: Optimisation) -> str:
     if abs(fiducials) > 1e-6 * abs(result.cost_after):
         parts.append(f"{number(fiducials)} (fiducials)")
     return f"{' + '.join(parts)} = {number(result.cost_after)}"
-
-
-def _count(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def moved_text(result: Optimisation) -> str:

@@ -21,7 +21,7 @@ BEHIND_LOCALISATION = ("connector_flange", "hand_eye", "execution")  # contribut
 
 def score_text(score: Score, *, target: str | None = None) -> str:
     """The whole score.  ``target`` names the target whose budget is shown; default the one with the largest P95."""
-    chosen = worst_target(score) if target is None else next(t for t in score.targets if t.name == target)
+    chosen = score.worst_target if target is None else next(t for t in score.targets if t.name == target)
     details = current().details
     return join_blocks(
         heading(score.provenance, "Estimate of the error; `tailstack verify` checks it by simulation.", "first order"),
@@ -44,7 +44,7 @@ def _opening(score: Score) -> str:
     """What decides, and what there is to do about it."""
     decisive = decisive_check(score.verdict.checks)
     if decisive is None:
-        worst = worst_target(score)
+        worst = score.worst_target
         return wrap(largest_sentence(worst.name, worst.p95_mm, estimate_interval(score, worst.p95_mm)))
     found = next(entry for entry in score.targets if entry.name == decisive.target)
     lines = [line for line, _ in shares_of(found, decisive.error)]
@@ -88,10 +88,6 @@ def _trust_text(score: Score) -> str:
     if not current().details:
         return wrap(trust_sentence(score.validity) + ".", first="how good it is: ", indent="  ")
     return wrap(score.validity.statement, first=f"linearisation: {score.validity.status}. ", indent="  ")
-
-
-def worst_target(score: Score) -> TargetScore:
-    return max(score.targets, key=lambda entry: entry.p95_mm)
 
 
 LOCATED = "  as located"  # the row below a target

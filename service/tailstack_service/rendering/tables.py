@@ -43,6 +43,11 @@ def percent(fraction: float | None, decimals: int = 1) -> str:
     return f"{100 * fraction:.{decimals}f}"
 
 
+def spell_count(count: int, what: str) -> str:
+    """A number of things: 1 design, 2 designs."""
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
 def visible(text: str) -> str:
     """Text with its control characters replaced: they could repaint a terminal."""
     return "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") else c for c in text)

@@ -55,6 +55,7 @@ from .fields import (
     not_both,
     one_of,
     refusal,
+    refuse_coverage,
     share,
     without_later,
 )
@@ -138,10 +139,7 @@ class RotationTolerance(Record):
     distribution: AnyLaw = Field(description=_BOUNDED, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    @model_validator(mode="after")
-    def _coverage(self) -> RotationTolerance:
-        check_coverage(self.distribution, self.coverage_factor)
-        return self
+    _coverage = model_validator(mode="after")(refuse_coverage)
 
 
 class TranslationTolerance(Record):
@@ -151,10 +149,7 @@ class TranslationTolerance(Record):
     distribution: AnyLaw = Field(description=_BOUNDED, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    @model_validator(mode="after")
-    def _coverage(self) -> TranslationTolerance:
-        check_coverage(self.distribution, self.coverage_factor)
-        return self
+    _coverage = model_validator(mode="after")(refuse_coverage)
 
 
 class Tolerances(Record):
@@ -196,10 +191,7 @@ class ImageFieldDocument(Record):
     distribution: AnyLaw = Field(description=_BOUNDED, examples=["normal"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    @model_validator(mode="after")
-    def _coverage(self) -> ImageFieldDocument:
-        check_coverage(self.distribution, self.coverage_factor)
-        return self
+    _coverage = model_validator(mode="after")(refuse_coverage)
 
 
 class _AnyView(Record):
@@ -695,10 +687,7 @@ class Manufacturing(Record):
     distribution: RandomLaw = Field(description=LAW_WORDS + ".", examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    @model_validator(mode="after")
-    def _coverage(self) -> Manufacturing:
-        check_coverage(self.distribution, self.coverage_factor)
-        return self
+    _coverage = model_validator(mode="after")(refuse_coverage)
 
 
 class FiducialOrigin(Record):

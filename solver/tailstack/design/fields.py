@@ -137,6 +137,12 @@ def check_coverage(distribution: str, coverage_factor: float | None, at: str = "
         )
 
 
+def refuse_coverage(record: Any) -> Any:
+    """The validator of a record with ``distribution`` and ``coverage_factor``."""
+    check_coverage(record.distribution, record.coverage_factor)
+    return record
+
+
 def check_law(record: Any, width: str) -> None:
     """A half-width above 0 needs a law, and a law a half-width that is stated: of 0, so that it can be varied."""
     if getattr(record, width) and record.distribution is None:

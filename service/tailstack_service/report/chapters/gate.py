@@ -16,6 +16,7 @@ from ...gate.records import (
     split_findings,
 )
 from ...rendering.sentences import name_basis
+from ...rendering.tables import spell_count
 from ..blocks import (
     Block,
     Bullets,
@@ -52,11 +53,11 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
         designs.append(_make_table("Not judged", "What nothing was held against", UNJUDGED, unjudged))
     return Document(
         kind="Gate",
-        title=f"{record.provenance.policy_name}: gate of {_count(len(record.designs), 'design')}",
+        title=f"{record.provenance.policy_name}: gate of {spell_count(len(record.designs), 'design')}",
         tone=tone_of(record.verdict),
         status=record.verdict,
-        sentence=f"{passed} of {len(record.designs)} designs pass; {_count(errors, 'error')} and "
-        f"{_count(warnings, 'warning')} count, {len(accepted)} accepted by waivers. Exit code {record.exit_code}.",
+        sentence=f"{passed} of {len(record.designs)} designs pass; {spell_count(errors, 'error')} and "
+        f"{spell_count(warnings, 'warning')} count, {len(accepted)} accepted by waivers. Exit code {record.exit_code}.",
         numbers=(
             KeyNumber(
                 "Designs that pass", f"{passed} of {len(record.designs)}", f"mode {record.mode}, seed {record.seed}"
@@ -107,10 +108,6 @@ def _command(record: GateRecord) -> str:
     if record.max_regression_percent is not None and provenance.baseline_sha256 is not None:
         options.append(f"--max-regression {record.max_regression_percent:g}")
     return f"tailstack gate {files} {' '.join(options)} --format json"
-
-
-def _count(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def _make_table(

@@ -9,7 +9,6 @@ from tailstack.results import headline_of as headline_words
 from tailstack.results.score import source_name
 from tailstack.scoring import P95
 
-from ...rendering.score import worst_target
 from ...rendering.sentences import losses_sentence, name_basis, units_sentence
 from ...rendering.tables import signed_decimal
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
@@ -219,7 +218,7 @@ def allowance_name(entry: Allowance) -> str:
 
 def method_blocks(score: Score) -> tuple[Block, ...]:
     """How first order was computed, how far it holds, and what was assumed."""
-    worst = worst_target(score)
+    worst = score.worst_target
     bounds = worst.bounds_mm
     sentences = [
         f"Law: {worst.law}. With the same mean and covariance, P95 at {worst.name} is {bounds.gaussian:.3f} mm if "
