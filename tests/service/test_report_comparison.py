@@ -23,8 +23,7 @@ from tailstack_service.operations.rendering import document_of, render
 from tailstack_service.problems import RequestError
 from tailstack_service.report.assembling import ReportOptions, compute_report
 from tailstack_service.report.changes import MOST, changes_of
-from tailstack_service.report.comparing import compute_comparison
-from tailstack_service.report.paired import FEWEST, paired_difference
+from tailstack_service.report.comparing import FEWEST, compute_comparison, estimate_difference
 from tailstack_service.report.records import Comparison
 from tailstack_service.schemas import json_schema
 
@@ -63,7 +62,7 @@ def test_the_interval_holds_as_often_as_it_says() -> None:
         shared, own = rng.standard_normal((2, 8192))
         first = np.exp(0.4 * shared)
         second = np.exp(0.3 * (0.9 * shared + np.sqrt(1 - 0.81) * own))
-        low, high = paired_difference(first, second, 0.95, 0.95).interval
+        low, high = estimate_difference(first, second, 0.95, 0.95).interval
         held += low <= true <= high
     assert abs(held / 400 - 0.95) < 0.033
 
@@ -72,18 +71,18 @@ def test_what_is_shared_cancels() -> None:
     """sampled: a shift of every trial is found exactly; of independent samples the interval is many times as wide."""
     rng = np.random.default_rng(6)
     first, other = np.exp(rng.standard_normal((2, FEWEST)))
-    shifted = paired_difference(first, first + 0.25, 0.95, 0.95)
-    assert shifted.difference == pytest.approx(0.25, abs=1e-12)
+    shifted = estimate_difference(first, first + 0.25, 0.95, 0.95)
+    assert shifted.value == pytest.approx(0.25, abs=1e-12)
     assert shifted.interval[1] - shifted.interval[0] < 1e-9
-    apart = paired_difference(first, other, 0.95, 0.95)
+    apart = estimate_difference(first, other, 0.95, 0.95)
     assert apart.interval[1] - apart.interval[0] > 0.3
 
 
 def test_too_few_trials_have_no_interval() -> None:
     with pytest.raises(ValueError, match="at least"):
-        paired_difference(np.ones(FEWEST - 1), np.ones(FEWEST - 1), 0.95, 0.95)
+        estimate_difference(np.ones(FEWEST - 1), np.ones(FEWEST - 1), 0.95, 0.95)
     with pytest.raises(ValueError, match="one length"):
-        paired_difference(np.ones(FEWEST), np.ones(FEWEST + 1), 0.95, 0.95)
+        estimate_difference(np.ones(FEWEST), np.ones(FEWEST + 1), 0.95, 0.95)
     pair = [load_design(data) for data in (limited(0.9), quieter())]
     few = compute_comparison(pair[0], pair[1], ReportOptions(trials=500))
     assert few.compared_trials is None

@@ -16,22 +16,20 @@ import reference_chain
 from scenes import broken_system, cube8_system, mount, projection_looking, system_of
 from tailstack.errors import LimitError, OutOfRangeError, StudyError
 from tailstack.studies.coupling import (
-    SECTIONS,
     TRIALS_BEYOND,
     CouplingCase,
     Ratio,
     StudyCoupling,
     average_near,
-    estimate_by_sections,
     level_torsor,
     study_coupling,
-    take_quantile,
     tell_coupling,
     tell_side,
     widen,
     write_conclusions,
     write_percent,
 )
+from tailstack.studies.sections import SECTIONS, estimate_by_sections, take_quantile
 from tailstack.system import Law, RotationForm
 
 ORACLE = json.loads((Path(__file__).parents[1] / "data/oracles/noise_covariance_cube8.json").read_text())
@@ -167,6 +165,7 @@ def test_intervals_cover() -> None:
         found = estimate_by_sections(
             lambda part, a=a, b=b: take_quantile(a[part], 0.95) / take_quantile(b[part], 0.95),  # type: ignore[misc]
             trials,
+            0.95,
         )
         missed += not found.interval[0] <= truth <= found.interval[1]
     assert 4 <= missed <= 30
@@ -180,7 +179,11 @@ def test_intervals_cover_differences_smaller_than_the_gaps_between_trials() -> N
         x, u = rng.standard_normal((2, SECTIONS * 256))
         a, b = np.abs(x) * (1 + 1e-5 * u), np.abs(x)
         for found, by in ((average_near, "window"), (lambda values, p: take_quantile(values, p), "quantile")):
-            ratio = estimate_by_sections(lambda part, f=found, a=a, b=b: f(a[part], 0.95) / f(b[part], 0.95), len(x))  # type: ignore[misc]
+            ratio = estimate_by_sections(
+                lambda part, f=found, a=a, b=b: f(a[part], 0.95) / f(b[part], 0.95),  # type: ignore[misc]
+                len(x),
+                0.95,
+            )
             out = not ratio.interval[0] <= 1 <= ratio.interval[1]
             missed, alone = missed + (out and by == "window"), alone + (out and by == "quantile")
     assert 4 <= missed <= 30

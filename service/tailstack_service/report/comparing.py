@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from tailstack.arrays import Array
 from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
 from tailstack.montecarlo.simulate import Progress
 from tailstack.results import Verification
 from tailstack.results.verdicts import check_sentence, decisive_check, urgency
+from tailstack.studies.sections import SECTIONS, SectionEstimate, estimate_by_sections, take_quantile
 from tailstack.verification import PreparedDesign, Sampling, prepare, verify_prepared
 
 from ..problems import RequestError
 from .assembling import ReportOptions, assemble, draw_norms, drawing_options
 from .changes import changes_of
-from .paired import FEWEST, SECTIONS, paired_difference
 from .records import Comparison, ComparisonHeadline, Difference, Report
 
 MOST_COMPARED = 2**18  # trials of each design
+FEWEST = 64 * SECTIONS  # trials: below, the P95 of a section hangs on three of them
 MOST_TARGETS = 24  # largest P95 first: a region may have hundreds
 CONFIDENCE = 0.95
 SAME = 1e-12  # mm: what differs by less is the same
@@ -142,9 +144,9 @@ def _draw_both(first: Report, second: Report, names: list[str], seed: int, count
     found = []
     for name in names:
         a, b = (draw_norms(one, name, seed, count) for one in ready)
-        paired = paired_difference(a, b, 0.95, CONFIDENCE)
+        apart = estimate_difference(a, b, 0.95, CONFIDENCE)
         was, now = (_checked_p95(report, name) for report in (first, second))
-        low, high = (now - was + (end - paired.difference) for end in paired.interval)
+        low, high = (now - was + (end - apart.value) for end in apart.interval)
         conclusion = "smaller" if high < -SAME else "larger" if low > SAME else "not decided"
         found.append(
             Difference(
@@ -153,6 +155,22 @@ def _draw_both(first: Report, second: Report, names: list[str], seed: int, count
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def estimate_difference(first: Array, second: Array, quantile: float, confidence: float) -> SectionEstimate:
+    """Second minus first, at a quantile of two samples (n,) in which trial k of both has the same random numbers.
+
+    Raises ValueError for samples of different sizes, or fewer than FEWEST trials.
+    """
+    if first.shape != second.shape or first.ndim != 1:
+        raise ValueError(f"paired samples have one length; got {first.shape} and {second.shape}")
+    if len(first) < FEWEST:
+        raise ValueError(f"a paired difference takes at least {FEWEST} trials; got {len(first)}")
+
+    def subtract(part: slice) -> float:
+        return take_quantile(second[part], quantile) - take_quantile(first[part], quantile)
+
+    return estimate_by_sections(subtract, len(first), confidence)
 
 
 def _checked_p95(report: Report, name: str) -> float:

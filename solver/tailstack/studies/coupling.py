@@ -35,8 +35,8 @@ from ..scoring import P95, provenance
 from ..system import Mount, Reading, System
 from ..tail.declared import law_quantile
 from ..verification import prepare
+from .sections import SECTIONS, estimate_by_sections, take_quantile
 
-SECTIONS = 32  # of the trials, for intervals
 LEAST_TRIALS = SECTIONS * 256  # a section's own P95 then has a dozen trials beyond it
 
 Coupling = Literal["more", "less", "none seen"]
@@ -333,12 +333,6 @@ def _keep_stream(plan: ChainPlan, z: Array, stream: int) -> Array:
 # --- what the samples say -------------------------------------------------------------------------
 
 
-def take_quantile(values: Array, p: float) -> float:
-    """The order statistic of rank ceil(n p) of values (n,)."""
-    rank = ceil(len(values) * p) - 1
-    return float(np.partition(values, rank)[rank])
-
-
 def average_near(values: Array, p: float, reach: float = WINDOW) -> float:
     """Mean of the order statistics of values (n,) between the quantiles ``p - reach`` and ``p + reach``.
 
@@ -351,20 +345,8 @@ def average_near(values: Array, p: float, reach: float = WINDOW) -> float:
     return float(np.partition(values, (low, high - 1))[low:high].mean())
 
 
-def estimate_by_sections(
-    estimate: Callable[[slice], float], trials: int, first_order: float | None = None, confidence: float = CONFIDENCE
-) -> Ratio:
-    """A ratio with its interval by sectioning (Asmussen and Glynn 2007, III.5a).
-
-    ``estimate(part)`` gives the ratio from the trials of a slice; ``trials`` is a multiple of ``SECTIONS``.
-    """
-    size = trials // SECTIONS
-    whole = estimate(slice(0, trials))
-    parts = np.array([estimate(slice(k * size, (k + 1) * size)) for k in range(SECTIONS)])
-    half = float(stdtrit(SECTIONS - 1, (1 + confidence) / 2)) * sqrt(
-        float(((parts - whole) ** 2).sum()) / (SECTIONS * (SECTIONS - 1))
-    )
-    return Ratio(whole, (whole - half, whole + half), first_order)
+def _estimate_ratio(estimate: Callable[[slice], float], trials: int, first_order: float | None = None) -> Ratio:
+    return Ratio(*estimate_by_sections(estimate, trials, CONFIDENCE), first_order)
 
 
 def _compare_case(
@@ -380,7 +362,7 @@ def _compare_case(
     added, every = p95(norms.vector_sum), slice(0, trials)
 
     def over(denominator: Callable[[slice], float], predicted: float | None) -> Ratio:
-        return estimate_by_sections(lambda part: together(part) / denominator(part), trials, predicted)
+        return _estimate_ratio(lambda part: together(part) / denominator(part), trials, predicted)
 
     def rms(squares: Array, part: slice) -> float:
         return sqrt(float(squares[part].mean()))
@@ -388,10 +370,10 @@ def _compare_case(
     nu = max(case.models[target].nonlinearity.divisor, resting.nonlinearity.divisor)
     shared = max(float(squares.max() / squares.sum()) for squares in (norms.gain_squared, still.gain_squared))
     spread = nu <= NO_DEVIATION and shared <= MOST_SHARE
-    gain = estimate_by_sections(
+    gain = _estimate_ratio(
         lambda part: rms(norms.gain_squared, part) / rms(still.gain_squared, part), trials, first.gain
     )
-    against_added = estimate_by_sections(
+    against_added = _estimate_ratio(
         lambda part: average_near(norms.together[part], P95) / average_near(norms.vector_sum[part], P95),
         trials,
         first.together / first.vector_sum,
