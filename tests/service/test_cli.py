@@ -394,11 +394,14 @@ def test_a_traceback_that_is_asked_for_changes_no_exit_code(
     assert plain[:2] == [2, 3]
 
 
-def test_an_interrupt_is_130(call: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("where", ["tailstack.scoring.score", "tailstack_service.cli.main.build_parser"])
+def test_an_interrupt_is_130_at_work_and_while_the_command_is_read(
+    where: str, call: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tailstack.scoring.score", interrupted)
+    monkeypatch.setattr(where, interrupted)
     code, out, err = call("score", DEMO)
     assert (code, out, err) == (130, "", "tailstack: interrupted\n")
 

@@ -371,8 +371,8 @@ def test_only_loopback_without_authentication(host: str, capsys: pytest.CaptureF
 def test_other_addresses_with_authentication(tmp_path: Path) -> None:
     with service(tmp_path, "--no-worker", "--host", "0.0.0.0", TAILSTACK_AUTH="required") as (_, url):
         local = url.replace("0.0.0.0", "127.0.0.1")
-        assert httpx.get(local + "/health/live", trust_env=False).status_code == 200
-        assert httpx.get(local + "/v1/jobs", trust_env=False).status_code == 401
+        assert httpx.get(local + "/health/live", trust_env=False, timeout=60).status_code == 200
+        assert httpx.get(local + "/v1/jobs", trust_env=False, timeout=60).status_code == 401
         database = {"TAILSTACK_DATABASE": f"sqlite:///{tmp_path / 'jobs.sqlite3'}"}
         made = run("keys", "create", "--tenant", "a", "--name", "test", "--scope", "read", env=database)
         assert made.returncode == 0, made.stderr
@@ -412,7 +412,7 @@ def test_an_interrupt_of_a_long_check_is_130() -> None:
     assert line.startswith("verify: ")
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == 130, err
     assert out == ""
     assert "interrupted" in err
     assert "Traceback" not in err

@@ -65,6 +65,14 @@ def build_parser(verb: str | None = None, name: str | None = None) -> argparse.A
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command.  Returns the exit code; raises nothing that a caller could cause."""
+    try:
+        return _run(argv)
+    except KeyboardInterrupt:  # wherever it comes: while a library is being loaded, too
+        print("tailstack: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _run(argv: Sequence[str] | None) -> int:
     _speak_utf8_where_possible()
     _leave_quickly()
     argv = list(sys.argv[1:] if argv is None else argv)
@@ -114,9 +122,6 @@ def _run_verb(arguments: argparse.Namespace) -> int:
         with name_missing_extra(), write_on(page_of(arguments)):
             answer = arguments.run(arguments)
         _write(answer.body)
-    except KeyboardInterrupt:
-        print("tailstack: interrupted", file=sys.stderr)
-        return INTERRUPTED
     except BrokenPipeError:
         return _reader_left(answer.exit_code)
     except (TailstackError, OSError) as error:

@@ -33,7 +33,7 @@ const newContext = (more = {}) => browser.newContext({
   acceptDownloads: true, serviceWorkers: "block", ...more,
 });
 const state = (page) => page.evaluate(() => window.workbench.state());
-const current = (page) => page.waitForFunction(() => window.workbench.state().current && !window.workbench.state().busy, null, { timeout: 180000 });
+const current = (page) => page.waitForFunction(() => window.workbench.state().current && !window.workbench.state().busy, null, { timeout: 600000 });
 const sha = async (page) => { await current(page); return (await state(page)).score.provenance.design_sha256; };
 const take = (page, text, name = "design.yaml") =>
   page.setInputFiles("header input[type=file]", { name, mimeType: "application/yaml", buffer: Buffer.from(text) });
@@ -279,7 +279,7 @@ const scenarios = {
     const shown = async (name, act) => {
       const begin = Date.now();
       await act();
-      await page.waitForFunction(() => window.workbench.state().current, null, { timeout: 180000 });
+      await page.waitForFunction(() => window.workbench.state().current, null, { timeout: 600000 });
       took[name] = Date.now() - begin;
       await current(page);
     };
