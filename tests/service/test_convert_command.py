@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
@@ -46,6 +47,25 @@ def test_a_base_keeps_its_comments_and_numbers(tmp_path: Path) -> None:
     assert after.document.targets == before.document.targets
     assert after.document.views == before.document.views
     assert after.fiducials.labels == tuple(f"BEAD{k}" for k in range(1, 9))
+
+
+def test_other_beads_keep_what_a_base_says_of_beads(tmp_path: Path) -> None:
+    """How large they are, what is located of them, how well they are made and how often each is missed."""
+    base = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text(encoding="utf-8"))
+    more = {"diameter_mm": 3, "image_point": "shadow", "loss_probability": 0.01}
+    base["fiducials"] |= more
+    base["fiducials"]["points"][1]["loss_probability"] = 0.05
+    (tmp_path / "base.yaml").write_text(yaml.safe_dump(base, sort_keys=False), encoding="utf-8")
+    rows = [(point["label"], *point["position_mm"]) for point in base["fiducials"]["points"][1:]]
+    beads = "label,x_mm,y_mm,z_mm\nnew,3,1,-9\n" + "".join(f"{label},{x},{y},{z + 1}\n" for label, x, y, z in rows)
+    (tmp_path / "beads.csv").write_text(beads, encoding="utf-8")
+    target = tmp_path / "again.yaml"
+    assert main(["convert", str(tmp_path / "beads.csv"), "--base", str(tmp_path / "base.yaml"), "-o", str(target)]) == 0
+    made = yaml.safe_load(target.read_text(encoding="utf-8"))["fiducials"]
+    assert {name: made[name] for name in more} == more
+    assert made["manufacturing"] == base["fiducials"]["manufacturing"]
+    assert [point.get("loss_probability") for point in made["points"][:3]] == [None, 0.05, None]
+    assert made["points"][1]["position_mm"] == [30, -25, -69]
 
 
 @pytest.mark.parametrize("ending", ["csv", "fcsv", "mrk.json"])

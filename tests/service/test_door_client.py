@@ -179,6 +179,22 @@ def test_what_a_service_refuses_is_said_in_its_words(client: ModuleType, answer:
         client.Service(address).score({})
 
 
+def test_other_beads_keep_what_the_design_says_of_beads(client: ModuleType) -> None:
+    points = [
+        {"label": "A", "position_mm": [1, 2, 3], "loss_probability": 0.2},
+        {"label": "B", "position_mm": [0, 0, 0]},
+    ]
+    design = {"name": "x", "fiducials": {"points": points, "diameter_mm": 3, "origin": {"file": "a.csv"}}}
+    made = client.with_beads(design, [("C", (4.0, 5.0, 6.0)), ("A", (7.0, 8.0, 9.0))])
+    assert made["fiducials"] == {
+        "points": [
+            {"label": "C", "position_mm": [4.0, 5.0, 6.0]},
+            {"label": "A", "position_mm": [7.0, 8.0, 9.0], "loss_probability": 0.2},
+        ],
+        "diameter_mm": 3,
+    }
+
+
 def test_the_examples_run_on_the_python_of_the_programs_that_load_them() -> None:
     """FreeCAD and Slicer bring their own Python, back to 3.9, and nothing that is not in it."""
     for path in [*DOORS.glob("freecad/*.py"), *DOORS.glob("slicer/*.py")]:

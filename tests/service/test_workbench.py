@@ -218,6 +218,18 @@ def test_sliders_stop_at_the_grades_of_the_design(service: Served) -> None:
     assert used(service.url, "grades", design, pointer=pointer)["values"] == ["0.03", "0.06", "0.12", "0.2"]
 
 
+def test_a_bead_that_is_lost_is_not_among_those_that_a_view_sees_either(service: Served) -> None:
+    design = yaml.safe_load(DEMO)
+    seen = [f"F{k}" for k in range(1, 11)]
+    design["views"][1]["sees"] = seen
+    found = used(service.url, "lose", yaml.safe_dump(design, sort_keys=False), label="F3")
+    design["views"][1]["sees"] = [label for label in seen if label != "F3"]
+    del design["fiducials"]["points"][2]
+    assert found["without"] == load_design(design).sha256  # it has an answer, too: the scenario waits for it
+    assert "F3" not in found["labels"]
+    assert found["before"] == found["after"]
+
+
 def test_fiducials_that_are_dropped_on_a_design_become_its_own(service: Served) -> None:
     points = [(f"B{k}", 20 * k - 50, (-1) ** k * 25, 7 * k - 60) for k in range(7)]
     markups = [{"label": label, "position": at} for label, *at in points]

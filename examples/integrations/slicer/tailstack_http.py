@@ -113,10 +113,11 @@ def _read_problem(error: urllib.error.HTTPError) -> Refusal:
 
 
 def with_beads(design: Design, beads: list[tuple[str, tuple[float, float, float]]]) -> Design:
-    """The design with other beads: labels, and positions in con, mm.  Their manufacturing tolerance stays."""
+    """The design with other beads: labels, and positions in con, mm.  Whatever else it says of beads stays."""
     changed = copy.deepcopy(design)
     others = {key: value for key, value in changed.get("fiducials", {}).items() if key not in ("file", "origin")}
-    points = [{"label": label, "position_mm": list(position)} for label, position in beads]
+    own = {point.get("label"): point for point in others.get("points") or ()}
+    points = [{**own.get(label, {}), "label": label, "position_mm": list(position)} for label, position in beads]
     changed["fiducials"] = {**others, "points": points}
     return changed
 

@@ -300,18 +300,21 @@ def _place_fiducials(
     base: Base | None, fiducials: FiducialList, contacts: Sequence[StepContact] = ()
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The design with other fiducials and perhaps contacts; without one, these sections of it.  And what to mind."""
-    section: dict[str, Any] = {
-        "points": [
-            {"label": label, "position_mm": list(position)}
-            for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
-        ]
-    }
-    if fiducials.origin is not None:
-        section["origin"] = fiducials.origin.model_dump(mode="json", exclude_unset=True)
     base = base(fiducials) if callable(base) else base
     data = {} if base is None else design_to_data(base)
-    if manufacturing := data.get("fiducials", {}).get("manufacturing"):
-        section["manufacturing"] = manufacturing
+    before = data.get("fiducials", {})
+    own = {point.get("label"): point for point in before.pop("points", [])}
+    before.pop("origin", None)
+    section: dict[str, Any] = {
+        "points": [
+            {**own.get(label, {}), "label": label, "position_mm": list(position)}
+            for label, position in zip(fiducials.labels, fiducials.positions_mm, strict=True)
+        ],
+        **(
+            {} if fiducials.origin is None else {"origin": fiducials.origin.model_dump(mode="json", exclude_unset=True)}
+        ),
+        **before,
+    }
     data["fiducials"] = section
     if data.get("optimise", {}).get("fixed"):
         _forget_missing_labels(data, set(fiducials.labels))

@@ -449,6 +449,17 @@ scenarios.variants = async () => {
   return { first, moved, ghosts, differences, row, taken: await sha(page) };
 };
 
+// A bead is taken out, and brought back
+scenarios.lose = async () => {
+  const context = await newContext(), page = await begun(context), before = await sha(page);
+  await page.getByRole("button", { name: `Lose ${asked.label}: take it out` }).click();
+  const without = await sha(page);
+  const labels = await page.locator(".beads tbody tr > th").allInnerTexts();
+  if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
+  await page.keyboard.press("Control+z");
+  return { before, without, labels, after: await sha(page) };
+};
+
 // Files dropped on the page, one after the other
 scenarios.drop = async () => {
   const context = await newContext(), page = asked.empty ? await open(context, asked.url, false) : await begun(context), found = [];

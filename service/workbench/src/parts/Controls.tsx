@@ -3,7 +3,7 @@
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { cancelGesture, design, edit, finishGesture, type Json, type Path, preview, selected, valueAt } from "../state";
 import { brief } from "../words";
-import { beads } from "./Pictures";
+import { type Bead, beads } from "./Pictures";
 
 /** Show a value in a field, unless something else is just being typed there. */
 export function showValue(field: HTMLInputElement | null, value: Json): void {
@@ -35,6 +35,12 @@ export function NumberField({ path, label, unit, what, hidden = false }: { path:
   );
 }
 
+/** A bead that is taken out is not in any view's list of those that it sees either. */
+const losing = (bead: Bead) => [
+  { path: ["fiducials", "points", bead.index], value: undefined },
+  ...(design.value?.views ?? []).flatMap((view: Json, k: number) => view.sees?.includes(bead.label) ? [{ path: ["views", k, "sees"], value: view.sees.filter((label: string) => label !== bead.label) }] : []),
+];
+
 export function Beads() {
   const known = beads.value, points = design.value?.fiducials?.points;
   const list = useRef<HTMLDivElement>(null);
@@ -65,7 +71,7 @@ export function Beads() {
                   <td key={axis}><NumberField path={["fiducials", "points", bead.index, "position_mm", k]} label={`${bead.label} ${axis}`} unit="mm" what={`Move ${bead.label}`} hidden /></td>
                 ))}
                 <td><button type="button" class="small" aria-label={`Lose ${bead.label}: take it out`} title="Take it out (undo brings it back)"
-                  onClick={() => edit([{ path: ["fiducials", "points", bead.index], value: undefined }], `Lose ${bead.label}`)}>×</button></td>
+                  onClick={() => edit(losing(bead), `Lose ${bead.label}`)}>×</button></td>
               </tr>
             ))}
           </tbody>

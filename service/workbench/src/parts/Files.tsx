@@ -37,7 +37,8 @@ async function takePoints(name: string, format: string, content: string, more = 
     if (diameter > 0) return takePoints(name, format, content, `&sphere_diameter_mm=${diameter}`);
     return void say(`${name}: ${[problem.errors[0].detail, problem.errors[0].hint].filter(Boolean).join("; ")}`, true);
   }
-  const made = await response.json(), points = made.fiducials.map((p: Json) => ({ label: p.label, position_mm: rounded(p.position_mm, 4) }));
+  const made = await response.json(), own = new Map((design.value?.fiducials?.points ?? []).map((p: Json) => [p.label, p]));
+  const points = made.fiducials.map((p: Json) => ({ ...(own.get(p.label) ?? {}), label: p.label, position_mm: rounded(p.position_mm, 4) }));
   const notes = [...made.notes, ...(made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`)].slice(0, 5).join("; ");
   if (!design.value) open(made.content, `Open ${name}`);
   else {

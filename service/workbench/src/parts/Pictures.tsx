@@ -8,7 +8,7 @@ import { cancelGesture, design, edit, finishGesture, type Json, parse, preview, 
 import { brief } from "../words";
 import { Remarks } from "./Problems";
 
-interface Bead {
+export interface Bead {
   index: number;
   label: string;
   position: Vector;
