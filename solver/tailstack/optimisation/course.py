@@ -83,7 +83,8 @@ def optimise(
     added = None if design.document.optimise is None else design.document.optimise.added_view
     if added is None:
         return optimise_views(design, control, control)
-    return weigh_offer(design, added, optimise_views, control)
+    with locate_refusals(design):
+        return weigh_offer(design, added, optimise_views, control)
 
 
 def least_objective(task: Task, control: Control) -> float:

@@ -123,12 +123,16 @@ def _refuse(design: Design, without: TailstackError, found: TailstackError) -> T
     assert design.document.optimise is not None
     entry = next(k for k, each in enumerate(design.document.optimise.views or ()) if isinstance(each, AddedView))
     with_it = Problem(
-        f"/optimise/views/{entry}", found.problems[0].code, f"nor is there one with the view: {_reason(found)}"
+        f"/optimise/views/{entry}", found.problems[0].code, f"nor is there one with the view: {_first_sentence(found)}"
     )
     return type(without)([*without.problems, with_it])
 
 
 def _reason(refusal: TailstackError) -> str:
-    """The first sentence, with a capital and without its full stop."""
-    detail = refusal.problems[0].detail.rstrip(".").partition(". ")[0]
+    """With a capital and without its full stop."""
+    detail = _first_sentence(refusal)
     return detail[:1].upper() + detail[1:]
+
+
+def _first_sentence(refusal: TailstackError) -> str:
+    return refusal.problems[0].detail.rstrip(".").partition(". ")[0]

@@ -52,7 +52,7 @@ def aim_views(
     """The design with its free views aimed best among what is tried, and the record of that.
 
     added: what one of them was written into the design by; it is no view that could stay as it is.
-    Raises what ``solve`` raises of the design as it stands where no aim gives a design.
+    Raises what ``solve`` raises at the aim with the best score where no aim that is solved gives a design.
     """
     search = AimSearch(design, solve, control)
     present = tuple(_present_distance(design, free.view) for free in search.free)
@@ -64,8 +64,8 @@ def aim_views(
     leader = search.scan(start)
     if search.solve_at(start) > search.solve_at(leader):
         best = leader
-    if search.solve_at(best) == inf and search.refusal is not None:
-        raise search.refusal
+    if search.solve_at(best) == inf:
+        raise search.refusals[leader]
     best = search.refine(best)
     views = tuple(
         _compare(design, free.view, aim, distance)
@@ -85,7 +85,7 @@ class AimSearch:
     control: Control
     scored: int = 0
     solved: dict[Aims, float] = field(default_factory=dict)  # infinite where refused
-    refusal: TailstackError | None = None  # the first one
+    refusals: dict[Aims, TailstackError] = field(default_factory=dict)
     requirements: tuple[Requirement, ...] = ()
     free: list[FreeView] = field(default_factory=list)
 
@@ -145,7 +145,7 @@ class AimSearch:
             except TailstackError as refusal:
                 if isinstance(refusal, NotConvergedError) and self.control.stops():
                     raise
-                self.refusal = self.refusal or refusal
+                self.refusals[aims] = refusal
             self.solved[aims] = value
             least = min(self.solved.values())
             self.control.report("view", len(self.solved), MOST_SOLVED, least if least < inf else None)
