@@ -273,6 +273,23 @@ def test_a_search_that_is_stopped_before_the_view_was_tried_says_so() -> None:
     assert set(asked) == {"view"}
 
 
+def test_a_search_that_is_stopped_while_the_view_is_tried_says_so() -> None:
+    steps: list[int] = []
+
+    def follow(stage: str, done: int, _total: int, _least: float | None) -> None:
+        if stage == "view":
+            steps.append(done)
+
+    design = load_design(with_views(poor(), OBLIQUE | {"price": 1.0}))
+    found = optimise(
+        design, progress=follow, stop=lambda: bool(steps) and steps[-1] >= 28
+    )  # 25 are for the half without
+    assert offer_of(found).cost_with is not None
+    assert "stopped on request" in offer_of(found).sentence
+    assert found.aimed is not None
+    assert "stopped on request" in found.aimed.sentence
+
+
 @pytest.mark.parametrize(
     ("entry", "section", "pointer", "says"),
     [

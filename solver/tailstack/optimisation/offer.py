@@ -35,7 +35,7 @@ def weigh_offer(design: Design, added: AddedView, optimise: OptimiseViews, contr
     if not control.stops():
         found = _attempt(lambda: optimise(add_view(design, added), second, control, added))
     if not isinstance(found, TailstackError):
-        return _choose(design, added, without, found)
+        return _choose(design, added, without, found, stopped=control.stops())
     if isinstance(without, TailstackError):
         raise _refuse(design, without, found)
     words = f"{added.add} is left out: no design with it was found. {_reason(found)}."
@@ -70,7 +70,7 @@ def _attempt(optimise: Callable[[], Optimisation]) -> Optimisation | TailstackEr
 
 
 def _choose(
-    design: Design, added: AddedView, without: Optimisation | TailstackError, found: Optimisation
+    design: Design, added: AddedView, without: Optimisation | TailstackError, found: Optimisation, *, stopped: bool
 ) -> Optimisation:
     """The cheaper of the two, or the only one; what the view does to the design as it stood beside that."""
     view = find_view(load_design(found.design), added.add)[1]
@@ -90,6 +90,8 @@ def _choose(
         words += f" costs {added.price:.5g}"
     if p95_mm is not None and p95_with_mm is not None:
         words += f". In the design as it stood it takes P95 from {p95_mm:.4g} to {p95_with_mm:.4g} mm"
+    if stopped:
+        words += ". The search with it was stopped on request: a longer one may find more"
     offer = ViewOffer(
         view=added.add, like=added.like, price=added.price, added=worth is None or worth > added.price,
         cost_without=cost_without, cost_with=found.cost_after, worth=worth, beam_direction=aim.beam_direction,

@@ -228,6 +228,7 @@ def _record(
         objective_as_aimed=as_aimed if as_aimed < inf else None,
         objective=objective,
         sentence=f"{'; '.join(said)}. The objective, by the closed form, is {objective:.5g}{before}. This is the best "
-        f"of {len(search.solved)} ways to aim that were optimised, after {search.scored} that were scored; it is not "
-        "proven that there is no better one.",
+        f"of {len(search.solved)} ways to aim that were optimised, after {search.scored} that were scored; "
+        + ("the search was stopped on request, and " if search.control.stops() else "")
+        + "it is not proven that there is no better one.",
     )
