@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import jsonschema
@@ -10,6 +11,9 @@ import pytest
 from service_scenes import EXAMPLES
 from test_report_figures import check_picture
 
+from optimise_documents import document, moving
+from tailstack import load_design
+from tailstack.studies.views import study_views
 from tailstack_service.cli.main import main
 from tailstack_service.report.study_charts import draw_views
 from tailstack_service.schemas import json_schema, record_of
@@ -61,3 +65,26 @@ def test_a_design_without_an_aimed_view_still_has_text_and_pages(
 def test_steps_too_fine_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["study", "views", DEMO, "--step-deg", "1"]) == 2
     assert "step_deg 2 or more" in capsys.readouterr().err
+
+
+def test_a_step_larger_than_the_cone_is_refused_instead_of_called_worth_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["study", "views", DEMO, "--cone-deg", "3"]) == 2
+    refused = capsys.readouterr().err
+    assert "a step of 10 deg leaves no direction within 3 deg but the present one" in refused
+    assert "step_deg 1" in refused
+
+
+def test_a_map_with_a_direction_where_two_views_are_one_still_shows_the_others() -> None:
+    """AP turned by 24 deg looks nearly along LAT, and P95 is many times what it is elsewhere."""
+    data = document(**moving())
+    data["views"][1].pop("orientation")
+    data["views"][1]["beam_direction"] = [0.4226, 0.9063, 0.0]
+    study = study_views(load_design(data), step_deg=8, cone_deg=24)
+    picture = draw_views(study)
+    check_picture(picture)
+    shades = [float(number) for number in re.findall(r">(\d+\.\d{3})<", picture)]
+    assert max(each.p95_mm or 0.0 for each in study.views[0].directions) > 5 * study.p95_mm
+    assert len(shades) == 3 * 6
+    assert max(shades) < 2 * study.p95_mm

@@ -41,9 +41,9 @@ def _study(call: Call) -> StudyViews:
 def _check(request: Request, settings: Settings) -> None:
     """A design that determines an answer, and maps of a size that can be.  Raises Placed, StudyError."""
     from tailstack.design import check_design
-    from tailstack.studies.views import refuse_fine_steps
+    from tailstack.studies.views import refuse_steps
 
-    refuse_fine_steps(request.options.cone_deg, request.options.step_deg)
+    refuse_steps(request.options.cone_deg, request.options.step_deg)
     request.refuse_by(check_design)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import nan
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from tailstack.results.look import BLUE, COLOURS, FAINT, INK, MUTED, VERMILION
@@ -267,7 +268,9 @@ def _draw_view_map(axes: Axes, one: ViewMap) -> list[float]:
     levels: list[float] = []
     if len(steps) > 1 and values:
         low, high = min(values.values()), max(values.values())
-        width = max(high - low, 1e-3 * high) / SHADES
+        # Where a view comes to look the same way as another, P95 is huge: the last shade takes all of that
+        end = min(high, 2 * median(values.values()))
+        width = max(end - low, 1e-3 * end) / SHADES
         levels = [low + k * width for k in range(SHADES)]
         field = [[values.get((x, y), nan) for x in steps] for y in steps]
         colours = [shade(k / SHADES) for k in range(SHADES)]

@@ -125,9 +125,9 @@ def study_views(
     A direction that hides a fiducial or a target, or that is refused for another reason, is a row with the reason.
     cone_deg, step_deg: of the maps of turned views; that of a view more goes over half of all directions, coarsely.
     ``progress(done, total)`` is called after each direction.  Raises DesignError, IllPosedError where the design
-    itself cannot be scored, StudyError for a map of too many directions.
+    itself cannot be scored, StudyError for a map of too many directions or of none but the present one.
     """
-    refuse_fine_steps(cone_deg, step_deg)
+    refuse_steps(cone_deg, step_deg)
     system = compile_design(design)
     rays = {view.name: principal_ray(view.projection) for view in system.views}
     written: list[dict[str, Any]] = list(design.source.data["views"])
@@ -182,8 +182,11 @@ def study_views(
     )
 
 
-def refuse_fine_steps(cone_deg: float, step_deg: float) -> None:
-    """Raises StudyError for a map of too many directions."""
+def refuse_steps(cone_deg: float, step_deg: float) -> None:
+    """Raises StudyError for a map of too many directions, or of none but the present one."""
+    if step_deg > cone_deg:
+        detail = f"a step of {step_deg:g} deg leaves no direction within {cone_deg:g} deg but the present one"
+        raise StudyError(Problem("/step_deg", "too-coarse", detail, f"step_deg {cone_deg / 3:.3g}"))
     if cone_deg / step_deg > MOST_STEPS:
         detail = f"a map has at most {MOST_STEPS} steps from its middle to its edge; got {cone_deg / step_deg:.4g}"
         least = ceil(10 * cone_deg / MOST_STEPS) / 10
