@@ -24,6 +24,7 @@ from service_scenes import ROOT, coplanar_design, limited, small_design
 from tailstack.design.write import data_to_yaml
 from tailstack.version import __version__
 from tailstack_service.cli.main import main
+from tailstack_service.gate.records import GateFinding, GateRecord
 
 GOLDEN = ROOT / "tests" / "data" / "gate"
 FORMATS = {
@@ -46,6 +47,15 @@ class Scene:
     arguments: tuple[str, ...]
     broken_off_by: type[BaseException] | None = None
     before: dict[str, Any] | None = None  # files of an earlier gate, to first order: its record is baseline.json
+
+
+def policy(rules: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
+    """A policy; images of the small design come as near as 5 px, which is not what is tested here."""
+    return {"schema": "tailstack/policy/1", "rules": {"overlap": {"severity": "off"}, **(rules or {})}, **more}
+
+
+def of_rule(record: GateRecord, rule: str) -> list[GateFinding]:
+    return [finding for finding in record.findings if finding.rule == rule]
 
 
 def waivers(days: int, **changes: Any) -> dict[str, Any]:

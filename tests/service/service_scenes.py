@@ -6,15 +6,17 @@ import copy
 import json
 import re
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import httpx
+import pytest
 from starlette.requests import Request
 
+from tailstack_service.cli.main import main
 from tailstack_service.http.server import running_service
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.schemas import json_schema
@@ -94,6 +96,24 @@ def read_answer(connection: socket.socket) -> tuple[bytes, bytes]:
         received += more
     status, _, rest = received.partition(b"\r\n")
     return status, rest
+
+
+def commands(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """What runs a command: exit code, stdout, stderr."""
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = main(arguments)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+def luminance(colour: str) -> float:
+    """published: relative luminance of sRGB, WCAG 2.2."""
+    channels = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
 def check_problem(response: Any, status: int, slug: str) -> dict[str, Any]:

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 from postgres import Server
+from service_scenes import commands
 
-from tailstack_service.cli.main import main
 from tailstack_service.jobs.store import jobs, queue
 from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.jobs.store.jobs import Job
@@ -143,6 +143,12 @@ def find(db: Database, job: Job) -> Job:
     return found
 
 
+def find_id(db: Database, job_id: str) -> Job:
+    found = jobs.find_job(db, "acme", job_id)
+    assert found is not None
+    return found
+
+
 def finish(db: Database, answer: bytes = b'{"answer":1}') -> None:
     """Compute whatever can be claimed, until nothing can."""
     while held := claim(db):
@@ -160,9 +166,4 @@ def command(
     """A tailstack command on the database of ``store``: exit code, standard output, standard error."""
     monkeypatch.setenv("TAILSTACK_DATABASE", url_of(store))
 
-    def call(*arguments: str) -> tuple[int, str, str]:
-        code = main(arguments)
-        found = capsys.readouterr()
-        return code, found.out, found.err
-
-    return call
+    return commands(capsys)

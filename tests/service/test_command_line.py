@@ -8,9 +8,7 @@ import sys
 from typing import Any
 
 import pytest
-from service_scenes import EXAMPLES, ROOT
-
-from tailstack_service.cli.main import main
+from service_scenes import EXAMPLES, ROOT, commands
 
 DEMO = str(EXAMPLES / "demo.yaml")
 
@@ -19,12 +17,7 @@ DEMO = str(EXAMPLES / "demo.yaml")
 def call(capsys: pytest.CaptureFixture[str]) -> Any:
     """Run a command; (exit code, stdout, stderr)."""
 
-    def run(*arguments: str) -> tuple[int, str, str]:
-        code = main(arguments)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return run
+    return commands(capsys)
 
 
 @pytest.mark.parametrize("flag", ["--version", "-V", "version"])

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import closing
 from pathlib import Path
@@ -21,6 +21,7 @@ import psutil
 import pytest
 import strange_units
 from strange_units import expected_answer, request
+from worker_scenes import until
 
 from family import die_with_parent
 from tailstack_service.jobs.engines.pool import PoolEngine
@@ -35,13 +36,6 @@ LONG = 30.0  # s, for what takes a fraction of one
 
 def task(do: str = "answer", spec: bytes = UNIT, **options: object) -> Task:
     return Task("verification", request(do, **options), spec)
-
-
-def until(condition: Callable[[], bool], seconds: float = LONG) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def gone(pid: int) -> bool:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from service_scenes import commands
 
-from tailstack_service.cli.main import main
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.progress import Progress
 
@@ -22,11 +22,7 @@ def call(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr("sys.stdin", io.StringIO())
     monkeypatch.setenv("COLUMNS", "80")
 
-    def run(*arguments: str) -> tuple[int, str, str]:
-        code = main(arguments)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
+    run = commands(capsys)
     run("init")
     return run
 

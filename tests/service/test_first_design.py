@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 import yaml
-from service_scenes import EXAMPLES
+from service_scenes import EXAMPLES, commands
 
 from tailstack.design import check_design, load_design
 from tailstack.design.presets import PRESETS
-from tailstack_service.cli.main import main
 
 DESIGNS = sorted(path.stem for path in EXAMPLES.glob("*.yaml"))
 
@@ -23,12 +22,7 @@ def call(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.stdin", io.StringIO())
 
-    def run(*arguments: str) -> tuple[int, str, str]:
-        code = main(arguments)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return run
+    return commands(capsys)
 
 
 class Terminal(io.StringIO):

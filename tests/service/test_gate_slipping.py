@@ -14,12 +14,13 @@ from typing import Any
 from unittest.mock import patch
 
 import pytest
+from gate_scenes import of_rule, policy
 from service_scenes import ROOT, small_design
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
-from tailstack_service.gate.records import GateFinding, GateRecord
+from tailstack_service.gate.records import GateRecord
 from tailstack_service.gate.request import admit_gate, judge_designs
 
 TODAY = date(2026, 11, 21)
@@ -37,10 +38,6 @@ def design(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
     return small_design(requirements=list(requirements) or None, optimise=None, **changes)
 
 
-def policy(rules: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
-    return {"schema": "tailstack/policy/1", "rules": {"overlap": {"severity": "off"}, **(rules or {})}, **more}
-
-
 def gate(files: dict[str, dict[str, Any]], **more: Any) -> GateRecord:
     entries = [{"file": name, "design": content} for name, content in files.items()]
     body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
@@ -53,10 +50,6 @@ def baseline(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
     assert record.exit_code == 0
     plain: dict[str, Any] = json.loads(to_json(record))
     return plain
-
-
-def of_rule(record: GateRecord, rule: str) -> list[GateFinding]:
-    return [finding for finding in record.findings if finding.rule == rule]
 
 
 # --- nothing is judged ----------------------------------------------------------------------------

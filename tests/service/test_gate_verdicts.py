@@ -10,7 +10,8 @@ from math import cos, dist, sin
 from typing import Any, get_args
 
 import pytest
-from service_scenes import clear, small_design
+from gate_scenes import of_rule, policy
+from service_scenes import clear, limited, small_design
 from work_driver import run_job
 
 from tailstack import load_design, score, verify
@@ -30,18 +31,9 @@ TODAY = date(2026, 11, 21)
 P95 = score(load_design(small_design())).targets[0].p95_mm
 
 
-def limited(limit_mm: float, **changes: Any) -> dict[str, Any]:
-    return small_design(requirements=[{"name": "tip-accuracy", "limit_mm": limit_mm}], **changes)
-
-
 def bare() -> dict[str, Any]:
     """The small design without a requirement of its own."""
     return small_design(requirements=None, optimise=None)
-
-
-def policy(rules: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
-    """A policy; images of the small design come as near as 5 px, which is not what is tested here."""
-    return {"schema": "tailstack/policy/1", "rules": {"overlap": {"severity": "off"}, **(rules or {})}, **more}
 
 
 def waivers(*entries: dict[str, Any]) -> dict[str, Any]:
@@ -60,10 +52,6 @@ def gate(*designs: dict[str, Any] | str, **more: Any) -> GateRecord:
     ]
     body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
     return judge_designs(admit_gate(body, today=TODAY))
-
-
-def of_rule(record: GateRecord, rule: str) -> list[GateFinding]:
-    return [finding for finding in record.findings if finding.rule == rule]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 from openapi_scenes import DOCUMENT
 from rules import resolved
-from service_scenes import EXAMPLES
+from service_scenes import EXAMPLES, luminance
 
 from tailstack import MissingExtraError, load_design, score, sweep
 from tailstack.results import Optimisation, Score, Verification
@@ -168,13 +168,6 @@ def test_names_from_a_design_are_text_and_no_html(kind: type[Result]) -> None:
     allowed = {"div", "span", "table", "thead", "tbody", "tr", "th", "td", "ul", "li"}
     assert {element.tag for element in tree_of(record).iter()} <= allowed
     assert {name for element in tree_of(record).iter() for name in element.attrib} <= {"style", "scope", "aria-hidden"}
-
-
-def luminance(colour: str) -> float:
-    """closed form: relative luminance of sRGB, WCAG 2.1."""
-    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
 @KINDS

@@ -18,7 +18,7 @@ import numpy as np
 import openpyxl
 import pytest
 from jsonschema import Draft202012Validator
-from service_scenes import limited, small_design
+from service_scenes import limited, luminance, small_design
 from work_driver import run_job
 
 from tailstack import load_design, score, verify
@@ -247,13 +247,6 @@ CSS = (TEMPLATES / "report.css").read_text(encoding="utf-8")
 
 def viewer() -> str:
     return (TEMPLATES / "viewer.js").read_text(encoding="utf-8").strip()
-
-
-def luminance(colour: str) -> float:
-    """published: WCAG 2.2, relative luminance."""
-    channels = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
 THEMES = [dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block)) for block in re.findall(r":root \{[^}]*\}", CSS)]

@@ -18,7 +18,7 @@ from threading import Event, Thread
 import pytest
 from postgres import Server
 from service_scenes import ROOT
-from store_scenes import LEASE, Clock, claim, claim_one, find, record, specs, split, submit, url_of
+from store_scenes import LEASE, Clock, claim, claim_one, find, find_id, record, specs, split, submit, url_of
 
 from family import die_with_parent
 from tailstack_service.jobs.store import database, events, jobs, queue, results, upkeep, workers
@@ -148,12 +148,6 @@ def test_a_worker_killed_at_any_moment_loses_nothing(store: Database, clock: Clo
     for job_id, request in requests.items():
         assert answer_of(store, find_id(store, job_id)) == expected_answer(request)
     check_sound(store)
-
-
-def find_id(db: Database, job_id: str) -> jobs.Job:
-    job = jobs.find_job(db, "acme", job_id)
-    assert job is not None
-    return job
 
 
 def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:

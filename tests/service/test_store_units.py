@@ -15,6 +15,7 @@ from store_scenes import (
     claim,
     claim_one,
     find,
+    find_id,
     finish,
     record,
     specs,
@@ -212,13 +213,7 @@ def test_a_unit_given_back_is_claimed_at_once_under_a_new_token(store: Database)
     assert not record(store, held, result=b"late")
     assert record(store, again, result=b"x")
     queue.release(store, again, died=True)
-    assert find(store, find_job(store, again.job_id)).state == "running"
-
-
-def find_job(db: Database, job_id: str) -> jobs.Job:
-    found = jobs.find_job(db, "acme", job_id)
-    assert found is not None
-    return found
+    assert find(store, find_id(store, again.job_id)).state == "running"
 
 
 def test_a_unit_that_kills_its_processes_ends_the_job(store: Database) -> None:

@@ -17,10 +17,10 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from postgres import Server
+from service_scenes import commands
 from store_scenes import Clock, claim, claim_one, find, finish, record, split, split_each, submit, url_of
 
 from tailstack.errors import Problem
-from tailstack_service.cli.main import main
 from tailstack_service.jobs.store import jobs, results, schema, tables, upkeep, usage, workers
 from tailstack_service.jobs.store.database import Database, connect, writing
 from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
@@ -416,12 +416,7 @@ def command(
     """``tailstack`` on a database of this test: exit code, stdout, stderr."""
     monkeypatch.setenv("TAILSTACK_DATABASE", database_url)
 
-    def call(*arguments: str) -> tuple[int, str, str]:
-        code = main(arguments)
-        found = capsys.readouterr()
-        return code, found.out, found.err
-
-    return call
+    return commands(capsys)
 
 
 def test_the_commands_of_an_operator(
