@@ -25,6 +25,7 @@ from served import COMMAND, Served, served
 from service_scenes import EXAMPLES, ROOT
 
 from family import die_with_parent
+from optimise_documents import document, moving, optimised
 from tailstack import load_design, score
 from tailstack_service.documents import to_json
 
@@ -228,6 +229,19 @@ def test_a_bead_that_is_lost_is_not_among_those_that_a_view_sees_either(service:
     assert found["without"] == load_design(design).sha256  # it has an answer, too: the scenario waits for it
     assert "F3" not in found["labels"]
     assert found["before"] == found["after"]
+
+
+def test_a_view_that_pays_is_said_and_is_in_the_design_that_is_taken(service: Served) -> None:
+    data = document(limit_mm=0.6, **moving(box=None, starts=1))
+    data["views"][1].pop("orientation")
+    data["views"][1]["beam_direction"] = [0.4226, 0.9063, 0.0]
+    data["optimise"]["views"] = [{"add": "OBL", "like": "AP", "price": 30.0, "cone_deg": 60.0}]
+    expected = optimised(data)
+    found = used(service.url, "offer", yaml.safe_dump(data, sort_keys=False))
+    assert expected.view_offer is not None
+    assert expected.view_offer.added
+    assert expected.view_offer.sentence in found["words"]
+    assert found["taken"] == expected.provenance.design_sha256
 
 
 def test_fiducials_that_are_dropped_on_a_design_become_its_own(service: Served) -> None:

@@ -461,6 +461,18 @@ scenarios.lose = async () => {
 };
 
 // Files dropped on the page, one after the other
+// A view at a price: what the page says of it, and the design that is taken
+scenarios.offer = async () => {
+  const page = await begun(await newContext());
+  await part(page, "Run");
+  await page.getByRole("button", { name: "Optimise", exact: true }).click();
+  const run = page.locator(".run[data-kind=optimisation][data-state=succeeded]");
+  await run.waitFor({ timeout: 240000 });
+  const words = await run.innerText();
+  await page.getByRole("button", { name: /Take this design/ }).click();
+  return { words, taken: await sha(page) };
+};
+
 scenarios.drop = async () => {
   const context = await newContext(), page = asked.empty ? await open(context, asked.url, false) : await begun(context), found = [];
   page.on("dialog", (dialog) => dialog.accept("3"));

@@ -171,6 +171,7 @@ function Optimum({ result }: { result: Json }) {
   return (
     <>
       <p>{`${result.status}: P95 ${mm(result.p95_before_mm)} → ${mm(result.p95_after_mm)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</p>
+      {[result.view_offer, result.aimed].filter(Boolean).map((views: Json) => <p key={views.sentence}>{views.sentence}</p>)}
       <div class="scroll" tabIndex={0} role="region" aria-label="What changes">
         <table>
           <thead><tr><th>What changes</th><th class="number">before</th><th class="number">after</th></tr></thead>
