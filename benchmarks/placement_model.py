@@ -114,10 +114,8 @@ def is_feasible(task: Task, answer: Answer) -> bool:
 def quantile_mm(problem: PlacementProblem, term: DemandTerms, layout: Array, half_width: Array) -> float:
     """The closed form by the score's linear model."""
     choice = Choice(layout, half_width, present_choice(problem).pivots_mm, np.ones(0))
-    noise, made = image_parts(
-        linearise(apply_choice(problem, choice), term.demand.target), term.demand.requirement.error
-    )
-    return closed_form_mm(term, noise, made, half_width, mechanics_of(problem, choice), np.zeros(0))
+    images = image_parts(linearise(apply_choice(problem, choice), term.demand.target), term.demand.requirement.error)
+    return closed_form_mm(term, images, half_width, mechanics_of(problem, choice), np.zeros(0))
 
 
 @njit(cache=True, error_model="numpy")

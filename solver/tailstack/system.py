@@ -159,6 +159,7 @@ class Temperature:
     connector_per_k: float  # relative
     seat_mm: Array  # (3,) con: where structure and connector hold each other
     flange_seat_mm: Array  # (3,) con: where the connector sits on the flange
+    at_pivots: tuple[bool, bool] = (False, False)  # whether the two are the pivots of the interfaces, and go with them
 
     @property
     def connector_mm_per_k(self) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ from tailstack.arrays import Array
 from tailstack.optimisation.exact_law import closed_form_mm
 from tailstack.optimisation.search import objective_for_people, search
 from tailstack.optimisation.symbols import plain
-from tailstack.optimisation.terms import Mechanics, estimator_of, image_covariances, terms_of
+from tailstack.optimisation.terms import ImageParts, Mechanics, estimator_of, image_parts_at, terms_of
 
 
 def test_the_recorded_optimum_is_reproduced() -> None:
@@ -25,16 +27,13 @@ def test_the_recorded_optimum_is_reproduced() -> None:
     problem = oracle_problem()
     layout, tau = np.array(ORACLE["X"]), np.deg2rad(ORACLE["tau_deg"])
     term, estimator = terms_of(problem, problem.demands[0]), estimator_of(problem.system)
-    noise, made = (
-        part.astype(float)
-        for part in image_covariances(
-            estimator, term, plain(layout), plain(estimator.projections), plain(estimator.told_shift_mm),
-            plain(term.reconstructed_mm),
-        )
-    )  # fmt: skip
+    laid, told = replace(problem.system, fiducials_mm=plain(layout)), plain(estimator.told_shift_mm)
+    parts = image_parts_at(estimator, term, laid, plain(estimator.projections), told, plain(term.reconstructed_mm))
+    images = ImageParts(*(part.astype(float) for part in parts))
+    noise, made = images.noise, images.made
     np.testing.assert_allclose(noise, ORACLE["Sigma_noise"], rtol=1e-9, atol=1e-15)
     assert not made.any()
-    closed = closed_form_mm(term, noise, made, tau, Mechanics(np.zeros(0), np.zeros(0)), np.zeros(0))
+    closed = closed_form_mm(term, images, tau, Mechanics(np.zeros(0), np.zeros(0)), np.zeros(0))
     assert closed == pytest.approx(0.5, rel=1e-7)
     assert oracle_p95_mm(noise, oracle_levers_mm(), tau) == pytest.approx(0.5, rel=1e-7)
     assert problem.cost(tau) == pytest.approx(ORACLE["best_known_cost"], rel=1e-12)

@@ -130,12 +130,11 @@ def _variables(program: Program, rng: np.random.Generator) -> Array:
 
 def _corrections(problem: PlacementProblem, rng: np.random.Generator) -> tuple[Correction, ...]:
     def one() -> Correction:
-        noise, made = rng.normal(size=(2, 3, 3))
-        return Correction(
-            rng.normal(), noise + noise.T, made + made.T, rng.normal(size=len(problem.half_widths)),
-            rng.normal(size=3 * len(problem.pivots)) / 30, rng.normal(size=len(problem.spacings)),
-        )  # fmt: skip
+        images, widths = rng.normal(size=15 + 3 * common), rng.normal(size=len(problem.half_widths))
+        mechanical = rng.normal(size=3 * len(problem.pivots)) / 30, rng.normal(size=len(problem.spacings))
+        return Correction(rng.normal(), np.concatenate([images, widths, *mechanical]))
 
+    common = len(terms_of(problem, problem.demands[0]).common)
     return tuple(one() for _ in problem.demands)
 
 
@@ -147,16 +146,15 @@ def _quantile_rows(program: Program, x: Array, parameters: Parameters, by_hand: 
     for t, (term, part) in enumerate(zip(program.terms, parameters.corrections, strict=True)):
         model = linearise(apply_choice(problem, choice), term.demand.target)
         error = term.demand.requirement.error
-        noise, made = image_parts(model, error)
+        images = image_parts(model, error)
+        upper = np.triu_indices(3)
+        own = np.log(choice.half_width), mechanics.pivot_shift, np.log(choice.spacing)
+        through = images.noise[upper], images.made[upper], images.shift, images.gains.ravel()
         if by_hand:
             form = quantile_by_hand_mm(model, error, term.demand.requirement.quantile)
         else:
-            form = closed_form_mm(term, noise, made, choice.half_width, mechanics, parameters.signs[t])
-        correction = (
-            part.offset + (part.noise * noise).sum() + (part.made * made).sum()
-            + part.widths @ np.log(choice.half_width) + part.pivots @ mechanics.pivot_shift
-            + part.spacings @ np.log(choice.spacing)
-        )  # fmt: skip
+            form = closed_form_mm(term, images, choice.half_width, mechanics, parameters.signs[t])
+        correction = part.offset + part.slopes @ np.concatenate([*through, *own])
         values.append(2 * np.log(form) + correction - 2 * parameters.log_limits[t] - x[-1])
     return np.array(values)
 
@@ -295,7 +293,8 @@ def test_the_split_model_has_the_covariance_of_the_score(seed: int) -> None:
     for demand in problem.demands:
         term, error = terms_of(problem, demand), demand.requirement.error
         model = linearise(problem.system, demand.target)
-        total = term.covariance + sum(image_parts(model, error))
+        images = image_parts(model, error)
+        total = term.covariance + images.noise + images.made
         for k, free in enumerate(problem.half_widths):
             sources = getattr(problem.system, free.contributor).sources
             std = sources.std[sources.names.index(free.component)]

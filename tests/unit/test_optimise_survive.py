@@ -16,7 +16,7 @@ from tailstack.errors import DesignError
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
-from tailstack.optimisation.terms import estimator_of, every_terms, image_covariances
+from tailstack.optimisation.terms import estimator_of, every_terms, image_parts_at
 from tailstack.propagation.linear import linearise
 
 DEMO = yaml.safe_load((Path(__file__).parents[2] / "examples" / "demo.yaml").read_text())
@@ -92,8 +92,9 @@ def test_every_loss_is_a_demand_with_the_covariance_of_what_is_left():
     estimator = estimator_of(problem.system)
     assert [term.demand.lost for term in terms] == [(), *((label,) for label in problem.system.fiducial_labels)]
     for term in terms:
-        given = (plain(problem.system.fiducials_mm), plain(estimator.projections), plain(estimator.told_shift_mm))
-        noise, made = image_covariances(estimator, term, *given, plain(term.reconstructed_mm))
+        laid = replace(problem.system, fiducials_mm=plain(problem.system.fiducials_mm))
+        given = (laid, plain(estimator.projections), plain(estimator.told_shift_mm))
+        images = image_parts_at(estimator, term, *given, plain(term.reconstructed_mm))
         rest = [i for i, label in enumerate(problem.system.fiducial_labels) if label not in term.demand.lost]
         system = replace(
             problem.system,
@@ -102,5 +103,5 @@ def test_every_loss_is_a_demand_with_the_covariance_of_what_is_left():
             manufacturing_half_width_mm=problem.system.manufacturing_half_width_mm[rest],
         )
         expected = image_parts(linearise(system, system.targets[0]), "tcp")
-        np.testing.assert_allclose(noise.astype(float), expected[0], rtol=1e-9)
-        np.testing.assert_allclose(made.astype(float), expected[1], rtol=1e-9)
+        np.testing.assert_allclose(images.noise.astype(float), expected[0], rtol=1e-9)
+        np.testing.assert_allclose(images.made.astype(float), expected[1], rtol=1e-9)

@@ -310,6 +310,7 @@ def _temperature(temperature: TemperatureDocument | None, interfaces: Interfaces
         connector_per_k=temperature.connector_expansion_um_per_m_k * 1e-6,
         seat_mm=place(temperature.seat_mm, interfaces.structure_connector),
         flange_seat_mm=place(temperature.flange_seat_mm, interfaces.connector_flange),
+        at_pivots=(temperature.seat_mm is None, temperature.flange_seat_mm is None),
     )
 
 

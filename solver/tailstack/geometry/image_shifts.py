@@ -21,7 +21,7 @@ def field_shifts(
     """(n, 2, k) shift of images (n, 2), px, per px of each coefficient (``system.ImageField``)."""
     place = (images - centre_px) / half_diagonal_px
     values = place[:, None, 0] ** powers[:, 0] * place[:, None, 1] ** powers[:, 1]
-    shifts = np.zeros((len(images), 2, len(axis)))
+    shifts = np.zeros((len(images), 2, len(axis)), values.dtype)
     for j, along in enumerate(axis.tolist()):
         shifts[:, along, j] = values[:, j]
     return shifts

@@ -57,7 +57,7 @@ from .prices import Price
 from .problem import Choice
 from .program import QUIET, SOLVED, Program, log_cost, log_half_widths
 from .symbols import elements
-from .terms import Mechanics, mechanics_of
+from .terms import ImageParts, Mechanics, mechanics_of
 
 # Half-widths are as good as the square root of the gap, so it is asked for near rounding; what is reached is checked.
 _SOLVER_OPTIONS = {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12}
@@ -493,15 +493,12 @@ def budgets_of(program: Program) -> Budgets:
     mechanics = Mechanics(elements(pivots), elements(spacings))
     rows, parameters = [], []
     for term in program.terms:
-        given = ca.SX.sym("given", 13 + len(term.bounded))
-        noise, made = np.zeros((3, 3), object), np.zeros((3, 3), object)
-        for position, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
-            noise[i, j] = noise[j, i] = given[position]
-            made[i, j] = made[j, i] = given[6 + position]
-        law = error_moments(term, noise, made, half_width, mechanics, elements(given)[13:])
+        images, offset = ca.SX.sym("images", 15 + 3 * len(term.common)), ca.SX.sym("offset")
+        signs = ca.SX.sym("signs", len(term.bounded))
+        law = error_moments(term, ImageParts.of(elements(images)), half_width, mechanics, elements(signs))
         limit = 2 * float(np.log(term.demand.requirement.limit_mm))
-        rows.append(ca.log(squared_quantile(term.demand, law)) + given[12] - limit - s)
-        parameters.append(given)
+        rows.append(ca.log(squared_quantile(term.demand, law)) + offset - limit - s)
+        parameters += [images, offset, signs]
     cost = log_cost(problem, logs)
     if problem.cost_limit is not None:
         rows.append(cost - float(np.log(problem.cost_limit)))
@@ -539,13 +536,12 @@ def best_budget(
     lower, upper = budgets.lower.copy(), budgets.upper.copy()
     for k, value in (fixed or {}).items():
         lower[k] = upper[k] = np.log(value)
-    triangle = np.triu_indices(3)
     mechanics = mechanics_of(program.problem, choice)
     given = np.zeros(len(evaluations)) if offsets is None else offsets
     parameters = np.concatenate(
         [
             *(
-                np.concatenate([item.noise[triangle], item.made[triangle], [offset], item.signs])
+                np.concatenate([item.images.numbers, [offset], item.signs])
                 for item, offset in zip(evaluations, given, strict=True)
             ),
             mechanics.pivot_shift,

@@ -35,7 +35,7 @@ from .search import (
 )
 from .starts import careless_layouts, textbook_layout
 from .task import Task
-from .terms import is_flat
+from .terms import is_singular
 from .tightening import CheckSettings, VerifiedOptimum, tighten, trials_for
 
 LEAST_TRIALS = 2**18  # of the check of a point: P95 within 0.3 %
@@ -227,7 +227,7 @@ def _at_layout(search: Search) -> Callable[[Array], float | None]:
     small = budgets_of(program) if problem.half_widths else None
 
     def value(layout: Array) -> float | None:
-        if is_flat(layout):
+        if is_singular(problem.system, layout):
             return None
         here = replace(choice, fiducials_mm=layout)
         try:

@@ -14,14 +14,14 @@ from ..propagation.linear import believed_errors
 from ..results import Relaxation, ShadowPrice
 from ..system import Law
 from .allocation import gaussian_bracket
-from .exact_law import evaluate_demand, image_parts
+from .exact_law import error_moments, evaluate_demand
 from .grades import Optimum
 from .prices import slope_of
-from .problem import Choice, PlacementProblem, for_people, in_words, label_of, unit_of
+from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice, unit_of
 from .program import Parameters, Point, Program, Row
 from .regions import Box
 from .search import Search
-from .terms import free_laws
+from .terms import free_laws, mechanics_of
 
 ACTIVE = 1e-6  # slack, in the scaled units of the programme, up to which a constraint binds
 TOUCHING = 1e-4  # of a rule of the layout: half of that in a distance
@@ -296,14 +296,14 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
         return "per-unit risk is not convex in the variances: KKT certifies a local optimum"
     if len({term.demand.requirement.quantile for term in search.terms}) > 1:
         return "the convex bound is of one quantile, and several are limited: KKT certifies a local optimum"
-    sources = [source for term in search.terms for source in term.sources]
+    sources = [source for term in search.terms for source in (*term.sources, *term.common)]
     sized = [source for source in sources if source.free is not None or source.half_width > 0]
     if any(source.law is not Law.NORMAL for source in sized) or _varies_unlike_normal(problem):
         return (
             "the convex bound is that of normal laws, and tolerances that are uniform, triangular or bounded have "
             "lighter tails: KKT certifies a local optimum"
         )
-    if any(term.bias.base.any() for term in search.terms):
+    if any(evaluate_demand(problem, term, present_choice(problem)).mean_mm.any() for term in search.terms):
         return "a known bias moves the quantile out of the convex form: KKT certifies a local optimum"
     return None
 
@@ -318,9 +318,10 @@ def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple
     """(lower bound, cost of the safe side) of the allocation at this layout."""
     noise, gains, limits = [], [], []
     for term in search.terms:
-        evaluation = evaluate_demand(problem, term, replace(choice, half_width=problem.lower))
-        covariance = sum(image_parts(evaluation.model, term.demand.requirement.error), term.covariance)
-        noise.append(covariance)
+        images = evaluate_demand(problem, term, replace(choice, half_width=problem.lower)).images
+        nothing = np.zeros(len(problem.half_widths))
+        fixed = error_moments(term, images, nothing, mechanics_of(problem, choice), np.zeros(0))
+        noise.append((fixed.unit + fixed.shot).astype(float))
         gains.append(term.free_gain.T)
         limits.append(term.demand.requirement.limit_mm)
     return gaussian_bracket(

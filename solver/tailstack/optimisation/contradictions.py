@@ -16,13 +16,22 @@ from scipy.optimize import linprog
 from ..arrays import Array
 from ..errors import DesignError, Problem
 from ..geometry.naming import direction_name
-from ..propagation.linear import believed_errors
 from ..system import View
-from .problem import MOST_FIDUCIALS, FreeFiducial, PlacementProblem, for_people, in_words, label_of, present_choice
+from .problem import (
+    MOST_FIDUCIALS,
+    FreeFiducial,
+    PlacementProblem,
+    count_ends,
+    for_people,
+    in_words,
+    label_of,
+    present_choice,
+)
 from .regions import Ball, Box, Cylinder, KeepOut, Shape, bounding_box, corners, diameter_mm, distinct, furthest_mm
 from .terms import Estimator, estimator_of
 
 FLAT = 1e-6  # thickness over width of a region that is a plane
+MOST_ENDS = 6  # bounded sources that move images together: 64 vertices for each quantile
 ROUNDING_MM = 1e-3  # fixed positions may have been rounded by who wrote them
 
 
@@ -41,9 +50,9 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
         found += _flat(problem)
         estimator = estimator_of(problem.system)
         found += refuse_regions(problem, estimator)
-        found += _intrinsics_bias(problem)
-        told = estimator.intrinsics_covariance.any()
-        if not (estimator.fiducial_px.any() or estimator.manufacturing_std_mm.any() or told):
+        told = estimator.intrinsics_covariance.any() or estimator.intrinsics_bias.any()
+        random = estimator.fiducial_px.any() or estimator.manufacturing_std_mm.any()
+        if not (random or told or problem.system.common_shifts):
             found.append(
                 Problem(
                     problem.places[0].pointer,
@@ -62,13 +71,16 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
                 "add a box or rotation_bounds",
             )
         )
-    found += _fixed_pairs(problem)
+    found += _fixed_pairs(problem) + _ends(problem)
     if found:
         raise DesignError(found)
 
 
 def _flat(problem: PlacementProblem) -> list[Problem]:
-    """Regions that leave all fiducials but one in a plane: no resection has an answer there."""
+    """Regions that leave all fiducials but one in a plane: no resection has an answer there, unless it believes
+    intrinsics."""
+    if problem.system.estimator.believes_intrinsics:
+        return []
     boxes = {i: corners(bounding_box(place.region)) for place in problem.places for i in place.fiducials}
     reach = [boxes.get(i, point[None]) for i, point in enumerate(problem.system.fiducials_mm)]
     for place in problem.places:
@@ -89,6 +101,23 @@ def _flat(problem: PlacementProblem) -> list[Problem]:
                 )
             ]
     return []
+
+
+def _ends(problem: PlacementProblem) -> list[Problem]:
+    """Bounded sources whose effect changes with the layout: the programme holds every vertex of theirs."""
+    count = count_ends(problem.system)
+    if count <= MOST_ENDS or not (problem.places or problem.pivots or problem.spacings):
+        return []
+    return [
+        Problem(
+            problem.system.common_shifts[0],
+            "not-optimised",
+            f"positions or pivots are free, and {count} bounded quantities move the images of all fiducials together: "
+            f"which of their 2^{count} combinations is worst changes with the layout, and {MOST_ENDS} quantities are "
+            "followed at most",
+            "give them a law (uniform, normal) for the search, then score the result with them bounded",
+        )
+    ]
 
 
 def _bounds(problem: PlacementProblem) -> list[Problem]:
@@ -216,21 +245,6 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
 INSIDE_MM = 1e-6  # positions this far outside count as inside
 DENSEST_SPHERES = pi / sqrt(18)  # Kepler: no packing of equal spheres fills more (Hales 2005)
 DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
-
-
-def _intrinsics_bias(problem: PlacementProblem) -> list[Problem]:
-    """A known error of intrinsics moves the target by what depends on the layout; in the programme a bias does not."""
-    return [
-        Problem(
-            f"/views/{index}/intrinsics_error",
-            "layout-dependent-bias",
-            f"the known error of the intrinsics of view {view.name} moves the target by an amount that depends on "
-            "where the fiducials are, which the optimiser does not follow",
-            "correct the intrinsics by what is known, and state the rest as half-widths",
-        )
-        for index, (view, error) in enumerate(zip(problem.system.views, believed_errors(problem.system), strict=True))
-        if error is not None and error.bias.any()
-    ]
 
 
 def refuse_regions(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:

@@ -1,8 +1,8 @@
 """The quantile that is limited: the exact law at a choice, and the correction that carries it into the programme.
 
 The programme's constraint is smooth closed form + correction.  The correction is affine in what the quantile sees
-(image covariances, logarithms of half-widths, pivots, spacings) and is chosen at an iterate so that value *and*
-gradient are those of the exact law there.  Solved again until the iterate stands still, the programme's
+(what comes through the images, logarithms of half-widths, pivots, spacings) and is chosen at an iterate so that value
+*and* gradient are those of the exact law there.  Solved again until the iterate stands still, the programme's
 first-order conditions are those of the exact law (first-order model management: Alexandrov and Lewis 2001).
 
 The moments of a limited error and the smooth closed form of its quantile are written once, for floats and symbols.
@@ -23,11 +23,11 @@ from ..losses import without_fiducials
 from ..propagation.linear import LinearModel, linearise
 from ..system import Law
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
-from ..tail.declared import law_gradient, law_quantile
+from ..tail.declared import column_gradient, law_gradient, law_quantile
 from ..tail.per_unit import UnitQuantile, unit_quantile
 from .problem import Choice, Demand, PlacementProblem, apply_choice
 from .symbols import Duck, plain, times
-from .terms import DemandTerms, Mechanics, mechanics_of
+from .terms import DemandTerms, ImageParts, Mechanics, at_ends, mechanics_of
 
 LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
 STEP = 1e-5  # relative step of central differences of the closed form
@@ -45,31 +45,33 @@ class Evaluation:
     relative_error: float  # numerical error of exact_mm, relative
     mean_mm: Array  # (3,) at the worst vertex
     signs: Array  # (B,) ends of the bounded sources, in the order of ``DemandTerms.bounded``
-    noise: Array  # (3, 3) mm^2 of image noise, in the frame of the limited error
-    made: Array  # (3, 3) mm^2 of manufacturing errors and of assumed intrinsics, drawn once per unit
+    images: ImageParts
     model: LinearModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """``offset + <noise, N> + <made, M> + widths . log h + pivots . w + spacings . log s``, added to log r^2."""
+    """``offset + slopes . seen``, added to log r^2.
+
+    seen (15 + 3 C + K + 3P + L,): what comes through the images (``ImageParts.numbers``), logarithms of the
+    half-widths, deviations of the pivots, mm, logarithms of the spacings.
+    """
 
     offset: float
-    noise: Array  # (3, 3) symmetric, per mm^2
-    made: Array  # (3, 3)
-    widths: Array  # (K,)
-    pivots: Array  # (3P,) per mm of deviation
-    spacings: Array  # (L,) per log of the factor
+    slopes: Array
 
 
-def image_parts(model: LinearModel, error: str) -> tuple[Array, Array]:
-    """Covariances (3, 3) mm^2 of image noise, and of manufacturing errors and assumed intrinsics."""
-    noise, made = np.zeros((3, 3)), np.zeros((3, 3))
+def image_parts(model: LinearModel, error: str) -> ImageParts:
+    """What comes through the images by the linear model."""
+    noise, made, gains = np.zeros((3, 3)), np.zeros((3, 3)), [np.zeros((0, 3))]
     for block in model.blocks:
+        gain = model.gain(block, error)
         if block.imaged:
-            scaled = model.gain(block, error) * block.std
+            scaled = gain * block.std
             (made if block.per_unit else noise)[...] += scaled @ scaled.T
-    return noise, made
+        elif block.common:
+            gains.append(gain.T)
+    return ImageParts(noise, made, model.imaged_bias_mm(error), np.concatenate(gains))
 
 
 def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choice) -> Evaluation:
@@ -77,10 +79,10 @@ def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     score reports.  Raises IllPosedError or NotConvergedError."""
     requirement = terms.demand.requirement
     system = without_fiducials(apply_choice(problem, choice), terms.demand.lost)
-    model = linearise(system, terms.demand.target)
+    model = at_ends(linearise(system, terms.demand.target), terms.demand.ends)
     exact = exact_quantile(model, terms.demand)
-    noise, made = image_parts(model, requirement.error)
-    keys = [(terms.sources[b].contributor, terms.sources[b].index) for b in terms.bounded]
+    sources = (*terms.sources, *terms.common)
+    keys = [(sources[b].contributor, sources[b].index) for b in terms.bounded]
     return Evaluation(
         exact_mm=exact.value_mm,
         limit_mm=requirement.limit_mm,
@@ -88,8 +90,7 @@ def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choic
         relative_error=exact.relative_error,
         mean_mm=exact.worst.mean_mm,
         signs=np.array([exact.worst.signs.get(key, 1.0) for key in keys]),
-        noise=noise,
-        made=made,
+        images=image_parts(model, requirement.error),
         model=model,
     )
 
@@ -136,19 +137,17 @@ def _unit_quantile(
 def closed_form_at(problem: PlacementProblem, terms: DemandTerms, evaluation: Evaluation, choice: Choice) -> float:
     """The closed form, mm, at the choice of a promise and with its ends."""
     mechanics = mechanics_of(problem, choice)
-    return closed_form_mm(terms, evaluation.noise, evaluation.made, choice.half_width, mechanics, evaluation.signs)
+    return closed_form_mm(terms, evaluation.images, choice.half_width, mechanics, evaluation.signs)
 
 
-def no_correction(problem: PlacementProblem) -> Correction:
-    zero = np.zeros((3, 3))
-    return Correction(
-        0.0,
-        zero,
-        zero,
-        np.zeros(len(problem.half_widths)),
-        np.zeros(3 * len(problem.pivots)),
-        np.zeros(len(problem.spacings)),
-    )
+def count_seen(problem: PlacementProblem, terms: DemandTerms) -> int:
+    """How many numbers a correction is affine in."""
+    mechanical = 3 * len(problem.pivots) + len(problem.spacings)
+    return 15 + 3 * len(terms.common) + len(problem.half_widths) + mechanical
+
+
+def no_correction(problem: PlacementProblem, terms: DemandTerms) -> Correction:
+    return Correction(0.0, np.zeros(count_seen(problem, terms)))
 
 
 def correction_at(
@@ -160,41 +159,22 @@ def correction_at(
     at_ends = evaluation if same_ends is None else replace(evaluation, signs=same_ends)
     difference = 2 * log(evaluation.exact_mm) - 2 * log(closed_form_at(problem, terms, at_ends, choice))
     exact = (_unit_gradient if terms.demand.per_unit else _exact_gradient)(problem, terms, choice, evaluation)
-    form = _closed_gradient(problem, terms, choice, evaluation, signs)
-    slope = Correction(
-        0.0,
-        exact.noise - form.noise,
-        exact.made - form.made,
-        exact.widths - form.widths,
-        exact.pivots - form.pivots,
-        exact.spacings - form.spacings,
-    )
-    return replace(slope, offset=difference - correction_value(slope, problem, choice, evaluation))
+    slopes = exact - _closed_gradient(problem, terms, choice, evaluation, signs)
+    return Correction(difference - float(slopes @ _what_is_seen(problem, choice, evaluation)), slopes)
 
 
-def correction_value(
-    correction: Correction, problem: PlacementProblem, choice: Choice, evaluation: Evaluation
-) -> float:
-    """The correction at a choice."""
+def _what_is_seen(problem: PlacementProblem, choice: Choice, evaluation: Evaluation) -> Array:
     mechanics = mechanics_of(problem, choice)
-    return float(
-        correction.offset
-        + (correction.noise * evaluation.noise).sum()
-        + (correction.made * evaluation.made).sum()
-        + correction.widths @ np.log(choice.half_width)
-        + correction.pivots @ mechanics.pivot_shift
-        + correction.spacings @ np.log(choice.spacing)
-    )
+    own = np.log(choice.half_width), mechanics.pivot_shift, np.log(choice.spacing)
+    return np.concatenate([evaluation.images.numbers, *own])
 
 
-def _exact_gradient(
-    problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation
-) -> Correction:
+def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
     """Gradient of log r^2 under the declared law; by differences along pivots and spacings, analytic otherwise."""
     error, p = terms.demand.requirement.error, terms.demand.requirement.quantile
     law, where = declared_law(evaluation.model, error, evaluation.mean_mm)
-    slopes = law_gradient(law, law_quantile(law, p))
-    per = 2 / evaluation.exact_mm
+    quantile = law_quantile(law, p)
+    slopes = law_gradient(law, quantile)
     gains = terms.gains.at(mechanics_of(problem, choice))
     ends = {index: evaluation.signs[b] for b, index in enumerate(terms.bounded)}
     widths = np.zeros(len(problem.half_widths))
@@ -211,12 +191,44 @@ def _exact_gradient(
             column = where.get((source.contributor, source.index))
             widths[source.free] += 0.0 if column is None else float(slopes.by_log_column[column])
 
-    curvature = per * slopes.by_covariance
-    pivots, spacings = _mechanical_gradient(problem, terms, choice, curvature, curvature)
-    return Correction(0.0, curvature, curvature, per * widths, pivots, spacings)
+    columns = [where.get((source.contributor, source.index)) for source in terms.common]
+    by_column = None if columns == [None] * len(columns) else column_gradient(law, quantile)
+    common = _by_common_gains(terms, evaluation, dict.fromkeys((True, False), slopes.by_covariance))
+    if by_column is not None:
+        for c, (source, column) in enumerate(zip(terms.common, columns, strict=True)):
+            if column is not None:
+                common[c] = source.half_width * by_column[:, column]
+    images = ImageParts(slopes.by_covariance, slopes.by_covariance, slopes.by_mean, common)
+    return _gradient(problem, terms, choice, 2 / evaluation.exact_mm, images, widths)
 
 
-def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Correction:
+def _by_common_gains(terms: DemandTerms, evaluation: Evaluation, by_covariance: Mapping[bool, Array]) -> Array:
+    """(C, 3) gradient of the quantile by the gains of the common sources, through the covariance: for uniform and
+    triangular ones it is that of a normal law as wide; bounded ones have none (``Demand.ends``)."""
+    return np.array(
+        [
+            2 * (source.std_per_half_width * source.half_width) ** 2 * by_covariance[source.per_unit] @ gain
+            for source, gain in zip(terms.common, evaluation.images.gains, strict=True)
+        ]
+    ).reshape(-1, 3)
+
+
+def _gradient(
+    problem: PlacementProblem, terms: DemandTerms, choice: Choice, per: float, images: ImageParts, widths: Array
+) -> Array:
+    """``per`` times the gradient by what comes through the images (covariances: symmetric matrices) and by logarithms
+    of half-widths, followed by that by pivots and spacings."""
+    twice = 2.0 - np.eye(3)  # an entry of the upper triangle stands for two
+    by_images = per * images._replace(noise=images.noise * twice, made=images.made * twice).numbers
+    found = []
+    for low, high, width in _mechanical_steps(problem, choice):
+        below, above = evaluate_demand(problem, terms, low), evaluate_demand(problem, terms, high)
+        through = float(by_images @ (above.images.numbers - below.images.numbers))
+        found.append((2 * log(above.exact_mm / below.exact_mm) - through) / width)
+    return np.concatenate([by_images, per * widths, found])
+
+
+def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
     """Gradient of log r^2 of a per-unit quantile by central differences: the units are the same ones each time, and
     the value drawn from them is continuous, so that it has a slope of its own (:mod:`..tail.per_unit`).
 
@@ -224,13 +236,18 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
     which never leaves the covariances.  With A = e_i e_j' + e_j e_i' (half of it for i = j) on those axes, C's
     eigenvalues l, and G the gradient sought, the slope is ``2 (l_i + l_j) G_ij`` (``2 l_i G_ii``).
     """
-    groups: dict[bool, list[str]] = {True: [], False: []}
-    for block in evaluation.model.blocks:
-        if block.imaged:
-            groups[block.per_unit].append(block.contributor)
 
-    def by_covariance(covariance: Array, names: list[str]) -> Array:
-        lengths, axes = np.linalg.eigh(covariance)
+    def ratio(above: float, below: float) -> float:
+        return 2 * log(above / below)
+
+    def at(mean_mm: Array, stretch: Mapping[str, Array] | None = None) -> float:
+        return _unit_quantile(evaluation.model, terms.demand, mean_mm, stretch).value_mm
+
+    def by_covariance(per_unit: bool) -> Array:
+        blocks = [b for b in evaluation.model.blocks if (b.imaged or b.common) and b.per_unit == per_unit]
+        scaled = np.hstack([np.zeros((3, 0)), *(evaluation.model.gain(b, error) * b.std for b in blocks)])
+        names = [block.contributor for block in blocks]
+        lengths, axes = np.linalg.eigh(scaled @ scaled.T)
         found = np.zeros((3, 3))
         for i in range(3):
             for j in range(i, 3):
@@ -240,18 +257,20 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
                 turn = np.zeros((3, 3))
                 turn[i, j] = turn[j, i] = UNIT_STEP
                 sides = [
-                    _unit_quantile(
-                        evaluation.model,
-                        terms.demand,
-                        evaluation.mean_mm,
-                        dict.fromkeys(names, np.eye(3) + side * axes @ turn @ axes.T),
-                    ).value_mm
+                    at(evaluation.mean_mm, dict.fromkeys(names, np.eye(3) + side * axes @ turn @ axes.T))
                     for side in (1, -1)
                 ]
-                found[i, j] = found[j, i] = 2 * log(sides[0] / sides[1]) / (2 * UNIT_STEP) / (2 * size)
+                found[i, j] = found[j, i] = ratio(*sides) / (2 * UNIT_STEP) / (2 * size)
         return np.asarray(axes @ found @ axes.T)
 
-    noise, made = by_covariance(evaluation.noise, groups[False]), by_covariance(evaluation.made, groups[True])
+    error, images = terms.demand.requirement.error, evaluation.images
+    by_mean = np.zeros(3)
+    if images.shift.any():
+        step = UNIT_STEP * evaluation.exact_mm
+        by_mean = np.array(
+            [ratio(at(evaluation.mean_mm + e), at(evaluation.mean_mm - e)) / (2 * step) for e in step * np.eye(3)]
+        )
+    curvature = {per_unit: by_covariance(per_unit) for per_unit in (True, False)}
     widths = np.zeros(len(choice.half_width))
     for k in range(len(widths)):
         factor = np.ones(len(widths))
@@ -260,23 +279,10 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
             evaluate_demand(problem, terms, replace(choice, half_width=width)).exact_mm
             for width in (choice.half_width * factor, choice.half_width / factor)
         ]
-        widths[k] = 2 * log(sides[0] / sides[1]) / (2 * UNIT_STEP)
-    return Correction(0.0, noise, made, widths, *_mechanical_gradient(problem, terms, choice, noise, made))
-
-
-def _mechanical_gradient(
-    problem: PlacementProblem, terms: DemandTerms, choice: Choice, by_noise: Array, by_made: Array
-) -> tuple[Array, Array]:
-    """Gradient of log r^2 by pivots (3P,) and spacings (L,), by differences, less what goes through the images."""
-    found = []
-    for low, high, width in _mechanical_steps(problem, choice):
-        below, above = evaluate_demand(problem, terms, low), evaluate_demand(problem, terms, high)
-        through_image = float(
-            (by_noise * (above.noise - below.noise)).sum() + (by_made * (above.made - below.made)).sum()
-        )
-        found.append((2 * log(above.exact_mm / below.exact_mm) - through_image) / width)
-    count = 3 * len(problem.pivots)
-    return np.array(found[:count]).reshape(-1), np.array(found[count:]).reshape(-1)
+        widths[k] = ratio(*sides) / (2 * UNIT_STEP)
+    common = _by_common_gains(terms, evaluation, curvature)
+    slopes = ImageParts(curvature[False], curvature[True], by_mean, common)
+    return _gradient(problem, terms, choice, 1.0, slopes, widths)
 
 
 def _mechanical_steps(problem: PlacementProblem, choice: Choice) -> list[tuple[Choice, Choice, float]]:
@@ -308,50 +314,28 @@ def _mechanical_steps(problem: PlacementProblem, choice: Choice) -> list[tuple[C
 
 def _closed_gradient(
     problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation, signs: Array
-) -> Correction:
+) -> Array:
     """Gradient of the closed form's log r^2, by central differences (it costs microseconds)."""
 
-    def form(noise: Array, made: Array, half_width: Array, at: Choice) -> float:
-        return 2 * log(closed_form_mm(terms, noise, made, half_width, mechanics_of(problem, at), signs))
+    def form(numbers: Array, half_width: Array, at: Choice) -> float:
+        return 2 * log(closed_form_mm(terms, ImageParts.of(numbers), half_width, mechanics_of(problem, at), signs))
 
-    base = (evaluation.noise, evaluation.made, choice.half_width, choice)
-    scale = float(np.trace(evaluation.noise + evaluation.made)) or float(evaluation.exact_mm**2)
-    by_noise, by_made = np.zeros((3, 3)), np.zeros((3, 3))
-    for part, found in ((0, by_noise), (1, by_made)):
-        for i in range(3):
-            for j in range(i, 3):
-                step = np.zeros((3, 3))
-                step[i, j] = step[j, i] = STEP * scale
-                sides = [form(*(b + s * step if k == part else b for k, b in enumerate(base))) for s in (1, -1)]  # type: ignore[arg-type, operator]
-                slope = (sides[0] - sides[1]) / (2 * STEP * scale)
-                found[i, j] = found[j, i] = slope / (1 if i == j else 2)
-    widths = []
-    for k in range(len(choice.half_width)):
-        factor = np.ones(len(choice.half_width))
+    here, images, widths = evaluation.images.numbers, evaluation.images, choice.half_width
+    scale = float(np.trace(images.noise + images.made)) or float(evaluation.exact_mm**2)
+    by_gain = [evaluation.exact_mm / source.half_width if source.half_width else 1.0 for source in terms.common]
+    sizes = np.repeat([scale, evaluation.exact_mm, *by_gain], [12, 3, *[3] * len(by_gain)])
+    found = []
+    for k, size in enumerate(sizes):
+        step = np.zeros(len(here))
+        step[k] = STEP * size
+        found.append((form(here + step, widths, choice) - form(here - step, widths, choice)) / (2 * STEP * size))
+    for k in range(len(widths)):
+        factor = np.ones(len(widths))
         factor[k] = np.exp(STEP)
-        up, down = choice.half_width * factor, choice.half_width / factor
-        above, below = (
-            form(evaluation.noise, evaluation.made, up, choice),
-            form(evaluation.noise, evaluation.made, down, choice),
-        )
-        widths.append((above - below) / (2 * STEP))
-    mechanical = [
-        (
-            form(evaluation.noise, evaluation.made, choice.half_width, high)
-            - form(evaluation.noise, evaluation.made, choice.half_width, low)
-        )
-        / w
-        for low, high, w in _mechanical_steps(problem, choice)
-    ]
-    count = 3 * len(problem.pivots)
-    return Correction(
-        0.0,
-        by_noise,
-        by_made,
-        np.array(widths).reshape(-1),
-        np.array(mechanical[:count]).reshape(-1),
-        np.array(mechanical[count:]).reshape(-1),
-    )
+        found.append((form(here, widths * factor, choice) - form(here, widths / factor, choice)) / (2 * STEP))
+    for low, high, width in _mechanical_steps(problem, choice):
+        found.append((form(here, widths, high) - form(here, widths, low)) / width)
+    return np.array(found)
 
 
 def exact_ratios(problem: PlacementProblem, terms: tuple[DemandTerms, ...], choice: Choice) -> Array:
@@ -387,31 +371,31 @@ class ErrorMoments:
 
 
 def error_moments(
-    terms: DemandTerms, noise: Duck, made: Duck, half_width: Duck, mechanics: Mechanics, signs: Duck
+    terms: DemandTerms, images: ImageParts, half_width: Duck, mechanics: Mechanics, signs: Duck
 ) -> ErrorMoments:
     """Moments at one target.
 
-    noise, made (3, 3): covariances of image noise and of manufacturing; half_width (K,) native units; signs (B,):
-    the end at which each of ``terms.bounded`` stands.  All but the terms may be symbols.
+    half_width (K,) native units; signs (B,): the end at which each of ``terms.bounded`` stands.  All but the terms may
+    be symbols.
     """
     bias = terms.bias.at(mechanics)
-    mean = plain(bias) if bias.dtype != object else bias
-    gains = terms.gains.at(mechanics)
-    covariance = {True: made, False: noise}
+    mean = (plain(bias) if bias.dtype != object else bias) + images.shift
+    gains = (*terms.gains.at(mechanics), *images.gains)
+    covariance = {True: images.made, False: images.noise}
     columns: dict[tuple[bool, Law], list[Duck]] = {
         (per_unit, law): [] for per_unit in (True, False) for law in (Law.UNIFORM, Law.TRIANGULAR)
     }
     fixed = {True: np.zeros((3, 3)), False: np.zeros((3, 3))}
     ends = {index: signs[b] for b, index in enumerate(terms.bounded)}
-    for index, source in enumerate(terms.sources):
-        gain = plain(gains[index]) if gains.dtype != object else gains[index]
+    for index, source in enumerate((*terms.sources, *terms.common)):
+        gain = plain(gains[index]) if gains[index].dtype != object else gains[index]
         if source.free is None and source.half_width == 0:
             continue
         size = source.half_width if source.free is None else half_width[source.free]
         if index in ends:
             mean = mean + times(gain, ends[index] * size)
             continue
-        if source.free is None and gains.dtype != object:  # numbers: add them up as such
+        if source.free is None and gains[index].dtype != object:  # numbers: add them up as such
             scaled = gains[index] * (source.std_per_half_width * source.half_width)
             fixed[source.per_unit] += np.outer(scaled, scaled)
         else:
@@ -447,8 +431,9 @@ def squared_quantile(demand: Demand, law: ErrorMoments) -> Duck:
 
 
 def closed_form_mm(
-    terms: DemandTerms, noise: Array, made: Array, half_width: Array, mechanics: Mechanics, signs: Array
+    terms: DemandTerms, images: ImageParts, half_width: Array, mechanics: Mechanics, signs: Array
 ) -> float:
     """The same in floats, mm."""
-    law = error_moments(terms, plain(noise), plain(made), half_width, mechanics, signs)
+    plainly = images._replace(noise=plain(images.noise), made=plain(images.made))
+    law = error_moments(terms, plainly, half_width, mechanics, signs)
     return sqrt(float(squared_quantile(terms.demand, law)))

@@ -24,7 +24,7 @@ from ..verification import UNITS
 from .exact_law import Evaluation, evaluate_demand, exact_quantile
 from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, least_half_widths, present_choice
 from .program import QUIET, Parameters, Point, Program, Row
-from .terms import DemandTerms, blind_half_widths, every_terms, is_flat, scatter
+from .terms import DemandTerms, blind_half_widths, every_terms, is_singular, scatter
 
 LEADING = 3  # contributors named
 NOISE = ("fiducial_noise:", "target_noise:")
@@ -337,7 +337,7 @@ def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
     The noise of the target's own images stays: it passes through the projections, which no layout changes.
     """
     choice = present_choice(problem)
-    if is_flat(problem.system.fiducials_mm):
+    if is_singular(problem.system, problem.system.fiducials_mm):
         return None
     try:
         model = linearise(apply_choice(problem, choice), demand.target)
@@ -346,11 +346,14 @@ def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
     now = exact_quantile(model, demand).value_mm
     floor = exact_quantile(with_perfect_fiducials(model), demand).value_mm
     gain = 1 - floor / now
+    what = "the fiducials' own image noise and manufacturing errors"
+    if any(block.common for block in model.blocks) or model.imaged_bias_mm("tcp").any():
+        what = "image noise, manufacturing errors and systematic errors of the images"
     return Finding(
         "layout-influence",
         "warning" if gain < HARDLY else "note",
-        f"{demand.text} is {now:.4g} mm; with the tolerances as they are, placement can gain no more than what the "
-        f"fiducials' own image noise and manufacturing errors cost: down to {floor:.4g} mm ({-100 * gain:+.1f} %)",
+        f"{demand.text} is {now:.4g} mm; with the tolerances as they are, placement can gain no more than what "
+        f"{what} cost: down to {floor:.4g} mm ({-100 * gain:+.1f} %)",
         problem.places[0].pointer,
         floor,
         demand.requirement.limit_mm,
@@ -358,7 +361,9 @@ def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
 
 
 def with_perfect_fiducials(model: LinearModel) -> LinearModel:
-    """The linear model without what comes by way of the fiducials: their noise, manufacture and assumed intrinsics."""
-    return replace(
-        model, blocks=tuple(b for b in model.blocks if not b.imaged or b.contributor.startswith("target_noise:"))
-    )
+    """The linear model without what comes by way of the fiducials: their noise, their manufacture, assumed intrinsics,
+    what moves their images together; and without any bias where some of it comes that way too."""
+    kept = tuple(b for b in model.blocks if not (b.imaged or b.common) or b.contributor.startswith("target_noise:"))
+    if not model.imaged_bias_mm("tcp").any():
+        return replace(model, blocks=kept)
+    return replace(model, blocks=kept, localisation_bias_mm=np.zeros(3), tcp_bias_mm=np.zeros(3))

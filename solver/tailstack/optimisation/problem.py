@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import degrees
@@ -10,9 +11,10 @@ from typing import Any, Literal
 import numpy as np
 
 from ..arrays import Array, frozen
-from ..system import Mount, Requirement, System, Target
+from ..system import Law, Mount, Requirement, System, Target
 from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
+from .symbols import Duck
 
 Objective = Literal["cost", "quantile", "scaling"]
 MOST_FIDUCIALS = 64  # memory and time of the programme go as their square
@@ -81,16 +83,24 @@ class Demand:
     requirement: Requirement
     target: Target
     lost: tuple[str, ...] = ()  # labels of the fiducials that are lost, in all views
+    ends: tuple[float, ...] = ()  # -1 or 1: where each bounded source of ``count_ends`` stands; (): wherever is worst
+
+    @property
+    def promise(self) -> tuple[str, ...]:
+        """What is promised, wherever bounded sources stand."""
+        return self.requirement.name, self.target.name, *self.lost
 
     @property
     def key(self) -> tuple[str, ...]:
-        return self.requirement.name, self.target.name, *self.lost
+        return *self.promise, *map(str, self.ends)
 
     @property
     def text(self) -> str:
         per_unit = f" of {100 * self.fraction:g} % of units" if self.per_unit else ""
         without = f" without {' and '.join(self.lost)}" if self.lost else ""
-        return f"P{100 * self.requirement.quantile:g}{per_unit} at target {self.target.name!r}{without}"
+        ends = "".join("+" if end > 0 else "-" for end in self.ends)
+        held = f", bounded errors of images at {ends}" if ends else ""
+        return f"P{100 * self.requirement.quantile:g}{per_unit} at target {self.target.name!r}{without}{held}"
 
     @property
     def per_unit(self) -> bool:
@@ -158,6 +168,13 @@ class PlacementProblem:
         return (*asked, *survived)
 
     @property
+    def ends(self) -> tuple[tuple[float, ...], ...]:
+        """Where the bounded sources that move the images of all fiducials together may stand: all vertices, as which is
+        worst changes with the layout and at the optimum several are; one that is empty where the layout stays."""
+        moving = self.places or self.pivots or self.spacings
+        return tuple(product((1.0, -1.0), repeat=count_ends(self.system) if moving else 0))
+
+    @property
     def targets(self) -> tuple[Target, ...]:
         """The targets that some requirement names, in the order of the system."""
         named = {name for requirement in self.requirements for name in requirement.targets}
@@ -176,6 +193,15 @@ class PlacementProblem:
     def cost(self, half_width: Array) -> float:
         """Sum over the free half-widths (K,), native unit."""
         return sum((cost_of(f.price, float(h)) for f, h in zip(self.half_widths, half_width, strict=True)), 0.0)
+
+
+def count_ends(system: System) -> int:
+    """How many bounded sources move the images of all fiducials of a view together."""
+    declared = [view.motion for view in system.views] + [view.image_field for view in system.views]
+    found = [each.sources for each in (*declared, system.temperature) if each is not None]
+    return sum(
+        law is Law.BOUNDED and h > 0 for each in found for law, h in zip(each.laws, each.half_width, strict=True)
+    )
 
 
 def mount_named(system: System, contributor: str) -> Mount:
@@ -240,22 +266,37 @@ def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
     def change(contributor: str, **fields: Any) -> None:
         mount = mounts[contributor]
         fields = {name: frozen(values) for name, values in fields.items()}
-        pivot = {"pivot_mm": fields.pop("pivot_mm")} if "pivot_mm" in fields else {}
-        mounts[contributor] = replace(mount, sources=replace(mount.sources, **fields), **pivot)
+        mounts[contributor] = replace(mount, sources=replace(mount.sources, **fields))
 
     for free, value in zip(problem.half_widths, choice.half_width, strict=True):
         sources = mounts[free.contributor].sources
         widths = sources.half_width.copy()
         widths[sources.names.index(free.component)] = value
         change(free.contributor, half_width=widths)
-    for pivot, position in zip(problem.pivots, choice.pivots_mm, strict=True):
-        change(pivot.contributor, pivot_mm=position)
     for spacing, factor in zip(problem.spacings, choice.spacing, strict=True):
         change(spacing.contributor, direction=spacing.shift + spacing.turn / float(factor))
-    first, second = problem.system.structure_connector.name, problem.system.connector_flange.name
-    return replace(
+    first, second = (mounts[mount.name] for mount in problem.system.interfaces)
+    system = replace(
         problem.system,
         fiducials_mm=frozen(choice.fiducials_mm),
-        structure_connector=mounts[first],
-        connector_flange=mounts[second],
+        structure_connector=first,
+        connector_flange=second,
     )
+    pivots = {free.contributor: at for free, at in zip(problem.pivots, frozen(choice.pivots_mm), strict=True)}
+    return with_pivots(system, pivots)
+
+
+def with_pivots(system: System, pivots_mm: Mapping[str, Duck]) -> System:
+    """The system with the pivots (3,) of some interfaces elsewhere, and what is seated at them: numbers or symbols."""
+    first, second = (
+        replace(mount, pivot_mm=pivots_mm[mount.name]) if mount.name in pivots_mm else mount
+        for mount in system.interfaces
+    )
+    heat = system.temperature
+    if heat is not None:
+        heat = replace(
+            heat,
+            seat_mm=first.pivot_mm if heat.at_pivots[0] else heat.seat_mm,
+            flange_seat_mm=second.pivot_mm if heat.at_pivots[1] else heat.flange_seat_mm,
+        )
+    return replace(system, structure_connector=first, connector_flange=second, temperature=heat)

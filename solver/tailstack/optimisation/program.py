@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..system import View
-from .exact_law import Correction, error_moments, squared_quantile
+from .exact_law import Correction, count_seen, error_moments, squared_quantile
 from .prices import smooth_cost
 from .problem import Choice, FreeFiducial, PlacementProblem, present_choice, width_bounds
 from .regions import Box, bounding_box, clearest_piece, contains, corners, inside_rows, move, outside_pieces, sample
 from .symbols import Duck, elements, plain
-from .terms import DemandTerms, Estimator, Mechanics, estimator_affine, image_covariances
+from .terms import DemandTerms, Estimator, Mechanics, estimator_affine, image_parts_at, lay
 
 QUIET: dict[str, Any] = {
     "print_time": False,
@@ -89,15 +89,7 @@ class Parameters:
     pieces: Array  # (Z,) which piece of the outside each (keep-out zone, fiducial) uses
 
     def vector(self, program: Program, question: Question) -> Array:
-        upper = np.triu_indices(3)
-        twice = np.where(upper[0] == upper[1], 1.0, 2.0)
-        corrected = [
-            np.concatenate([
-                [part.offset], part.noise[upper] * twice, part.made[upper] * twice, part.widths, part.pivots,
-                part.spacings,
-            ])
-            for part in self.corrections
-        ]  # fmt: skip
+        corrected = [np.append(part.offset, part.slopes) for part in self.corrections]
         least = question == "least" or program.problem.objective == "quantile"
         chosen = [np.eye(count)[int(piece)] for count, piece in zip(program.piece_counts, self.pieces, strict=True)]
         return np.concatenate([self.log_limits, self.signs.ravel(), *corrected, *chosen, [1.0 if least else 0.0]])
@@ -259,7 +251,7 @@ class _Symbols(NamedTuple):
     s: Any  # the slack
     limits: Any  # (T,) logarithm of each limit
     signs: Any  # (B, T) ends of the bounded sources
-    corrections: Any  # (13 + K + 3P + L, T) to the exact law
+    corrections: Any  # (1 + 15 + 3 C + K + 3P + L, T) to the exact law
     least: Any  # 1 where the slack is minimised, 0 where the cost is
 
 
@@ -273,7 +265,7 @@ def _make_symbols(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> 
         s=ca.SX.sym("s"),
         limits=ca.SX.sym("limits", len(terms)),
         signs=ca.SX.sym("signs", len(terms[0].bounded), len(terms)),
-        corrections=ca.SX.sym("corrections", 13 + widths + pivots + spacings, len(terms)),
+        corrections=ca.SX.sym("corrections", 1 + count_seen(problem, terms[0]), len(terms)),
         least=ca.SX.sym("least"),
     )
 
@@ -322,13 +314,14 @@ def _quantile_rows(
 ) -> Iterator[tuple[Row, Any]]:
     """``log r^2 + correction - 2 log limit - s <= 0`` of every quantile in the programme."""
     half_width = np.array([ca.exp(value) for value in design.logs], dtype=object)
-    mechanics, triangle = design.mechanics, np.triu_indices(3)
+    mechanics = design.mechanics
     projections, told_shift = (_duck(part.at(mechanics)) for part in estimator_affine(problem))
+    laid = lay(problem, design.points, mechanics)
     for t, term in enumerate(terms):
         reconstructed = _duck(term.reconstructed.at(mechanics))
-        noise, made = image_covariances(estimator, term, design.points, projections, told_shift, reconstructed)
-        law = error_moments(term, noise, made, half_width, mechanics, elements(symbols.signs[:, t]))
-        seen = [1.0, *noise[triangle], *made[triangle], *design.logs, *mechanics.pivot_shift, *elements(symbols.tau)]
+        images = image_parts_at(estimator, term, laid, projections, told_shift, reconstructed)
+        law = error_moments(term, images, half_width, mechanics, elements(symbols.signs[:, t]))
+        seen = [1.0, *images.numbers, *design.logs, *mechanics.pivot_shift, *elements(symbols.tau)]
         correction = sum(symbols.corrections[i, t] * value for i, value in enumerate(seen))
         form = ca.log(squared_quantile(term.demand, law))
         yield Row("quantile", term.demand.text, -np.inf, 0.0), form + correction - 2 * symbols.limits[t] - symbols.s

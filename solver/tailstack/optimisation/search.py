@@ -34,7 +34,7 @@ from .problem import Choice, PlacementProblem, least_half_widths, present_choice
 from .program import Parameters, Point, Program, build_program, solve
 from .regions import bounding_box
 from .starts import starting_layouts
-from .terms import DemandTerms, Estimator, estimator_of, every_terms, is_flat
+from .terms import DemandTerms, Estimator, estimator_of, every_terms, is_singular
 
 POLISHED = 3  # best explored points that are solved to full precision
 ATTEMPTS = 8  # starts asked for the smallest quantile before a limit is called out of reach
@@ -147,7 +147,8 @@ def prepare_search(
     if len(terms) > MANY_DEMANDS:
         # At half-widths that use up the limit, not at the smallest: a lever may lead where noise does not.
         here = present_choice(problem)
-        choices = [replace(here, fiducials_mm=layout) for layout in layouts[:3] if not is_flat(layout)]
+        solid = [layout for layout in layouts[:3] if not is_singular(problem.system, layout)]
+        choices = [replace(here, fiducials_mm=layout) for layout in solid]
         leading = leading_demands(problem, terms, choices, LEADING)
         active = tuple(term for k, term in enumerate(terms) if k in leading)
     lanes = min(usable_cores() if control.threads is None else control.threads, len(layouts))
@@ -300,7 +301,7 @@ def farthest(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple
     centre = problem.system.fiducials_mm.mean(axis=0)
     if problem.places:
         centre = np.mean([bounding_box(place.region).mean(axis=0) for place in problem.places], axis=0)
-    terms = tuple(term for term in terms if not term.demand.lost)
+    terms = tuple(term for term in terms if not term.demand.lost and term.demand.ends in problem.ends[:1])
     apart = [-float(np.linalg.norm(term.demand.target.position_mm - centre)) for term in terms]
     return tuple(terms[k] for k in sorted(np.argsort(apart, kind="stable")[:STEERING]))
 
@@ -329,7 +330,7 @@ def rms_distance_mm(layout: Array, reference: Array) -> float:
 
 def _starts(program: Program, layouts: list[Array], control: Control) -> list[Start]:
     """Starts at the layouts that determine the targets: the present one may not, and be optimised for that."""
-    solid = [layout for layout in layouts if not is_flat(layout)] or layouts
+    solid = [layout for layout in layouts if not is_singular(program.problem.system, layout)] or layouts
     starts = []
     for layout in solid:
         starts.append(start_at(program, layout))
@@ -425,7 +426,7 @@ def start_at(program: Program, layout: Array) -> Start:
     parameters = Parameters(
         np.log([term.demand.requirement.limit_mm for term in program.terms]),
         np.array([item.signs for item in evaluations]).reshape(len(evaluations), -1),
-        tuple(no_correction(problem) for _ in evaluations),
+        tuple(no_correction(problem, term) for term in program.terms),
         program.pieces_of(choice),
     )
     return Start(program.join(choice), parameters, tightest)

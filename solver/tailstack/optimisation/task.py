@@ -33,7 +33,6 @@ def read_task(design: Design, *, seed: int | None = None, starts: int | None = N
     with locate_refusals(design):
         request = read_request(design)
         refuse_losses(request.problem)
-        refuse_systematic(request.problem)
         section, counts = request.section, list_counts(request)
         problems = tuple(with_count(request, count) for count in counts)
         for problem in problems:
@@ -60,23 +59,6 @@ def refuse_losses(problem: PlacementProblem) -> None:
                 "what it finds has shots with fiducials missed",
                 "leave it out for the search (of single points too), then score the result with it; "
                 "optimise.survive limits what the worst loss does",
-            )
-        )
-
-
-def refuse_systematic(problem: PlacementProblem) -> None:
-    """What moves the images of all beads together does so by where they are, which the search does not follow yet."""
-    if not (problem.places or problem.pivots or problem.spacings):
-        return
-    declared = problem.system.common_shifts
-    if declared:
-        raise DesignError(
-            Problem(
-                declared[0],
-                "not-optimised",
-                f"positions and pivots are free, and what {', '.join(declared)} adds to the error changes with them: "
-                "the optimiser does not follow that",
-                "leave it out for the search, then score and verify the result with it; or free half-widths alone",
             )
         )
 

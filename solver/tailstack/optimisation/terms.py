@@ -1,10 +1,11 @@
 """The first-order model split into what the optimiser can change and what it cannot.
 
 At the biased geometry a mount, the hand-eye and the execution act on the error through gains that do not
-depend on the layout (every estimator absorbs a rigid displacement exactly); only image noise, manufacturing
-errors and errors of assumed intrinsics see the fiducials.  The constants come from
-:func:`~tailstack.propagation.linear.linearise`, the rest from the same
-:func:`~tailstack.propagation.noise.noise_gains` that the score runs, here on symbols.
+depend on the layout (every estimator absorbs a rigid displacement exactly); only what acts through the images sees the
+fiducials: image noise, manufacturing errors, errors of assumed intrinsics, and what moves the images of all fiducials
+together.  The constants come from :func:`~tailstack.propagation.linear.linearise`, the rest from the same
+:func:`~tailstack.propagation.noise.noise_gains` and :func:`~tailstack.propagation.systematic.systematic_errors` that
+the score runs, here on symbols.
 
 Pivots and locator spacings enter those constants: a displacement ``R (x - p) + p + t`` and its derivative by the
 torsor are affine in the pivot p, the direction of six locators in the inverse 1/s of their spacing.  So every gain
@@ -14,17 +15,28 @@ at a few points give the coefficients exactly.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..propagation.linear import LinearModel, believed_errors, estimation_of, estimator_geometry, linearise
+from ..geometry.rotation import displacement
+from ..propagation.linear import (
+    Block,
+    KnownShift,
+    LinearModel,
+    believed_errors,
+    estimation_of,
+    estimator_geometry,
+    linearise,
+)
 from ..propagation.noise import Estimation, noise_gains
+from ..propagation.systematic import systematic_errors
 from ..system import STD_PER_HALF_WIDTH, IntrinsicsError, Law, System
-from .problem import Choice, Demand, PlacementProblem, apply_choice, mount_named, present_choice
+from .problem import Choice, Demand, PlacementProblem, apply_choice, mount_named, present_choice, with_pivots
 from .regions import bounding_box
 from .symbols import Duck, plain, times
 
@@ -83,6 +95,7 @@ class Estimator:
     manufacturing_std_mm: Array  # (N, 3)
     estimation: Estimation  # what the estimator is and knows
     intrinsics_covariance: Array  # (V, 3, 3) of the errors of the intrinsics that it believes
+    intrinsics_bias: Array  # (V, 3) what is known of them
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
 
 
@@ -98,6 +111,7 @@ def estimator_of(system: System) -> Estimator:
         manufacturing_std_mm=system.manufacturing_std_mm,
         estimation=estimation_of(system),
         intrinsics_covariance=np.array([_covariance(error) for error in believed_errors(system)]),
+        intrinsics_bias=np.array([np.zeros(3) if error is None else error.bias for error in believed_errors(system)]),
         weights=system.sees,
     )
 
@@ -112,7 +126,7 @@ def _covariance(error: IntrinsicsError | None) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class SourceTerm:
-    """One scalar source outside the image: its law, and its size unless that is free."""
+    """One scalar source: its law, and its size unless that is free."""
 
     contributor: str
     index: int  # within its contributor
@@ -129,18 +143,22 @@ class DemandTerms:
 
     demand: Demand
     reconstructed: Affine  # (3,) con: the target as the estimator sees it, noise-free
-    bias: Affine  # (3,) mm
+    bias: Affine  # (3,) mm, without what comes through the images
     gains: Affine  # (S, 3) mm per native unit of each source
-    sources: tuple[SourceTerm, ...]
+    sources: tuple[SourceTerm, ...]  # S, outside the images
+    common: tuple[SourceTerm, ...]  # C, those that move the images of all fiducials of a view together
+    held: Array  # (C,) native unit: where the demand says that these stand, 0 of those that vary
     to_error: Array  # (3, 3): displacement of the triangulated point to the error that is limited
+    flange_to_error: Array  # (3, 3): likewise of a displacement behind it, at the flange
     kept: Array  # (N,) 0 of a fiducial that is lost, otherwise 1
 
     @property
     def bounded(self) -> tuple[int, ...]:
-        """Indices of the sources that stand at one of their ends: bounded, and free or of some size."""
+        """Indices of the sources, the common ones last, that stand at one of their ends: bounded, and free or of some
+        size."""
         return tuple(
             i
-            for i, source in enumerate(self.sources)
+            for i, source in enumerate((*self.sources, *self.common))
             if source.law is Law.BOUNDED and (source.free is not None or source.half_width > 0)
         )
 
@@ -176,10 +194,10 @@ class DemandTerms:
 
 def every_terms(problem: PlacementProblem) -> tuple[DemandTerms, ...]:
     """Coefficients of every demand; those of a loss are those of the same error with all fiducials."""
-    made: dict[tuple[str, str], DemandTerms] = {}
+    made: dict[tuple[object, ...], DemandTerms] = {}
     found = []
-    for demand in problem.demands:
-        key = demand.requirement.error, demand.target.name
+    for demand in (replace(demand, ends=ends) for demand in problem.demands for ends in problem.ends):
+        key = demand.requirement.error, demand.target.name, demand.ends
         if key not in made:
             made[key] = terms_of(problem, demand)
         kept = np.array([label not in demand.lost for label in problem.system.fiducial_labels], dtype=float)
@@ -190,12 +208,12 @@ def every_terms(problem: PlacementProblem) -> tuple[DemandTerms, ...]:
 def terms_of(problem: PlacementProblem, demand: Demand) -> DemandTerms:
     """Coefficients of one quantile.  They do not depend on the layout, so a singular one is scattered first."""
     system = problem.system
-    if is_flat(system.fiducials_mm):
+    if is_singular(system, system.fiducials_mm):
         system = scatter(problem)
     problem = replace(problem, system=system)
     here = present_choice(problem)
     base = _parts(problem, here, demand)
-    sources = _sources(problem, base.model)
+    tcp = demand.requirement.error == "tcp"
     pivots, spacings = here.pivots_mm.size, here.spacing.size
 
     def at(p: int | None, spread: int | None) -> tuple[Array, Array, Array]:
@@ -224,8 +242,11 @@ def terms_of(problem: PlacementProblem, demand: Demand) -> DemandTerms:
         reconstructed=affine(0),
         bias=affine(1),
         gains=affine(2),
-        sources=sources,
-        to_error=base.model.tcp_from_localisation if demand.requirement.error == "tcp" else np.eye(3),
+        sources=_sources(problem, base.model, _is_constant),
+        common=_sources(problem, base.model, _is_common),
+        held=np.concatenate([np.zeros(0), *held_at(linearise(problem.system, demand.target), demand.ends)]),
+        to_error=base.model.tcp_from_localisation if tcp else np.eye(3),
+        flange_to_error=base.model.tcp_from_flange if tcp else np.zeros((3, 3)),
         kept=np.ones(len(system.fiducial_labels)),
     )
 
@@ -242,7 +263,7 @@ def scatter(problem: PlacementProblem) -> System:
     for place in problem.places:
         low, high = bounding_box(place.region)
         fiducials[list(place.fiducials)] = rng.uniform(low, high, (len(place.fiducials), 3))
-    if is_flat(fiducials):
+    if is_singular(problem.system, fiducials):
         # Fixed fiducials in one plane: no freedom cures that, and nothing here depends on where they are.
         fiducials = fiducials + rng.uniform(-50, 50, fiducials.shape)
     return replace(problem.system, fiducials_mm=fiducials)
@@ -251,23 +272,65 @@ def scatter(problem: PlacementProblem) -> System:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Parts:
     model: LinearModel
-    values: tuple[Array, Array, Array]  # reconstructed, bias, gains
+    values: tuple[Array, Array, Array]  # reconstructed, bias less what comes through the images, gains
 
 
 def _parts(problem: PlacementProblem, choice: Choice, demand: Demand) -> _Parts:
-    model = linearise(apply_choice(problem, choice), demand.target)
+    model = at_ends(linearise(apply_choice(problem, choice), demand.target), demand.ends)
     error = demand.requirement.error
-    gains = [model.gain(block, error).T for block in model.blocks if not block.imaged]
+    gains = [model.gain(block, error).T for block in model.blocks if _is_constant(block)]
     stacked = np.vstack(gains) if gains else np.zeros((0, 3))
-    return _Parts(model, (model.reconstructed_mm, model.bias_mm(error), stacked))
+    return _Parts(model, (model.reconstructed_mm, model.bias_mm(error) - model.imaged_bias_mm(error), stacked))
 
 
-def _sources(problem: PlacementProblem, model: LinearModel) -> tuple[SourceTerm, ...]:
+def held_at(model: LinearModel, ends: tuple[float, ...]) -> list[Array]:
+    """(k,) native unit for each common block in turn: its bounded sources at ``Demand.ends``, 0 of all others."""
+    left = iter(ends)
+    return [
+        np.array([
+            h * next(left, 0.0) if law is Law.BOUNDED and h > 0 else 0.0
+            for law, h in zip(block.laws, block.half_width, strict=True)
+        ])
+        for block in model.blocks if block.common
+    ]  # fmt: skip
+
+
+def at_ends(model: LinearModel, ends: tuple[float, ...]) -> LinearModel:
+    """The linear model with the bounded common sources at ``Demand.ends``: part of what is known."""
+    if not ends:
+        return model
+    places = iter(held_at(model, ends))
+    blocks, known = [], []
+    for block in model.blocks:
+        if block.common:
+            place = next(places)
+            shifts = block.localisation @ place, block.tcp @ place
+            known.append(KnownShift(block.contributor, *shifts, block.label))
+            block = block._replace(half_width=np.where(place != 0, 0.0, block.half_width))
+        blocks.append(block)
+    return replace(
+        model,
+        localisation_bias_mm=model.localisation_bias_mm + sum(each.localisation_mm for each in known),
+        tcp_bias_mm=model.tcp_bias_mm + sum(each.tcp_mm for each in known),
+        known=(*model.known, *known),
+        blocks=tuple(blocks),
+    )
+
+
+def _is_constant(block: Block) -> bool:
+    return not (block.imaged or block.common)
+
+
+def _is_common(block: Block) -> bool:
+    return block.common
+
+
+def _sources(problem: PlacementProblem, model: LinearModel, wanted: Callable[[Block], bool]) -> tuple[SourceTerm, ...]:
     free = {(item.contributor, item.component): k for k, item in enumerate(problem.half_widths)}
     laws = free_laws(problem)
     found = []
     for block in model.blocks:
-        if block.imaged:
+        if not wanted(block):
             continue
         for j, (name, law) in enumerate(zip(block.components, block.laws, strict=True)):
             k = free.get((block.contributor, name))
@@ -277,10 +340,11 @@ def _sources(problem: PlacementProblem, model: LinearModel) -> tuple[SourceTerm,
     return tuple(found)
 
 
-def is_flat(fiducials_mm: Array) -> bool:
-    """Whether fiducials (N, 3) lie in one plane, to rounding: the resection then has no answer."""
+def is_singular(system: System, fiducials_mm: Array) -> bool:
+    """Whether fiducials (N, 3) lie in one plane, or on one line where intrinsics are believed: to rounding, an estimate
+    has no answer then."""
     values = np.linalg.svd(fiducials_mm - fiducials_mm.mean(axis=0), compute_uv=False)
-    return bool(values[2] <= 1e-9 * values[0])
+    return bool(values[1 if system.estimator.believes_intrinsics else 2] <= 1e-9 * values[0])
 
 
 def free_laws(problem: PlacementProblem) -> tuple[tuple[Law, float], ...]:
@@ -294,15 +358,40 @@ def free_laws(problem: PlacementProblem) -> tuple[tuple[Law, float], ...]:
     return tuple(found)
 
 
-def image_covariances(
-    estimator: Estimator, terms: DemandTerms, fiducials: Duck, projections: Duck, told_shift: Duck, reconstructed: Duck
-) -> tuple[Duck, Duck]:
-    """Covariances (3, 3) mm^2 of image noise, and of manufacturing errors and assumed intrinsics, which are drawn once
-    per unit, in the frame of the limited error.
+class ImageParts(NamedTuple):
+    """What comes through the images and depends on the layout, of one error and in its frame: floats or symbols."""
 
-    fiducials (N, 3) mm, projections (V, 3, 4), told_shift (3,) and reconstructed (3,): object arrays of numbers
-    or symbols.
+    noise: Duck  # (3, 3) mm^2, covariance of image noise
+    made: Duck  # (3, 3) mm^2, of manufacturing errors and assumed intrinsics, which are drawn once per unit
+    shift: Duck  # (3,) mm, known
+    gains: Duck  # (C, 3) mm per native unit of each of ``DemandTerms.common``
+
+    @property
+    def numbers(self) -> Duck:
+        """(15 + 3 C,) all of them in a row, the covariances by their upper triangles."""
+        upper = np.triu_indices(3)
+        return np.concatenate([self.noise[upper], self.made[upper], self.shift, self.gains.ravel()])
+
+    @staticmethod
+    def of(numbers: Duck) -> ImageParts:
+        """Back from ``numbers``."""
+        upper = np.triu_indices(3)
+        covariances = np.zeros((2, 3, 3), numbers.dtype)
+        for covariance, own in zip(covariances, (numbers[:6], numbers[6:12]), strict=True):
+            covariance[upper] = covariance.T[upper] = own
+        noise, made = covariances
+        return ImageParts(noise, made, numbers[12:15], numbers[15:].reshape(-1, 3))
+
+
+def image_parts_at(
+    estimator: Estimator, terms: DemandTerms, laid: System, projections: Duck, told_shift: Duck, reconstructed: Duck
+) -> ImageParts:
+    """What comes through the images at a layout.
+
+    laid: a system whose fiducials and pivots, as projections (V, 3, 4), told_shift (3,) and reconstructed (3,), are
+    object arrays of numbers or symbols.
     """
+    fiducials = laid.fiducials_mm
     points = fiducials @ plain(estimator.told).T + told_shift
     views, count = len(estimator.projections), points.shape[0]
     kind = points.dtype
@@ -323,11 +412,12 @@ def image_covariances(
         intrinsics,
         np.zeros((views, 2, 2), kind),
     )
-    noise = np.zeros((3, 3), kind)
+    noise, by_image = np.zeros((3, 3), kind), []
     for v in range(views):
         columns = fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count)
         noise = noise + (columns @ columns.T) * float(estimator.fiducial_px[v] ** 2)
         noise = noise + (target[v] @ target[v].T) * float(estimator.target_px[v] ** 2)
+        by_image.append(np.hstack([columns, target[v]]))
     made = np.zeros((3, 3), kind)
     if estimator.manufacturing_std_mm.any():
         shared = manufacturing.sum(axis=0)
@@ -338,7 +428,26 @@ def image_covariances(
         if covariance.any():
             made = made + gain @ plain(covariance) @ gain.T
     to_error = plain(terms.to_error)
-    return to_error @ noise @ to_error.T, to_error @ made @ to_error.T
+    known = to_error @ sum(gain @ plain(bias) for gain, bias in zip(intrinsics, estimator.intrinsics_bias, strict=True))
+    gains = [np.zeros((0, 3), kind)]
+    seat = laid.structure_connector
+    for each in systematic_errors(
+        laid, displacement(seat.bias, seat.pivot_mm, laid.rotation_form), terms.demand.target
+    ):
+        by_source, fixed = each.localise(by_image)
+        gains.append((to_error @ by_source + terms.flange_to_error @ each.at_flange_mm).T)
+        known = known + to_error @ fixed + terms.flange_to_error @ each.known_at_flange_mm
+    stacked = np.concatenate(gains, dtype=kind)
+    known = known + plain(terms.held) @ stacked
+    return ImageParts(to_error @ noise @ to_error.T, to_error @ made @ to_error.T, known, stacked)
+
+
+def lay(problem: PlacementProblem, points: Duck, mechanics: Mechanics) -> System:
+    """The system with fiducials and pivots in numbers or symbols."""
+    present = present_choice(problem).pivots_mm
+    shifts = np.asarray(mechanics.pivot_shift).reshape(present.shape)
+    pivots = {free.contributor: pivot for free, pivot in zip(problem.pivots, present + shifts, strict=True)}
+    return with_pivots(replace(problem.system, fiducials_mm=points), pivots)
 
 
 def estimator_affine(problem: PlacementProblem) -> tuple[Affine, Affine]:

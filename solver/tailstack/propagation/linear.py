@@ -41,6 +41,7 @@ class Block(NamedTuple):
     per_unit: bool  # drawn once per installed unit (True) or at each shot (False)
     label: str = ""  # what people call the contributor
     imaged: bool = False  # acts through the images: its gains are those of ``image_gains`` and depend on the layout
+    common: bool = False  # moves the images of all fiducials of a view together: so do its gains
 
 
 class KnownShift(NamedTuple):
@@ -203,6 +204,7 @@ class LinearModel:
     known: tuple[KnownShift, ...]  # parts of both biases
     blocks: tuple[Block, ...]
     tcp_from_localisation: Array  # (3, 3): what a displacement of q_hat in con does in tcp
+    tcp_from_flange: Array  # (3, 3): what a displacement behind q_hat, at the flange, does in tcp
     manufacturing_block_diagonal: Array  # (3, 3) con, covariance of Eq 16: cross-view terms dropped
     nonlinearity: Nonlinearity
     extrapolation: float  # distance of the point from the fiducials' centroid over their RMS radius
@@ -217,6 +219,10 @@ class LinearModel:
 
     def bias_mm(self, error: str) -> Array:
         return self.tcp_bias_mm if error == "tcp" else self.localisation_bias_mm
+
+    def imaged_bias_mm(self, error: str) -> Array:
+        """(3,) the part of the bias that comes through the images, and depends on the layout."""
+        return np.asarray(sum((each.of(error) for each in self.known), np.zeros(3)))
 
 
 def _reconstructed(chain: Chain, target: Target) -> tuple[Array, Array]:
@@ -282,7 +288,7 @@ def linearise_at(chain: Chain, target: Target, numbers: Nonlinearity | None = No
             localisation = before.get(block.contributor, np.zeros((3, len(block.laws))))
         tcp = behind[block.contributor] if block.contributor in behind else to_tcp @ localisation
         blocks.append(block._replace(localisation=localisation, tcp=tcp))
-    shifts, systematic = _systematic(chain, target, images.columns, to_tcp, from_moved)
+    shifts, systematic = common_shifts(chain, target, images.columns, to_tcp, from_moved)
     known = (*_assumed_shifts(system, images.assumed_mm, to_tcp), *shifts)
     if numbers is None:
         numbers = nonlinearity(
@@ -306,6 +312,7 @@ def linearise_at(chain: Chain, target: Target, numbers: Nonlinearity | None = No
         known=known,
         blocks=(*blocks, *systematic),
         tcp_from_localisation=to_tcp,
+        tcp_from_flange=from_moved,
         manufacturing_block_diagonal=images.block_diagonal,
         nonlinearity=numbers,
         extrapolation=_extrapolation(chain.points, reconstructed),
@@ -327,7 +334,7 @@ def _assumed_shifts(system: System, assumed_mm: Array, to_tcp: Array) -> tuple[K
     return tuple(KnownShift(name, shift, to_tcp @ shift, _label(name)) for name, shift in each if shift.any())
 
 
-def _systematic(
+def common_shifts(
     chain: Chain, target: Target, of_images: Array, to_tcp: Array, from_moved: Array
 ) -> tuple[tuple[KnownShift, ...], tuple[Block, ...]]:
     """What moves the images of all beads together: what is known of it, and its blocks.
@@ -337,19 +344,17 @@ def _systematic(
     """
     known, blocks = [], []
     width = 2 * len(chain.points) + 2
+    gains = [of_images[:, v * width : (v + 1) * width] for v in range(len(chain.projections))]
     for each in systematic_errors(chain.system, chain.first, target):
-        localisation, fixed = np.zeros((3, each.sources.count)), np.zeros(3)
-        for v, (shifts, known_shift) in enumerate(zip(each.shifts, each.known_shift_px, strict=True)):
-            gains = of_images[:, v * width : (v + 1) * width]
-            localisation += gains @ shifts
-            fixed += gains @ known_shift
+        localisation, fixed = each.localise(gains)
         if each.known_shift_px.any() or each.known_at_flange_mm.any():
             tcp = to_tcp @ fixed + from_moved @ each.known_at_flange_mm
             known.append(KnownShift(each.contributor, fixed, tcp, each.label))
         if (sources := each.sources).count:
             tcp = to_tcp @ localisation + from_moved @ each.at_flange_mm
             what = sources.names, sources.laws, sources.half_width, sources.std, sources.units
-            blocks.append(Block(each.contributor, *what, localisation, tcp, False, each.per_unit, each.label))
+            block = Block(each.contributor, *what, localisation, tcp, False, each.per_unit, each.label, common=True)
+            blocks.append(block)
     return tuple(known), tuple(blocks)
 
 

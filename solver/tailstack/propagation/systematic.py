@@ -3,20 +3,26 @@ field, balls that are no points.
 
 Each is a shift of the images that the estimator knows nothing of, so its gain on the reconstructed point is the sum of
 the gains of image noise, each times the shift of its image: no derivative of its own is needed, whatever the estimator.
+
+As in ``noise.py``, fiducials and pivots may be floats, complex numbers or CasADi scalars, by which the optimiser and
+``DesignFunction`` differentiate this text.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
 from ..estimation.resection import project
 from ..geometry.image_shifts import field_shifts, outline_shifts
 from ..geometry.rotation import Displacement, displacement
 from ..system import Reading, Sources, System, Target, no_sources
 from .nonlinearity import motion_of_images
+
+# The arrays are numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that.
+Duck = Any
 
 
 class Systematic(NamedTuple):
@@ -26,10 +32,18 @@ class Systematic(NamedTuple):
     label: str
     per_unit: bool  # drawn once per installed unit, or at every shot
     sources: Sources  # k of them; none where all is known
-    shifts: Array  # (V, 2 N + 2, k) px per native unit
-    at_flange_mm: Array  # (3, k) con, mm per native unit: behind the reconstructed point
-    known_shift_px: Array  # (V, 2 N + 2)
-    known_at_flange_mm: Array  # (3,) con
+    shifts: Duck  # (V, 2 N + 2, k) px per native unit
+    at_flange_mm: Duck  # (3, k) con, mm per native unit: behind the reconstructed point
+    known_shift_px: Duck  # (V, 2 N + 2)
+    known_at_flange_mm: Duck  # (3,) con
+
+    def localise(self, gains: Sequence[Duck]) -> tuple[Duck, Duck]:
+        """What one native unit of each source, (3, k), and what is known, (3,), do to the reconstructed point, mm.
+
+        gains: of the images of each view, (3, 2 N + 2) mm per px in the order of ``shifts``.
+        """
+        by_source = sum(gain @ shift for gain, shift in zip(gains, self.shifts, strict=True))
+        return by_source, sum(gain @ shift for gain, shift in zip(gains, self.known_shift_px, strict=True))
 
 
 def systematic_errors(system: System, first: Displacement, target: Target) -> tuple[Systematic, ...]:
@@ -37,18 +51,18 @@ def systematic_errors(system: System, first: Displacement, target: Target) -> tu
 
     first: the displacement of the structure by its installation at the bias.
     """
-    views, rows = len(system.views), 2 * len(system.fiducials_mm) + 2
+    views, rows, kind = len(system.views), 2 * len(system.fiducials_mm) + 2, system.fiducials_mm.dtype
     moved, turned = system.fiducials_mm, np.eye(3)
     if system.reading is Reading.PHYSICAL:
         moved, turned = moved @ first.rotation.T + first.shift_mm, first.rotation
 
-    def in_views(shifts: dict[int, Array], count: int) -> Array:
-        every = np.zeros((views, rows, count))
+    def in_views(shifts: dict[int, Duck], count: int) -> Duck:
+        every = np.zeros((views, rows, count), kind)
         for v, shift in shifts.items():
             every[v, : len(shift)] = shift
         return every
 
-    def seen(v: int, steps: Array) -> Array:
+    def seen(v: int, steps: Duck) -> Duck:
         """(2 N, k) px: how the fiducials' images in a view move when they move by steps (N, 3, k) mm."""
         return np.asarray((motion_of_images(system.views[v].projection, moved) @ steps).reshape(rows - 2, -1))
 
