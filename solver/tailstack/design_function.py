@@ -3,9 +3,10 @@
 The derivative is the chain rule over what the score itself computes.  The law of an error has a mean, a covariance and
 columns (:mod:`.tail.declared`), and the derivative of its quantile by each of them is known.  How they depend on a
 number of the document is known where the number is a half-width, a standard deviation or a coordinate of a fiducial:
-half-widths multiply gains that stay as they are, and fiducials enter through what images do to the point alone.  That
-is differentiated by a complex step (Squire and Trapp 1998): ``Im f(x + i h) / h`` with h = 1e-30 loses no digit,
-because nothing is subtracted, and ``propagation/noise.py`` has no square roots and no branches on values.
+half-widths multiply gains that stay as they are, and fiducials enter through what images do to the point alone, and
+what moves the images of all of them together.  That is differentiated by a complex step (Squire and Trapp 1998):
+``Im f(x + i h) / h`` with h = 1e-30 loses no digit, because nothing is subtracted, and ``propagation/noise.py`` and
+``propagation/systematic.py`` have no square roots and no branches on values.
 
 Whether a number is of that kind is found out, not listed: the design is compiled with the number moved by one step and
 by two, and what changes must be affine in it and must be one of these things.  Any other number can be evaluated, but
@@ -17,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from .contributors import ErrorLaw, error_law
 from .design import Design, compile_design, load_design
 from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
 from .errors import DesignError, OutOfRangeError, Problem
-from .propagation.linear import Block, Chain, LinearModel, chain_of, image_gains, linearise_at
+from .propagation.linear import Block, Chain, LinearModel, chain_of, common_shifts, image_gains, linearise_at
 from .results import Score
 from .scoring import P95, score
 from .system import Law, System, Target
@@ -92,11 +93,6 @@ class DesignFunction:
         and where P95 itself is only sampled.
         """
         system = compile_design(self.design_at(values))
-        if system.common_shifts:
-            at, *_ = system.common_shifts
-            detail = f"the derivative of P95 is not known where {at} moves the images of all fiducials together"
-            hint = "leave that out for the derivative, or take differences of evaluations"
-            raise OutOfRangeError(Problem(at, "no-derivative", detail, hint))
         chain = chain_of(system)
         model = linearise_at(chain, _target_named(system, target))
         law = _Law(model, error_law(model, error, P95))
@@ -112,9 +108,7 @@ class DesignFunction:
 
     @cached_property
     def _base(self) -> tuple[Chain, LinearModel]:
-        system = compile_design(self.design_at(self.present))
-        chain = chain_of(system)
-        return chain, linearise_at(chain, system.targets[0])
+        return _at_first_target(self.design_at(self.present))
 
     def _find_slope(self, k: int) -> _Slope:
         step = STEP * max(abs(self.present[k]), 1.0)
@@ -122,13 +116,13 @@ class DesignFunction:
         for size in (step, 2 * step):
             values = self.present.copy()
             values[k] += size
-            moved.append(chain_of(compile_design(self.design_at(values))))
+            moved.append(_at_first_target(self.design_at(values)))
         chain, model = self._base
-        once, twice = moved
-        what = _foreign_change(chain, model, once)
+        (once, first), (twice, second) = moved
+        what = _foreign_change(chain, model, once, first)
         arrays = [(chain.points, once.points, twice.points)]
         for name in ("half_width", "std"):
-            every = [[getattr(block, name) for block in each.blocks] for each in (chain, once, twice)]
+            every = [[getattr(block, name) for block in each.blocks] for each in (model, first, second)]
             arrays += list(zip(*every, strict=True)) if not what else []
         if not what and not all(_is_affine(*each) for each in arrays):
             what = "a spread or a fiducial otherwise than in proportion"
@@ -136,8 +130,8 @@ class DesignFunction:
             detail = f"the derivative of P95 by {self.pointers[k]} is not known: it moves {what}"
             hint = "differentiate by half-widths, noise and positions of fiducials; any number can be evaluated"
             raise OutOfRangeError(Problem(self.pointers[k], "no-derivative", detail, hint))
-        slopes = [(second - first) / step for first, second, _ in arrays]
-        count = len(chain.blocks)
+        slopes = [(after - before) / step for before, after, _ in arrays]
+        count = len(model.blocks)
         return _Slope(slopes[0] if slopes[0].any() else None, tuple(slopes[1 : 1 + count]), tuple(slopes[1 + count :]))
 
 
@@ -164,19 +158,16 @@ class _Law:
 
     def along(self, chain: Chain, slope: _Slope, pointer: str) -> float:
         """d P95 by one number, mm per unit of it."""
-        error, images = self.at.error, None
+        error = self.at.error
         total = 0.0
+        gains = [np.zeros((3, len(block.laws))) for block in self.model.blocks]
         if slope.points_mm is not None:
-            images = _image_slopes(chain, self.model, slope.points_mm, error)
-            if images.bias_mm.any():
-                total += float(self.gradient.by_mean @ images.bias_mm)
-        column, first = 0, 0  # of the law; of the gains of images
+            gains, bias_mm = _slopes_by_points(chain, self.model, slope.points_mm, error)
+            if bias_mm.any():
+                total += float(self.gradient.by_mean @ bias_mm)
+        column = 0  # of the law
         for number, (block, part) in enumerate(zip(self.model.blocks, self.at.parts, strict=True)):
-            gain, k = self.model.gain(block, error), len(block.laws)
-            by_points = np.zeros((3, k))
-            if block.imaged:
-                by_points = by_points if images is None else images.columns[:, first : first + k]
-                first += k
+            gain, by_points = self.model.gain(block, error), gains[number]
             normal = [j for j, law in enumerate(block.laws) if law is Law.NORMAL]
             change = by_points * block.std + gain * slope.std[number]
             if change[:, normal].any():
@@ -200,30 +191,47 @@ class _Law:
         return sign
 
 
-class _ImageSlopes(NamedTuple):
-    """What moving the fiducials along a direction does to the error, through the images."""
+def _slopes_by_points(chain: Chain, model: LinearModel, points_mm: Array, error: str) -> tuple[list[Array], Array]:
+    """What moving the fiducials along points_mm (N, 3) does to the gains (3, k) of each block and to the bias (3,)."""
+    moved = _with_points(chain, chain.points + 1j * COMPLEX_STEP * points_mm)
+    images = image_gains(moved, model.reconstructed_mm.astype(np.complex128))  # whose kind some of the arrays take
+    to_tcp = model.tcp_from_localisation
+    known, common = common_shifts(moved, model.target, images.columns, to_tcp, model.tcp_from_flange)
+    to_error = to_tcp if error == "tcp" else np.eye(3)
+    left, gains = iter(common), []
+    first = 0
+    for block in model.blocks:
+        slope = np.zeros((3, len(block.laws)))
+        if block.imaged:
+            slope = to_error @ images.columns.imag[:, first : first + len(block.laws)]
+            first += len(block.laws)
+        elif block.common:
+            slope = np.imag(model.gain(next(left), error))
+        gains.append(slope / COMPLEX_STEP)
+    bias = sum((np.imag(each.of(error)) for each in known), to_error @ np.imag(images.assumed_mm.sum(axis=1)))
+    return gains, np.asarray(bias) / COMPLEX_STEP
 
-    columns: Array  # (3, K) of the gains, in the order of ``image_gains``
-    bias_mm: Array  # (3,)
+
+def _with_points(chain: Chain, points: Array) -> Chain:
+    """A chain with other fiducials, (N, 3) as the estimator is told them."""
+    nominal = chain.system.fiducials_mm + (points - chain.points) @ np.linalg.inv(chain.per_error).T
+    return replace(chain, points=points, system=replace(chain.system, fiducials_mm=nominal))
 
 
-def _image_slopes(chain: Chain, model: LinearModel, points_mm: Array, error: str) -> _ImageSlopes:
-    """points_mm: (N, 3), the direction."""
-    moved = replace(chain, points=chain.points + 1j * COMPLEX_STEP * points_mm)
-    gains = image_gains(moved, model.reconstructed_mm.astype(np.complex128))  # whose kind some of the arrays take
-    to_error = model.tcp_from_localisation if error == "tcp" else np.eye(3)
-    shift = gains.assumed_mm.sum(axis=1)
-    return _ImageSlopes(to_error @ (gains.columns.imag / COMPLEX_STEP), to_error @ (shift.imag / COMPLEX_STEP))
+def _at_first_target(design: Design) -> tuple[Chain, LinearModel]:
+    chain = chain_of(compile_design(design))
+    return chain, linearise_at(chain, chain.system.targets[0])
 
 
-def _foreign_change(chain: Chain, model: LinearModel, moved: Chain) -> str:
+def _foreign_change(chain: Chain, model: LinearModel, moved: Chain, other: LinearModel) -> str:
     """What else than half-widths and fiducials differs between a chain and one with a number moved; empty: nothing."""
-    if [block.contributor for block in chain.blocks] != [block.contributor for block in moved.blocks]:
+    if [(block.contributor, block.components) for block in model.blocks] != [
+        (block.contributor, block.components) for block in other.blocks
+    ]:
         return "a contributor that is not there without it"
-    target = moved.system.targets[0]
-    other, shift = linearise_at(moved, target), moved.points - chain.points
+    shift = moved.points - chain.points
     # With the fiducials of the first chain in its place the moved one must be the first ...
-    back = linearise_at(replace(moved, points=chain.points), target) if shift.any() else other
+    back = linearise_at(_with_points(moved, chain.points), other.target) if shift.any() else other
     pairs: list[tuple[str, Array, Array]] = [
         ("a target", _positions(chain), _positions(moved)),
         ("the bias", model.tcp_bias_mm, back.tcp_bias_mm),
@@ -232,12 +240,12 @@ def _foreign_change(chain: Chain, model: LinearModel, moved: Chain) -> str:
     for block, same, farther in zip(model.blocks, back.blocks, other.blocks, strict=True):
         name = f"the gains of {block.label or block.contributor}"
         pairs.append((name, block.tcp, same.tcp))
-        if not block.imaged:
+        if not (block.imaged or block.common):
             pairs.append((name, block.tcp, farther.tcp))
     found = next((name for name, first, second in pairs if not _is_same(first, second)), "")
     # ... and fiducials move the bias through the images alone, as the derivative says up to the curvature of a step.
     if not found and shift.any():
-        expected = _image_slopes(chain, model, shift, "tcp").bias_mm
+        _, expected = _slopes_by_points(chain, model, shift, "tcp")
         gap = np.abs(other.tcp_bias_mm - model.tcp_bias_mm - expected).max()
         if gap > CURVATURE * np.abs(expected).max() + SAME * np.abs(model.tcp_bias_mm).max():
             found = "the bias"

@@ -13,6 +13,7 @@ from door_pages import run_page
 from service_scenes import EXAMPLES, ROOT
 
 from tailstack import load_design, score
+from tailstack.design import Design
 from tailstack.optimisation import solve_placement
 from tailstack.optimisation.task import read_task
 
@@ -33,16 +34,20 @@ def example(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
         sys.modules.pop(name, None)
 
 
-def test_partials_are_those_of_openmdaos_differences(example: Any) -> None:
+MOTION = {"pivot_mm": [0, 0, -95], "tolerances": {"rx": {"half_width_deg": 0.1, "distribution": "uniform"}}}
+
+
+@pytest.mark.parametrize("design", [DEMO, DEMO.with_value("views.LAT.motion", MOTION)], ids=["plain", "motion"])
+def test_partials_are_those_of_openmdaos_differences(example: Any, design: Design) -> None:
     import openmdao.api as om
 
     inputs = [*example.PATHS, "fiducials.points.F1.position_mm.0", "fiducials.points.F6.position_mm.2"]
     problem = om.Problem(reports=False)
-    tail = example.TailComponent(design=DEMO, inputs=inputs, target="tip")
+    tail = example.TailComponent(design=design, inputs=inputs, target="tip")
     problem.model.add_subsystem("tail", tail, promotes=["*"])
     problem.setup()
     problem.run_model()
-    assert problem.get_val("p95_mm")[0] == score(DEMO).targets[0].p95_mm
+    assert problem.get_val("p95_mm")[0] == score(design).targets[0].p95_mm
     (found,) = problem.check_partials(out_stream=None, form="central", step=1e-3, compact_print=True).values()
     slopes = found["p95_mm", "values"]
     np.testing.assert_allclose(slopes["J_fwd"], slopes["J_fd"], atol=2e-5)
