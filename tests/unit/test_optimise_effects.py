@@ -14,7 +14,7 @@ from optimise_documents import document, moving, normal, optimised
 from tailstack import load_design, score
 from tailstack.arrays import Array
 from tailstack.contributors import error_law
-from tailstack.errors import DesignError
+from tailstack.errors import DesignError, IllPosedError
 from tailstack.optimisation import PlacementProblem, solve_placement
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.problem import apply_choice, present_choice
@@ -158,3 +158,26 @@ def test_more_bounded_quantities_than_are_followed_are_refused_where_the_layout_
     assert (problem.pointer, problem.code) == ("/views/0/image_field", "not-optimised")
     assert "20 bounded quantities" in problem.detail
     read_task(load_design(data | {"optimise": {"rotation_bounds": data["optimise"]["rotation_bounds"]}}))
+
+
+def in_a_plane(half_mm: float, limit_mm: float = 1.0, **section: Any) -> dict[str, Any]:
+    """A region in a plane that AP sees head-on and LAT edge-on, the pose with known intrinsics."""
+    box = {"min_mm": [-half_mm, -20, -35 - half_mm], "max_mm": [half_mm, -20, -35 + half_mm]}
+    data = document(6, limit_mm, **moving(box=box, **section))
+    data["model"] = {"estimator": "pose"}
+    return data
+
+
+def test_fiducials_may_be_placed_in_a_plane_where_intrinsics_are_believed() -> None:
+    """Under dlt it is refused as ``flat-region`` (``test_optimise_refusals``)."""
+    result = optimised(in_a_plane(45.0))
+    assert result.status == "verified"
+    assert {place.after_mm[1] for place in result.moved if place.after_mm is not None} == {-20.0}
+    assert result.cost_after < result.cost_before
+
+
+def test_a_plane_so_small_that_two_poses_explain_its_images_is_no_answer() -> None:
+    with pytest.raises(IllPosedError) as refused:
+        optimised(in_a_plane(15.0, min_spacing_mm=5.0, min_projected_spacing_px=0.0, limit_mm=3.0))
+    assert refused.value.problems[0].code == "ambiguous-pose"
+    assert "view AP" in refused.value.problems[0].detail
