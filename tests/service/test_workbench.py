@@ -219,6 +219,12 @@ def test_sliders_stop_at_the_grades_of_the_design(service: Served) -> None:
     assert used(service.url, "grades", design, pointer=pointer)["values"] == ["0.03", "0.06", "0.12", "0.2"]
 
 
+@pytest.mark.parametrize("pointer", ["temperature/half_width_k", "views/0/image_field/half_widths_px/3"])
+def test_what_goes_wrong_in_an_image_has_a_slider_where_the_design_declares_it(service: Served, pointer: str) -> None:
+    design = (EXAMPLES / "gallery" / "operating_theatre.yaml").read_text(encoding="utf-8")
+    assert used(service.url, "grades", design, pointer=pointer)["values"] == []  # there, and without grades
+
+
 def test_a_bead_that_is_lost_is_not_among_those_that_a_view_sees_either(service: Served) -> None:
     design = yaml.safe_load(DEMO)
     seen = [f"F{k}" for k in range(1, 11)]

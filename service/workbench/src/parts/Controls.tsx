@@ -91,7 +91,7 @@ interface Slide {
   grades: number[];
 }
 
-const UNIT = /_(mm|deg|px|n|k|mm_per_n)$/;
+const UNIT = /_(mm|deg|px|n|k|mm_per_n|rel)$/;
 
 /** Every half-width and standard deviation of the design, wherever it stands. */
 function slides(data: Json): Slide[] {
@@ -102,14 +102,16 @@ function slides(data: Json): Slide[] {
       const at = [...path, Array.isArray(part) ? Number(name) : name];
       if (typeof value === "number" && /^(half_width|std|fiducial_noise|target_noise)/.test(name) && UNIT.test(name)) {
         const what = /noise/.test(name) ? [name.replace(/_px$/, "").replace(/_/g, " ")] : [];
-        found.push({ path: at, label: [...words, ...what].join(", "), unit: UNIT.exec(name)![1].replace("deg", "°"), grades: [] });
+        found.push({ path: at, label: [...words, ...what].join(", "), unit: UNIT.exec(name)![1].replace("deg", "°").replace("rel", "(1)").replace(/^k$/, "K"), grades: [] });
+      } else if (name === "half_widths_px" && Array.isArray(value)) {
+        value.forEach((_, degree) => found.push({ path: [...at, degree], label: [...words, `field of degree ${degree}`].join(", "), unit: "px", grades: [] }));
       } else if (value && typeof value === "object" && name !== "optimise" && name !== "requirements") {
         const item = Array.isArray(part) ? (value as Json).name ?? (value as Json).label ?? name : (value as Json).label ? `${name.replace(/_/g, " ")} (${(value as Json).label})` : name.replace(/_/g, " ");
         visit(value, at, name === "tolerances" || name === "interfaces" ? words : [...words, item]);
       }
     }
   };
-  for (const part of ["interfaces", "fiducials", "views", "execution"]) visit(data?.[part], [part], part === "interfaces" || part === "views" ? [] : [part]);
+  for (const part of ["interfaces", "fiducials", "views", "temperature", "execution"]) visit(data?.[part], [part], part === "interfaces" || part === "views" ? [] : [part]);
   return found;
 }
 
@@ -155,7 +157,7 @@ function groupName(data: Json, path: Path): string {
     const label = valueAt(data, path.slice(0, 2))?.label;
     return `${String(path[1]).replace(/_/g, " to ")}${label ? `: ${label}` : ""}`;
   }
-  return path[0] === "fiducials" ? "Fiducials" : "Execution";
+  return path[0].toString().replace(/^./, (letter) => letter.toUpperCase());
 }
 
 function Slider({ slide }: { slide: Slide }) {
