@@ -21,17 +21,13 @@ from ...task import UnitResult
 from ..batch import hold_numbers
 from ..content import Refused, canonical, loaded_design
 from ..operation import Done, More, Step
+from .parts import plan_spans
 
 
 def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     """Every row at once, then the record."""
-    held = {unit.spec: unit.result for unit in results}
-    rows, count = len(request["cells"][0]), request["rows_a_unit"]
-    specs = [canonical({"what": "rows", "first": first, "count": count}) for first in range(0, rows, count)]
-    missing = tuple(spec for spec in specs if spec not in held)
-    if missing:
-        return More(missing, 0, f"{rows} rows")
-    return Done(to_json(_record(request, [json.loads(held[spec]) for spec in specs])))
+    spans = plan_spans("rows", len(request["cells"][0]), request["rows_a_unit"], results)
+    return spans if isinstance(spans, More) else Done(to_json(_record(request, [json.loads(span) for span in spans])))
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:

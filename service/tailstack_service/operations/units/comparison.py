@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from ...task import UnitResult
 from ..content import Refused, canonical, design_of
 from ..operation import Done, More, Step
 from . import verification
+from .parts import Parts
 
 if TYPE_CHECKING:
     from tailstack.verification import PreparedDesign, Sampling
@@ -71,26 +71,16 @@ def _check_both(
 ) -> tuple[Verification, Verification]:
     """Both checks from what is recorded.  Raises _NotYet with the parts that both need, Refused."""
     found: list[Verification] = []
-    specs: list[bytes] = []
-    remaining, notes = 0, []
+    parts = Parts(results)
     for side in SIDES:
-        own = tuple(
-            UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result)
-            for result in results
-            if json.loads(result.spec)["of"] == side
-        )
         try:
-            step = verification.plan_check(request[side], sampling, own)
+            step = verification.plan_check(request[side], sampling, parts.results_of(side))
         except TailstackError as error:
             raise Refused(error, f"/{side}") from None
-        if isinstance(step, More):
-            specs += [canonical({"of": side, "spec": json.loads(spec)}) for spec in step.specs]
-            remaining += step.remaining
-            notes.append(f"{side}: {step.note}")
-        else:
-            found.append(from_json(Verification, step.answer))
-    if specs:
-        raise _NotYet(More(tuple(specs), remaining, "; ".join(notes)))
+        if (answer := parts.answer_of(side, step)) is not None:
+            found.append(from_json(Verification, answer))
+    if more := parts.more():
+        raise _NotYet(more)
     return found[0], found[1]
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 from tailstack.design import design_to_data
 from tailstack.errors import Problem, TailstackError
 from tailstack.results import Verification
-from tailstack.verification import Sampling
 
 from ...documents import from_json, to_json
 from ...gate.judge import Gate, ScoredDesign, conclude, limit_design, plan_check, score_designs
@@ -18,8 +18,9 @@ from ...gate.request import read_gate
 from ...problems import RequestError
 from ...task import UnitResult
 from ..content import Refused, canonical
-from ..operation import Done, More, Step
+from ..operation import Done, Step
 from . import verification
+from .parts import Parts
 
 # First byte of a unit's result: a design whose check is refused is a finding of the gate, not the end of the job.
 FOUND, REFUSED = b"+", b"-"
@@ -29,26 +30,28 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     """More units for the designs whose checks are not finished, or the record."""
     gate, scored = _score(canonical(request))
     checks: list[Verification | TailstackError | None] = []
-    specs: list[bytes] = []
-    remaining = 0
+    parts = Parts(results)
     for index, computed in enumerate(scored):
         plan = plan_check(gate, computed)
         if plan is None:
             checks.append(None)
             continue
-        own = [result for result in results if json.loads(result.spec)["of"] == index]
+        own = parts.results_of(index)
         refused = next((result for result in own if result.result[:1] == REFUSED), None)
         if refused is not None:
             checks.append(_refusal(refused.result[1:]))
             continue
-        step = _verification(computed, plan, own)
-        if isinstance(step, More):
-            specs += [canonical({"of": index, "spec": json.loads(spec)}) for spec in step.specs]
-            remaining += step.remaining
-        else:
-            checks.append(step)
-    if specs:
-        return More(tuple(specs), remaining, f"Monte Carlo checks of {len(scored)} design(s)")
+        assert computed.limited is not None
+        plain = tuple(replace(result, result=result.result[1:]) for result in own)
+        try:
+            step = verification.plan_check(design_to_data(computed.limited), plan, plain)
+        except TailstackError as error:
+            checks.append(error)
+            continue
+        if (answer := parts.answer_of(index, step)) is not None:
+            checks.append(from_json(Verification, answer))
+    if more := parts.more(f"Monte Carlo checks of {len(scored)} design(s)"):
+        return more
     return Done(to_json(conclude(gate, scored, checks)))
 
 
@@ -61,23 +64,6 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     except TailstackError as error:
         problems = [[p.pointer, p.code, p.detail, p.hint] for p in error.problems]
         return REFUSED + canonical({"slug": error.slug, "exit_code": error.exit_code, "problems": problems})
-
-
-def _verification(
-    computed: ScoredDesign, plan: Sampling, own: list[UnitResult]
-) -> More | Verification | TailstackError:
-    plain = tuple(
-        UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result[1:]) for result in own
-    )
-    assert computed.limited is not None
-    try:
-        step = verification.plan_check(design_to_data(computed.limited), plan, plain)
-    except TailstackError as error:
-        return error
-    if isinstance(step, More):
-        return step
-    found: Verification = from_json(Verification, step.answer)
-    return found
 
 
 @lru_cache(maxsize=2)

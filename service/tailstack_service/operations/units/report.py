@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from tailstack.results import Optimisation, Verification
@@ -10,9 +9,10 @@ from tailstack.results import Optimisation, Verification
 from ...documents import from_json, to_json
 from ...problems import RequestError
 from ...task import UnitResult
-from ..content import Refused, canonical, design_of
-from ..operation import Done, More, Step
+from ..content import Refused, design_of
+from ..operation import Done, Step
 from . import optimisation, verification
+from .parts import Parts
 
 UNITS: dict[str, Any] = {"verification": verification, "optimisation": optimisation}
 RECORDS = {"verification": Verification, "optimisation": Optimisation}
@@ -27,25 +27,15 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     except RequestError as error:
         raise Refused(error) from None
     found: dict[str, Any] = {}
-    specs: list[bytes] = []
-    remaining, notes = 0, []
+    parts = Parts(results)
     for part in options.parts:
         if part == "score":
             continue
-        own = tuple(
-            UnitResult(result.index, canonical(json.loads(result.spec)["spec"]), result.result)
-            for result in results
-            if json.loads(result.spec)["of"] == part
-        )
-        step = UNITS[part].plan(_part_request(request, part), own)
-        if isinstance(step, More):
-            specs += [canonical({"of": part, "spec": json.loads(spec)}) for spec in step.specs]
-            remaining += step.remaining
-            notes.append(f"{part}: {step.note}")
-        else:
-            found[part] = from_json(RECORDS[part], step.answer)
-    if specs:
-        return More(tuple(specs), remaining, "; ".join(notes))
+        step = UNITS[part].plan(_part_request(request, part), parts.results_of(part))
+        if (answer := parts.answer_of(part, step)) is not None:
+            found[part] = from_json(RECORDS[part], answer)
+    if more := parts.more():
+        return more
     report = assemble(design_of(request), options, found.get("verification"), found.get("optimisation"))
     return Done(to_json(report))
 

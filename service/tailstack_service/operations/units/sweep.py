@@ -18,6 +18,7 @@ from ...documents import to_json
 from ...task import UnitResult
 from ..content import Refused, canonical, design_of, loaded_design
 from ..operation import Done, More, Step
+from .parts import plan_spans
 
 _POINTS = TypeAdapter(tuple[SweepPoint, ...])
 TARGETS_PER_UNIT = 16  # scores of a unit times their targets: some fifty milliseconds
@@ -27,13 +28,10 @@ TYPICAL_TRIALS = 2**17  # of a check to the precision that is asked for by defau
 def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
     """Every point at once, then the record."""
     design, axes = design_of(request), _axes(request)
-    held = {unit.spec: unit.result for unit in results}
-    count, total = _points_per_unit(request), count_points(axes)
-    specs = [canonical({"what": "points", "first": first, "count": count}) for first in range(0, total, count)]
-    missing = tuple(spec for spec in specs if spec not in held)
-    if missing:
-        return More(missing, 0, f"{total} points")
-    points = [point for spec in specs for point in _POINTS.validate_json(held[spec])]
+    spans = plan_spans("points", count_points(axes), _points_per_unit(request), results)
+    if isinstance(spans, More):
+        return spans
+    points = [point for span in spans for point in _POINTS.validate_json(span)]
     record = assemble_sweep(design, axes, points, _check(request))
     return Done(to_json(record))
 
