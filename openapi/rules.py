@@ -39,7 +39,8 @@ COUNTS = frozenset(
      "compared_cells", "compared_trials", "converged_starts", "count", "counts", "exit_code", "fiducials",
      "first_start", "flagged_trials", "installations", "kept", "line", "lost", "max", "max_trials", "min", "open",
      "order", "outside_cells", "points", "points_per_axis", "published_trials", "refused", "rows", "scored",
-     "sections", "seed", "solved", "starts", "status", "tightening_rounds", "trials", "units_done",
+     "sections", "seed", "solved", "starts", "status", "tightening_rounds", "trials", "trials_with_losses",
+     "trials_without_answer", "units_done",
      "units_expected", "workers"}
 )  # fmt: skip
 RATIOS = frozenset(

@@ -2561,6 +2561,27 @@ export interface components {
          */
         Distribution: "normal" | "uniform" | "triangular" | "bounded";
         /**
+         * DrawnLosses
+         * @description Shots with fiducials missed, as often as the design says.
+         */
+        DrawnLosses: {
+            /**
+             * Trials
+             * @description Shots that were drawn.
+             */
+            trials: number;
+            /**
+             * Trials With Losses
+             * @description Of these, shots in which at least one fiducial is missed.
+             */
+            trials_with_losses: number;
+            /**
+             * Trials Without Answer
+             * @description Shots left with too few fiducials for an answer. In quantiles and exceedance their error counts as infinite; bias, spread, means, largest error and reprojection error are of the other shots.
+             */
+            trials_without_answer: number;
+        };
+        /**
          * ErrorDistribution
          * @description TCP error at one target: shares of shots by bins of the error's norm, sampled and by the first-order law.
          */
@@ -8652,7 +8673,7 @@ export interface components {
             flagged_trials: number;
             /**
              * First Order P95 Mm
-             * @description P95 of the first-order score of this design, mm.
+             * @description P95 to first order, mm: that of the score; where the design says how often fiducials are missed, over shots with up to two of them missed.
              */
             first_order_p95_mm: number;
             /**
@@ -9294,6 +9315,11 @@ export interface components {
             verdict: components["schemas"]["Verdict"];
             /** @description Which design, by which version, under which model, and what is not included. */
             provenance: components["schemas"]["Provenance"];
+            /**
+             * @description Shots with fiducials missed; null where the design does not say how often they are.
+             * @default null
+             */
+            losses: components["schemas"]["DrawnLosses"] | null;
         };
         VerificationRequest: {
             /** @description The design document. */

@@ -21,6 +21,7 @@ from .contributors import WorstCase, declared_law, mean_at, worst_case, worst_ve
 from .cores import usable_cores
 from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
+from .losses import LossSearch
 from .montecarlo import ChainPlan, Goal, Samples, Simulation, compile_plan, run_indices, simulate_to_precision
 from .montecarlo.estimators import (
     between_ranks,
@@ -28,6 +29,7 @@ from .montecarlo.estimators import (
     cvar_interval,
     enclosing_ranks,
     exceedance_estimate,
+    no_bound,
     quantile_estimate,
     repeated_interval,
     repeated_ranks,
@@ -38,9 +40,10 @@ from .montecarlo.shards import Pending, Shard, TrialsTask, draw_shards
 from .montecarlo.simulate import Progress, Run
 from .montecarlo.stopping import CvarQuestion, Question, precision_looks, simulate_to_decision
 from .precision import FINEST_PRECISION, PRECISION
-from .propagation.linear import LinearModel, linearise
+from .propagation.linear import LinearModel, chain_of, linearise_at
 from .results import (
     Check,
+    DrawnLosses,
     Exceedance,
     Finding,
     Interval,
@@ -52,7 +55,7 @@ from .results import (
 )
 from .scoring import FRAMES, P95, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Estimator, Requirement, System
-from .tail.declared import law_exceedance, law_quantile
+from .tail.declared import MixedLaw, law_exceedance, law_quantile
 from .verdict import conclude, decide, judge
 
 MAX_TRIALS = 2**22
@@ -158,6 +161,19 @@ class PreparedDesign:
     worst: dict[Key, WorstCase]
     vertices: dict[Key, tuple[Vertex, ...]]
     plans: dict[Vertex, ChainPlan]
+    search: LossSearch | None  # where the design says how often fiducials are missed
+
+    def law(self, name: str, error: str) -> MixedLaw:
+        """What first order says of an error at a target over all shots, those with fiducials missed among them."""
+        if self.search is not None:
+            return self.search.law(name, error, P95)
+        law, _ = declared_law(self.models[name], error, self.worst[name, error].mean_mm)
+        return MixedLaw((law,), np.ones(1))
+
+    @property
+    def first_order_mm(self) -> dict[str, float]:
+        """By target, the P95 of the TCP error with which that of a simulation is compared."""
+        return {name: self.law(name, "tcp").quantile(P95) for name in self.models}
 
     @property
     def confidence(self) -> float:
@@ -193,7 +209,8 @@ def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
     Raises DesignError, IllPosedError, and OutOfRangeError for a design that cannot be simulated.
     """
     system, findings, _ = checked_system(design)
-    models = {target.name: linearise(system, target) for target in system.targets}
+    chain = chain_of(system)
+    models = {target.name: linearise_at(chain, target) for target in system.targets}
     worst = {(name, error): worst_case(model, error, P95) for name, model in models.items() for error in FRAMES}
     vertices: dict[Key, tuple[Vertex, ...]] = {}
     for name, model in models.items():
@@ -206,7 +223,8 @@ def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
             vertices[name, error] = tuple(dict.fromkeys(tuple(sorted((elsewhere | end).items())) for end in ends))
     every = dict.fromkeys(vertex for several in vertices.values() for vertex in several)
     plans = {vertex: compile_plan(system, vertex=dict(vertex)) for vertex in every if sampled}
-    return PreparedDesign(system, findings, trust_of(system, models), models, worst, vertices, plans)
+    search = LossSearch(chain, models) if system.loss_probability else None
+    return PreparedDesign(system, findings, trust_of(system, models), models, worst, vertices, plans, search)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,8 +285,8 @@ class LocalSampler:
 def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     """(count,) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``."""
     metric, rank = list(FRAMES).index(task.error), ceil(SHOTS * task.quantile) - 1
-    errors = run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS).errors[task.target, metric]
-    norms = np.linalg.norm(errors, axis=0).reshape(count, SHOTS)
+    outcome = run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
+    norms = outcome.norms(task.target, metric).reshape(count, SHOTS)
     return np.asarray(np.partition(norms, rank, axis=1)[:, rank])
 
 
@@ -537,7 +555,8 @@ def _decides_cvar(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, sam
         p95 = quantile_estimate(samples, question.target, "tcp", P95).value_mm
         mean = cvar_estimate(samples, question.target, "tcp", P95).value_mm
         worst = samples.of(question.target, "tcp").worst
-        interval = cvar_interval(p95, mean, worst, samples.trials, question.confidence, looks)
+        drawn = samples.trials, question.confidence, looks, samples.unanswered
+        interval = cvar_interval(p95, mean, worst, *drawn)
         if decide(interval, question.limit_mm) == "inconclusive":
             return False
     return True
@@ -557,7 +576,9 @@ def _relative_half_width(value_mm: float, interval_mm: Interval) -> float:
 
 
 def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, own: UnitQuantiles) -> Verification:
+    _refuse_without_bound(ready, sampled, own)
     checks = _judge_requirements(ready, sampled, own)
+    drawn = _count_losses(ready, sampled)
     targets = tuple(_estimate_target(ready, sampled, target.name) for target in ready.system.targets)
     worst = max(targets, key=lambda target: target.p95_mm)
     plain = sampling.trials is None and sampling.method == "plain" and not sampling.sequential
@@ -575,8 +596,58 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         targets=targets,
         reprojection=_summarise_reprojection(sampled),
         first_order_ratio=worst.first_order_ratio,
-        verdict=conclude(checks, ready.findings + _remark_gaps(targets, ready.trust), "Monte Carlo"),
-        provenance=provenance(ready.system, simulated=True),
+        verdict=conclude(checks, ready.findings + _remark_losses(drawn) + _remark_gaps(targets), "Monte Carlo"),
+        provenance=provenance(ready.system, simulated=True, missed=drawn is not None),
+        losses=drawn,
+    )
+
+
+def _refuse_without_bound(ready: PreparedDesign, sampled: SampledDesign, own: UnitQuantiles) -> None:
+    """Where so many shots have no answer that a number of the record would be infinite.  Raises IllPosedError."""
+    samples = max(sampled.samples.values(), key=lambda each: each.unanswered / each.trials)
+    if not samples.unanswered:
+        return
+    for name, error, quantile in ready.quantiles:
+        found = _estimate_quantile(ready, sampled, name, error, quantile)
+        if found.interval_mm[1] == inf:
+            what = f"that {100 * quantile:g} % of shots keep for sure"
+            raise no_bound(samples.unanswered, samples.trials, what)
+    for (requirement, _), at_each in own.items():
+        if any(np.quantile(units, requirement.units_fraction or P95, method="higher") == inf for units in at_each):
+            raise no_bound(samples.unanswered, samples.trials, f"that units keep in {requirement.name}")
+
+
+def _count_losses(ready: PreparedDesign, sampled: SampledDesign) -> DrawnLosses | None:
+    if not ready.system.loss_probability:
+        return None
+    # the same shots miss the same fiducials at every vertex
+    longest = max(sampled.samples.values(), key=lambda each: each.trials)
+    return DrawnLosses(longest.trials, longest.missed, longest.unanswered)
+
+
+def _remark_losses(drawn: DrawnLosses | None) -> tuple[Finding, ...]:
+    """What shots with fiducials missed are in the numbers of a check."""
+    if drawn is None:
+        return ()
+    share = drawn.trials_with_losses / drawn.trials
+    said = (
+        f"in {share:.2%} of the shots drawn a fiducial or more is missed, as often as the design says; quantiles, "
+        "exceedance and verdict are of all shots"
+    )
+    if drawn.trials_without_answer:
+        said += (
+            f". {drawn.trials_without_answer} of {drawn.trials} miss so many that what is left has no answer: they "
+            "count as beyond every limit, and bias, spread, mean, the mean of the worst 5 % and the largest error are "
+            "of the others"
+        )
+    return (
+        Finding(
+            rule="missed-fiducials",
+            severity="warning" if drawn.trials_without_answer else "note",
+            message=said,
+            pointer="/fiducials/loss_probability",
+            value=drawn.trials_without_answer / drawn.trials,
+        ),
     )
 
 
@@ -614,7 +685,6 @@ def _estimate_metric(ready: PreparedDesign, sampled: SampledDesign, name: str, e
     worst = max(runs, key=lambda samples: between_ranks(samples, name, error, P95, None, None)[0])
     sample = worst.of(name, error)
     found = _estimate_quantile(ready, sampled, name, error, P95)
-    law, _ = declared_law(ready.models[name], error, ready.worst[name, error].mean_mm)
     limit = tightest_limit(ready.system, name, error)
     beyond = None
     if limit is not None:
@@ -622,6 +692,9 @@ def _estimate_metric(ready: PreparedDesign, sampled: SampledDesign, name: str, e
         above = [exceedance_estimate(samples, name, error, limit, level) for samples in runs]
         low, high = zip(*(one.interval for one in above), strict=True)
         beyond = Exceedance(limit, max(one.probability for one in above), (max(low), max(high)))
+    first_mm = ready.law(name, error).quantile(P95)
+    if first_mm == inf:
+        raise no_bound(worst.unanswered, worst.trials, "by estimate")
     return MetricEstimate(
         bias_mm=vector3(sample.mean),
         std_mm=vector3(np.sqrt(np.diag(sample.covariance))),
@@ -631,7 +704,7 @@ def _estimate_metric(ready: PreparedDesign, sampled: SampledDesign, name: str, e
         cvar95_mm=max(cvar_estimate(samples, name, error, P95).value_mm for samples in runs),
         worst_mm=max(samples.of(name, error).worst for samples in runs),
         exceedance=beyond,
-        first_order_ratio=law_quantile(law, P95).quantile_mm / found.value_mm if found.value_mm > 0 else 1.0,
+        first_order_ratio=first_mm / found.value_mm if found.value_mm > 0 else 1.0,
     )
 
 
@@ -688,7 +761,7 @@ def _judge_units(requirement: Requirement, name: str, own: list[Array]) -> Check
     return judge(requirement, name, largest(ceil(UNITS * fraction)), interval, met / UNITS)
 
 
-def _remark_gaps(targets: tuple[TargetEstimate, ...], trust: Validity) -> tuple[Finding, ...]:
+def _remark_gaps(targets: tuple[TargetEstimate, ...]) -> tuple[Finding, ...]:
     """Where first order and the check disagree, and which way."""
     remarks = []
     for target in targets:

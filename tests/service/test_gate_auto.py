@@ -147,6 +147,16 @@ def test_a_job_gives_the_very_record_of_the_sequential_test(p95: float) -> None:
     assert {json.loads(unit.spec)["of"] for unit in recorded} >= {0, 1}
 
 
+def test_missed_beads_are_simulated_however_far_the_estimate_is_from_the_limit(p95: float) -> None:
+    """The estimate, with all beads in every shot, is far within the limit and says nothing of the others."""
+    design = clear(limited(1.5 * p95))
+    assert gate(design, mode="auto", policy=policy(verification=QUICK)).designs[0].trials is None
+    design["fiducials"]["points"][0]["loss_probability"] = 0.5
+    record = gate(design, mode="auto", policy=policy(verification=QUICK))
+    assert record.designs[0].trials is not None
+    assert gate(design, mode="analytic").designs[0].trials is None
+
+
 # --- baseline -----------------------------------------------------------------------------------------------------
 
 

@@ -17,7 +17,6 @@ from service_scenes import check_problem, client_with, coplanar_design, limited,
 from work_driver import run_job
 
 from tailstack import load_design, verify
-from tailstack.errors import OutOfRangeError
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import document_of, render
 from tailstack_service.problems import RequestError
@@ -318,8 +317,8 @@ def test_the_pages_show_both(found: Comparison) -> None:
     assert render("comparison", body, "html")[0].decode() == page
 
 
-def test_a_design_with_missed_beads_is_reported_and_compared_by_its_score() -> None:
-    """No simulation has shots with beads missed: a report that asks for none says what they do."""
+def test_a_design_with_missed_beads_is_reported_and_compared() -> None:
+    """By its score, and by a simulation that has them missed: the estimated curve beside its bars is of both."""
     missed = limited(0.9)
     missed["fiducials"]["loss_probability"] = 0.02
     options = ReportOptions(parts=("score",))
@@ -330,5 +329,27 @@ def test_a_design_with_missed_beads_is_reported_and_compared_by_its_score() -> N
     page = render("report", to_json(report), "html")[0].decode()
     assert f"with each bead missed in 2 % of shots, 95 % of all shots are within {mixture.value_mm:.3f} mm" in page
     assert compute_comparison(load_design(missed), load_design(limited(0.9)), options).differences
-    with pytest.raises(OutOfRangeError, match="how often fiducials are missed"):
-        compute_report(load_design(missed), ReportOptions(parts=("score", "verification"), trials=500))
+    missed["fiducials"]["loss_probability"] = 0.05
+    whole = ReportOptions(trials=TRIALS)
+    compared = compute_comparison(load_design(limited(0.9)), load_design(missed), whole)
+    assert compared.differences[0].conclusion == "larger"
+    drawn = compared.second
+    assert drawn.verification is not None
+    assert drawn.verification.losses is not None
+    (shown,) = drawn.distributions
+    assert shown.sampled is not None
+    apart = np.abs(np.cumsum(shown.sampled) - np.cumsum(shown.first_order)).max()
+    assert apart < 0.03  # of the estimate without losses it is 0.1
+    page = render("comparison", to_json(compared), "html")[0].decode()
+    assert "of the shots drawn a fiducial or more is missed" in page
+    alone = render("report", to_json(drawn), "html")[0].decode()
+    assert "Trials with a fiducial missed" in alone
+
+
+def test_sections_without_a_bound_are_no_difference() -> None:
+    """3.9 % of shots have no answer: P95 of all has a bound, that of one section in 32 has none."""
+    missed = limited(0.9)
+    missed["fiducials"]["points"] = missed["fiducials"]["points"][:7]
+    missed["fiducials"]["loss_probability"] = 0.048
+    with pytest.raises(RequestError, match="no answer"):
+        compute_comparison(load_design(limited(0.9)), load_design(missed), ReportOptions(trials=TRIALS))

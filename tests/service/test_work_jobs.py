@@ -84,6 +84,15 @@ def test_a_check_in_units_is_the_check_in_process(name: str, options: dict[str, 
     assert len(recorded) > 0
 
 
+def test_a_check_in_units_misses_the_same_beads() -> None:
+    data = example("demo")
+    data["fiducials"]["loss_probability"] = 0.03
+    outcome, recorded = run_job("verification", {"design": data, "trials": 2**18 + 1, "seed": 4}, shuffle=3)
+    assert outcome.answer == to_json(verify(load_design(data), trials=2**18 + 1, seed=4))
+    assert len(recorded) > 1
+    assert json.loads(outcome.answer or b"")["losses"]["trials_with_losses"] > 2**16
+
+
 def test_a_check_that_goes_on_asks_ahead_for_what_it_will_need() -> None:
     """Half a million trials are needed for 0.2 %: after the first look they are asked for at once, not look by look."""
     request = {"design": example("demo"), "precision": 0.002, "seed": 1, "max_trials": 2**20}

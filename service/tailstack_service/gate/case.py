@@ -172,7 +172,8 @@ def _compare_cvar(
 
         for drawn in verification.targets:
             values = (drawn.p95_mm, drawn.cvar95_mm, drawn.worst_mm)
-            ends = cvar_interval(*values, verification.trials, confidence, looks)
+            unanswered = verification.losses.trials_without_answer if verification.losses else 0
+            ends = cvar_interval(*values, verification.trials, confidence, looks, unanswered)
             estimates.append((drawn.name, drawn.cvar95_mm, ends))
     rate = None if verification is None else _error_rate(confidence)
     comparisons = []

@@ -178,7 +178,9 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
     if gate.mode == "auto":
         numbers = [entry.number for entry in compare_numbers(scored.score, None, scored.requirements)]
         near = is_near_limit(numbers, policy.guard_band_percent, lambda n: [*waived_up_to(n.rule, n.target)])
-        if not near and (_trust_first_order(scored.score) or not numbers):
+        assert scored.limited is not None
+        missed = bool(compile_design(scored.limited).loss_probability)  # a score is of shots that have all fiducials
+        if not near and ((_trust_first_order(scored.score) and not missed) or not numbers):
             return None
 
     from tailstack.montecarlo.stopping import CvarQuestion, Question

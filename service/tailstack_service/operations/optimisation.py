@@ -106,9 +106,9 @@ def _repeat(again: Repetition) -> Again:
     proof, (new, before) = record.certificate, again.designs
     if not again.fast:
         return Again(_optimise(Call((before,), OptimisationOptions(seed=proof.seed, starts=proof.starts))))
-    from tailstack.scoring import score
+    from tailstack.verification import prepare
 
-    first = {target.name: target.p95_mm for target in score(new, losses=False).targets}
+    first = prepare(new, sampled=False).first_order_mm
     check = proof.verification
     targets = tuple(replace(target, first_order_p95_mm=first[target.name]) for target in check.targets)
     same = replace(check.provenance, design_sha256=new.sha256)

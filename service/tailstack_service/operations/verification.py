@@ -47,13 +47,12 @@ def _demand(record: Verification) -> Demand:
 
 
 def _repeat(again: Repetition) -> Again:
-    from tailstack.scoring import score
-    from tailstack.verification import MAX_TRIALS
+    from tailstack.verification import MAX_TRIALS, prepare
 
     record: Verification = again.record
     design = again.designs[0]
     if again.fast:
-        first = {target.name: target.p95_mm for target in score(design, losses=False).targets}
+        first = prepare(design, sampled=False).first_order_mm
         targets = tuple(replace(target, first_order_p95_mm=first[target.name]) for target in record.targets)
         return Again(replace(record, targets=targets), "the Monte Carlo check")
     fixed = record.precision_requested is None

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil
+from math import ceil, inf
 from typing import Any
 
 import numpy as np
 
 from tailstack.arrays import Array
-from tailstack.contributors import declared_law
 from tailstack.design import Design, design_to_data
 from tailstack.errors import Problem
 from tailstack.montecarlo import ChainPlan, run_indices
@@ -19,7 +18,6 @@ from tailstack.montecarlo.simulate import Progress
 from tailstack.precision import PRECISION
 from tailstack.results import Optimisation, Score, TargetScore, Verification
 from tailstack.scoring import score as score_design
-from tailstack.tail.declared import law_exceedance
 from tailstack.verification import MAX_TRIALS, PreparedDesign, prepare
 
 from ..problems import RequestError
@@ -116,8 +114,8 @@ def _draw(
         norms = draw_norms(ready, target.name, options.seed, count) if count else None
         p95 = target.p95_mm if norms is None else float(np.quantile(norms, 0.95))
         edges = np.linspace(0.0, 1.45 * max(p95, target.p95_mm, 1e-9), BINS + 1)
-        law, _ = declared_law(ready.models[target.name], "tcp", ready.worst[target.name, "tcp"].mean_mm)
-        beyond = [1.0, *(law_exceedance(law, float(edge)) for edge in edges[1:])]
+        law = ready.law(target.name, "tcp")
+        beyond = [1.0, *(law.exceedance(float(edge)) for edge in edges[1:])]
         shares = tuple(max(near - far, 0.0) for near, far in pairwise(beyond))
         counted = None if norms is None else tuple(float(n) for n in np.histogram(norms, edges)[0] / len(norms))
         distributions.append(
@@ -141,10 +139,10 @@ def draw_norms(ready: PreparedDesign, name: str, seed: int, count: int) -> Array
 
     def norms(plan: ChainPlan) -> Array:
         parts = [
-            run_indices(plan, seed, first, min(PER_CALL, count - first)).errors[place, 0]
+            run_indices(plan, seed, first, min(PER_CALL, count - first)).norms(place, 0)
             for first in range(0, count, PER_CALL)
         ]
-        return np.asarray(np.linalg.norm(np.concatenate(parts, axis=1), axis=0))
+        return np.concatenate(parts)
 
     at_each = [norms(ready.plans[vertex]) for vertex in ready.vertices[name, "tcp"]]
     return max(at_each, key=lambda drawn: float(np.quantile(drawn, 0.95)))
@@ -160,6 +158,8 @@ def _settling(norms: Array, confidence: float) -> tuple[ConvergencePoint, ...]:
         ordered = np.sort(norms[:count])
         below, above = interval_ranks(count, 0.95, confidence)
         interval = (float(ordered[below - 1]), float(ordered[min(above, count) - 1]))
+        if interval[1] == inf:  # of so few shots, too many have no answer
+            continue
         points.append(ConvergencePoint(count, float(ordered[ceil(0.95 * count) - 1]), interval))
     return tuple(points)
 

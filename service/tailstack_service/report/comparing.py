@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import isfinite
 
 from tailstack.arrays import Array
 from tailstack.design import Design, compile_design, load_design
@@ -145,6 +146,10 @@ def _draw_both(first: Report, second: Report, names: list[str], seed: int, count
     for name in names:
         a, b = (draw_norms(one, name, seed, count) for one in ready)
         apart = estimate_difference(a, b, 0.95, CONFIDENCE)
+        if not isfinite(apart.interval[1]):
+            detail = f"so many shots have no answer at target {name} that some thirty-seconds of them have no P95"
+            hint = "compare the designs by their scores (--parts score), or use more fiducials"
+            raise RequestError(Problem("/fiducials/loss_probability", "no-bound", detail, hint))
         was, now = (_checked_p95(report, name) for report in (first, second))
         low, high = (now - was + (end - apart.value) for end in apart.interval)
         conclusion = "smaller" if high < -SAME else "larger" if low > SAME else "not decided"

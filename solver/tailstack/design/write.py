@@ -149,8 +149,9 @@ def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIM
     data: dict[str, Any] = design_to_data(design, inline=True)
     if change.fiducials_mm is not None:
         labels = design.fiducials.labels if change.labels is None else change.labels
+        own = dict(zip(design.fiducials.labels, data["fiducials"].get("points") or (), strict=False))
         data["fiducials"]["points"] = [
-            {"label": label, "position_mm": [float(value) for value in position]}
+            {**own.get(label, {}), "label": label, "position_mm": [float(value) for value in position]}
             for label, position in zip(labels, change.fiducials_mm, strict=True)
         ]
         same = tuple(labels) == design.fiducials.labels

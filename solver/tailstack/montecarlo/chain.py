@@ -3,10 +3,14 @@
 The same chain by the plain estimators of ``tailstack.estimation`` (singular value decompositions, Gauss-Newton steps)
 is for flagged trials, where no reduction is exact, and for estimators that the kernel does not know: NumPy, batched
 over trials, about a hundred times slower than the kernel and without its conditions.
+
+Where a design says how often fiducials are missed, the shots of a run are sorted by which of them are: those of one
+pattern run together, by a plan whose views do not see them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -14,18 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..errors import NotConvergedError, OutOfRangeError, Problem
+from ..errors import IllPosedError, NotConvergedError, OutOfRangeError, Problem
+from ..estimation.checks import examine
 from ..estimation.least_squares import estimate_views, locate, row_weights
 from ..estimation.resection import project
 from ..estimation.triangulation import reprojection_rms, triangulate
 from ..geometry.rotation import torsor_transform, transform_points
-from ..system import Reading, System, Target, Triangulation
+from ..system import Law, Reading, System, Target, Triangulation
 from .kernel import Draws, Results, run_trials, scratch_size
-from .plan import ChainPlan
+from .plan import LAW_CODE, ChainPlan, hide_fiducials, replan
 from .streams import draw_columns, stream_key
 
 PLAIN_BATCH = 1024  # trials of the plain form at once: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
+LOSS_STREAM = 4  # 0 and 1 are the trials' own, 2 and 3 those of radial sampling
+PATTERNS = 2048  # of missed fiducials, whose plans are kept: 200,000 shots of twelve missed in 5 % have 600
 _NOT_GIVEN = np.empty((0, 0))
 _NO_KEYS = np.zeros(2, dtype=np.uint64)
 
@@ -33,9 +40,15 @@ _NO_KEYS = np.zeros(2, dtype=np.uint64)
 class Outcome(NamedTuple):
     """Results of one run of trials, in the order of their indices."""
 
-    errors: Array  # (T, 2, 3, n): TCP error in tcp, localisation error in con; mm
+    errors: Array  # (T, 2, 3, n): TCP error in tcp, localisation error in con; mm; NaN for a shot without an answer
     redone: int  # trials that the plain form redid because the kernel's answer was not proven
-    reprojection: Array | None  # (n,) px
+    reprojection: Array | None  # (n,) px; NaN likewise
+    missed: int = 0  # shots in which a fiducial is missed
+
+    def norms(self, target: int, metric: int) -> Array:
+        """(n,) mm; infinite for a shot without an answer."""
+        norms = np.linalg.norm(self.errors[target, metric], axis=0)
+        return np.where(np.isnan(norms), np.inf, norms)
 
 
 def _allocate_scratch(size: int) -> Array:
@@ -67,12 +80,24 @@ def draw(plan: ChainPlan, seed: int, indices: NDArray[np.int64]) -> Array:
 
 def standard_normals(seed: int, stream: int, count: int, dimension: int) -> Array:
     """(count, dimension) N(0, 1) from a stream of its own (2 or more; 0 and 1 are the trials')."""
-    indices = _pad(np.arange(count, dtype=np.int64))
-    out = np.empty((dimension, len(indices)))
-    keys = np.array([stream_key(seed, stream), stream_key(seed, stream)])
-    segments = np.array([[0, dimension, 0, 0]], dtype=np.int64)
-    draw_columns(segments, keys, indices, indices, _allocate_scratch(8 * dimension), out)
-    return out[:, :count].T
+    return _draw_stream(seed, stream, np.arange(count, dtype=np.int64), dimension, Law.NORMAL)
+
+
+def _draw_stream(seed: int, stream: int, indices: NDArray[np.int64], dimension: int, law: Law) -> Array:
+    """(n, dimension) standardised deviates of one law."""
+    trials = _pad(indices)
+    out = np.empty((dimension, len(trials)))
+    key = stream_key(seed, stream)
+    segments = np.array([[0, dimension, LAW_CODE[law], 0]], dtype=np.int64)
+    draw_columns(segments, np.array([key, key]), trials, trials, _allocate_scratch(8 * dimension), out)
+    return out[:, : len(indices)].T
+
+
+def draw_losses(plan: ChainPlan, seed: int, indices: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n, N) which fiducials the shots with these indices miss: each by itself, in all views of the shot at once."""
+    probability = np.array(plan.system.loss_probability or (0.0,) * len(plan.system.fiducial_labels))
+    uniform = _draw_stream(seed, LOSS_STREAM, indices, len(probability), Law.UNIFORM)
+    return np.asarray((1 + uniform) / 2 < probability)
 
 
 def _run(
@@ -89,11 +114,19 @@ def _run(
     return results
 
 
-def _redo(plan: ChainPlan, z: Array, columns: NDArray[np.int64], errors: Array, rms: Array | None) -> None:
+def _redo(
+    plan: ChainPlan,
+    z: Array,
+    columns: NDArray[np.int64],
+    errors: Array,
+    rms: Array | None = None,
+    *,
+    missed: bool = False,
+) -> None:
     """Overwrite these columns of ``errors`` (T, 2, 3, n) by the plain chain of their deviates.
 
     Raises NotConvergedError where an estimate does not come to rest: such a trial has no answer, and those after its
-    batch are not looked at.
+    batch are not looked at.  Where fiducials are missed, that is one of the things that may become of a shot.
     """
     for start in range(0, len(columns), PLAIN_BATCH):
         part = columns[start : start + PLAIN_BATCH]
@@ -102,7 +135,7 @@ def _redo(plan: ChainPlan, z: Array, columns: NDArray[np.int64], errors: Array, 
         if rms is not None:
             rms[part] = reprojection
         lost = int((~np.isfinite(exact).all(axis=(1, 2, 3))).sum())
-        if lost:
+        if lost and not missed:
             seen = errors.shape[-1] if part[-1] == columns[-1] else int(part[-1]) + 1
             estimator = plan.system.estimator
             detail = f"in {lost} of {seen} trials the estimate by {estimator} does not come to rest"
@@ -111,21 +144,75 @@ def _redo(plan: ChainPlan, z: Array, columns: NDArray[np.int64], errors: Array, 
 
 
 def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reprojection: bool = False) -> Outcome:
-    """Trials first ... first + count - 1 of this seed."""
+    """Trials first ... first + count - 1 of this seed, with what fiducials they miss."""
     indices = np.arange(first, first + count, dtype=np.int64)
+    if not plan.system.loss_probability:
+        return _run_at(plan, seed, indices, reprojection)
+    lost = draw_losses(plan, seed, indices)
+    errors = np.full((len(plan.system.targets), 2, 3, count), np.nan)
+    rms = np.full(count, np.nan) if reprojection else None
+    redone = 0
+    for pattern, columns in _patterns(lost):
+        part = _without(plan, pattern)
+        if part is None or not len(columns):
+            continue
+        own = _run_at(part, seed, indices[columns], reprojection, missed=part is not plan)
+        errors[..., columns] = own.errors
+        redone += own.redone
+        if rms is not None:
+            rms[columns] = own.reprojection
+    return Outcome(errors, redone, rms, int(lost.any(axis=1).sum()))
+
+
+def _patterns(lost: NDArray[np.bool_]) -> Iterator[tuple[bytes, NDArray[np.int64]]]:
+    """Each pattern of missed fiducials, as bytes, with the rows of ``lost`` (n, N) that it is in."""
+    some = lost.any(axis=1)
+    yield np.zeros(lost.shape[1], dtype=bool).tobytes(), np.flatnonzero(~some)  # most shots, which need no sorting
+    rows = np.flatnonzero(some)
+    bits = np.packbits(lost[rows], axis=1)
+    order = np.lexsort(bits.T)
+    bits, rows = bits[order], rows[order]
+    ends = np.append(np.flatnonzero((bits[1:] != bits[:-1]).any(axis=1)) + 1, len(rows))
+    first = 0
+    for end in ends.tolist() if len(rows) else ():
+        yield lost[rows[first]].tobytes(), rows[first:end]
+        first = end
+
+
+@lru_cache(maxsize=PATTERNS)
+def _without(plan: ChainPlan, pattern: bytes) -> ChainPlan | None:
+    """The plan of shots that miss this pattern; None where what is left has no answer, and is refused by itself."""
+    lost = np.frombuffer(pattern, dtype=bool)
+    if not lost.any():
+        return plan
+    rest = hide_fiducials(plan.system, lost)
+    try:
+        examine(rest)
+    except IllPosedError:
+        return None
+    return replan(plan, rest)
+
+
+def _run_at(
+    plan: ChainPlan, seed: int, indices: NDArray[np.int64], reprojection: bool, *, missed: bool = False
+) -> Outcome:
+    """Trials with these indices, all of them by one plan."""
+    count = len(indices)
     shape = (len(plan.system.targets), 2, 3)
     errors, flags, rms = _run(plan, _keys(seed), _pad(indices), _NOT_GIVEN, reprojection)
     errors, rms = errors.reshape(*shape, -1)[..., :count], rms[:count]
     columns = np.flatnonzero(flags[:count])
     if len(columns):
-        _redo(plan, draw(plan, seed, indices[columns]), columns, errors, rms if reprojection else None)
+        z = draw(plan, seed, indices[columns])
+        _redo(plan, z, columns, errors, rms if reprojection else None, missed=missed)
     return Outcome(errors, len(columns) if plan.in_lanes else 0, rms if reprojection else None)
 
 
 def evaluate(plan: ChainPlan, z: Array) -> Array:
     """Errors (n, T, 2, 3), mm, of standardised deviates z (n, d); axis 2: TCP (tcp), localisation (con).
 
-    Raises OutOfRangeError when z has not ``plan.dimension`` columns.
+    Of shots that miss no fiducial: what is missed is no deviate.  Raises OutOfRangeError when z has not
+    ``plan.dimension`` columns.
     """
     z = np.asarray(z, dtype=np.float64)
     if z.ndim != 2 or z.shape[1] != plan.dimension:
@@ -141,7 +228,7 @@ def evaluate(plan: ChainPlan, z: Array) -> Array:
         errors = errors.reshape(len(plan.system.targets), 2, 3, -1)[..., : len(part)]
         columns = np.flatnonzero(flags[: len(part)])
         if len(columns):
-            _redo(plan, part[columns], columns, errors, None)
+            _redo(plan, part[columns], columns, errors)
         out[start : start + len(part)] = np.moveaxis(errors, -1, 0)
     return out
 
@@ -210,7 +297,7 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     return errors, reprojection
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=PATTERNS)
 def weights_at_rest(system: System, target: Target) -> Array | None:
     """(V, 2, 2) of the rows of the weighted triangulation at a target: of the structure at its bias, without noise."""
     if system.triangulation is not Triangulation.WEIGHTED:

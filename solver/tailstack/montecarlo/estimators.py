@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import bdtr, betaincinv, gammaln, ndtri
 
 from ..arrays import Array
-from ..errors import OutOfRangeError, Problem
+from ..errors import IllPosedError, OutOfRangeError, Problem
 from .simulate import ErrorSample, Samples, deepen
 
 SPREAD = 10.0  # standard deviations of a binomial law that are kept: 1e-23 is left out
@@ -39,7 +39,7 @@ class QuantileEstimate:
     @property
     def relative_half_width(self) -> float:
         low, high = self.interval_mm
-        return (high - low) / (2 * self.value_mm) if self.value_mm > 0 else float("inf")
+        return (high - low) / (2 * self.value_mm) if 0 < self.value_mm < inf else inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,8 @@ def between_ranks(
 ) -> tuple[float, tuple[float, float]]:
     """Quantile of the error norm, mm, by order statistics, and those of two ranks (1-based) about it.
 
-    A rank of None has no order statistic: the end is then zero or infinite.
+    A rank of None has no order statistic: the end is then zero or infinite.  Raises IllPosedError where shots without
+    an answer leave the quantile without a bound.
     """
     middle = ceil(samples.trials * quantile)
     sample = with_rank(samples, target, error, middle if low is None else min(low, middle))
@@ -129,7 +130,19 @@ def between_ranks(
         0.0 if low is None else order_statistic(sample, low),
         inf if high is None else order_statistic(sample, high),
     )
+    if ends[0] == inf:
+        raise no_bound(samples.unanswered, samples.trials, f"that {100 * quantile:g} % of shots keep")
     return order_statistic(sample, middle), ends
+
+
+def no_bound(unanswered: int, trials: int, what: str) -> IllPosedError:
+    """Why there is no bound of a kind."""
+    detail = (
+        f"in {unanswered} of {trials} shots ({100 * unanswered / trials:.2g} %) so many fiducials are missed that what "
+        f"is left has no answer: there is no bound {what}"
+    )
+    hint = "use more fiducials, or an estimator with fewer unknowns (model.estimator: pose)"
+    return IllPosedError(Problem("/fiducials/loss_probability", "no-bound", detail, hint))
 
 
 def quantile_estimate(
@@ -145,18 +158,22 @@ def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: flo
     """``E[|e| given |e| beyond its quantile]`` with its standard error.
 
     ``x_q + mean((|e| - x_q)_+) / (1 - q)`` (Rockafellar and Uryasev 2000): first-order insensitive to the error
-    of x_q, so the spread of its summands is its error.  Sums are exact (fsum): no order of summation.
+    of x_q, so the spread of its summands is its error.  Sums are exact (fsum): no order of summation.  Shots without
+    an answer are beyond x_q and left out of the mean, which is infinite with them.
     """
     _refuse_unless_probability("quantile", quantile)
     n = samples.trials
     rank = ceil(n * quantile)
     sample = with_rank(samples, target, error, rank)
     base = order_statistic(sample, rank)
-    excess = sample.tail[len(sample.tail) - (n - rank) :] - base
+    answered = len(sample.tail) - samples.unanswered
+    excess = sample.tail[len(sample.tail) - (n - rank) : answered] - base
+    share = 1 - quantile - samples.unanswered / n
+    if not len(excess) or share <= 0:
+        return CvarEstimate(quantile, base, 0.0)
     mean = fsum(excess) / n
     variance = fsum(excess**2) / n - mean**2
-    value = base + mean / (1 - quantile)
-    return CvarEstimate(quantile, value, sqrt(max(variance, 0.0) / n) / (1 - quantile))
+    return CvarEstimate(quantile, base + mean / share, sqrt(max(variance, 0.0) / n) / share)
 
 
 def exceedance_estimate(
@@ -267,15 +284,15 @@ def repeated_interval(
 
 
 def cvar_interval(
-    p95_mm: float, cvar_mm: float, worst_mm: float, trials: int, confidence: float, looks: int
+    p95_mm: float, cvar_mm: float, worst_mm: float, trials: int, confidence: float, looks: int, unanswered: int = 0
 ) -> Interval:
     """Interval of the mean of the worst 5 %, mm, from what a check's record holds; Bonferroni over the looks.
 
     CVaR is P95 + mean(x) / 0.05 with x = (|e| - P95)_+ in [0, worst - P95]; a variable on [0, b] with mean m has a
     variance of at most m (b - m) (Bhatia and Davis 2000), some four times the true one for a Gaussian tail.  The mean
-    is taken for normal: of a mean, no interval is free of the law.
+    is taken for normal: of a mean, no interval is free of the law.  Shots without an answer leave it without an end.
     """
     deviate = NormalDist().inv_cdf(1 - (1 - confidence) / (2 * looks))
     mean = 0.05 * (cvar_mm - p95_mm)
     error = deviate * sqrt(max(mean * (worst_mm - p95_mm - mean), 0.0) / trials) / 0.05
-    return cvar_mm - error, cvar_mm + error
+    return cvar_mm - error, inf if unanswered else cvar_mm + error

@@ -21,6 +21,9 @@ assumed_intrinsics:VIEW likewise, where the estimator believes them             
 Deviates are *standardised*: NORMAL is N(0, 1) times half-width / coverage factor; UNIFORM is on [-1, 1]
 and TRIANGULAR on [-1, 1] with its mode at 0, both times the half-width.  BOUNDED sources are not random:
 they stand at a vertex, given as fractions of their half-widths.
+
+Which fiducials a shot misses is no column: it is drawn from a stream of its own (``chain.draw_losses``), so that the
+deviates of a shot are the same whether or not the design says how often fiducials are missed.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -311,19 +314,8 @@ def compile_plan(
     vertex: where the BOUNDED sources stand, fractions of their half-widths, by name
     ("structure_connector.rz": 1.0) or as an array in the order of ``bounded_names``; default 0.
     shots_per_unit: this many consecutive trials share one installation.
-    Raises OutOfRangeError for an unknown vertex, a count below 1, or fiducials that are lost at random.
+    Raises OutOfRangeError for an unknown vertex or a count below 1.
     """
-    if system.loss_probability:
-        raise OutOfRangeError(
-            Problem(
-                "/fiducials/loss_probability",
-                "losses-not-simulated",
-                f"the design says how often fiducials are missed (up to {100 * max(system.loss_probability):g} % of "
-                "shots), and the simulation has no shots with fiducials missed",
-                "leave loss_probability out (of single points too) to simulate shots that have them all; the score "
-                "says what missing them adds",
-            )
-        )
     if shots_per_unit < 1:
         raise OutOfRangeError(Problem("", "shots-per-unit", f"shots_per_unit must be at least 1, got {shots_per_unit}"))
     values = _vertex_values(system, vertex)
@@ -349,12 +341,30 @@ def compile_plan(
     return ChainPlan(system, tables, blocks, bounded_names(system), values, shots_per_unit)
 
 
+def hide_fiducials(system: System, lost: NDArray[np.bool_]) -> System:
+    """The system in which no view sees these fiducials (N,)."""
+    labels = np.array(system.fiducial_labels)
+    views = tuple(
+        replace(view, sees=tuple(labels[(seen > 0) & ~lost].tolist()))
+        for view, seen in zip(system.views, system.sees, strict=True)
+    )
+    return replace(system, views=views, loss_probability=())
+
+
+def replan(plan: ChainPlan, system: System) -> ChainPlan:
+    """The plan of a system of which some fiducials were hidden: columns and their deviates stay what they are."""
+    tables = plan.tables
+    counts = tables.counts.copy()
+    counts[9] = 1  # a view does not see all
+    out, into = tables.out_of_frame.reshape(3, 3), tables.into_frame.reshape(3, 3)
+    seen = _tables_of_views(system, ObjectFrame(out, into, tables.centre, tables.nominal))
+    own = {name: frozen(table, table.dtype) for name, table in (seen | {"counts": counts}).items()}
+    return replace(plan, system=system, tables=tables._replace(**own))
+
+
 def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array]:
     """The tables of fiducials, views and targets."""
     frame = object_frame(system.fiducials_mm)
-    products, diagonals, view_frames = zip(
-        *(_view_tables(system, frame, seen > 0) for seen in system.sees), strict=True
-    )
     scale2 = float((frame.into**2).sum()) / 3
     positions = np.array([t.position_mm for t in system.targets])
     tcp_con = product(system.T_tcp_flange, system.T_flange_con)
@@ -366,9 +376,7 @@ def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array
         intrinsics.append(np.append(_intrinsics_of(cameras[-1]), sources.fixed[5 + 2 * len(system.views) + v]))
     return {
         "nominal": frame.points,
-        "products": np.array(products),
-        "diagonal": np.array(diagonals),
-        "view_frames": np.array(view_frames),
+        **_tables_of_views(system, frame),
         "into_frame": frame.into.ravel(),
         "out_of_frame": frame.out.ravel(),
         "object_scale": np.array([sqrt(scale2), 1 / scale2]),
@@ -393,6 +401,14 @@ def _intrinsics_of(camera: Array) -> Array:
     skew = float((u * v).sum()) / focal_v
     rest = u - skew * v / focal_v
     return np.array([sqrt(float((rest * rest).sum())), skew, focal_v, *point])
+
+
+def _tables_of_views(system: System, frame: ObjectFrame) -> dict[str, NDArray[Any]]:
+    """The tables that hang on which fiducials a view sees."""
+    every = [tuple((seen > 0).tolist()) for seen in system.sees]
+    own = {seen: _view_tables(system, frame, np.array(seen)) for seen in set(every)}  # most often they are alike
+    each = zip(*(own[seen] for seen in every), strict=True)
+    return dict(zip(("products", "diagonal", "view_frames"), map(np.array, each), strict=True))
 
 
 def _view_tables(system: System, frame: ObjectFrame, seen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:

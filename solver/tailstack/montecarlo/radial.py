@@ -263,6 +263,8 @@ def radial(
     if randomisations < 16:
         detail = f"an interval needs at least 16 randomisations, got {randomisations}"
         raise OutOfRangeError(Problem("", "randomisations", detail))
+    if plan.system.loss_probability:
+        raise _refuse("radial-losses", "the design says how often fiducials are missed, which no ray shows")
     laws = plan.laws
     uniform = np.array([k for k, law in enumerate(laws) if law is Law.UNIFORM], dtype=np.int64)
     triangular = np.array([k for k, law in enumerate(laws) if law is Law.TRIANGULAR], dtype=np.int64)

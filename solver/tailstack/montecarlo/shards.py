@@ -33,7 +33,7 @@ PILOT = 256  # trials that tell how many the plain form redoes
 class Moments(NamedTuple):
     """Of m error metrics over some trials; mm, mm^2."""
 
-    trials: int
+    trials: int  # that have an answer
     mean: Array  # (m, 3)
     scatter: Array  # (m, 3, 3) sums of products about the mean
     norm_mean: Array  # (m,)
@@ -48,11 +48,13 @@ class Shard:
     floors: Sequence[float]  # of each metric: every norm above it is in the tail
     above: tuple[int, ...]  # of each metric: norms beyond its limit
     redone: int  # trials that the plain form redid because the kernel's answer was not proven
-    reprojection: Array | None  # px, of the trials before ``REPROJECTION_TRIALS``
+    reprojection: Array | None  # px, of the trials before ``REPROJECTION_TRIALS`` that have an answer
+    missed: int = 0  # trials in which a fiducial is missed
+    unanswered: int = 0  # of these, trials that leave too few for an answer: their norms are infinite
 
     @property
     def trials(self) -> int:
-        return sum(block.trials for block in self.moments)
+        return sum(block.trials for block in self.moments) + self.unanswered
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +97,7 @@ def take_largest(values: Array, count: int) -> Array:
 def merge_moments(a: Moments, b: Moments) -> Moments:
     """Moments of two disjoint sets (Chan, Golub and LeVeque 1983)."""
     count = a.trials + b.trials
-    share = b.trials / count
+    share = b.trials / count if count else 0.0
     gap = b.mean - a.mean
     scatter = a.scatter + b.scatter + (a.trials * share) * (gap[:, :, None] * gap[:, None, :])
     norm_mean = a.norm_mean + share * (b.norm_mean - a.norm_mean)
@@ -108,16 +110,26 @@ def draw_block(task: TrialsTask, first: int) -> Shard:
     reprojection = task.reprojection and first < REPROJECTION_TRIALS
     outcome = run_indices(task.plan, task.seed, first, count, reprojection=reprojection)
     errors = np.ascontiguousarray(outcome.errors).reshape(-1, 3, count)
+    answered = np.isfinite(errors).all(axis=(0, 1)) if outcome.missed else np.ones(count, dtype=bool)
+    answers = int(answered.sum())
+    reprojections = outcome.reprojection
+    if answers < count:
+        errors = np.ascontiguousarray(errors[..., answered])
+        reprojections = None if reprojections is None else reprojections[answered]
     metrics = len(errors)
-    norms, norm_mean = np.empty((metrics, count)), np.empty(metrics)
-    mean, scatter = np.empty((metrics, 3)), np.empty((metrics, 3, 3))
-    reduce_block(errors.reshape(-1), count, norms.reshape(-1), mean, scatter, norm_mean, np.empty(48))
-    norms[np.isnan(norms)] = np.inf  # a trial without an answer is beyond any limit, not outside the count
+    norms, norm_mean = np.empty((metrics, answers)), np.zeros(metrics)
+    mean, scatter = np.zeros((metrics, 3)), np.zeros((metrics, 3, 3))
+    if answers:
+        reduce_block(errors.reshape(-1), answers, norms.reshape(-1), mean, scatter, norm_mean, np.empty(48))
+    if answers < count:  # a trial without an answer is beyond any limit, not outside the count
+        norms = np.concatenate([norms, np.full((metrics, count - answers), inf)], axis=1)
     above = tuple(
         0 if limit == inf else int(np.count_nonzero(own > limit)) for own, limit in zip(norms, task.limits, strict=True)
     )
-    moments = (Moments(count, mean, scatter, norm_mean),)
-    return Shard(moments, tuple(norms), (-inf,) * metrics, above, outcome.redone, outcome.reprojection)
+    moments = (Moments(answers, mean, scatter, norm_mean),)
+    floors = (-inf,) * metrics
+    lost = outcome.missed, count - answers
+    return Shard(moments, tuple(norms), floors, above, outcome.redone, reprojections, *lost)
 
 
 def draw_shards(task: TrialsTask, threads: int) -> Iterator[Shard]:
@@ -154,6 +166,8 @@ def compute_shard(task: TrialsTask) -> Shard:
         above=tuple(sum(counts) for counts in zip(*(block.above for block in blocks), strict=True)),
         redone=sum(block.redone for block in blocks),
         reprojection=np.concatenate(shots) if shots else None,
+        missed=sum(block.missed for block in blocks),
+        unanswered=sum(block.unanswered for block in blocks),
     )
 
 
@@ -182,7 +196,13 @@ def spans(first: int, stop: int, size: int) -> Iterator[tuple[int, int]]:
 
 def shard_to_bytes(shard: Shard) -> bytes:
     """A shard as bytes that :func:`shard_from_bytes` reads back exactly."""
-    head = {"trials": [block.trials for block in shard.moments], "above": shard.above, "redone": shard.redone}
+    head = {
+        "trials": [block.trials for block in shard.moments],
+        "above": shard.above,
+        "redone": shard.redone,
+        "missed": shard.missed,
+        "unanswered": shard.unanswered,
+    }
     arrays = [
         np.array([block.mean for block in shard.moments]),
         np.array([block.scatter for block in shard.moments]),
@@ -206,4 +226,6 @@ def shard_from_bytes(content: bytes) -> Shard:
         above=tuple(head["above"]),
         redone=head["redone"],
         reprojection=arrays[4 + metrics] if len(arrays) > 4 + metrics else None,
+        missed=head["missed"],
+        unanswered=head["unanswered"],
     )

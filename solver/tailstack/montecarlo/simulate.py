@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..cores import usable_cores
-from ..errors import OutOfRangeError, Problem
+from ..errors import IllPosedError, OutOfRangeError, Problem
 from ..system import System
 from .plan import ChainPlan, compile_plan
 from .shards import (
@@ -55,20 +55,22 @@ class ErrorSample:
     target: str
     error: str  # "tcp" (in tcp) or "localisation" (in con)
     trials: int
-    mean: Array  # (3,)
+    mean: Array  # (3,); it, scatter and mean_norm of the trials that have an answer
     scatter: Array  # (3, 3) sum of products about the mean
     mean_norm: float
     tail: Array  # the largest norms, ascending; every trial above tail[0] is in it
     above: tuple[float, int] | None = None  # a limit, mm, and how many norms are beyond it
+    unanswered: int = 0  # trials without an answer, whose norm is infinite
 
     @property
     def covariance(self) -> Array:
         """(3, 3) mm^2, divisor n - 1."""
-        return np.asarray(self.scatter / (self.trials - 1))
+        return np.asarray(self.scatter / (self.trials - self.unanswered - 1))
 
     @property
     def worst(self) -> float:
-        return float(self.tail[-1])
+        """The largest norm of a trial that has an answer."""
+        return float(self.tail[len(self.tail) - 1 - self.unanswered])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +81,9 @@ class Samples:
     trials: int
     errors: tuple[ErrorSample, ...]
     redone: int  # trials that the plain form redid because the kernel's answer was not proven
-    reprojection_px: Array | None  # RMS reprojection errors of the first trials, ascending
+    reprojection_px: Array | None  # RMS reprojection errors of the first trials that have an answer, ascending
+    missed: int = 0  # trials in which a fiducial is missed
+    unanswered: int = 0  # of these, trials that leave too few for an answer
 
     def of(self, target: str | int, error: str = "tcp") -> ErrorSample:
         """The sample of one target (by name or index) and one error ("tcp" or "localisation")."""
@@ -98,6 +102,7 @@ class Run:
         self.simulation = simulation
         self._limits = simulation.limits or (inf,) * metrics
         self._moments: Moments | None = None
+        self._done = self._missed = self._unanswered = 0  # trials
         self._tails: list[list[Array]] = [[] for _ in range(metrics)]
         self._sizes = [0] * metrics  # norms in each tail
         self._floors = [-inf] * metrics  # every norm above is in the tail
@@ -114,7 +119,7 @@ class Run:
         Raises OutOfRangeError for fewer than 2 trials, and where the last number was not a multiple of ``BLOCK``.
         """
         what = self.simulation
-        done = 0 if self._moments is None else self._moments.trials
+        done = self._done
         if trials < 2:
             raise OutOfRangeError(Problem("", "trials", f"at least 2 trials are needed, got {trials}"))
         if done % BLOCK or done > trials:
@@ -128,7 +133,9 @@ class Run:
         for shard in draw_shards(task, threads) if what.sampler is None else what.sampler(task):
             for moments in shard.moments:
                 self._moments = moments if self._moments is None else merge_moments(self._moments, moments)
-                done += moments.trials
+            self._done += shard.trials
+            self._missed += shard.missed
+            self._unanswered += shard.unanswered
             self._redone += shard.redone
             for k, norms in enumerate(shard.tails):
                 self._above[k] += shard.above[k]
@@ -136,7 +143,7 @@ class Run:
             if shard.reprojection is not None:
                 self._reprojections.append(shard.reprojection)
             if what.progress is not None:
-                what.progress(done, trials if most is None else most)
+                what.progress(self._done, trials if most is None else most)
         return self._samples(trials, keep)
 
     def _add_to_tail(self, metric: int, norms: Array, floor: float, keep: int) -> None:
@@ -159,6 +166,9 @@ class Run:
     def _samples(self, trials: int, keep: int) -> Samples:
         moments = self._moments
         assert moments is not None  # there is at least one part
+        if moments.trials < 2:
+            detail = f"{self._unanswered} of {trials} shots miss so many fiducials that they have no answer"
+            raise IllPosedError(Problem("/fiducials/loss_probability", "no-answer", detail, "use more fiducials"))
         errors = []
         for k, parts in enumerate(self._tails):
             norms = np.concatenate(parts)
@@ -179,11 +189,13 @@ class Run:
                     mean_norm=float(moments.norm_mean[k]),
                     tail=tail,
                     above=None if limit == inf else (limit, self._above[k]),
+                    unanswered=self._unanswered,
                 )
             )
         shots = self._reprojections
         reprojection = np.sort(np.concatenate(shots)[:REPROJECTION_TRIALS]) if shots else None
-        return Samples(self.simulation, trials, tuple(errors), self._redone, reprojection)
+        lost = self._missed, self._unanswered
+        return Samples(self.simulation, trials, tuple(errors), self._redone, reprojection, *lost)
 
 
 def simulate(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ..design import Design
 from ..design.refusals import place
-from ..errors import DesignError, Problem, TailstackError
+from ..errors import TailstackError
 from ..results import Finding
 from .contradictions import refuse_contradictions
 from .explain import influence_of, refuse_incurable
@@ -32,7 +32,6 @@ def read_task(design: Design, *, seed: int | None = None, starts: int | None = N
     """Read the ``optimise`` section of a design.  Raises DesignError, InfeasibleError."""
     with locate_refusals(design):
         request = read_request(design)
-        refuse_losses(request.problem)
         section, counts = request.section, list_counts(request)
         problems = tuple(with_count(request, count) for count in counts)
         for problem in problems:
@@ -45,21 +44,6 @@ def read_task(design: Design, *, seed: int | None = None, starts: int | None = N
             counts=counts,
             problems=problems,
             remarks=influence_of(request.problem),
-        )
-
-
-def refuse_losses(problem: PlacementProblem) -> None:
-    """An optimum is checked by simulation, which has no shots with fiducials missed."""
-    if problem.system.loss_probability:
-        raise DesignError(
-            Problem(
-                "/fiducials/loss_probability",
-                "not-optimised",
-                "the design says how often fiducials are missed, and neither the search nor the simulation that checks "
-                "what it finds has shots with fiducials missed",
-                "leave it out for the search (of single points too), then score the result with it; "
-                "optimise.survive limits what the worst loss does",
-            )
         )
 
 

@@ -123,6 +123,7 @@ def _check_loss(
         without_fiducials(system, lost),
         requirements=(replace(survival.requirement, targets=(target.name,)),),
         targets=(target,),
+        loss_probability=(),  # these are lost for certain
     )
     found = verify(left, seed=seed, trials=trials, threads=control.threads)
     (check,) = found.verdict.checks

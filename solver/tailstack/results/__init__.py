@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         headline_of,
     )
     from .verification import (
+        DrawnLosses,
         Exceedance,
         MetricEstimate,
         Reprojection,
@@ -92,7 +93,7 @@ _HOME = {
     ),
     **dict.fromkeys(
         (
-            "Exceedance", "MetricEstimate", "Reprojection", "TargetEstimate", "Verification",
+            "DrawnLosses", "Exceedance", "MetricEstimate", "Reprojection", "TargetEstimate", "Verification",
         ),
         "verification",
     ),
@@ -109,6 +110,7 @@ __all__ = [
     "Check",
     "Contributor",
     "CountTried",
+    "DrawnLosses",
     "Exceedance",
     "Finding",
     "FrontPoint",

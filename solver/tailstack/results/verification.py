@@ -76,7 +76,9 @@ class TargetEstimate:
     """Trials that the fast chain could not prove solved and that were computed again by singular value decomposition.
     """
     first_order_p95_mm: float
-    """P95 of the first-order score of this design, mm."""
+    """P95 to first order, mm: that of the score; where the design says how often fiducials are missed, over shots with
+    up to two of them missed.
+    """
     first_order_ratio: float
     """First-order P95 over the sampled one: below 1, first order is optimistic."""
     localisation: MetricEstimate
@@ -93,6 +95,20 @@ class Reprojection:
     """Mean, px."""
     p95_px: float
     """95 % quantile, px."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnLosses:
+    """Shots with fiducials missed, as often as the design says."""
+
+    trials: int
+    """Shots that were drawn."""
+    trials_with_losses: int
+    """Of these, shots in which at least one fiducial is missed."""
+    trials_without_answer: int
+    """Shots left with too few fiducials for an answer. In quantiles and exceedance their error counts as infinite;
+    bias, spread, means, largest error and reprojection error are of the other shots.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +145,8 @@ class Verification(Result):
     """Requirements held against the sampled errors."""
     provenance: Provenance
     """Which design, by which version, under which model, and what is not included."""
+    losses: DrawnLosses | None = None
+    """Shots with fiducials missed; null where the design does not say how often they are."""
 
     def outline(self) -> Outline:
         """Sampled errors at the targets, with their intervals."""

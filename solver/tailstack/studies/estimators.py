@@ -98,7 +98,8 @@ def study_estimators(
     ``principal_point_px_sd``, and to be wrong by as much.  ``trials``: of a simulation of each, 0 for none.
     Raises OutOfRangeError where no estimator has an answer.
     """
-    base = design if isinstance(design, System) else compile_design(design)
+    # With all fiducials in every shot: what missing them does is no property of the estimator alone.
+    base = replace(design if isinstance(design, System) else compile_design(design), loss_probability=())
     doubted = _with_doubt(base, focal_rel_sd, principal_point_px_sd)
     order = (Estimator.DLT, Estimator.REPROJECTION, Estimator.POSE_WITH_PRIOR, Estimator.POSE)
     cases, reference = [], None

@@ -310,34 +310,48 @@ def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
     return Evaluation(law, accuracy_for(0.5, fine)).probability(float(r))
 
 
-def mixture_quantile(laws: Sequence[LinearLaw], weights: ArrayLike, p: float) -> float:
-    """The r with sum_k weights_k P_k(|e| <= r) = p, mm; what weights lack to 1 is beyond every r, and where p is among
-    that, r is infinite.
+@dataclass(frozen=True, slots=True, eq=False)
+class MixedLaw:
+    """One of several laws, each with its probability; what these lack to 1 is beyond every radius."""
 
-    Raises ValueError for p outside (0, 1).
-    """
-    p = probability_iv(p)
-    shares = np.asarray(weights, dtype=np.float64)
-    if shares.sum() <= p:
-        return inf
-    within = [
-        Evaluation(law, accuracy_for(p, True)).probability
-        if law.columns.any()
-        else partial(norm_cdf, mean=law.mean, covariance=law.covariance)
-        for law in laws
-    ]
+    laws: Sequence[LinearLaw]
+    weights: Array
 
-    from scipy.optimize import brentq  # as few scores take a mixture
+    def quantile(self, p: float) -> float:
+        """The r with sum_k weights_k P_k(|e| <= r) = p, mm; infinite where p is among what is beyond.
 
-    def beyond_p(r: float) -> float:
-        return float(shares @ [probability(r) for probability in within]) - p
-
-    low, high = 0.0, law_quantile(laws[int(shares.argmax())], p).quantile_mm or 1e-9
-    while beyond_p(high) < 0:
-        low, high = high, MIXTURE_STEP * high
-        if high > LARGEST_MIXTURE:  # p differs from the sum of the weights by less than rounding
+        Raises ValueError for p outside (0, 1).
+        """
+        p = probability_iv(p)
+        if len(self.laws) == 1 and self.weights[0] == 1:
+            return law_quantile(self.laws[0], p).quantile_mm
+        if self.weights.sum() <= p:
             return inf
-    return float(brentq(beyond_p, low, high, xtol=1e-12, rtol=1e-10)) if beyond_p(low) < 0 else low
+        within = [
+            Evaluation(law, accuracy_for(p, True)).probability
+            if law.columns.any()
+            else partial(norm_cdf, mean=law.mean, covariance=law.covariance)
+            for law in self.laws
+        ]
+
+        from scipy.optimize import brentq  # as few scores take a mixture
+
+        def beyond_p(r: float) -> float:
+            return float(self.weights @ [probability(r) for probability in within]) - p
+
+        low, high = 0.0, law_quantile(self.laws[int(self.weights.argmax())], p).quantile_mm or 1e-9
+        while beyond_p(high) < 0:
+            low, high = high, MIXTURE_STEP * high
+            if high > LARGEST_MIXTURE:  # p differs from the sum of the weights by less than rounding
+                return inf
+        return float(brentq(beyond_p, low, high, xtol=1e-12, rtol=1e-10)) if beyond_p(low) < 0 else low
+
+    def exceedance(self, limit: float) -> float:
+        """P(|e| > limit), limit >= 0 mm."""
+        if len(self.laws) == 1 and self.weights[0] == 1:
+            return law_exceedance(self.laws[0], limit)
+        beyond = [law_exceedance(law, limit) for law in self.laws]
+        return float(self.weights @ beyond) + max(1.0 - float(self.weights.sum()), 0.0)
 
 
 def law_exceedance(law: LinearLaw, limit: float) -> float:

@@ -54,6 +54,7 @@ from .design_patch import DesignPatch
 from .difference import Difference
 from .difference_basis import DifferenceBasis
 from .difference_conclusion import DifferenceConclusion
+from .drawn_losses import DrawnLosses
 from .error_distribution import ErrorDistribution
 from .estimator_case import EstimatorCase
 from .example_entry import ExampleEntry
@@ -289,6 +290,7 @@ __all__ = (
     "Difference",
     "DifferenceBasis",
     "DifferenceConclusion",
+    "DrawnLosses",
     "ErrorDistribution",
     "EstimatorCase",
     "ExampleEntry",

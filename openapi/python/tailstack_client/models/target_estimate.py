@@ -36,7 +36,8 @@ class TargetEstimate:
         exceedance (Exceedance | None): How often the error is beyond the tightest limit here; null without a limit.
         flagged_trials (int): Trials that the fast chain could not prove solved and that were computed again by singular
             value decomposition.
-        first_order_p95_mm (float): P95 of the first-order score of this design, mm.
+        first_order_p95_mm (float): P95 to first order, mm: that of the score; where the design says how often fiducials
+            are missed, over shots with up to two of them missed.
         first_order_ratio (float): First-order P95 over the sampled one: below 1, first order is optimistic.
         localisation (MetricEstimate): Sampled result for one error metric at one target.
     """

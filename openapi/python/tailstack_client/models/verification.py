@@ -14,6 +14,7 @@ from typing import cast
 from typing import Literal, cast
 
 if TYPE_CHECKING:
+    from ..models.drawn_losses import DrawnLosses
     from ..models.provenance import Provenance
     from ..models.reprojection import Reprojection
     from ..models.target_estimate import TargetEstimate
@@ -46,6 +47,7 @@ class Verification:
         first_order_ratio (float): First-order P95 over the sampled one at the worst target.
         verdict (Verdict): ``pass`` only when the upper end of every check's interval is within its limit.
         provenance (Provenance): Which design, by which version, under which model, and what is not included.
+        losses (DrawnLosses | None): Shots with fiducials missed; null where the design does not say how often they are.
     """
 
     schema: Literal["tailstack/verification/1"]
@@ -62,8 +64,10 @@ class Verification:
     first_order_ratio: float
     verdict: Verdict
     provenance: Provenance
+    losses: DrawnLosses | None
 
     def to_dict(self) -> dict[str, Any]:
+        from ..models.drawn_losses import DrawnLosses  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.reprojection import Reprojection  # noqa: PLC0415
         from ..models.target_estimate import TargetEstimate  # noqa: PLC0415
@@ -102,6 +106,12 @@ class Verification:
 
         provenance = self.provenance.to_dict()
 
+        losses: dict[str, Any] | None
+        if isinstance(self.losses, DrawnLosses):
+            losses = self.losses.to_dict()
+        else:
+            losses = self.losses
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -120,6 +130,7 @@ class Verification:
                 "first_order_ratio": first_order_ratio,
                 "verdict": verdict,
                 "provenance": provenance,
+                "losses": losses,
             }
         )
 
@@ -127,6 +138,7 @@ class Verification:
 
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.drawn_losses import DrawnLosses  # noqa: PLC0415
         from ..models.provenance import Provenance  # noqa: PLC0415
         from ..models.reprojection import Reprojection  # noqa: PLC0415
         from ..models.target_estimate import TargetEstimate  # noqa: PLC0415
@@ -178,6 +190,21 @@ class Verification:
 
         provenance = Provenance.from_dict(d.pop("provenance"))
 
+        def _parse_losses(data: object) -> DrawnLosses | None:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                losses_type_0 = DrawnLosses.from_dict(data)
+
+                return losses_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(DrawnLosses | None, data)
+
+        losses = _parse_losses(d.pop("losses"))
+
         verification = cls(
             schema=schema,
             seed=seed,
@@ -193,6 +220,7 @@ class Verification:
             first_order_ratio=first_order_ratio,
             verdict=verdict,
             provenance=provenance,
+            losses=losses,
         )
 
         return verification

@@ -82,6 +82,10 @@ def sampling_blocks(check: Verification) -> tuple[Block, ...]:
     """How the trials were drawn, why drawing ended, and what else was seen."""
     flagged = max((target.flagged_trials for target in check.targets), default=0)
     shots = check.reprojection
+    losses: tuple[tuple[str, str], ...] = ()
+    if check.losses is not None:
+        some, none = check.losses.trials_with_losses, check.losses.trials_without_answer
+        losses = (("Trials with a fiducial missed", f"{some:,}, of which {none:,} without an answer"),)
     facts = Facts(
         "Sampling",
         (
@@ -91,6 +95,7 @@ def sampling_blocks(check: Verification) -> tuple[Block, ...]:
             ("Engine", check.engine),
             ("Precision reached", f"{check.precision_reached:.2%} of P95"),
             ("Trials redone", f"{flagged:,}"),
+            *losses,
             ("Reprojection error", f"mean {shots.mean_px:.3g} px, P95 {shots.p95_px:.3g} px, {shots.trials:,} trials"),
         ),
     )

@@ -1,0 +1,262 @@
+"""Simulated shots in which fiducials are missed, against structures from which they were really taken."""
+
+from __future__ import annotations
+
+import copy
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from scenes import cios_system, cube8_system, installation, random_system, read_only, system_of
+from tailstack import load_design, optimise, score, verify
+from tailstack.design.write import Revision, revise_design
+from tailstack.errors import IllPosedError, OutOfRangeError
+from tailstack.montecarlo import compile_plan, draw, run_indices, simulate
+from tailstack.montecarlo.chain import draw_losses
+from tailstack.montecarlo.shards import compute_shard, shard_from_bytes, shard_to_bytes
+from tailstack.montecarlo.simulate import Run, Simulation
+from tailstack.optimisation import tightening
+from tailstack.system import Estimator, Requirement, Triangulation
+from tailstack.verification import Sampling, prepare, verify_prepared
+
+
+def text_of(record):
+    """Its JSON; ValueError for a number that is none."""
+    return json.dumps(record.to_dict(), allow_nan=False)
+
+
+DEMO = yaml.safe_load((Path(__file__).parents[2] / "examples" / "demo.yaml").read_text())
+SEVEN = np.random.default_rng(3).uniform(-50, 50, (7, 3)) + np.array([0, 0, -20.0])
+
+
+def missed(system, probability):
+    """The system whose fiducials are each missed so often."""
+    return replace(system, loss_probability=(probability,) * len(system.fiducial_labels))
+
+
+def demo(probability=0.02, change=None):
+    data = copy.deepcopy(DEMO)
+    data["fiducials"]["loss_probability"] = probability
+    if change:
+        change(data)
+    return load_design(data)
+
+
+def one_often(data):
+    data["fiducials"]["points"][0]["loss_probability"] = 0.3
+
+
+def taken(system, lost):
+    """The system without these fiducials (indices), as if they had never been there."""
+    rest = [i for i in range(len(system.fiducials_mm)) if i not in lost]
+    return replace(
+        system,
+        fiducial_labels=tuple(system.fiducial_labels[i] for i in rest),
+        fiducials_mm=read_only(system.fiducials_mm[rest]),
+        manufacturing_half_width_mm=read_only(system.manufacturing_half_width_mm[rest]),
+        loss_probability=(),
+    )
+
+
+def by_lot(system, shots, rng):
+    """(shots,) mm: patterns drawn by NumPy, then so many shots of each structure that is left, by its own seed."""
+    lost = rng.random((shots, len(system.fiducials_mm))) < np.array(system.loss_probability)
+    patterns, counts = np.unique(lost, axis=0, return_counts=True)
+    norms = []
+    for pattern, count in zip(patterns, counts, strict=True):
+        rest = taken(system, set(np.flatnonzero(pattern)))
+        errors = run_indices(compile_plan(rest), int(rng.integers(2**60)), 0, int(count)).errors[0, 0]
+        norms.append(np.sqrt((errors**2).sum(axis=0)))
+    return np.concatenate(norms)
+
+
+@pytest.mark.parametrize("scene", ["cube", "twelve", "random", "pose", "weighted"])
+def test_p95_over_shots_with_beads_missed_is_that_of_structures_without_them(scene):
+    """brute force: 4.5 standard errors of both samples together, one false alarm in 100,000."""
+    rng = np.random.default_rng(11)
+    system = missed(cube8_system(), 0.02)
+    if scene == "twelve":
+        system = missed(cios_system(), 0.05)
+    elif scene == "random":
+        system = random_system(rng, 10, 2, targets=1)
+        system = replace(system, loss_probability=(0.0, 0.02, 0.2, 0.01, 0.05, 0.0, 0.1, 0.02, 0.04, 0.0))
+    elif scene == "pose":
+        system = missed(replace(cube8_system(), estimator=Estimator.POSE), 0.05)
+    elif scene == "weighted":
+        system = missed(replace(cube8_system(), triangulation=Triangulation.WEIGHTED), 0.01)
+    ours, theirs = (4_000, 4_000) if scene == "weighted" else (60_000, 60_000)
+    norms = by_lot(system, theirs, rng)
+    found = simulate(system, trials=ours, seed=4).of(0)
+    limit = np.sort(found.tail)[-round(0.05 * ours)]
+    within = (norms <= limit).mean()
+    assert within == pytest.approx(0.95, abs=4.5 * np.sqrt(0.95 * 0.05 * (1 / ours + 1 / theirs)))
+    assert norms.mean() == pytest.approx(found.mean_norm, abs=4.5 * norms.std() * np.sqrt(1 / ours + 1 / theirs))
+
+
+def test_the_check_and_the_score_agree_on_what_missing_beads_does():
+    """exact law: 5 in 100,000 shots miss three beads or more, which the score counts as beyond."""
+    system = missed(cube8_system(), 0.01)
+    line = score(system).losses[0]
+    check = verify(system, trials=400_000, seed=2)
+    target = check.targets[0]
+    assert target.first_order_p95_mm == pytest.approx(line.mixture.value_mm, rel=0.002)
+    assert target.first_order_p95_mm > 1.01 * line.value_mm
+    assert check.first_order_ratio == pytest.approx(1, abs=0.01)
+    assert not [finding for finding in check.verdict.findings if finding.rule == "first-order-gap"]
+
+
+def test_shots_that_miss_nothing_have_the_digits_they_had():
+    """digits: of the same seed without a probability."""
+    plain, often = compile_plan(cios_system()), compile_plan(missed(cios_system(), 0.03))
+    numbers = np.arange(5000)
+    lost = draw_losses(often, 9, numbers)
+    complete = ~lost.any(axis=1)
+    assert complete.mean() == pytest.approx(0.97**12, abs=0.03)
+    np.testing.assert_array_equal(draw(plain, 9, numbers), draw(often, 9, numbers))
+    errors = [run_indices(plan, 9, 0, 5000).errors for plan in (plain, often)]
+    np.testing.assert_array_equal(errors[0][..., complete], errors[1][..., complete])
+    assert (errors[0][..., ~complete] != errors[1][..., ~complete]).all()
+    np.testing.assert_array_equal(draw_losses(often, 9, numbers[4000:]), lost[4000:])
+
+
+@pytest.mark.parametrize("estimator", [Estimator.DLT, Estimator.POSE])
+def test_a_bead_that_every_shot_misses_is_one_that_no_view_sees(estimator):
+    """digits: of the same seed with views[].sees."""
+    system = replace(cios_system(), estimator=estimator)
+    always = replace(system, loss_probability=(0.0, 0.0, 1.0, *[0.0] * 9))
+    labels = tuple(label for label in system.fiducial_labels if label != "F3")
+    hidden = replace(system, views=tuple(replace(view, sees=labels) for view in system.views))
+    each = [run_indices(compile_plan(one), 3, 0, 3000, reprojection=True) for one in (always, hidden)]
+    np.testing.assert_array_equal(each[0].errors, each[1].errors)
+    np.testing.assert_array_equal(each[0].reprojection, each[1].reprojection)
+    assert each[0].missed == 3000
+
+
+def test_each_bead_is_missed_as_often_as_it_says_and_by_itself():
+    """binomial: 5 standard errors for each of the twelve and each pair of the first three."""
+    probability = np.linspace(0.0, 0.4, 12)
+    plan = compile_plan(replace(cios_system(), loss_probability=tuple(probability)))
+    lost = draw_losses(plan, 1, np.arange(100_000))
+    doubt = 5 * np.sqrt(probability * (1 - probability) / 100_000)
+    assert (np.abs(lost.mean(axis=0) - probability) <= doubt).all()
+    for a, b in ((9, 10), (9, 11), (10, 11)):
+        both = probability[a] * probability[b]
+        assert (lost[:, a] & lost[:, b]).mean() == pytest.approx(both, abs=5 * np.sqrt(both / 100_000))
+
+
+def test_one_seed_has_one_answer_however_it_is_cut():
+    system = missed(system_of(SEVEN), 0.02)
+    name = system.targets[0].name
+    system = replace(system, requirements=(Requirement("r", "tcp", 0.95, 9.0, 0.95, (name,)),))
+    ready = prepare(system)
+
+    class Elsewhere:
+        """Shards of one block, sent as bytes."""
+
+        def shards(self, task):
+            for first in range(task.first, task.stop, 8192):
+                part = replace(task, first=first, stop=min(first + 8192, task.stop))
+                yield shard_from_bytes(shard_to_bytes(compute_shard(part)))
+
+    whole = text_of(verify_prepared(ready, Sampling(trials=40_000, seed=5), threads=1))
+    assert whole == text_of(verify_prepared(ready, Sampling(trials=40_000, seed=5), threads=3))
+    assert whole == text_of(verify_prepared(ready, Sampling(trials=40_000, seed=5), sampler=Elsewhere()))
+    simulation = Simulation(compile_plan(system), 5, threads=1)
+    run = Run(simulation)
+    run.grow(16_384)
+    grown, once = run.grow(40_000), Run(simulation).grow(40_000)
+    np.testing.assert_array_equal(grown.of(0).tail, once.of(0).tail)
+    assert (grown.missed, grown.unanswered) == (once.missed, once.unanswered)
+    assert once.unanswered > 0
+
+
+def test_shots_left_without_an_answer_count_as_beyond_and_are_told():
+    """binomial: of seven beads DLT can do without one; 4.5 standard errors."""
+    system = missed(system_of(SEVEN), 0.02)
+    name = system.targets[0].name
+    system = replace(system, requirements=(Requirement("r", "tcp", 0.9, 50.0, 0.95, (name,)),))
+    check = verify(system, trials=50_000, seed=1)
+    expected = 1 - 0.98**7 - 7 * 0.02 * 0.98**6
+    none = check.losses.trials_without_answer / check.losses.trials
+    doubt = 4.5 * np.sqrt(expected * (1 - expected) / 50_000)
+    assert none == pytest.approx(expected, abs=doubt)
+    (target,) = check.targets
+    norms = np.linalg.norm(run_indices(compile_plan(system), 1, 0, 50_000).errors[0, 0], axis=0)
+    answered = norms[np.isfinite(norms)]
+    assert len(norms) - len(answered) == check.losses.trials_without_answer
+    rank = int(np.ceil(0.95 * 50_000)) - 1
+    assert target.p95_mm == pytest.approx(np.sort(np.where(np.isnan(norms), np.inf, norms))[rank], rel=1e-12)
+    assert target.mean_norm_mm == pytest.approx(answered.mean(), rel=1e-12)
+    assert target.worst_mm == pytest.approx(answered.max(), rel=1e-12)
+    assert target.exceedance.probability == pytest.approx((~(norms <= 50.0)).mean(), rel=1e-12)
+    beyond = np.sort(answered)[rank + 1 :]
+    assert target.cvar95_mm == pytest.approx(beyond.mean(), rel=0.005)
+    (remark,) = [finding for finding in check.verdict.findings if finding.rule == "missed-fiducials"]
+    assert remark.severity == "warning"
+    assert f"{check.losses.trials_without_answer} of 50000" in remark.message
+    assert check.reprojection.trials < 16_384
+    assert text_of(check)
+
+
+def test_a_quantile_without_a_bound_is_refused_with_the_share_of_shots_that_have_no_answer():
+    with pytest.raises(IllPosedError, match=r"no bound that 95 % of shots keep") as refused:
+        verify(missed(system_of(SEVEN), 0.1))
+    assert refused.value.problems[0].pointer == "/fiducials/loss_probability"
+    assert refused.value.problems[0].code == "no-bound"
+    with pytest.raises(IllPosedError, match="of 2000 shots miss so many fiducials that they have no answer"):
+        verify(missed(system_of(SEVEN), 0.97), trials=2000)
+
+
+def test_a_unit_misses_beads_shot_by_shot():
+    """A requirement on each unit: its own shots differ in what they miss, and it comes to more than without misses."""
+    system = replace(
+        system_of(SEVEN), structure_connector=installation("structure_connector", (0.0, 0.0, -95.0), 0.05, 0.05)
+    )
+    plan = compile_plan(missed(system, 0.1), shots_per_unit=64)
+    lost = draw_losses(plan, 3, np.arange(640)).any(axis=1).reshape(10, 64)
+    assert (lost.any(axis=1) & ~lost.all(axis=1)).all()
+    name = system.targets[0].name
+    each = replace(system, requirements=(Requirement("unit", "tcp", 0.95, 5.0, 0.95, (name,), "per_unit", 0.9),))
+    plain, often = (verify(one, trials=2000).verdict.checks[0].value_mm for one in (each, missed(each, 0.01)))
+    assert often > 1.01 * plain
+
+
+def test_radial_sampling_is_refused_where_beads_are_missed():
+    with pytest.raises(OutOfRangeError, match="how often fiducials are missed"):
+        verify(missed(cios_system(), 0.01), method="radial")
+
+
+def test_a_document_is_checked_with_what_it_misses():
+    check = verify(demo(), trials=60_000)
+    none = verify(load_design(DEMO), trials=60_000)
+    assert none.losses is None
+    assert check.targets[0].p95_mm > none.targets[0].p95_mm
+    assert check.losses.trials_with_losses / 60_000 == pytest.approx(1 - 0.98**12, abs=0.01)
+    assert "fiducials mistaken for one another" in check.provenance.not_included
+    assert "fiducials mistaken for one another or missed" in none.provenance.not_included
+    (remark,) = [finding for finding in check.verdict.findings if finding.rule == "missed-fiducials"]
+    assert remark.severity == "note"
+
+
+def test_an_optimum_keeps_its_limit_over_shots_with_beads_missed(monkeypatch):
+    monkeypatch.setattr(tightening, "MOST_TRIALS", 2**15)
+
+    def rotations_only(data):
+        one_often(data)
+        del data["optimise"]["box"]
+
+    check = optimise(demo(0.05, rotations_only), starts=1).certificate.verification
+    assert check.losses.trials_with_losses > 0.5 * check.losses.trials
+    assert check.verdict.status == "pass"
+
+
+def test_a_bead_that_is_moved_keeps_its_own_probability():
+    design = demo(0.05, one_often)
+    moved = revise_design(design, Revision(fiducials_mm=np.array(design.fiducials.positions_mm) + 0.5))
+    points = moved.document.fiducials.points
+    assert [point.loss_probability for point in points] == [0.3, *[None] * 11]
+    assert points[0].position_mm == tuple(np.array(design.fiducials.positions_mm)[0] + 0.5)
