@@ -64,7 +64,20 @@ def test_published_c_arms_have_none(preset):
         assert not {problem.code for problem in error.problems} & set(PLAUSIBILITY)  # noqa: PT017
 
 
+WARM = {"difference_k": 10, "structure_expansion_um_per_m_k": 47, "connector_expansion_um_per_m_k": 0}
+THEATRE = replaced(replaced(DEMO, ("temperature",), WARM), ("fiducials", "diameter_mm"), 3)
+THEATRE = replaced(THEATRE, ("views", 1, "intrinsics_prior"), {"focal_rel_sd": 0.01, "principal_point_px_sd": 10})
+THEATRE["views"][1]["intrinsics_error"] = {"focal": {"bias_rel": 0, "half_width_rel": 0.01, "distribution": "normal"}}
 CASES = [
+    ("ball-size", ("fiducials", "diameter_mm"), 0.003, 0.3, "metres: write 3"),
+    ("ball-size", ("fiducials", "diameter_mm"), 30, 15, "in one place"),
+    ("share-in-percent", ("views", 1, "intrinsics_prior", "focal_rel_sd"), 1, 0.2, "write 0.01"),
+    ("share-in-percent", ("views", 1, "intrinsics_error", "focal", "half_width_rel"), 0.5, 0.1, "50 %"),
+    ("share-in-percent", ("views", 1, "intrinsics_error", "focal", "bias_rel"), -0.3, -0.1, "write -0.003"),
+    ("share-in-percent", ("fiducials", "loss_probability"), 0.5, 0.05, "write 0.005"),
+    ("share-in-percent", ("fiducials", "points", 3, "loss_probability"), 0.9, 0, "F4: loss_probability"),
+    ("expansion-too-small", ("temperature", "structure_expansion_um_per_m_k"), 47e-6, 1, "write 47"),
+    ("expansion-too-small", ("temperature", "connector_expansion_um_per_m_k"), -1e-6, 0, "glass ceramic"),
     ("half-width-too-fine", RX, 0.00035, 0.0021, "0.0201"),  # 0.02 degrees in radians
     ("half-width-too-fine", TX, 0.00002, 0.0001, "write 0.02"),  # 0.02 mm in metres
     ("half-width-too-fine", TX, 1e-9, 0, "Check its unit"),  # 0 says that it does not vary
@@ -81,10 +94,10 @@ CASES = [
 
 @pytest.mark.parametrize(("rule", "path", "value", "neighbour", "words"), CASES)
 def test_a_slip_is_remarked_and_its_neighbour_is_not(rule, path, value, neighbour, words):
-    found, sentences = remarks(replaced(DEMO, path, value))
+    found, sentences = remarks(replaced(THEATRE, path, value))
     assert found == [(rule, "/" + "/".join(map(str, path)))]
     assert words in sentences
-    assert remarks(replaced(DEMO, path, neighbour)) == ([], "")
+    assert remarks(replaced(THEATRE, path, neighbour)) == ([], "")
 
 
 def test_locators_are_held_to_the_same_ladder():

@@ -123,6 +123,9 @@ Implausible = Literal[
     "half-width-too-fine",
     "half-width-too-wide",
     "noise-too-small",
+    "ball-size",
+    "share-in-percent",
+    "expansion-too-small",
     "no-lever-arm",
 ]
 

@@ -39,6 +39,9 @@ BEST_NOISE_PX = 0.015
 SMALLEST_STRUCTURE_MM, LARGEST_STRUCTURE_MM = 5 * BEAD_MM, 750.0
 SHORTEST_DETECTOR_MM, SHORTEST_ISOCENTRE_MM = 200.0, 100.0
 LONGEST_SOURCE_MM = 5000.0
+SMALLEST_BALL_MM = 0.3
+LARGEST_SHARE = 0.2
+SMALLEST_EXPANSION = 0.02
 # A multiple of 30 or 45 degrees, in radians, written with three digits or more: 1.57, 0.785, 3.1416.
 TURNS = sorted({k * pi / n for n in (4, 6) for k in range(1, 2 * n + 1)})
 SAME_TURN = 6e-4  # relative: 1.57 is nearer to a quarter turn
@@ -290,6 +293,64 @@ def _doubt_noise(subject: _Subject) -> Iterator[_Met]:
                 yield _Met(f"/views/{index}/{field}", message, noise, BEST_NOISE_PX)
 
 
+# --- what goes wrong in an image ---------------------------------------------------------------------------
+
+
+def _doubt_balls(subject: _Subject) -> Iterator[_Met]:
+    diameter, points = subject.document.fiducials.diameter_mm, subject.fiducials_mm
+    if diameter is None:
+        return
+    gaps = np.linalg.norm(points[:, None] - points, axis=2)[np.triu_indices(len(points), 1)]
+    nearest = float(gaps.min()) if gaps.size else np.inf
+    why, limit = "", SMALLEST_BALL_MM
+    if diameter > nearest:
+        why, limit = f"two of them, {nearest:.4g} mm apart, would be in one place", nearest
+    elif diameter < SMALLEST_BALL_MM:
+        why = f"no smaller ones than {SMALLEST_BALL_MM:g} mm are seen in an X-ray image"
+    if why:
+        unit = _guess_unit(diameter, 0.5, nearest) or " Check its unit, which is mm."
+        yield _Met("/fiducials/diameter_mm", f"balls of {diameter:.4g} mm: {why}.{unit}", diameter, limit)
+
+
+def _doubt_shares(subject: _Subject) -> Iterator[_Met]:
+    for pointer, name, share in _list_shares(subject.document):
+        if abs(share) > LARGEST_SHARE:
+            message = (
+                f"{name} is {share:g}, which is {100 * share:g} %. If {share:g} % is meant, write {share / 100:g}."
+            )
+            yield _Met(pointer, message, share, LARGEST_SHARE)
+
+
+def _list_shares(document: DesignDocument) -> Iterator[tuple[str, str, float]]:
+    """(pointer, name, value) of every part of one that is usually said in per cent."""
+    for index, view in enumerate(document.views):
+        at = f"/views/{index}"
+        if (prior := view.intrinsics_prior) is not None:
+            yield f"{at}/intrinsics_prior/focal_rel_sd", f"view {view.name}: focal_rel_sd", prior.focal_rel_sd
+        if view.intrinsics_error is not None and (focal := view.intrinsics_error.focal) is not None:
+            for field in ("bias_rel", "half_width_rel"):
+                yield f"{at}/intrinsics_error/focal/{field}", f"view {view.name}: focal {field}", getattr(focal, field)
+    fiducials = document.fiducials
+    every = [("/fiducials", "loss_probability", fiducials.loss_probability)]
+    for index, point in enumerate(fiducials.points or ()):
+        name = f"{point.label or f'F{index + 1}'}: loss_probability"
+        every.append((f"/fiducials/points/{index}", name, point.loss_probability))
+    yield from ((f"{at}/loss_probability", name, value) for at, name, value in every if value is not None)
+
+
+def _doubt_expansion(subject: _Subject) -> Iterator[_Met]:
+    if (heat := subject.document.temperature) is None:
+        return
+    for field in ("structure_expansion_um_per_m_k", "connector_expansion_um_per_m_k"):
+        value = getattr(heat, field)
+        if 0 < abs(value) < SMALLEST_EXPANSION:
+            message = (
+                f"{field} is {value:g}, less than that of glass ceramic ({SMALLEST_EXPANSION:g}). If it is in 1/K, "
+                f"write {1e6 * value:g}; if nothing expands, 0."
+            )
+            yield _Met(f"/temperature/{field}", message, value, SMALLEST_EXPANSION)
+
+
 def _doubt_lever_arms(subject: _Subject) -> Iterator[_Met]:
     turning = [
         (name, interface)
@@ -366,6 +427,24 @@ _RULES = (
         "Image noise of zero, or below the best that was measured",
         "0.015 px: the centroid of a bead at 0.26 mm pixels is located to 0.015-0.05 px (Zhang 2015).",
         _doubt_noise,
+    ),
+    Rule(
+        "ball-size",
+        "Balls that would touch, or that no image shows",
+        "The distance of the nearest two fiducials; 0.3 mm: a judgement, markers of radiostereometry have 0.5 to 1 mm.",
+        _doubt_balls,
+    ),
+    Rule(
+        "share-in-percent",
+        "A part of one that looks like per cent",
+        "0.2: a judgement; errors of the focal length up to 0.14 were tried on five C-arms (arXiv 2603.14031).",
+        _doubt_shares,
+    ),
+    Rule(
+        "expansion-too-small",
+        "An expansion below that of glass ceramic, and not 0",
+        "0.02 um/(m K): glass ceramic of Zerodur's class 0; a judgement. PEEK in 1/K is 0.000047.",
+        _doubt_expansion,
     ),
     Rule(
         "no-lever-arm",
