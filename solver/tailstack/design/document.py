@@ -14,9 +14,7 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
-    SerializerFunctionWrapHandler,
     Tag,
-    model_serializer,
     model_validator,
 )
 
@@ -52,12 +50,12 @@ from .fields import (
     check_coverage,
     check_law,
     exactly_one,
+    leave_out_later,
     not_both,
     one_of,
     refusal,
     refuse_coverage,
     share,
-    without_later,
 )
 from .optimise_document import Optimise
 from .presets import PRESETS
@@ -232,11 +230,9 @@ class _AnyView(Record):
         description="What is left of the image's distortion after its correction. Needs image_size_px. Absent: none.",
     )
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_later(
-            write(self), dict.fromkeys(("sees", "intrinsics_prior", "intrinsics_error", "motion", "image_field"))
-        )
+    _as_before = leave_out_later(
+        dict.fromkeys(("sees", "intrinsics_prior", "intrinsics_error", "motion", "image_field"))
+    )
 
 
 class _Aimed(_AnyView):
@@ -673,9 +669,7 @@ class FiducialPoint(Record):
         default=None, description="Of this fiducial, instead of the fiducials' loss_probability.", examples=[0.02]
     )
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_later(write(self), {"loss_probability": None})
+    _as_before = leave_out_later({"loss_probability": None})
 
 
 class Manufacturing(Record):
@@ -781,9 +775,7 @@ class Fiducials(Record):
             raise refusal("unused-field", words, "remove origin", "origin")
         return self
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_later(write(self), dict.fromkeys(("diameter_mm", "image_point", "loss_probability")))
+    _as_before = leave_out_later(dict.fromkeys(("diameter_mm", "image_point", "loss_probability")))
 
 
 class TemperatureDocument(Record):
@@ -961,9 +953,7 @@ class Model(Record):
         examples=["normalised"],
     )
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_later(write(self), {"estimator": Estimator.DLT})
+    _as_before = leave_out_later({"estimator": Estimator.DLT})
 
 
 class DesignDocument(Record):
@@ -1000,9 +990,7 @@ class DesignDocument(Record):
     model: Model = Field(default_factory=share(Model.model_construct()), description="Choices of the model.")
     optimise: Optimise | None = Field(default=None, description="Freedom of the optimiser. Absent: it refuses.")
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_later(write(self), {"temperature": None})
+    _as_before = leave_out_later({"temperature": None})
 
 
 SCHEMA_ID = "urn:tailstack:schema:design:1"

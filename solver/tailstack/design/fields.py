@@ -10,7 +10,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 from pydantic_core import PydanticCustomError
 
 from ..cures import ask_meant
@@ -33,10 +33,16 @@ class Record(BaseModel):
     )
 
 
-def without_later(data: dict[str, Any], later: dict[str, Any]) -> dict[str, Any]:
-    """A record as data, without the fields that came ``later`` where they have their default: the hashes of designs,
-    and of their sections, that were made before stay what they were."""
-    return {name: value for name, value in data.items() if name not in later or value != later[name]}
+def leave_out_later(later: dict[str, Any]) -> Any:
+    """The serializer of a record that leaves out the fields that came ``later`` where they have their default: the
+    hashes of designs, and of their sections, that were made before stay what they were."""
+
+    @model_serializer(mode="wrap")
+    def write_as_before(self: Record, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data = write(self)
+        return {name: value for name, value in data.items() if name not in later or value != later[name]}
+
+    return write_as_before
 
 
 def share(record: _Record) -> Callable[[], _Record]:
