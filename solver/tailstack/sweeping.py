@@ -162,7 +162,8 @@ def assemble_sweep(design: Design, axes: Sequence[Axis], points: Sequence[SweepP
 
 
 def _provenance(design: Design, checked: bool) -> Provenance:
-    return provenance(compile_design(design), simulated=checked)
+    system = compile_design(design)
+    return provenance(system, simulated=checked, missed=checked and bool(system.loss_probability))
 
 
 def _axis(design: Design, axis: Axis) -> SweepAxis:

@@ -12,11 +12,12 @@ import pytest
 import yaml
 
 from scenes import cios_system, cube8_system, installation, random_system, read_only, system_of
-from tailstack import load_design, optimise, score, verify
+from tailstack import load_design, optimise, score, sweep, verify
 from tailstack.design.write import Revision, revise_design
 from tailstack.errors import IllPosedError, OutOfRangeError
 from tailstack.montecarlo import compile_plan, draw, run_indices, simulate
 from tailstack.montecarlo.chain import draw_losses
+from tailstack.montecarlo.estimators import cvar_interval
 from tailstack.montecarlo.shards import compute_shard, shard_from_bytes, shard_to_bytes
 from tailstack.montecarlo.simulate import Run, Simulation
 from tailstack.optimisation import tightening
@@ -240,6 +241,22 @@ def test_a_document_is_checked_with_what_it_misses():
     assert "fiducials mistaken for one another or missed" in none.provenance.not_included
     (remark,) = [finding for finding in check.verdict.findings if finding.rule == "missed-fiducials"]
     assert remark.severity == "note"
+
+
+def test_a_sweep_that_simulates_misses_beads_too():
+    noise = {"views.*.fiducial_noise_px": [0.4, 0.8]}
+    swept = sweep(demo(0.05), noise, check="verification", trials=4000)
+    none = sweep(load_design(DEMO), noise, check="verification", trials=4000)
+    for own, whole in zip(swept.points, none.points, strict=True):
+        assert own.targets[0].p95_mm > whole.targets[0].p95_mm
+    assert "fiducials mistaken for one another" in swept.provenance.not_included
+
+
+def test_a_limit_of_the_mean_of_the_tail_does_not_pass_where_a_shot_has_no_answer():
+    numbers = 1.0, 1.2, 2.0, 20_000, 0.95, 3
+    low, high = cvar_interval(*numbers)
+    assert cvar_interval(*numbers, 1) == (low, np.inf)
+    assert high < 1.3
 
 
 def test_an_optimum_keeps_its_limit_over_shots_with_beads_missed(monkeypatch):

@@ -91,9 +91,10 @@ def sampling_sentence(verification: Verification) -> str:
     gap = verification.first_order_ratio - 1
     side = "below" if gap < 0 else "above"
     shots = verification.reprojection
+    estimate = "`tailstack score`" if verification.losses is None else "such shots, with and without fiducials missed,"
     return "\n".join((
         wrap(
-            f"{precise}; the largest error of all shots is {worst:.3f} mm. The estimate of `tailstack score` is "
+            f"{precise}; the largest error of all shots is {worst:.3f} mm. The estimate of {estimate} is "
             f"{percent(abs(gap), 1)} % {side} this P95. The same seed ({verification.seed}) gives the same digits.",
             first="how sure: ", indent="  ",
         ),
