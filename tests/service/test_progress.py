@@ -110,6 +110,26 @@ def test_the_bar_grows_to_its_end_and_never_shrinks(course: Path) -> None:
 # --- work whose steps are alike -------------------------------------------------------------------
 
 
+def test_the_time_that_views_were_aimed_before_is_not_taken_for_a_delay() -> None:
+    """The same course, with and without a minute of that before it."""
+    course = json.loads(COURSES[0].read_text(encoding="utf-8"))
+    found = []
+    for aimed in (0.0, 60.0):
+        clock = Clock()
+        progress = Progress("optimise", io.StringIO(), clock=clock)
+        kind = {name: course[name] for name in KINDS}
+        report = reporter(progress, course["goal"], RemainingTime(cores=2, **kind))
+        clock.now += aimed
+        report("view", 25, 25, None)
+        left = []
+        for at, stage, done, total in course["events"]:
+            clock.now = 100.0 + aimed + at
+            report(stage, done, total, None)
+            left.append(progress.seconds_left())
+        found.append(left)
+    assert found[1] == pytest.approx(found[0], abs=1e-6)
+
+
 def test_what_came_before_the_first_step_is_not_taken_for_the_pace() -> None:
     """Ten seconds of loading, then a second for each of a hundred."""
     clock = Clock()
