@@ -64,7 +64,8 @@ def _marks(layout_mm: Array, box_mm: Any, at: Any, grow: dict[str, float]) -> li
     for name in (FAR, ELSEWHERE, NEAR):
         shape, colour = LOOK[name]
         for point in layout_mm[by_place(layout_mm, box_mm)[name]]:
-            parts.append(mark(shape, *at(point), colour, grow[name]))  # type: ignore[arg-type]
+            x, y = at(point)
+            parts.append(mark(shape, x, y, colour, grow[name]))  # type: ignore[arg-type]
     return parts
 
 

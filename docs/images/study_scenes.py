@@ -19,7 +19,7 @@ from tailstack.optimisation.exact_law import ExactQuantile, exact_quantile, imag
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.problem import PlacementProblem, apply_choice, present_choice
 from tailstack.optimisation.request import read_request
-from tailstack.optimisation.search import Search, farthest, objective_for_people, search
+from tailstack.optimisation.search import Control, Search, farthest, objective_for_people, search
 from tailstack.optimisation.starts import careless_layouts, textbook_layout
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.propagation.validity import validity
@@ -215,7 +215,7 @@ def least_cost(scene: Scene, starts: int = 8) -> Costs:
 def costs_of(found: Search, seed: int) -> Costs:
     """What a search came to, and the comparison."""
     best = objective_for_people(found.program, found.iterates[0].point.objective)
-    value = value_placement(found, seed)
+    value = value_placement(found, seed, Control(threads=1))
     assert value is not None  # there are free fiducials
     exact = settle(found, np.ones(1))
     return Costs(

@@ -137,7 +137,7 @@ def test_a_half_width_can_be_varied_from_nought_its_law_beside_it(path: str) -> 
 
     def leave_out(data: dict[str, Any]) -> None:
         declare(data)
-        place = data
+        place: Any = data
         *way, _ = path.split(".")
         for step in way:
             place = place[int(step) if step.isdecimal() else step]
