@@ -66,17 +66,13 @@ def law_of(mean: Array, parts: Sequence[Part]) -> LinearLaw:
     return LinearLaw(mean, covariance, stacked, np.array(kinds, dtype=np.int64))
 
 
-def declared_law(
-    model: LinearModel, error: str, mean: Array, blocks: tuple[Block, ...] | None = None
-) -> tuple[LinearLaw, dict[tuple[str, int], int]]:
+def declared_law(model: LinearModel, error: str, mean: Array) -> tuple[LinearLaw, dict[tuple[str, int], int]]:
     """The law of the linear model at ``mean`` (3,): normal sources as a covariance, the others as columns.
 
-    Returns the law and, for each non-Gaussian source (contributor, index), its column.  ``blocks`` limits it
-    to some contributors (the per-unit reading splits installation from shots).
+    Returns the law and, for each non-Gaussian source (contributor, index), its column.
     """
-    chosen = model.blocks if blocks is None else blocks
-    parts = [part_of(block, model.gain(block, error)) for block in chosen]
-    keys = [(block.contributor, j) for block, part in zip(chosen, parts, strict=True) for j in part.sources]
+    parts = [part_of(block, model.gain(block, error)) for block in model.blocks]
+    keys = [(block.contributor, j) for block, part in zip(model.blocks, parts, strict=True) for j in part.sources]
     return law_of(mean, parts), {key: column for column, key in enumerate(keys)}
 
 

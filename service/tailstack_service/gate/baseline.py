@@ -54,7 +54,7 @@ class GateBaseline(GateInput):
         return next((entries[0] for search in searches if len(entries := search()) == 1), None)
 
 
-def read_baseline(given: Given, *, name: str = "baseline", prefix: str = "") -> GateBaseline:
+def read_baseline(given: Given, *, prefix: str = "") -> GateBaseline:
     """The record of an earlier gate from a path, text or data.  Raises GateError."""
     from ..documents import from_plain
 
@@ -70,7 +70,7 @@ def read_baseline(given: Given, *, name: str = "baseline", prefix: str = "") -> 
         problem = Problem("/designs", "no-numbers", detail, hint)
     if problem is not None:
         raise GateError(add_prefix((place(problem, source),), prefix))
-    return GateBaseline(source, source.file or name, hash_content(source.data), record)
+    return GateBaseline(source, source.file or "baseline", hash_content(source.data), record)
 
 
 def _find_bad_number(data: Any, seed: int) -> Problem | None:

@@ -443,7 +443,7 @@ def _match_name(entry: DesignClass, name: str) -> str | None:
     return next((pattern for pattern in entry.designs or () if fnmatchcase(name, pattern)), None)
 
 
-def read_policy(given: Given | None, *, name: str = "policy", prefix: str = "") -> GatePolicy:
+def read_policy(given: Given | None, *, prefix: str = "") -> GatePolicy:
     """A policy from a path, text or data; None is the default policy.  Raises GateError.
 
     prefix: pointer to the policy inside the request that it came in.
@@ -452,7 +452,7 @@ def read_policy(given: Given | None, *, name: str = "policy", prefix: str = "") 
         given = {"schema": POLICY_SCHEMA, "name": "default"}
     source, document = read_document(given, Policy, POLICY_SCHEMA, prefix, "the rules: tailstack schema policy")
     return GatePolicy(
-        source, source.file or name, hash_content(document.model_dump(mode="json", by_alias=True)), document
+        source, source.file or "policy", hash_content(document.model_dump(mode="json", by_alias=True)), document
     )
 
 

@@ -105,7 +105,7 @@ class GateWaivers(GateInput):
     today: date
 
 
-def read_waivers(given: Given, today: date, *, name: str = "waivers", prefix: str = "") -> GateWaivers:
+def read_waivers(given: Given, today: date, *, prefix: str = "") -> GateWaivers:
     """Waivers from a path, text or data.  Raises GateError, also for a date too far ahead of ``today``."""
     source, document = read_document(given, Waivers, WAIVERS_SCHEMA, prefix, "the rules: tailstack schema waivers")
     problems = [problem for k, waiver in enumerate(document.waivers) for problem in _check_waiver(waiver, k, today)]
@@ -113,7 +113,7 @@ def read_waivers(given: Given, today: date, *, name: str = "waivers", prefix: st
         placed = source.placed()
         raise GateError(add_prefix(tuple(place(problem, placed) for problem in problems), prefix))
     content = document.model_dump(mode="json", by_alias=True)
-    return GateWaivers(source, source.file or name, hash_content(content), tuple(document.waivers), today)
+    return GateWaivers(source, source.file or "waivers", hash_content(content), tuple(document.waivers), today)
 
 
 def _check_waiver(waiver: Waiver, index: int, today: date) -> list[Problem]:

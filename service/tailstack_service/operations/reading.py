@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from tailstack.design.loading import read_source
-from tailstack.design.reading import Limits, Source, show
+from tailstack.design.reading import Source, show
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import DesignError, LimitError, Problem
 from tailstack.results.older import in_words_of_today
@@ -51,7 +51,7 @@ def read_document(given: bytes | Path | Mapping[str, Any], file: str) -> ReadRes
     return result_of(source, schema, file)
 
 
-def result_of(source: Source, schema: str, file: str, limits: Limits = LIMITS) -> ReadResult:
+def result_of(source: Source, schema: str, file: str) -> ReadResult:
     """The result in plain data.  Raises RequestError that says at which field, and in which line if that is known."""
     kind = schema.removeprefix(SCHEMA).partition("/")[0]
     if kind not in list_reported_names() or schema != f"{SCHEMA}{kind}/1":
@@ -66,7 +66,7 @@ def result_of(source: Source, schema: str, file: str, limits: Limits = LIMITS) -
     try:
         record: Any = from_plain(OPERATIONS[kind].record(), source.data)
     except ValidationError as error:
-        refused = refuse(error, source, limits, BaseModel)
+        refused = refuse(error, source, LIMITS, BaseModel)
         raise RequestError([_in_file(_of_result(problem, schema), file) for problem in refused.problems]) from None
     stray = next(chain(_strays(data, plain(record), ""), _gaps(data, "")), None)
     if stray is not None:

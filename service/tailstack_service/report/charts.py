@@ -466,14 +466,14 @@ def draw_errors(
         return page.svg(f"Errors at target {second.target}, {called[0]} and {called[1]}", words)
 
 
-def draw_differences(differences: Sequence[Difference], name: str = "differences") -> str:
+def draw_differences(differences: Sequence[Difference]) -> str:
     """Second minus first of each target's P95, with its interval where trials were drawn; left of zero is smaller."""
     shown = differences[:AT_MOST]
     ends = [0.0, *(end for entry in shown for end in (entry.difference_mm, *(entry.interval_mm or ())))]
     reach = max(max(ends) - min(ends), 1e-9)
     rows = Rows.of([entry.target for entry in shown], 32, 26)
     title = "P95 of the error at the tool, second minus first design, mm"
-    with open_page(name, rows.height + 68) as page:
+    with open_page("differences", rows.height + 68) as page:
         axes = rows.axes(page, SOURCES, 20, WIDTH - 24, title)
         axes.set_xlim(min(ends) - 0.08 * reach, max(ends) + 0.08 * reach)
         axes.axvline(0, color=INK, linewidth=1.3)

@@ -70,9 +70,9 @@ class Sight:
         return float((points_mm @ self.eye).mean())
 
 
-def draw_scene(scene: Scene, name: str = "layout", camera: str = "iso") -> str:
+def draw_scene(scene: Scene, name: str = "layout") -> str:
     """Both panels of a scene, with the layers that it shows at first.  The same scene gives the same text."""
-    parts, height = scene_parts(scene, name, camera)
+    parts, height = scene_parts(scene, name)
     return picture(name, scene.title, f"{scene.words} {scene.note}", height, parts)
 
 
@@ -109,9 +109,9 @@ def _change(before: System, after: System) -> str:
     return f"{len(old)} fiducials before, {len(now)} after: {changes}. In grey: before."
 
 
-def scene_parts(scene: Scene, name: str, camera: str = "iso", top: float = 0.0) -> tuple[list[str], float]:
+def scene_parts(scene: Scene, name: str, top: float = 0.0) -> tuple[list[str], float]:
     """The elements of a scene's picture from a height of the page on, and where they end."""
-    view = next(entry for entry in scene.cameras if entry.key == camera)
+    view = next(entry for entry in scene.cameras if entry.key == "iso")
     parts = [
         text(NEAR[0], top + 16, "Structure, connector frame con, mm", weight="bold"),
         text(FAR[0], top + 16, "Whole set-up, con, mm", weight="bold"),

@@ -132,14 +132,14 @@ COVERAGE_WORDS = (
 )
 
 
-def check_coverage(distribution: str, coverage_factor: float | None, at: str = "coverage_factor") -> None:
+def check_coverage(distribution: str, coverage_factor: float | None) -> None:
     """A coverage factor is refused where no law reads it."""
     if coverage_factor is not None and distribution != "normal":
         raise refusal(
             "unused-field",
             f"coverage_factor only means something for distribution: normal; the distribution here is {distribution}",
             "remove coverage_factor",
-            at,
+            "coverage_factor",
         )
 
 

@@ -333,15 +333,15 @@ def _keep_stream(plan: ChainPlan, z: Array, stream: int) -> Array:
 # --- what the samples say -------------------------------------------------------------------------
 
 
-def average_near(values: Array, p: float, reach: float = WINDOW) -> float:
-    """Mean of the order statistics of values (n,) between the quantiles ``p - reach`` and ``p + reach``.
+def average_near(values: Array, p: float) -> float:
+    """Mean of the order statistics of values (n,) between the quantiles ``p - WINDOW`` and ``p + WINDOW``.
 
     Two samples that differ trial by trial by less than their order statistics lie apart have the same trial at a
     quantile, and its own difference is all that a ratio of quantiles then sees, however many trials there are; the
     mean over a share of the trials sees theirs, and sections see it as the whole does.
     """
     count = len(values)
-    low, high = ceil(count * (p - reach)) - 1, ceil(count * (p + reach))
+    low, high = ceil(count * (p - WINDOW)) - 1, ceil(count * (p + WINDOW))
     return float(np.partition(values, (low, high - 1))[low:high].mean())
 
 
@@ -542,9 +542,9 @@ def tell_coupling(ratio: Ratio) -> Coupling:
     return ("none seen", "more", "less")[tell_side(ratio)]
 
 
-def widen(ratio: Ratio, count: int, confidence: float = 0.95) -> Ratio:
+def widen(ratio: Ratio, count: int) -> Ratio:
     """The same with an interval of which ``count`` hold together (Bonferroni); its own holds by itself."""
-    alone, together = (float(stdtrit(SECTIONS - 1, 1 - (1 - confidence) / (2 * m))) for m in (1, count))
+    alone, together = (float(stdtrit(SECTIONS - 1, 1 - (1 - CONFIDENCE) / (2 * m))) for m in (1, count))
     low, high = ratio.interval
     half = (high - low) / 2 * together / alone
     return replace(ratio, interval=(ratio.value - half, ratio.value + half))
@@ -562,11 +562,11 @@ def write_percent(ratio: Ratio, decimals: int | None = None) -> str:
     return f"{round(100 * (ratio.value - 1), decimals) + 0.0:+.{decimals}f} %"
 
 
-def _write_comparison(ratio: Ratio, what: str, above: str = "above", below: str = "below") -> str:
+def _write_comparison(ratio: Ratio, what: str) -> str:
     where = tell_side(ratio)
     if where == 0:
         return f"cannot be told from {what} ({write_percent(ratio)})"
-    return f"is {above if where > 0 else below} {what} ({write_percent(ratio)})"
+    return f"is {'above' if where > 0 else 'below'} {what} ({write_percent(ratio)})"
 
 
 def write_sentence(case: CouplingCase) -> str:

@@ -75,22 +75,22 @@ def report_document(report: Report, sha256: str) -> Document:
     )
 
 
-def budget_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
+def budget_chapter(report: Report) -> tuple[Block, ...]:
     """What binds, shares, the table, and the quantile over each half-width."""
-    blocks = [*budget_blocks(report.score, report.allowances, suffix)]
+    blocks = [*budget_blocks(report.score, report.allowances)]
     design = load_inside(report.design)
     for k, target in enumerate(largest_targets(report.score)):
         check = tightest_check(report.score.verdict.checks, target.name)
         curves = tolerance_curves(design, target.name, judgement_of(check))
         if curves.curves:
-            name = f"tolerances-{k + 1}{suffix}"
+            name = f"tolerances-{k + 1}"
             caption = f"Target {target.name}: the estimated error over each half-width, the others as they are."
             blocks.append(Figure(name, draw_tolerances(curves, name), caption))
     return tuple(blocks)
 
 
-def error_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
-    """Distributions, then the numbers of every target.  ``suffix`` keeps names of pictures apart in one document."""
+def error_chapter(report: Report) -> tuple[Block, ...]:
+    """Distributions, then the numbers of every target."""
     blocks: list[Block] = []
     first = {target.name: target for target in report.score.targets}
     drawn = {} if report.verification is None else {target.name: target for target in report.verification.targets}
@@ -98,7 +98,7 @@ def error_chapter(report: Report, suffix: str = "") -> tuple[Block, ...]:
         target, sampled = first[shown.target], drawn.get(shown.target)
         p95 = target.p95_mm if sampled is None else sampled.p95_mm
         interval = None if sampled is None else sampled.p95_interval_mm
-        name = f"distribution-{k + 1}{suffix}"
+        name = f"distribution-{k + 1}"
         blocks.append(
             Figure(
                 name,

@@ -123,11 +123,8 @@ def largest_targets(score: Score) -> list[TargetScore]:
     return sorted(score.targets, key=lambda target: target.p95_mm, reverse=True)[:DETAILED]
 
 
-def budget_blocks(score: Score, allowances: Sequence[Allowance] = (), kept_apart: str = "") -> tuple[Block, ...]:
-    """What binds, then pictures and table of the budget of the targets with the largest P95.
-
-    kept_apart: ends the names of pictures where one document holds two budgets.
-    """
+def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[Block, ...]:
+    """What binds, then pictures and table of the budget of the targets with the largest P95."""
     blocks: list[Block] = [Bullets(lines)] if (lines := what_binds(score, allowances)) else []
     if len(score.targets) > DETAILED:
         blocks.append(
@@ -136,7 +133,7 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = (), kept_apart
             )
         )
     for k, target in enumerate(largest_targets(score)):
-        suffix = ("" if k == 0 else f"-{k + 1}") + kept_apart
+        suffix = "" if k == 0 else f"-{k + 1}"
         limit = target.limit_mm
         blocks += [
             Figure(
