@@ -363,7 +363,7 @@ def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
 def with_perfect_fiducials(model: LinearModel) -> LinearModel:
     """The linear model without what comes by way of the fiducials: their noise, their manufacture, assumed intrinsics,
     what moves their images together; and without any bias where some of it comes that way too."""
-    kept = tuple(b for b in model.blocks if not (b.imaged or b.common) or b.contributor.startswith("target_noise:"))
+    rest = tuple(b for b in model.blocks if not (b.imaged or b.common) or b.contributor.startswith("target_noise:"))
     if not model.imaged_bias_mm("tcp").any():
-        return replace(model, blocks=kept)
-    return replace(model, blocks=kept, localisation_bias_mm=np.zeros(3), tcp_bias_mm=np.zeros(3))
+        return replace(model, blocks=rest)
+    return replace(model, blocks=rest, localisation_bias_mm=np.zeros(3), tcp_bias_mm=np.zeros(3))

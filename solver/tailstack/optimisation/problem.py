@@ -98,9 +98,9 @@ class Demand:
     def text(self) -> str:
         per_unit = f" of {100 * self.fraction:g} % of units" if self.per_unit else ""
         without = f" without {' and '.join(self.lost)}" if self.lost else ""
-        ends = "".join("+" if end > 0 else "-" for end in self.ends)
-        held = f", bounded errors of images at {ends}" if ends else ""
-        return f"P{100 * self.requirement.quantile:g}{per_unit} at target {self.target.name!r}{without}{held}"
+        signs = "".join("+" if end > 0 else "-" for end in self.ends)
+        at = f", bounded errors of images at {signs}" if signs else ""
+        return f"P{100 * self.requirement.quantile:g}{per_unit} at target {self.target.name!r}{without}{at}"
 
     @property
     def per_unit(self) -> bool:

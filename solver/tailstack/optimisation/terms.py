@@ -147,7 +147,7 @@ class DemandTerms:
     gains: Affine  # (S, 3) mm per native unit of each source
     sources: tuple[SourceTerm, ...]  # S, outside the images
     common: tuple[SourceTerm, ...]  # C, those that move the images of all fiducials of a view together
-    held: Array  # (C,) native unit: where the demand says that these stand, 0 of those that vary
+    vertex: Array  # (C,) native unit: where the demand says that these stand, 0 of those that vary
     to_error: Array  # (3, 3): displacement of the triangulated point to the error that is limited
     flange_to_error: Array  # (3, 3): likewise of a displacement behind it, at the flange
     kept: Array  # (N,) 0 of a fiducial that is lost, otherwise 1
@@ -244,7 +244,7 @@ def terms_of(problem: PlacementProblem, demand: Demand) -> DemandTerms:
         gains=affine(2),
         sources=_sources(problem, base.model, _is_constant),
         common=_sources(problem, base.model, _is_common),
-        held=np.concatenate([np.zeros(0), *held_at(linearise(problem.system, demand.target), demand.ends)]),
+        vertex=np.concatenate([np.zeros(0), *vertices_of(linearise(problem.system, demand.target), demand.ends)]),
         to_error=base.model.tcp_from_localisation if tcp else np.eye(3),
         flange_to_error=base.model.tcp_from_flange if tcp else np.zeros((3, 3)),
         kept=np.ones(len(system.fiducial_labels)),
@@ -283,7 +283,7 @@ def _parts(problem: PlacementProblem, choice: Choice, demand: Demand) -> _Parts:
     return _Parts(model, (model.reconstructed_mm, model.bias_mm(error) - model.imaged_bias_mm(error), stacked))
 
 
-def held_at(model: LinearModel, ends: tuple[float, ...]) -> list[Array]:
+def vertices_of(model: LinearModel, ends: tuple[float, ...]) -> list[Array]:
     """(k,) native unit for each common block in turn: its bounded sources at ``Demand.ends``, 0 of all others."""
     left = iter(ends)
     return [
@@ -299,7 +299,7 @@ def at_ends(model: LinearModel, ends: tuple[float, ...]) -> LinearModel:
     """The linear model with the bounded common sources at ``Demand.ends``: part of what is known."""
     if not ends:
         return model
-    places = iter(held_at(model, ends))
+    places = iter(vertices_of(model, ends))
     blocks, known = [], []
     for block in model.blocks:
         if block.common:
@@ -438,7 +438,7 @@ def image_parts_at(
         gains.append((to_error @ by_source + terms.flange_to_error @ each.at_flange_mm).T)
         known = known + to_error @ fixed + terms.flange_to_error @ each.known_at_flange_mm
     stacked = np.concatenate(gains, dtype=kind)
-    known = known + plain(terms.held) @ stacked
+    known = known + plain(terms.vertex) @ stacked
     return ImageParts(to_error @ noise @ to_error.T, to_error @ made @ to_error.T, known, stacked)
 
 
