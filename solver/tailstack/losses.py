@@ -222,7 +222,7 @@ class LossSearch:
         if not probability.size:
             return None
         kept, weights, _ = self._patterns(error, quantile, targets)
-        values = [self._mixed(name, error, quantile, kept, weights).quantile(quantile) for name in targets]
+        values = [self._mix(name, error, quantile, kept, weights).quantile(quantile) for name in targets]
         highest = int(np.argmax(values))
         return Mixture(
             quantile=quantile,
@@ -241,9 +241,9 @@ class LossSearch:
         they are as if they were like the others.
         """
         kept, weights, examined = self._patterns(error, quantile, (name,))
-        return self._mixed(name, error, quantile, kept, weights / examined)
+        return self._mix(name, error, quantile, kept, weights / examined)
 
-    def _mixed(self, name: str, error: str, quantile: float, kept: Array, weights: Array) -> MixedLaw:
+    def _mix(self, name: str, error: str, quantile: float, kept: Array, weights: Array) -> MixedLaw:
         models = [self.model_without(name, left) for left in kept]
         return MixedLaw([error_law(model, error, quantile).law for model in models], weights)
 
