@@ -102,13 +102,13 @@ def study_comparison(
         explanations=explained,
         verdict=verdict,
         conclusions=write_conclusions(levels, explained, verdict),
-        findings=(*_state_assumptions(system, read, instrument_sd_mm), *find_remarks(levels, SAME_RATIO)),
+        findings=(*_state_assumptions(read, instrument_sd_mm), *find_remarks(levels, SAME_RATIO)),
         validity=trust_of(system, models),
         provenance=provenance(system, simulated=True, also=("drift of the bench and its datum",)),
     )
 
 
-def _state_assumptions(system: System, read: Measurements, instrument_sd_mm: float) -> tuple[Finding, ...]:
+def _state_assumptions(read: Measurements, instrument_sd_mm: float) -> tuple[Finding, ...]:
     message = (
         "one structure on one robot: manufacturing and hand-eye error are the same in the whole file; both interfaces "
         "are drawn anew at each installation, noise, repeatability and load at each trial"
