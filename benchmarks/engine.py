@@ -21,6 +21,7 @@ from bench import ROOT, Figure, Findings, interleave, watch_load
 from scenes import cios_system, read_only
 from tailstack.arrays import Array
 from tailstack.contributors import declared_law
+from tailstack.estimation.resection import homogeneous
 from tailstack.montecarlo import (
     ChainPlan,
     LinearChain,
@@ -34,10 +35,11 @@ from tailstack.montecarlo import (
 from tailstack.montecarlo.lanes import WIDTH
 from tailstack.montecarlo.radial import gains_in_plan_order
 from tailstack.propagation.linear import linearise
-from tailstack.system import Estimator, System
+from tailstack.system import Estimator, System, View
 from tailstack.tail.declared import law_exceedance, law_quantile
 
 DEVIATES = 64
+LEAST_SQUARES = {Estimator.POSE: 60, Estimator.POSE_WITH_PRIOR: 45, Estimator.REPROJECTION: 45}  # their musts
 
 
 def scaled_deviates(system: System, rng: np.random.Generator, trials: int) -> Array:
@@ -227,8 +229,8 @@ def trials() -> Findings:
     return Findings([median(shares), rounds.ratio("batched numpy.linalg.svd", "tailstack")], rounds.foreign, figures)
 
 
-def batched_pose(system: System, z: Array) -> Array:
-    """Vectorised NumPy: Gauss-Newton steps for the pose of each view, from the nominal one until no image moves.
+def batched_least_squares(system: System, z: Array) -> Array:
+    """Vectorised NumPy: Gauss-Newton steps for each view, from the nominal one until no image moves.
 
     ``z`` in px, rad and mm, as :func:`scaled_deviates` draws them; the normal equations of a batch by one call of
     `numpy.linalg.solve` a step, which is faster than QR and exact enough in these units.
@@ -238,42 +240,98 @@ def batched_pose(system: System, z: Array) -> Array:
     points = (system.fiducials_mm - centre) * scale
     rows = []
     for view, x, t in zip(system.views, seen, aimed, strict=True):
-        camera, turn = rq(view.projection[:, :3])
-        signs = np.sign(np.diag(camera))
-        camera, turn = camera * signs, turn * signs[:, None]
-        place = np.broadcast_to(np.linalg.solve(camera, view.projection @ [*centre, 1.0]) * scale, (len(z), 3))
-        turn = np.broadcast_to(turn, (len(z), 3, 3))
-        for _ in range(10):
-            turned = points @ np.swapaxes(turn, -1, -2)
-            rays = (turned + place[:, None]) @ camera.T
-            found = rays[..., :2] / rays[..., 2:]
-            by_place = (camera[:2] - found[..., None] * camera[2]) / rays[..., 2, None, None]
-            slopes = np.concatenate([by_place, np.cross(turned[..., None, :], by_place)], axis=-1)
-            slopes = slopes.reshape(len(z), -1, 6)
-            across = np.swapaxes(slopes, -1, -2)
-            step = np.linalg.solve(across @ slopes, across @ (x - found).reshape(len(z), -1, 1))
-            turn, place = rotations(step[:, 3:, 0]) @ turn, place + step[:, :3, 0]
-            if np.abs(slopes @ step).max() < 1e-7:  # px; the next step would move them by a thousandth of that
-                break
-        p = camera @ np.concatenate([turn, place[..., None]], axis=-1)
+        p = (fit_projection if system.estimator is Estimator.REPROJECTION else fit_pose)(view, points, centre, scale, x)
+        p = p / np.linalg.norm(p[:, 2:3, :3], axis=-1, keepdims=True)
         rows.append(t[..., None] * p[:, 2:3] - p[:, :2])
     solution = np.linalg.svd(np.concatenate(rows, axis=-2), full_matrices=False)[2][..., -1, :]
     return finish(system, solution[:, :3] / solution[:, 3:] / scale + centre, second)
 
 
-def pose() -> Findings:
-    """Trials of the estimator pose, and of its peer, whose answers to the same deviates are the same."""
-    system = cios_system(estimator=Estimator.POSE)
+def step_of(slopes: Array, left: Array, prior: Array, due: Array) -> tuple[Array, bool]:
+    """Gauss-Newton step, and whether it moves no image any more.
+
+    The slopes have shape (n, N, 2, k), what is left (n, N, 2); ``prior`` (k,) are precisions, ``due`` (n, k) what the
+    unknowns are from the values that the prior has for likeliest.
+    """
+    slopes = slopes.reshape(len(slopes), -1, slopes.shape[-1])
+    across = np.swapaxes(slopes, -1, -2)
+    right = across @ left.reshape(len(left), -1, 1) + (prior * due)[..., None]
+    step = np.linalg.solve(across @ slopes + np.diag(prior), right)
+    # px; the next step would move them by a thousandth of that
+    return step[..., 0], bool(np.abs(slopes @ step).max() < 1e-7)
+
+
+def fit_pose(view: View, points: Array, centre: Array, scale: float, x: Array) -> Array:
+    """(n, 3, 4) projections of scaled points, by the pose and, with a prior, by the intrinsics too."""
+    camera, turn = rq(view.projection[:, :3])
+    signs = np.sign(np.diag(camera))
+    camera, turn = camera * signs, turn * signs[:, None]
+    place = np.broadcast_to(np.linalg.solve(camera, view.projection @ [*centre, 1.0]) * scale, (len(x), 3))
+    turn = np.broadcast_to(turn, (len(x), 3, 3))
+    prior, state = np.zeros(6), np.zeros((len(x), 6))
+    if view.intrinsics_prior is not None:
+        focal, middle = view.intrinsics_prior
+        prior = np.append(prior, (view.fiducial_noise_px / np.array([focal, middle, middle])) ** 2)
+        state = np.zeros((len(x), 9))
+    k = camera[None]
+    for _ in range(20):
+        turned = points @ np.swapaxes(turn, -1, -2)
+        rays = (turned + place[:, None]) @ np.swapaxes(k, -1, -2)
+        found = rays[..., :2] / rays[..., 2:]
+        by_place = (k[:, None, :2, :] - found[..., None] * k[:, None, 2:, :]) / rays[..., 2, None, None]
+        slopes = [by_place, np.cross(turned[..., None, :], by_place)]
+        if prior.size == 9:
+            grown = (found - k[:, None, :2, 2]) / (1 + state[:, None, 6:7])
+            slopes += [grown[..., None], np.broadcast_to(np.eye(2), (*found.shape, 2))]
+        step, rests = step_of(np.concatenate(slopes, axis=-1), x - found, prior, -state)
+        turn, place = rotations(step[:, 3:6]) @ turn, place + step[:, :3]
+        if prior.size == 9:
+            state = state + np.hstack([np.zeros((len(x), 6)), step[:, 6:]])
+            k = np.repeat(camera[None], len(x), axis=0)
+            k[:, :2, :2] *= 1 + state[:, 6, None, None]
+            k[:, :2, 2] += state[:, 7:]
+        if rests:
+            break
+    return k @ np.concatenate([turn, place[..., None]], axis=-1)
+
+
+def fit_projection(view: View, points: Array, centre: Array, scale: float, x: Array) -> Array:
+    """(n, 3, 4) projections of scaled points by their eleven ratios, images about their mean."""
+    p = view.projection @ np.block([[np.eye(3) / scale, centre[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
+    middle, size = x.mean(axis=(0, 1)), x.std()
+    p = np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, size]]) @ p / size
+    p = np.broadcast_to(p / p[2, 3], (len(x), 3, 4))
+    y = homogeneous(points)
+    for _ in range(20):
+        rays = y @ np.swapaxes(p, -1, -2)
+        found = rays[..., :2] / rays[..., 2:]
+        slopes = np.zeros((*found.shape, 11))
+        slopes[..., 0, 0:4] = slopes[..., 1, 4:8] = y / rays[..., 2:]
+        slopes[..., 8:] = -found[..., None] * (points / rays[..., 2:])[..., None, :]
+        left = (x - middle) / size - found
+        step, rests = step_of(size * slopes, size * left, np.zeros(11), np.zeros((len(x), 11)))
+        p = p + np.append(step, np.zeros((len(x), 1)), axis=-1).reshape(-1, 3, 4)
+        if rests:
+            break
+    return np.array([[size, 0, middle[0]], [0, size, middle[1]], [0, 0, 1]]) @ p
+
+
+def least_squares(estimator: Estimator) -> Findings:
+    """Trials of an estimator by least squares, and of its peer, whose answers to the same deviates are the same."""
+    views = cios_system().views
+    if estimator is Estimator.POSE_WITH_PRIOR:
+        views = tuple(replace(view, intrinsics_prior=(0.01, 10.0)) for view in views)
+    system = cios_system(estimator=estimator, views=views)
     rng, plan = np.random.default_rng(1), compile_plan(system)
 
     def by_numpy() -> int:
-        batched_pose(system, scaled_deviates(system, rng, 4000))
+        batched_least_squares(system, scaled_deviates(system, rng, 4000))
         return 4000
 
     rounds = interleave({"NumPy": by_numpy, "tailstack": trials_job(system, 400_000)})
     indices = np.arange(4000)
     ours = np.linalg.norm(run_indices(plan, 11, 0, len(indices)).errors[0, 0], axis=0)
-    reference = batched_pose(system, native_deviates(system, draw(plan, 11, indices), plan))
+    reference = batched_least_squares(system, native_deviates(system, draw(plan, 11, indices), plan))
     figures = [Figure(f"trials a second and core: {name}", 1e-3 / median(each), "k/s")
                for name, each in rounds.cpu.items()]  # fmt: skip
     difference = float(np.max(np.abs(ours / reference - 1)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import commands
 import engine
 import optimiser
@@ -14,10 +16,10 @@ MEASUREMENTS: dict[str, Measurement] = {
         Target("exact nonlinear trials, one core: share of the bound of this machine", 60, 85, "%"),
         Target("the same against batched numpy.linalg.svd", 150, 300),
     )),
-    "pose": Measurement(engine.pose, (
-        Target("exact trials of the estimator pose, one core, against a batched NumPy Gauss-Newton", 60, None),
+    **{estimator.value.replace("_", "-"): Measurement(partial(engine.least_squares, estimator), (
+        Target(f"exact trials by {estimator}, one core, against a batched NumPy Gauss-Newton", must, None),
         Target("largest relative difference between the two", 1e-9, None, "", "<"),
-    )),
+    )) for estimator, must in engine.LEAST_SQUARES.items()},
     "agreement": Measurement(engine.agreement, (
         Target("largest relative difference from SVD on unflagged trials", 1e-9, 5e-12, "", "<"),
     ), timed=False),

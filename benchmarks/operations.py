@@ -18,11 +18,11 @@ import numpy as np
 from numba import njit
 
 from tailstack.arrays import Array
-from tailstack.montecarlo import compile_plan, kernel, lane_motion, lane_pose, lane_resection, lanes, streams
+from tailstack.montecarlo import compile_plan, kernel, lane_least_squares, lane_motion, lane_resection, lanes, streams
 from tailstack.montecarlo.lanes import WIDTH, fma, load, square_root, store
 from tailstack.system import System
 
-MODULES = (lanes, streams, lane_resection, lane_pose, lane_motion, kernel)
+MODULES = (lanes, streams, lane_resection, lane_least_squares, lane_motion, kernel)
 Counts = Counter[str]
 
 

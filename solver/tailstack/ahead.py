@@ -28,8 +28,8 @@ from . import kernels
 # NAME(...) a named tuple of the kernel's module, or of the one beside it that stands before a dot.
 _FRAME = "Frame(f1 f1 f2 f2 f1 f2 i f)"
 _TABLES = (
-    "plan.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r f2r f1r i2r f2r f3r f2r f1r f2r f2r f2r "
-    "f2r f1r f1r)"
+    "plan.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r f3r f2r f1r i2r f2r f3r f2r f1r f2r f2r "
+    "f2r f2r f1r f1r)"
 )
 _EXCHANGE = "ExchangeModel(f3 f2 f2 f3 f1 f1 f2 f2 Estimation(i i f2 f2) f3)"
 _TABLE = {

@@ -61,6 +61,11 @@ class Estimator(StrEnum):
         """Whether the intrinsics that it is told matter."""
         return self in (Estimator.POSE, Estimator.POSE_WITH_PRIOR)
 
+    @property
+    def unknowns(self) -> int:
+        """How many numbers of a view it seeks by least squares of the images; 0 for DLT."""
+        return {"dlt": 0, "pose": 6, "pose_with_prior": 9, "reprojection": 11}[self.value]
+
 
 class Triangulation(StrEnum):
     """How the rays to a target are met: by the rows of Eq 5 (the first three), or by its images."""

@@ -34,7 +34,6 @@ from .montecarlo.estimators import (
     repeated_interval,
     repeated_ranks,
 )
-from .montecarlo.plan import is_in_lanes
 from .montecarlo.radial import RANDOMISATIONS, RAYS, LinearChain, RadialEstimate, gains_in_plan_order, radial
 from .montecarlo.shards import Pending, Shard, TrialsTask, draw_shards
 from .montecarlo.simulate import Progress, Run
@@ -64,8 +63,7 @@ UNITS_PER_BATCH = 32
 MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
 LANES = "structured resection, eight lanes (numba); trials without a proven solution redone by SVD"
-POSE_LANES = "Gauss-Newton for the pose, eight lanes (numba); trials that do not come to rest redone by QR"
-PLAIN = "plain estimators (NumPy, batched): Gauss-Newton by QR until no image moves"
+LEAST_SQUARES_LANES = "Gauss-Newton for {}, eight lanes (numba); trials that do not come to rest redone by QR"
 GAP = 0.03  # first order further than this from the check is remarked
 
 Method = Literal["plain", "radial"]
@@ -652,9 +650,10 @@ def _remark_losses(drawn: DrawnLosses | None) -> tuple[Finding, ...]:
 
 
 def _name_engine(system: System) -> str:
-    if not is_in_lanes(system):
-        return PLAIN
-    return POSE_LANES if system.estimator is Estimator.POSE else LANES
+    sought = {Estimator.POSE: "the pose", Estimator.POSE_WITH_PRIOR: "pose and intrinsics"}
+    if system.estimator is Estimator.DLT:
+        return LANES
+    return LEAST_SQUARES_LANES.format(sought.get(system.estimator, "the projection"))
 
 
 def _estimate_quantile(

@@ -18,14 +18,15 @@ does not come to rest is NaN.  Written for the tests and for single trials, and 
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
-from ..geometry.rotation import skew
-from ..system import Estimator, System, Triangulation, View
-from .resection import hartley_similarity, homogeneous, resect, scale_to_depth
+from ..arrays import Array, frozen
+from ..geometry.rotation import skew, torsor_transform, transform_points
+from ..system import Estimator, Reading, System, Target, Triangulation, View
+from .resection import hartley_similarity, homogeneous, project, resect, scale_to_depth
 from .triangulation import triangulate
 
 STEPS = 60
@@ -325,6 +326,24 @@ def row_weights(system: System, projections: Array, told: Array, point: Array) -
         depth = float(projection[2] @ np.append(point, 1.0))
         out[v] = np.linalg.inv(covariance) / depth**2
     return out
+
+
+@lru_cache(maxsize=2048)  # of all patterns of missed fiducials
+def weights_at_rest(system: System, target: Target) -> Array:
+    """(V, 2, 2) of the rows of the weighted triangulation at a target: of the structure at its bias, without noise.
+
+    Rounded to eight digits: the last ones are those of a library that sums otherwise on another processor, and the
+    digits of a trial are not to depend on it.
+    """
+    mount = system.structure_connector
+    at_bias = torsor_transform(mount.bias[None], mount.pivot_mm, system.rotation_form)
+    moved = transform_points(at_bias, system.fiducials_mm[None])[0]
+    eq18 = system.reading is Reading.EQ18
+    told, truly = (moved, system.fiducials_mm) if eq18 else (system.fiducials_mm, moved)
+    estimates = estimate_views(system, told, np.stack([project(view.projection, truly) for view in system.views]))
+    aims = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
+    weights = row_weights(system, estimates, told, triangulate(estimates, aims, told))
+    return frozen([[[float(f"{entry:.7e}") for entry in row] for row in view] for view in weights.tolist()])
 
 
 def _eleven(projection: Array, points: Array, told: Array) -> Array:

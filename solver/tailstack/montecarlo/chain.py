@@ -1,8 +1,8 @@
 """Trials by index or by given deviates: the kernel, with every flagged trial redone by the plain form.
 
 The same chain by the plain estimators of ``tailstack.estimation`` (singular value decompositions, Gauss-Newton steps)
-is for flagged trials, where no reduction is exact, and for estimators that the kernel does not know: NumPy, batched
-over trials, about a hundred times slower than the kernel and without its conditions.
+is for flagged trials, where no reduction is exact or steps do not come to rest: NumPy, batched over trials, about a
+hundred times slower than the kernel and without its conditions.
 
 Where a design says how often fiducials are missed, the shots of a run are sorted by which of them are: those of one
 pattern run together, by a plan whose views do not see them.
@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..errors import IllPosedError, NotConvergedError, OutOfRangeError, Problem
 from ..estimation.checks import examine
-from ..estimation.least_squares import estimate_views, locate, row_weights
+from ..estimation.least_squares import estimate_views, locate, weights_at_rest
 from ..estimation.resection import project
-from ..estimation.triangulation import reprojection_rms, triangulate
+from ..estimation.triangulation import reprojection_rms
 from ..geometry.rotation import torsor_transform, transform_points
-from ..system import Law, Reading, System, Target, Triangulation
+from ..system import Law, Reading, Triangulation
 from .kernel import Draws, Results, run_trials, scratch_size
 from .plan import LAW_CODE, ChainPlan, hide_fiducials, replan
 from .streams import draw_columns, stream_key
@@ -103,11 +103,8 @@ def draw_losses(plan: ChainPlan, seed: int, indices: NDArray[np.int64]) -> NDArr
 def _run(
     plan: ChainPlan, keys: NDArray[np.uint64], trials: NDArray[np.int64], given: Array, reprojection: bool
 ) -> Results:
-    """The kernel's results; every trial is flagged where it does not know the estimator."""
+    """The kernel's results."""
     n = len(trials)
-    if not plan.in_lanes:
-        empty = np.zeros(6 * len(plan.system.targets) * n)
-        return Results(empty, np.ones(n), np.empty(n if reprojection else 0))
     results = Results(np.empty(6 * len(plan.system.targets) * n), np.empty(n), np.empty(n if reprojection else 0))
     draws = Draws(keys, trials // plan.shots_per_unit, trials, given)
     run_trials(plan.tables, draws, results, _allocate_scratch(int(scratch_size(plan.tables.counts))))
@@ -205,7 +202,7 @@ def _run_at(
     if len(columns):
         z = draw(plan, seed, indices[columns])
         _redo(plan, z, columns, errors, rms if reprojection else None, missed=missed)
-    return Outcome(errors, len(columns) if plan.in_lanes else 0, rms if reprojection else None)
+    return Outcome(errors, len(columns), rms if reprojection else None)
 
 
 def evaluate(plan: ChainPlan, z: Array) -> Array:
@@ -278,10 +275,9 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
         axis=1,
     )
     images = exact + shifts[:, :, :count] + sigma[:, :, :1] * noise[:, :, :count]
-    weights = system.sees
-    wrong = np.stack([act(5 + 2 * views + v, 3) + tables.intrinsics[v, 5:] for v in range(views)], axis=1)
+    wrong = np.stack([act(5 + 2 * views + v, 3) + tables.intrinsics[v, 5:8] for v in range(views)], axis=1)
     estimates = estimate_views(system, told, images, wrong)
-    reprojection = reprojection_rms(estimates, told, images, weights)
+    reprojection = reprojection_rms(estimates, told, images, system.sees)
 
     executed = act(3, 3) + tables.execution_bias
     errors = np.empty((trials, targets, 2, 3))
@@ -289,24 +285,10 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     for t, target in enumerate(system.targets):
         seen = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
         noisy = seen + shifts[:, :, count + t] + sigma[:, 0, 1:] * noise[:, :, count + t]
-        found = locate(system, estimates, noisy, told, weights_at_rest(system, target))
+        weights = weights_at_rest(system, target) if system.triangulation is Triangulation.WEIGHTED else None
+        found = locate(system, estimates, noisy, told, weights)
         errors[:, t, 1] = found - target.position_mm
         tool = transform_points(transforms[1], found[:, None]) + grown[:, count:]
         tool = transform_points(transforms[2], transform_points(tcp_con, tool[:, 0])[:, None])[:, 0]
         errors[:, t, 0] = tool + executed - transform_points(tcp_con, target.position_mm)
     return errors, reprojection
-
-
-@lru_cache(maxsize=PATTERNS)
-def weights_at_rest(system: System, target: Target) -> Array | None:
-    """(V, 2, 2) of the rows of the weighted triangulation at a target: of the structure at its bias, without noise."""
-    if system.triangulation is not Triangulation.WEIGHTED:
-        return None
-    mount = system.structure_connector
-    at_bias = torsor_transform(mount.bias[None], mount.pivot_mm, system.rotation_form)
-    moved = transform_points(at_bias, system.fiducials_mm[None])[0]
-    eq18 = system.reading is Reading.EQ18
-    told, truly = (moved, system.fiducials_mm) if eq18 else (system.fiducials_mm, moved)
-    estimates = estimate_views(system, told, np.stack([project(view.projection, truly) for view in system.views]))
-    aims = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
-    return row_weights(system, estimates, told, triangulate(estimates, aims, told))

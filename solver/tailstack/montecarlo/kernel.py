@@ -12,17 +12,20 @@ argument       vectors            meaning
 ``estimates``  14 V               of each view: a (3), p1 (4), p2 (4), 1 / |a|^2, mean u, mean v (``resect``)
 ``pose``       (3 + V) x 12       of each mount, and of the motion before each shot: rotation (9, by rows), translation
                                   (3, mm)
+``work``       154                scratch of ``lane_least_squares``
 ``results``    6 T + 2            of each target: TCP error (3, tcp, mm), localisation error (3, con, mm); then the
                                   flag of lanes that are not proven, and the RMS reprojection error, px
 =============  =================  ============================================================================
 
-Resection: ``lane_resection``; of the pose alone: ``lane_pose``.
+Resection: ``lane_resection`` by DLT, ``lane_least_squares`` by the images' residuals.
 
 **Triangulation.**  Rows ``(u_t p3 - p1) / |a|`` (Eq 5), normal matrix ``[[M, b], [b', c]]``; (M - lam) y = -b with
 lam the Rayleigh quotient of (y, 1), fixed factor of M.  ``lam < 4 det M / tr(M)^2 <= lambda_min(M)`` proves
 the smallest.  The rows are the same whatever the coordinates; what is minimised is their sum of squares over the
-squared homogeneous length.  In plain connector millimetres (the published form), or in Hartley's frame of coordinates
-that an affine map has moved, that length is a quadratic form B of (y, 1), and ``(N - lam B) (y, 1) = 0``.
+squared homogeneous length, the rows of a view multiplied by a factor of their weight.  In plain connector millimetres
+(the published form), or in Hartley's frame of coordinates that an affine map has moved, that length is a quadratic form
+B of (y, 1), and ``(N - lam B) (y, 1) = 0``.  Least squares of the target's images go on from there by Gauss-Newton
+steps.
 
 A lane that fails a proof, does not converge or is not finite is flagged; the caller redoes it by the plain form.
 
@@ -40,6 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from .lane_least_squares import WORK, resect_by_least_squares
 from .lane_motion import (
     growth,
     image_fiducials,
@@ -50,7 +54,6 @@ from .lane_motion import (
     true_projection,
     write_mount,
 )
-from .lane_pose import resect_pose
 from .lane_resection import carry_to_object_frame, resect, squared_reprojection
 from .lanes import (
     absolute,
@@ -71,36 +74,58 @@ from .streams import fill_deviates
 
 STEP = 1e-12  # last step of the triangulation, relative
 MAX_STEPS = 6
+FIT_STEPS = 16  # of the target's images
 RESULTS = 6  # per target: tcp (3), localisation (3)
 
 
 @lane_jit
 def scratch_size(counts):
-    """Doubles of scratch: deviates, points, images of one view, a and p1, p2 per view, rotations, results."""
+    """Doubles of scratch: deviates, points, images of one view, a and p1, p2 per view, rotations, results, and what
+    least squares take."""
     n, v, t, d = counts[0], counts[1], counts[2], counts[6]
-    return 8 * (d + 3 * n + 2 * n + 12 * v + 2 * v + 12 * (3 + v) + RESULTS * t + 8)
+    return 8 * (d + 3 * n + 2 * n + 12 * v + 2 * v + 12 * (3 + v) + RESULTS * t + 8 + WORK)
+
+
+@lane_jit
+def target_image(tables, target, view, row, z):
+    """Noisy image of a target along u (row = 0) or v, px from the fiducials' nominal mean image."""
+    n = tables.counts[0]
+    deviate = load(z, 16 * view * (n + tables.counts[2]) + 16 * (n + target) + 8 * row)
+    image = fma(splat(tables.noise[view, 1]), deviate, splat(tables.target_images[target, view, row]))
+    if tables.counts[11] != 0:
+        image = image + image_shift(tables, view, n + target, row, z)
+    return image
+
+
+@lane_jit
+def target_row(estimates, at, row, image):
+    """Row of Eq 5 of one view's estimate (at ``at``), for an image along u (row = 0) or v, less its scale (4)."""
+    t = image - load(estimates, at + 96 + 8 * row)
+    p = at + 24 + 32 * row
+    return (
+        fma(t, load(estimates, at), -load(estimates, p)),
+        fma(t, load(estimates, at + 8), -load(estimates, p + 8)),
+        fma(t, load(estimates, at + 16), -load(estimates, p + 16)),
+        t - load(estimates, p + 24),
+    )
 
 
 @lane_jit
 def normal_matrix(tables, target, estimates, z):
     """``[[M, b], [b', c]]`` of the rows of all views: (m00, m01, m02, m11, m12, m22, b0, b1, b2, c)."""
-    n, views = tables.counts[0], tables.counts[1]
     zero = splat(0.0)
     m00, m01, m02, m11, m12, m22, b0, b1, b2, c = zero, zero, zero, zero, zero, zero, zero, zero, zero, zero
-    for view in range(views):
+    for view in range(tables.counts[1]):
         at = 112 * view
-        start = 16 * view * (n + tables.counts[2]) + 16 * (n + target)
-        sigma = splat(tables.noise[view, 1])
-        a0, a1, a2 = load(estimates, at), load(estimates, at + 8), load(estimates, at + 16)
         weight = load(estimates, at + 88)
+        factor = tables.row_factors[target, view]
+        f00, f10, f11 = splat(factor[0]), splat(factor[1]), splat(factor[2])
+        u0, u1, u2, u3 = target_row(estimates, at, 0, target_image(tables, target, view, 0, z))
+        v0, v1, v2, v3 = target_row(estimates, at, 1, target_image(tables, target, view, 1, z))
+        u0, u1, u2, u3 = fma(f10, v0, f00 * u0), fma(f10, v1, f00 * u1), fma(f10, v2, f00 * u2), fma(f10, v3, f00 * u3)
+        v0, v1, v2, v3 = f11 * v0, f11 * v1, f11 * v2, f11 * v3
         for row in range(2):
-            image = fma(sigma, load(z, start + 8 * row), splat(tables.target_images[target, view, row]))
-            if tables.counts[11] != 0:
-                image = image + image_shift(tables, view, n + target, row, z)
-            t = image - load(estimates, at + 96 + 8 * row)
-            p = at + 24 + 32 * row
-            r0, r1 = fma(t, a0, -load(estimates, p)), fma(t, a1, -load(estimates, p + 8))
-            r2, r3 = fma(t, a2, -load(estimates, p + 16)), t - load(estimates, p + 24)
+            r0, r1, r2, r3 = (u0, u1, u2, u3) if row == 0 else (v0, v1, v2, v3)
             h0, h1, h2, h3 = weight * r0, weight * r1, weight * r2, weight * r3
             m00, m01, m02, b0 = fma(h0, r0, m00), fma(h0, r1, m01), fma(h0, r2, m02), fma(h0, r3, b0)
             m11, m12, b1 = fma(h1, r1, m11), fma(h1, r2, m12), fma(h1, r3, b1)
@@ -181,6 +206,36 @@ def triangulate_in_metric(tables, target, estimates, z, metric):
 
 
 @lane_jit
+def fit_images(tables, target, estimates, z, y0, y1, y2):
+    """The target whose images are off least, by steps from a point: (y0, y1, y2, mask of lanes that are at rest)."""
+    one, zero = splat(1.0), splat(0.0)
+    active = one > zero
+    for _ in range(FIT_STEPS):
+        h00, h01, h02, h11, h12, h22, g0, g1, g2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
+        for view in range(tables.counts[1]):
+            at = 112 * view
+            a0, a1, a2 = load(estimates, at), load(estimates, at + 8), load(estimates, at + 16)
+            inverse = one / fma(a0, y0, fma(a1, y1, fma(a2, y2, one)))
+            for row in range(2):
+                image = target_image(tables, target, view, row, z)
+                r0, r1, r2, r3 = target_row(estimates, at, row, image)
+                left = inverse * fma(r0, y0, fma(r1, y1, fma(r2, y2, r3)))
+                # a row of Eq 5 at the image where the point is imaged, (t - left) p3 - p, is its slope but for -depth
+                r0, r1, r2 = inverse * fma(left, a0, -r0), inverse * fma(left, a1, -r1), inverse * fma(left, a2, -r2)
+                h00, h01, h02, g0 = fma(r0, r0, h00), fma(r0, r1, h01), fma(r0, r2, h02), fma(r0, left, g0)
+                h11, h12, g1 = fma(r1, r1, h11), fma(r1, r2, h12), fma(r1, left, g1)
+                h22, g2 = fma(r2, r2, h22), fma(r2, left, g2)
+        f = factor3(h00, h01, h02, h11, h12, h22)
+        x0, x1, x2 = solve3(f, g0, g1, g2)
+        y0, y1, y2 = select(active, y0 + x0, y0), select(active, y1 + x1, y1), select(active, y2 + x2, y2)
+        size = absolute(x0) + absolute(x1) + absolute(x2)
+        active = active & ~(size <= splat(STEP) * (one + absolute(y0) + absolute(y1) + absolute(y2)))
+        if not any_lane(active):
+            break
+    return y0, y1, y2, ~active
+
+
+@lane_jit
 def told_metric(tables, pose):
     """(metric of resection, metric of triangulation) where the estimator is told coordinates that ``I + [w]x`` moved.
 
@@ -188,7 +243,12 @@ def told_metric(tables, pose):
     squared scale of Hartley's frame of what is told, over that of the object frame, is
     ``kappa = 3 / (3 (1 + w'w) - sum w_k^2 D_k / N)``.
     """
-    into, d = tables.into_frame, tables.diagonal[0]
+    into, n = tables.into_frame, tables.counts[0]
+    d0, d1, d2 = 0.0, 0.0, 0.0  # of all fiducials, whatever the views see
+    for i in range(n):
+        y = tables.nominal[i]
+        d0, d1, d2 = d0 + y[0] * y[0], d1 + y[1] * y[1], d2 + y[2] * y[2]
+    share = 1.0 / n
     inverse = splat(1.0 / tables.object_scale[0])
     w0, w1, w2 = load(pose, 56), load(pose, 16), load(pose, 24)
     t0 = inverse * dot3(splat(into[0]), splat(into[1]), splat(into[2]), w0, w1, w2)
@@ -196,7 +256,7 @@ def told_metric(tables, pose):
     t2 = inverse * dot3(splat(into[6]), splat(into[7]), splat(into[8]), w0, w1, w2)
     one, three = splat(1.0), splat(3.0)
     stretch = fma(t0, t0, fma(t1, t1, fma(t2, t2, one)))
-    narrowed = dot3(splat(d[0] * d[7]), splat(d[1] * d[7]), splat(d[2] * d[7]), t0 * t0, t1 * t1, t2 * t2)
+    narrowed = dot3(splat(d0 * share), splat(d1 * share), splat(d2 * share), t0 * t0, t1 * t1, t2 * t2)
     kappa = three / (three * stretch - narrowed)
     return (one / (kappa * stretch), t0, t1, t2), kappa
 
@@ -280,7 +340,7 @@ def chain_errors(tables, target, pose, z, y0, y1, y2, results):
 
 
 @lane_jit
-def run_chain(tables, z, points, images, estimates, pose, results, want_reprojection):
+def run_chain(tables, z, points, images, estimates, pose, results, work, want_reprojection):
     """One group of eight trials from its deviates ``z`` to ``results``; then flag and reprojection RMS."""
     views, targets, active = tables.counts[1], tables.counts[2], tables.counts[7]
     for mount in range(3):
@@ -304,7 +364,7 @@ def run_chain(tables, z, points, images, estimates, pose, results, want_reprojec
         image_fiducials(tables, view, points, projection, images, z)
         estimate = estimates[112 * view : 112 * view + 112]
         if tables.counts[13] != 0:
-            good = good & resect_pose(tables, view, images, projection, z, estimate)
+            good = good & resect_by_least_squares(tables, view, told, images, projection, z, estimate, work)
         elif stretched:
             # What carries an estimate from the frame of its view to the object frame knows no metric
             own = resect(tables, view, told, images, estimate)
@@ -323,6 +383,9 @@ def run_chain(tables, z, points, images, estimates, pose, results, want_reprojec
         else:
             y0, y1, y2, proven = triangulate(tables, target, estimates, z)
         good = good & proven
+        if tables.counts[14] != 0:
+            y0, y1, y2, at_rest = fit_images(tables, target, estimates, z, y0, y1, y2)
+            good = good & at_rest
         chain_errors(tables, target, pose, z, y0, y1, y2, results[48 * target : 48 * target + 48])
     at = 48 * targets
     store(results, at, select(good, splat(0.0), splat(1.0)))
@@ -368,6 +431,8 @@ def run_trials(tables, draws, results_of, scratch):
     pose = scratch[at : at + 96 * (3 + views)]
     at += 96 * (3 + views)
     results = scratch[at : at + 48 * targets + 16]
+    at += 48 * targets + 16
+    work = scratch[at : at + 8 * WORK]
     for i in range(n):
         for c in range(3):
             store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]))
@@ -380,7 +445,7 @@ def run_trials(tables, draws, results_of, scratch):
         else:
             fill_deviates(tables.segments, 0, draws.keys[0], load(draws.units, group), z)
             fill_deviates(tables.segments, 1, draws.keys[1], load(trials, group), z)
-        run_chain(tables, z, points, images, estimates, pose, results, want_reprojection)
+        run_chain(tables, z, points, images, estimates, pose, results, work, want_reprojection)
         for row in range(rows):
             store(results_of.errors, row * trials.size + group, load(results, 8 * row))
         store(results_of.flags, group, load(results, 8 * rows))

@@ -38,17 +38,17 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, frozen
 from ..errors import OutOfRangeError, Problem
-from ..estimation.checks import LINEAR
+from ..estimation.least_squares import precisions, weights_at_rest
 from ..estimation.resection import homogeneous
 from ..geometry.image_shifts import field_shifts, outline_shifts
 from ..system import (
     STD_PER_HALF_WIDTH,
-    Estimator,
     Law,
     Reading,
     RotationForm,
     Sources,
     System,
+    Target,
     Triangulation,
     no_sources,
 )
@@ -61,8 +61,9 @@ class Tables(NamedTuple):
     """What the compiled code reads.  C-contiguous float64 unless said; object frame: see ChainPlan."""
 
     segments: NDArray[np.int64]  # (n, 4): first column, end column, law code, stream
-    counts: NDArray[np.int64]  # (14,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?,
-    # whether a view does not see all fiducials, bits of the views with a motion, image shifts?, temperature?, pose?
+    counts: NDArray[np.int64]  # (15,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?,
+    # whether a view does not see all fiducials, bits of the views with a motion, image shifts?, temperature?,
+    # unknowns of a view by least squares (0: DLT), target by its images?
     starts: NDArray[np.int64]  # (6 + 3 V,): first column of manufacturing, and of every slot
     nominal: Array  # (N, 3) fiducials in the object frame
     products: (
@@ -77,10 +78,12 @@ class Tables(NamedTuple):
     cameras: Array  # (V, 12) projection of con mm, pixels counted from the fiducials' nominal mean image
     fixed_images: Array  # (V, 12) projection of the object frame (where images do not move)
     intrinsics: (
-        Array  # (V, 8) focal lengths and skew (u, skew, v), principal point from the same origin, px; then by how
+        Array  # (V, 11) focal lengths and skew (u, skew, v), principal point from the same origin, px; then by how
     )
-    # much the assumed ones are off with the bounded sources at their vertex: focal length (relative), principal point
+    # much the assumed ones are off with the bounded sources at their vertex: focal length (relative), principal point;
+    # and the precision of each of these three as a prior has it, px^2 (``least_squares.precisions``)
     target_images: Array  # (T, V, 2) px from the same origin
+    row_factors: Array  # (T, V, 3) L' of the weight L L' of a view's rows in triangulation: l00, l10, l11
     noise: Array  # (V, 2) px standard deviations: fiducials, targets
     gains: Array  # scaled directions one after another: mounts' (6, k), execution's (3, k), motions' (6, k), fields'
     # (2 (N + T), k), px by image, of one deviate of temperature: of the fiducials, object frame, and at the flange; and
@@ -132,11 +135,6 @@ class ChainPlan:
         """Number of deviates in a trial (columns of z)."""
         return int(self.tables.counts[6])
 
-    @property
-    def in_lanes(self) -> bool:
-        """Whether the compiled lanes run it."""
-        return is_in_lanes(self.system)
-
     def columns_of(self, name: str) -> slice:
         """Where the deviates of a block stand; empty where it has none."""
         return next((slice(block.start, block.stop) for block in self.blocks if block.name == name), slice(0, 0))
@@ -154,16 +152,6 @@ class ChainPlan:
     def standard_std(self) -> Array:
         """(d,) standard deviation of each standardised deviate: 1, 1/sqrt(3) or 1/sqrt(6)."""
         return np.array([1.0 if law is Law.NORMAL else STD_PER_HALF_WIDTH[law] for law in self.laws])
-
-
-def is_in_lanes(system: System) -> bool:
-    """Whether the compiled lanes know the estimators: DLT or pose, and triangulation by rows that are all alike.
-
-    The pose of coordinates that an affine map has moved (Eq 18 with small angles) is not that of the object frame.
-    """
-    stretched = system.reading is Reading.EQ18 and system.rotation_form is RotationForm.SMALL_ANGLE
-    rigid = system.estimator is Estimator.POSE and not stretched
-    return (system.estimator is Estimator.DLT or rigid) and system.triangulation in LINEAR
 
 
 def scale_directions(sources: Sources) -> tuple[Array, tuple[Law, ...]]:
@@ -369,11 +357,12 @@ def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array
     positions = np.array([t.position_mm for t in system.targets])
     tcp_con = product(system.T_tcp_flange, system.T_flange_con)
     out = np.block([[frame.out, frame.centroid[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
-    cameras, intrinsics = [], []
+    cameras, intrinsics, known = [], [], precisions(system)
     for v, view in enumerate(system.views):
         origin = images_of(view.projection, system.fiducials_mm).mean(axis=0)
         cameras.append(view.projection - np.array([*origin, 0.0])[:, None] * view.projection[2])
-        intrinsics.append(np.append(_intrinsics_of(cameras[-1]), sources.fixed[5 + 2 * len(system.views) + v]))
+        assumed = sources.fixed[5 + 2 * len(system.views) + v]
+        intrinsics.append(np.concatenate([_intrinsics_of(cameras[-1]), assumed, known[v]]))
     return {
         "nominal": frame.points,
         **_tables_of_views(system, frame),
@@ -408,7 +397,17 @@ def _tables_of_views(system: System, frame: ObjectFrame) -> dict[str, NDArray[An
     every = [tuple((seen > 0).tolist()) for seen in system.sees]
     own = {seen: _view_tables(system, frame, np.array(seen)) for seen in set(every)}  # most often they are alike
     each = zip(*(own[seen] for seen in every), strict=True)
-    return dict(zip(("products", "diagonal", "view_frames"), map(np.array, each), strict=True))
+    tables = dict(zip(("products", "diagonal", "view_frames"), map(np.array, each), strict=True))
+    return tables | {"row_factors": np.array([_row_factors(system, target) for target in system.targets])}
+
+
+def _row_factors(system: System, target: Target) -> Array:
+    """(V, 3): l00, l10 and l11 of L L' = the weight of each view's rows in triangulation; all alike unless weighted."""
+    if system.triangulation is not Triangulation.WEIGHTED:
+        return np.tile([1.0, 0.0, 1.0], (len(system.views), 1))
+    (a, b), (_, c) = np.moveaxis(weights_at_rest(system, target), 0, -1)
+    first = np.sqrt(a)
+    return np.stack([first, b / first, np.sqrt(c - (b / first) ** 2)], axis=-1)
 
 
 def _view_tables(system: System, frame: ObjectFrame, seen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
@@ -499,7 +498,8 @@ def _counts(system: System, sources: _SourceTables, dimension: int) -> NDArray[n
             sum(1 << v for v in range(views) if sources.acts(4 + v)),
             any(sources.acts(4 + views + v) for v in range(views)),
             sources.acts(4 + 2 * views),
-            system.estimator is Estimator.POSE,
+            system.estimator.unknowns,
+            system.triangulation is Triangulation.REPROJECTION,
         ]
     )
 

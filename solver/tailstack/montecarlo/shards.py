@@ -177,7 +177,7 @@ def shard_trials(plan: ChainPlan, seed: int) -> int:
     By the counts of the plan (fitted to 6 ... 100 fiducials, 2 ... 8 views, 1 ... 50 targets) and by how many of the
     first trials are redone, each of which costs as much as a thousand others.
     """
-    share = run_indices(plan, seed, 0, PILOT).redone / PILOT if plan.in_lanes else 1.0
+    share = run_indices(plan, seed, 0, PILOT).redone / PILOT
     views, targets = len(plan.system.views), len(plan.system.targets)
     microseconds = 0.0011 * plan.dimension + 0.03 * (views + targets) + 140 * share
     size = LARGEST_SHARD

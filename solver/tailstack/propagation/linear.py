@@ -21,7 +21,6 @@ from .nonlinearity import Nonlinearity, matrix_covariance, nonlinearity
 from .systematic import systematic_errors
 
 ASSUMED = "assumed_intrinsics:"  # followed by the name of a view: the contributor
-UNKNOWNS = {Estimator.DLT: 0, Estimator.POSE: 6, Estimator.POSE_WITH_PRIOR: 9, Estimator.REPROJECTION: 11}
 ROWS = {Triangulation.WEIGHTED: 1, Triangulation.REPROJECTION: 2}  # the others: 0
 NO_GAIN = np.zeros((3, 0))
 
@@ -110,7 +109,7 @@ def estimation_of(system: System) -> Estimation:
             focal, centre = view.intrinsics_prior
             precision[v] = (view.fiducial_noise_px / np.array([focal, centre, centre])) ** 2
     return Estimation(
-        UNKNOWNS[system.estimator],
+        system.estimator.unknowns,
         ROWS.get(system.triangulation, 0),
         precision,
         np.array([(view.fiducial_noise_px, view.target_noise_px) for view in system.views]),
