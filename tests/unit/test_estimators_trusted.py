@@ -74,8 +74,9 @@ def test_what_is_called_good_to_one_per_cent_is_within_three_thousandths(estimat
     0.3 % (error rate 10^-3).  Noise is such that nu is about 0.01, or less where part of it is the intrinsics."""
     system = replace(SCENES[name], estimator=estimator)
     times = 0.01 / trust_of(system, linearise_all(system)).nu
-    loud = {"fiducial_noise_px": times * 0.4, "target_noise_px": times * 0.3}
-    system = replace(system, views=tuple(replace(view, **loud) for view in system.views))
+    noise, of_target = times * 0.4, times * 0.3
+    views = (replace(view, fiducial_noise_px=noise, target_noise_px=of_target) for view in system.views)
+    system = replace(system, views=tuple(views))
     assert trust_of(system, linearise_all(system)).status == "good to 1 %"
     found, error = ratio(system, "localisation", 0.95, TRIALS, 3)
     assert error < 0.001

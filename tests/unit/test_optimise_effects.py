@@ -19,6 +19,7 @@ from tailstack.optimisation import PlacementProblem, solve_placement
 from tailstack.optimisation.exact_law import correction_at, evaluate_demand, image_parts
 from tailstack.optimisation.problem import apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, build_program
+from tailstack.optimisation.regions import Box
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
 from tailstack.optimisation.terms import (
@@ -129,6 +130,7 @@ def test_no_layout_nearby_is_better_than_the_one_that_was_found(name: str, estim
     assert found.worst_ratio == pytest.approx(here, rel=1e-9)  # of a limit of 1 mm
     assert here < p95_mm(problem, problem.system.fiducials_mm)
     box = problem.places[0].region
+    assert isinstance(box, Box)
     for k in range(100):
         step = 10 ** rng.uniform(-1.3, 0.7) * rng.normal(size=layout.shape) * (rng.random((8, 1)) < 0.4)
         moved = np.clip(layout + step, box.low_mm, box.high_mm)

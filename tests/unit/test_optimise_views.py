@@ -324,7 +324,7 @@ def test_what_is_missing_of_a_view_to_be_added_is_named() -> None:
 
 
 def test_one_view_is_added_at_a_time() -> None:
-    entries = [OBLIQUE | {"price": 1.0}, OBLIQUE | {"add": "OBL2", "price": 1.0}]
+    entries: list[dict[str, Any]] = [OBLIQUE | {"price": 1.0}, OBLIQUE | {"add": "OBL2", "price": 1.0}]
     with pytest.raises(DesignError) as refused:
         load_design(with_views(poor(), *entries))
     (problem,) = refused.value.problems
