@@ -148,8 +148,13 @@ def random_document(rng: np.random.Generator, views: int, fiducials: int, publis
     return document
 
 
-def under(document: dict[str, Any], estimator: str, rng: np.random.Generator) -> dict[str, Any]:
-    """The document under another estimator; intrinsics are known to between 0.1 and 5 %, or exact, or wrong by that."""
+def under(document: dict[str, Any], estimator: str, triangulation: str, rng: np.random.Generator) -> dict[str, Any]:
+    """The document under another estimator; intrinsics are known to between 0.1 and 5 %, or exact, or wrong by that.
+
+    triangulation: its form, or "" to leave it as it is.
+    """
+    if triangulation:
+        document["model"]["triangulation"] = triangulation
     if estimator == "dlt":
         return document
     document["model"]["estimator"] = estimator
@@ -184,13 +189,14 @@ def random_design(
     nu: tuple[float, float],
     clear: int = 0,
     estimator: str = "dlt",
+    triangulation: str = "",
 ) -> dict[str, Any]:
     """A document whose geometry is not refused; its validity number is drawn from a range, uniform in its logarithm.
 
     clear: up to so many designs are drawn in search of one without a remark that it is hardly determined.
     """
     for drawn in count():
-        document = under(random_document(rng, views, fiducials, published), estimator, rng)
+        document = under(random_document(rng, views, fiducials, published), estimator, triangulation, rng)
         wanted = _log_uniform(rng, *nu)
         try:
             system, findings, _ = check_design(load_design(document))

@@ -35,6 +35,16 @@ QUANTILES = ((0.95, 1.0), (0.99, 2.5), (0.999, 6.0))
 CALIBRATED_VIEWS = (2, 8)
 CALIBRATED_FIDUCIALS = (6, 40)
 CALIBRATED_OF_POSE = (4, 40)  # of the estimators that know the intrinsics
+# (focal length, principal point in px) up to which intrinsics may be in doubt under pose_with_prior: nu does not see
+# them, and of 40 layouts beyond, two left their band (by -8 % at "good to 5 %" and by +3.5 % at "good to 1 %")
+CALIBRATED_PRIOR = (0.03, 30.0)
+# the forms of triangulation that were sampled with each estimator
+CALIBRATED_FORMS: dict[Estimator, tuple[Triangulation, ...]] = {
+    Estimator.DLT: (*LINEAR, Triangulation.WEIGHTED),
+    Estimator.POSE: (*LINEAR, Triangulation.WEIGHTED),
+    Estimator.POSE_WITH_PRIOR: (Triangulation.NORMALISED,),
+    Estimator.REPROJECTION: (Triangulation.NORMALISED,),
+}
 SECOND_ORDER_LIMIT = 0.05  # second order is offered below; at nu = 0.10 it errs by +26 % and -41 %
 
 PARTS = {
@@ -61,17 +71,23 @@ def _class_of(system: System) -> tuple[str, str]:
     """(the class of a system in words, why it was not calibrated or "")."""
     views, fiducials = len(system.views), _fewest_seen(system)
     words = f"{views} views, {fiducials} fiducials, {system.triangulation} triangulation"
-    forms: tuple[Triangulation, ...] = LINEAR
     if system.estimator is not Estimator.DLT:
         words += f", estimator {system.estimator}"
-        forms = LINEAR[:1]  # the published form was not sampled with them
-    if system.triangulation not in forms:
+    if system.triangulation not in CALIBRATED_FORMS[system.estimator]:
         return words, f"{system.triangulation} triangulation with the estimator {system.estimator}"
     if not CALIBRATED_VIEWS[0] <= views <= CALIBRATED_VIEWS[1]:
         return words, f"{views} views (calibrated: {CALIBRATED_VIEWS[0]} to {CALIBRATED_VIEWS[1]})"
     low, high = CALIBRATED_OF_POSE if system.estimator.believes_intrinsics else CALIBRATED_FIDUCIALS
     if not low <= fiducials <= high:
         return words, f"{fiducials} fiducials (calibrated: {low} to {high})"
+    if system.estimator is Estimator.POSE_WITH_PRIOR:
+        priors = [view.intrinsics_prior or (inf, inf) for view in system.views]
+        focal, centre = (max(prior[k] for prior in priors) for k in (0, 1))
+        if focal > CALIBRATED_PRIOR[0] or centre > CALIBRATED_PRIOR[1]:
+            return words, (
+                f"intrinsics that are known to {100 * focal:.3g} % and {centre:.3g} px "
+                f"(calibrated: to {100 * CALIBRATED_PRIOR[0]:g} % and {CALIBRATED_PRIOR[1]:g} px)"
+            )
     if system.rotation_form is not RotationForm.FULL:
         return words, "rotations in their small-angle form"
     return words, ""
