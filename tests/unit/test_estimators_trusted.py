@@ -89,7 +89,7 @@ def test_a_class_that_was_not_sampled_is_not_called_valid():
     sampled = {
         Estimator.DLT: {Triangulation.NORMALISED, Triangulation.PUBLISHED, Triangulation.WEIGHTED},
         Estimator.POSE: {Triangulation.NORMALISED, Triangulation.PUBLISHED, Triangulation.WEIGHTED},
-        Estimator.POSE_WITH_PRIOR: {Triangulation.NORMALISED},
+        Estimator.POSE_WITH_PRIOR: {Triangulation.NORMALISED, Triangulation.WEIGHTED},
         Estimator.REPROJECTION: {Triangulation.NORMALISED},
     }
     for estimator in Estimator:
