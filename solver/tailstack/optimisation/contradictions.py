@@ -5,7 +5,6 @@ impossible."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import combinations
 from math import pi, sqrt
 
@@ -33,6 +32,9 @@ from .terms import Estimator, estimator_of
 FLAT = 1e-6  # thickness over width of a region that is a plane
 MOST_ENDS = 6  # bounded sources that move images together: 64 vertices for each quantile
 ROUNDING_MM = 1e-3  # fixed positions may have been rounded by who wrote them
+INSIDE_MM = 1e-6  # positions this far outside count as inside
+DENSEST_SPHERES = pi / sqrt(18)  # Kepler: no packing of equal spheres fills more (Hales 2005)
+DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 
 
 def refuse_contradictions(problem: PlacementProblem) -> None:
@@ -242,26 +244,20 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
     return found[:5]
 
 
-INSIDE_MM = 1e-6  # positions this far outside count as inside
-DENSEST_SPHERES = pi / sqrt(18)  # Kepler: no packing of equal spheres fills more (Hales 2005)
-DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
-
-
 def refuse_regions(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:
     """The first contradiction of each different region."""
-    tests: tuple[Callable[[PlacementProblem, Estimator, FreeFiducial], list[Problem]], ...] = (
-        _empty,
-        _behind,
-        _field,
-        _refuse_kept_out,
-        _asymmetric,
-        _packing,
-    )
     regions, which = distinct(place.region for place in problem.places)
     found = []
     for k in range(len(regions)):
         place = problem.places[which.index(k)]
-        found += next((problems for test in tests if (problems := test(problem, estimator, place))), [])
+        found += (
+            _empty(place)
+            or _behind(problem, estimator, place)
+            or _field(problem, estimator, place)
+            or _refuse_kept_out(problem, place)
+            or _asymmetric(problem, place)
+            or _packing(problem, estimator, place)
+        )
     return found
 
 
@@ -269,7 +265,7 @@ def _word(region: Shape) -> str:
     return type(region).__name__.lower()
 
 
-def _empty(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
+def _empty(place: FreeFiducial) -> list[Problem]:
     region = place.region
     if isinstance(region, Box):
         if (region.low_mm <= region.high_mm).all():
@@ -347,7 +343,7 @@ def _outside(problem: PlacementProblem, place: FreeFiducial, where: str) -> Prob
     )
 
 
-def _refuse_kept_out(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
+def _refuse_kept_out(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
     for zone in problem.keep_out:
         if _swallows(zone, place.region):
             gap = f" and the {zone.clearance_mm:g} mm around it" if zone.clearance_mm else ""
@@ -397,7 +393,7 @@ def _distances_mm(region: Shape, shape: Cylinder | Ball) -> tuple[float, float]:
     return 0.0, float(across(corners(bounding_box(region))).max())
 
 
-def _asymmetric(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
+def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
     """Whether any point of the bounding box has all its copies there too."""
     if not problem.symmetry:
         return []

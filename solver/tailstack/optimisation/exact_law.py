@@ -221,7 +221,7 @@ def _gradient(
     twice = 2.0 - np.eye(3)  # an entry of the upper triangle stands for two
     by_images = per * images._replace(noise=images.noise * twice, made=images.made * twice).numbers
     found = []
-    for low, high, width in _mechanical_steps(problem, choice):
+    for low, high, width in _mechanical_steps(choice):
         below, above = evaluate_demand(problem, terms, low), evaluate_demand(problem, terms, high)
         through = float(by_images @ (above.images.numbers - below.images.numbers))
         found.append((2 * log(above.exact_mm / below.exact_mm) - through) / width)
@@ -285,7 +285,7 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
     return _gradient(problem, terms, choice, 1.0, slopes, widths)
 
 
-def _mechanical_steps(problem: PlacementProblem, choice: Choice) -> list[tuple[Choice, Choice, float]]:
+def _mechanical_steps(choice: Choice) -> list[tuple[Choice, Choice, float]]:
     """Choices on either side along each pivot coordinate (mm) and each spacing (its logarithm), and their distance."""
     found = []
     for p in range(choice.pivots_mm.size):
@@ -333,7 +333,7 @@ def _closed_gradient(
         factor = np.ones(len(widths))
         factor[k] = np.exp(STEP)
         found.append((form(here, widths * factor, choice) - form(here, widths / factor, choice)) / (2 * STEP))
-    for low, high, width in _mechanical_steps(problem, choice):
+    for low, high, width in _mechanical_steps(choice):
         found.append((form(here, widths, high) - form(here, widths, low)) / width)
     return np.array(found)
 

@@ -76,7 +76,7 @@ def read_request(design: Design) -> Request:
         places=_places(system, section),
         half_widths=half_widths,
         pivots=_pivots(section),
-        spacings=_spacings(design, system, section),
+        spacings=_spacings(design, section),
         objective=kind,
         cost_limit=section.cost_limit,
         symmetry=_symmetry(section.symmetry),
@@ -221,7 +221,7 @@ def _pivots(section: Optimise) -> tuple[FreePivot, ...]:
     )
 
 
-def _spacings(design: Design, system: System, section: Optimise) -> tuple[FreeSpacing, ...]:
+def _spacings(design: Design, section: Optimise) -> tuple[FreeSpacing, ...]:
     """Direction of the locators as ``shift + turn / s``, from the pattern as it is and at half its spacing."""
     found = []
     for index, free in enumerate(section.locator_spacing):
