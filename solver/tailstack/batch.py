@@ -278,8 +278,9 @@ class Batch:
         touched = {slot.field for _, slot in self.slots}
         numbers = {field: np.repeat(self.base[field][None], len(values), axis=0) for field in touched}
         for column, slot in self.slots:
-            place = numbers[slot.field][(slice(None), *slot.index)]
-            place[...] = (values[:, column] * slot.factor).reshape(-1, *[1] * (place.ndim - 1))
+            field, place = numbers[slot.field], (slice(None), *slot.index)
+            axes = field[place].ndim - 1  # by a list of axes that is a copy, so it is written by its place
+            field[place] = (values[:, column] * slot.factor).reshape(-1, *[1] * axes)
         return numbers
 
     # --- one row ----------------------------------------------------------------------------------
@@ -722,6 +723,7 @@ def put_numbers(system: System, numbers: Numbers) -> System:
         return replace(mount, pivot_mm=pivot, bias=bias, sources=widen(mount.name, mount.sources))
 
     stated = {**base_numbers(system), **numbers}
+    first, second = move(system.structure_connector), move(system.connector_flange)
     noise = zip(stated["fiducial_noise_px"].tolist(), stated["target_noise_px"].tolist(), strict=True)
     return replace(
         system,
@@ -735,8 +737,9 @@ def put_numbers(system: System, numbers: Numbers) -> System:
             replace(target, position_mm=frozen(place))
             for target, place in zip(system.targets, stated["targets"], strict=True)
         ),
-        structure_connector=move(system.structure_connector),
-        connector_flange=move(system.connector_flange),
+        structure_connector=first,
+        connector_flange=second,
+        temperature=system.temperature and system.temperature.follow(first, second),
         hand_eye=move(system.hand_eye),
         execution=widen("execution", system.execution),
     )

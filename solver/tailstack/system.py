@@ -8,7 +8,7 @@ the pivot, followed by the translation (Eqs 11-13 of the paper).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import sqrt
 
@@ -170,6 +170,14 @@ class Temperature:
     def connector_mm_per_k(self) -> Array:
         """(3,) con: how the structure's seat moves away from the flange's."""
         return np.asarray(self.connector_per_k * (self.seat_mm - self.flange_seat_mm))
+
+    def follow(self, first: Mount, second: Mount) -> Temperature:
+        """The same where the interfaces' pivots are, by numbers or symbols, if it is these that seats are at."""
+        return replace(
+            self,
+            seat_mm=first.pivot_mm if self.at_pivots[0] else self.seat_mm,
+            flange_seat_mm=second.pivot_mm if self.at_pivots[1] else self.flange_seat_mm,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -159,6 +159,36 @@ def test_a_batch_says_which_way_its_rows_went_and_why(design: Any, paths: list[s
     assert (found.why == "") == (way == COMPILED)
 
 
+WARM = {
+    "difference_k": 30,
+    "half_width_k": 5,
+    "distribution": "normal",
+    "structure_expansion_um_per_m_k": 47,
+    "connector_expansion_um_per_m_k": 23,
+}
+
+
+@pytest.mark.parametrize("design", [DEMO, NORMAL])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "execution/repeatability/std_mm",
+        "execution/compliance/load_half_width_n/1",
+        "interfaces/structure_connector/pivot_mm/2",
+        "interfaces/connector_flange/pivot_mm/0",
+    ],
+)
+@pytest.mark.parametrize("warm", [False, True])
+def test_a_number_of_the_execution_or_of_a_warm_seat_is_not_passed_over(design: Any, path: str, warm: bool) -> None:
+    """What acts on several axes at once, and the seats about which a warm structure grows."""
+    document = {**design.source.data, **({"temperature": WARM} if warm else {})}
+    place = place_of(design, path)
+    rows = np.array([[load_number(document, place)], [load_number(document, place) + 5.0]])
+    found = compare(document, [place], rows, COLUMNS[:4])
+    assert not found.ways[IN_FULL]
+    assert found.columns["p95_mm:tip"][1] != found.columns["p95_mm:tip"][0]
+
+
 def place_of(design: Any, path: str) -> tuple[Any, ...]:
     steps = path.strip("/").replace(".", "/").split("/")
     return tuple(int(step) if step.isdigit() else step for step in steps)

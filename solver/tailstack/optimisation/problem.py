@@ -292,11 +292,5 @@ def with_pivots(system: System, pivots_mm: Mapping[str, Duck]) -> System:
         replace(mount, pivot_mm=pivots_mm[mount.name]) if mount.name in pivots_mm else mount
         for mount in system.interfaces
     )
-    heat = system.temperature
-    if heat is not None:
-        heat = replace(
-            heat,
-            seat_mm=first.pivot_mm if heat.at_pivots[0] else heat.seat_mm,
-            flange_seat_mm=second.pivot_mm if heat.at_pivots[1] else heat.flange_seat_mm,
-        )
+    heat = system.temperature and system.temperature.follow(first, second)
     return replace(system, structure_connector=first, connector_flange=second, temperature=heat)
