@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isinf
 from typing import Any
@@ -43,7 +44,7 @@ from .results import (
     Vector3,
     ViewCheck,
 )
-from .system import Requirement, System
+from .system import Requirement, System, View
 from .tail.bounds import bounds
 from .tail.declared import LawSummary, law_quantile, law_summary
 from .tail.gaussian import norm_quantile
@@ -63,7 +64,7 @@ def not_included(system: System, *, simulated: bool = False, missed: bool = Fals
     views = system.views
     lines = [
         "an uneven detector, motion during a shot",
-        "" if all(view.image_field for view in views) else "image distortion that its correction leaves",
+        _leave_out("image distortion that its correction leaves", [v.name for v in views if not v.image_field], views),
         "" if any(view.motion for view in views) else "motion between the shots",
         "" if system.temperature else "thermal expansion",
         "" if system.balls else "the shift of a large ball's centre in its image (0.05 px for 10 mm balls)",
@@ -72,6 +73,13 @@ def not_included(system: System, *, simulated: bool = False, missed: bool = Fals
         "whatever the design document does not list",
     ]
     return tuple(line for line in lines if line)
+
+
+def _leave_out(what: str, where: Sequence[str], views: Sequence[View]) -> str:
+    """What is not included in some of the views, which are named unless it is all of them."""
+    if not where:
+        return ""
+    return what if len(where) == len(views) else f"{what} ({', '.join(where)})"
 
 
 def score(

@@ -67,6 +67,8 @@ def _finding(check: Check, basis: str) -> Finding:
         what += f" ({check.yield_fraction:.2%} of installed units meet it)"
     if check.status == "fail":
         closing = ""
+    elif basis == "first order" and high is None:
+        closing = ": how far this estimate is from a simulation is not known; run `tailstack verify`"
     elif basis == "first order":
         closing = ": too close to say by estimate; run `tailstack verify`"
     elif check.risk == "per_unit":

@@ -11,10 +11,11 @@ from typing import Any, get_args
 
 import pytest
 from gate_scenes import of_rule, policy
-from service_scenes import clear, limited, small_design
+from service_scenes import EXAMPLES, clear, limited, small_design
 from work_driver import run_job
 
 from tailstack import load_design, score, verify
+from tailstack.design import design_to_data
 from tailstack.design.plausibility import PLAUSIBILITY
 from tailstack.design.write import data_to_yaml
 from tailstack.errors import DesignError, LimitError, TailstackError
@@ -577,3 +578,14 @@ def test_a_slip_that_does_much_before_it_is_noticed_is_a_finding_where_the_polic
     generous = {"reliability": {"max_effect_mm": 1000.0}}
     assert (of_rule(gate(limited(2.0), policy=policy(generous)), "reliability") == []) == (worst.effect_mm is not None)
     assert of_rule(gate(limited(2.0)), "reliability") == []
+
+
+def test_an_estimate_that_is_not_known_to_be_good_is_not_called_too_close() -> None:
+    """The limit is five metres."""
+    design = design_to_data(load_design(EXAMPLES / "small_cluster_far_target.yaml"))
+    design["requirements"] = [{"name": "lenient", "limit_mm": 5000.0}]
+    for view in design["views"]:
+        view["fiducial_noise_px"] = view["target_noise_px"] = 1.2
+    (found,) = of_rule(gate(design, mode="analytic"), "inconclusive")
+    assert "how far the estimate is from a simulation is not known; gate with --mode auto or verify" in found.message
+    assert "too close" not in found.message

@@ -28,4 +28,9 @@ def test_an_unknown_upper_end_is_null_and_never_passes() -> None:
     assert [check["interval_mm"][1] for check in document["verdict"]["checks"]] == [None, None]
     assert [check["status"] for check in document["verdict"]["checks"]] == ["inconclusive", "inconclusive"]
     assert read_record("score", to_json(result)) == result
-    assert "no upper end is known" in " ".join(score_text(result).split())
+    text = " ".join(score_text(result).split())
+    assert "no upper end is known" in text
+    assert "at least 0.000" not in text  # says nothing
+    assert "so whether it keeps the limit of 5000 mm is open" in text
+    for finding in result.verdict.findings:  # nothing is close to a limit of 5 m
+        assert "too close" not in finding.message

@@ -49,7 +49,9 @@ def test_four_fiducials_are_enough_for_a_pose_and_three_are_not():
 def test_a_plane_seen_obliquely_is_enough_for_a_pose():
     system = plate(40, 0.5)
     assert not check_geometry(system)
-    assert refusal(replace(system, estimator=Estimator.DLT)).code == "coplanar-fiducials"
+    flat = refusal(replace(system, estimator=Estimator.DLT))
+    assert flat.code == "coplanar-fiducials"
+    assert "model.estimator: pose takes a flat structure" in flat.hint
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.1, 0.2])

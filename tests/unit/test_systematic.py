@@ -91,7 +91,8 @@ def test_what_is_declared_is_no_longer_among_what_is_not_included() -> None:
     assert "motion between" not in words
     assert "thermal" not in words
     assert "ball" not in words
-    assert "distortion" in words  # LAT declares no field
+    assert "image distortion that its correction leaves (LAT)" in after  # AP declares a field
+    assert "image distortion that its correction leaves" in before
 
 
 def test_a_known_error_of_assumed_intrinsics_has_a_line_that_says_what_correcting_it_is_worth() -> None:

@@ -37,7 +37,10 @@ def find_failures(case: Case, rule: str) -> list[Remark]:
 
 def find_open_questions(case: Case) -> list[Remark]:
     """Rule inconclusive: limits that an interval holds."""
-    hint = "too close to say by estimate; gate with --mode auto or verify"
+    close = "too close to say by estimate"
+    if case.score.validity.expected_error_percent is None:
+        close = "how far the estimate is from a simulation is not known"
+    hint = f"{close}; gate with --mode auto or verify"
     if case.verification is not None:
         hint = f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
     open_ones = (comparison for comparison in case.comparisons if comparison.number.status == "inconclusive")

@@ -24,7 +24,7 @@ def name_basis(basis: str) -> str:
 def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float | None]) -> str:
     """What is said where the design states no requirement."""
     low, high = interval_mm
-    ends = f"at least {low:.3f}, no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
+    ends = "no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
     return (
         f"No requirement is stated. In 95 % of shots, the error at the tool (target {target}) is at most {p95_mm:.3f} "
         f"mm (P95; {ends})."
@@ -107,7 +107,7 @@ def margin_sentence(check: Check, lines: Sequence[Contributor]) -> str:
     """How much is left to the limit or missing, and which step brings most."""
     what, spare = check.headline, check.margin_mm
     if spare is None:
-        return f"How far {what} is from its limit is not known: the estimate does not hold here."
+        return f"How far {what} is from its limit is not known: it takes a simulation."
     if spare >= 0:
         first = f"{what} has {spare:.3f} mm to spare ({spare / check.limit_mm:.0%} of the limit)"
     else:

@@ -277,7 +277,8 @@ def _check_fiducials(share: Share) -> list[Finding]:
                 "coplanar-fiducials",
                 f"{who}the fiducials lie in one plane with normal {direction_name(axes[2])} (thickness "
                 f"{thickness:.2g} mm): no view can tell depth along {direction_name(axes[2])} from its focal length",
-                f"lift at least two fiducials off the plane, along {direction_name(axes[2])}; the more the better",
+                f"lift at least two fiducials off the plane, along {direction_name(axes[2])}; the more the better; "
+                "where the intrinsics are known, model.estimator: pose takes a flat structure",
             )
         )
     if thickness < FLAT * width:

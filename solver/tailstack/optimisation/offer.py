@@ -86,7 +86,7 @@ def _choose(
         worth = cost_without - found.cost_after
         words = f"{added.add} is {'added' if worth > added.price else 'left out'}: with it the design costs "
         words += f"{found.cost_after:.5g}, without it {cost_without:.5g}, so it is "
-        words += f"worth a price of up to {worth:.5g}; it" if worth > 0 else "worth no price; it"
+        words += f"worth a price of up to {worth:.5g}; it" if worth > 0 else "worth no price by what was found; it"
         words += f" costs {added.price:.5g}"
     if p95_mm is not None and p95_with_mm is not None:
         words += f". In the design as it stood it takes P95 from {p95_mm:.4g} to {p95_with_mm:.4g} mm"

@@ -183,7 +183,7 @@ def check_sentence(check: Check, who: str = "The design") -> str:
     else:
         shots = f"{100 * check.min_yield:.6g} % of installed units, in {shots}their own shots"
     low, high = check.interval_mm
-    ends = f"at least {low:.3f}, no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
+    ends = "no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
     found = (
         f"in {shots}, {ERRORS[check.error]} (target {check.target}) is at most {check.value_mm:.3f} mm "
         f"(P{100 * check.quantile:.6g}; {ends})"
@@ -194,4 +194,5 @@ def check_sentence(check: Check, who: str = "The design") -> str:
         return f"{who} keeps {check.requirement}: {found}, within {limit}{units}."
     if check.status == "fail":
         return f"{who} misses {check.requirement}: {found}, above {limit}{units}."
-    return f"Undecided for {check.requirement}: {found}, and {limit} lies in between{units}."
+    why = f"so whether it keeps {limit} is open" if high is None else f"and {limit} lies in between"
+    return f"Undecided for {check.requirement}: {found}, {why}{units}."

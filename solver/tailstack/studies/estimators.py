@@ -122,7 +122,7 @@ def study_estimators(
         extent_mm=extent,
         cases=tuple(cases),
         conclusions=_conclusions({case.estimator: case for case in cases}, extent),
-        provenance=provenance(base),
+        provenance=provenance(doubted),
     )
 
 
