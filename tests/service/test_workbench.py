@@ -226,7 +226,9 @@ def test_what_goes_wrong_in_an_image_has_a_slider_where_the_design_declares_it(s
 
 
 def test_a_bead_that_is_lost_is_not_among_those_that_a_view_sees_either(service: Served) -> None:
+    """Nor is it counted in the drawing in space, for which the scenario waits."""
     design = yaml.safe_load(DEMO)
+    design["fiducials"]["loss_probability"] = 0.02
     seen = [f"F{k}" for k in range(1, 11)]
     design["views"][1]["sees"] = seen
     found = used(service.url, "lose", yaml.safe_dump(design, sort_keys=False), label="F3")
@@ -234,6 +236,10 @@ def test_a_bead_that_is_lost_is_not_among_those_that_a_view_sees_either(service:
     del design["fiducials"]["points"][2]
     assert found["without"] == load_design(design).sha256  # it has an answer, too: the scenario waits for it
     assert "F3" not in found["labels"]
+    mixture = score(load_design(design)).losses[0].mixture
+    assert mixture is not None
+    assert mixture.value_mm is not None
+    assert f"of all shots: {mixture.value_mm:.3f} mm" in found["losses"]
     assert found["before"] == found["after"]
 
 

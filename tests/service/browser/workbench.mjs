@@ -455,9 +455,12 @@ scenarios.lose = async () => {
   await page.getByRole("button", { name: `Lose ${asked.label}: take it out` }).click();
   const without = await sha(page);
   const labels = await page.locator(".beads tbody tr > th").allInnerTexts();
+  const losses = await page.getByRole("region", { name: "Lost fiducials" }).innerText();
+  const drawn = page.locator(".viewer-layers label", { hasText: `Fiducials (${labels.length})` });
+  await drawn.waitFor({ timeout: 20000 }); // the drawing in space follows a moment later
   if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
   await page.keyboard.press("Control+z");
-  return { before, without, labels, after: await sha(page) };
+  return { before, without, labels, losses, after: await sha(page) };
 };
 
 // Files dropped on the page, one after the other

@@ -57,6 +57,7 @@
     update(scene) {
       this.scene = scene;
       this.places.clear();
+      this.describe();
       this.draw();
     }
 
@@ -82,24 +83,32 @@
         group("Direction of view", ...this.looks), group("Extent", ...this.extents),
         group("Zoom", button("+", () => this.zoom(ZOOM), { "aria-label": "Zoom in" }),
           button("−", () => this.zoom(1 / ZOOM), { "aria-label": "Zoom out" })));
-      const layers = element("fieldset", { class: "viewer-layers" }, element("legend", {}, "Shown"));
+      this.layers = element("fieldset", { class: "viewer-layers" });
+      this.note = element("p", { class: "viewer-note" });
+      this.words = element("p", { class: "viewer-words", id: `${id}-words` });
+      this.describe();
+      const help = "Drag, or arrow keys: turn. Shift with them, or two fingers: move. + and −, pinch, or the wheel once "
+        + "the view has focus: zoom. 1 to " + Math.min(this.looks.length, 9) + ": directions of view. 0: as at first.";
+      this.viewer = element("div", { class: "viewer" },
+        bar, element("div", { class: "viewer-stage" }, this.canvas, this.tip), this.status, this.layers,
+        element("p", { class: "viewer-help", id: `${id}-help` }, help), this.note, this.words);
+      figure.insertBefore(this.viewer, figure.firstChild);
+      figure.classList.add("live");
+    }
+
+    // What there is to show, and the scene in words.
+    describe() {
       this.boxes = new Map();
+      this.layers.replaceChildren(element("legend", {}, "Shown"));
       for (const layer of this.scene.layers) {
         const box = element("input", { type: "checkbox" });
         this.boxes.set(layer.key, box);
         box.checked = this.shown.has(layer.key);
         box.addEventListener("change", () => this.show(layer.key, box.checked));
-        layers.append(element("label", {}, box, this.swatch(layer.key), layer.label));
+        this.layers.append(element("label", {}, box, this.swatch(layer.key), layer.label));
       }
-      const help = "Drag, or arrow keys: turn. Shift with them, or two fingers: move. + and −, pinch, or the wheel once "
-        + "the view has focus: zoom. 1 to " + Math.min(this.looks.length, 9) + ": directions of view. 0: as at first.";
-      this.viewer = element("div", { class: "viewer" },
-        bar, element("div", { class: "viewer-stage" }, this.canvas, this.tip), this.status, layers,
-        element("p", { class: "viewer-help", id: `${id}-help` }, help),
-        element("p", { class: "viewer-note" }, this.scene.note),
-        element("p", { class: "viewer-words", id: `${id}-words` }, this.scene.words));
-      figure.insertBefore(this.viewer, figure.firstChild);
-      figure.classList.add("live");
+      this.note.textContent = this.scene.note;
+      this.words.textContent = this.scene.words;
     }
 
     swatch(key) {
