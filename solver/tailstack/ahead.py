@@ -41,7 +41,7 @@ _TABLE = {
         2.0 tail.gaussian.norm_quantiles        f f2 f2
         4.0 propagation.noise.noise_gains       f3 f2 f2 Estimation(i i f2 f2) f1 f4 f3 f4 f3 f3
         1.6 tail.lattice.on_principal_axes      f1 f2 f2
-        1.9 losses.loss_covariances             f3 f2 f2 Estimation(i i f2 f2) f2 f2 f2 f2 f3
+        3.3 propagation.noise.square_gains      f3 f3 f3 Estimation(i i f2 f2) f2 f2 f2 f5
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
         1.0 tail.declared.excess_integral       f f {_FRAME} f1 f1
         0.8 tail.gaussian.excess_quantile       f f1 f1
@@ -60,7 +60,6 @@ _TABLE = {
         0.1 tail.lattice.balls                  f f1
     """,
     "batch": """
-        3.3 batch.squares_of_images              f3 f3 f2 f2 f2 f5
         4.2 batch.gaussian_tails                 f5 f2 f3 f4 f2 f2 f b f2
         1.6 batch.find_plain                     f3 f3 f3 f2 f3 f3 f1 b1
     """,

@@ -38,7 +38,7 @@ from .estimation.checks import COPLANAR, LINEAR, NO_PARALLAX, SINGULAR, TOUCHING
 from .geometry.symmetric import eigen_symmetric
 from .kernels import kernel
 from .propagation.linear import Chain, LinearModel, chain_of, linearise_at
-from .propagation.noise import Estimation, eliminate, mean_rows, noise_gains_jit
+from .propagation.noise import eliminate, mean_rows, square_gains
 from .results import Check
 from .results.record import data_frame
 from .scoring import P95, ErrorScore, check_requirement, score, tightest_limit, trust_of
@@ -385,7 +385,16 @@ class _RowLoop:
         plain = self.batch.sights.are_plain_rows(chain.projections, fiducials, points)
         plain &= self.batch.sights.aims_are_plain(chain.system)
         squares = np.zeros((count, len(self.aims), 2 * len(chain.projections) + 3, 3, 3))
-        squares_of_images(chain.projections, points, chain.weights, chain.per_error, self.aims, squares)
+        square_gains(
+            chain.projections,
+            points,
+            chain.weights[None],
+            chain.estimation,
+            chain.per_error,
+            np.ones(chain.points.shape),
+            self.aims,
+            squares,
+        )
         return squares, plain & np.isfinite(squares).all(axis=(1, 2, 3, 4))
 
     def fill(self, numbers: Numbers, columns: list[Array]) -> NDArray[np.bool_]:
@@ -454,48 +463,6 @@ def _side_by_side(*arrays: Array) -> Array:
     return np.ascontiguousarray(
         np.concatenate([np.broadcast_to(each, (count, each.shape[1])) for each in arrays], axis=1)
     )
-
-
-@kernel(nogil=True)
-def squares_of_images(
-    projections: Array, points: Array, weights: Array, per_error: Array, aims: Array, squares: Array
-) -> None:
-    """What a unit of variance of each group of image-side sources does to each target.
-
-    projections (V, 3, 4) with |p3| = 1; points (n, N, 3) mm as the estimator is told them; weights (V, N) of them in
-    each view; per_error (3, 3) from a manufacturing error to their displacement; aims (T, 3) mm without noise.  Fills
-    squares (n, T, 2 V + 3, 3, 3), con, mm^2 per px^2 or mm^2: for each view its fiducials' noise and its target's, then
-    the manufacturing errors along x, y and z of all fiducials.
-    """
-    views, count = projections.shape[0], points.shape[1]
-    fiducial = np.zeros((views, count, 3, 2))
-    aimed = np.zeros((views, 3, 2))
-    made = np.zeros((views, count, 3, 3))
-    told, row_weights = np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
-    dlt = Estimation(0, 0, np.zeros((views, 3)), np.zeros((views, 2)))
-    through = np.zeros((3, 3))
-    for row in range(points.shape[0]):
-        for t in range(aims.shape[0]):
-            noise_gains_jit(projections, points[row], weights, dlt, aims[t], fiducial, aimed, made, told, row_weights)
-            out = squares[row, t]
-            for v in range(views):
-                for c in range(2):
-                    for a in range(3):
-                        for b in range(3):
-                            out[2 * v + 1, a, b] += aimed[v, a, c] * aimed[v, b, c]
-                            for i in range(count):
-                                out[2 * v, a, b] += fiducial[v, i, a, c] * fiducial[v, i, b, c]
-            for i in range(count):
-                for a in range(3):
-                    for k in range(3):
-                        through[a, k] = 0.0
-                        for v in range(views):
-                            for m in range(3):
-                                through[a, k] += made[v, i, a, m] * per_error[m, k]
-                for k in range(3):
-                    for a in range(3):
-                        for b in range(3):
-                            out[2 * views + k, a, b] += through[a, k] * through[b, k]
 
 
 @kernel(nogil=True)

@@ -1,9 +1,10 @@
 """What becomes of a score when fiducials are lost: the worst of all losses of one and of two, by name.
 
 A fiducial that is lost is missing in every view, as if it had never been there.  What that does to the covariance of
-the error follows from the gains with weights of 0 (``propagation.noise``), for every loss at once in one kernel.
-Pearson's closed form on it ranks the losses; its error is known (``tail.approximation``), so that the exact law is
-asked only where a loss may be the worst: the answer is that of scoring each remaining structure by itself.
+the error follows from the gains with weights of 0 (``propagation.noise``), for every loss at once in one kernel;
+where fiducials also decide the mean, from the linear model of every loss.  Pearson's closed form on it ranks the
+losses; its error is known (``tail.approximation``), so that the exact law is asked only where a loss may be the worst:
+the answer is that of scoring each remaining structure by itself.
 """
 
 from __future__ import annotations
@@ -22,9 +23,8 @@ from .arrays import Array, frozen
 from .contributors import ErrorLaw, error_law
 from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
-from .kernels import kernel
 from .propagation.linear import Chain, LinearModel, covariance, linearise_at
-from .propagation.noise import Estimation, noise_gains_jit
+from .propagation.noise import square_gains
 from .results import Loss, Mixture
 from .system import Law, System
 from .tail.approximation import pearson_square, square_cumulants
@@ -38,64 +38,6 @@ P95 = 0.95
 SLOPE = 0.1  # by which it may rank a loss too low beside another, per relative difference of the covariances
 ALIKE = 1e-9  # losses whose cumulants differ by less are one by symmetry
 WORSE = 10.0  # only a loss that multiplies the quantile by so much may leave a structure that determines nothing
-
-
-@kernel(nogil=True)
-def loss_covariances(
-    projections: Array,
-    points: Array,
-    weights: Array,
-    estimation: Estimation,
-    kept: Array,
-    targets: Array,
-    made_std: Array,
-    per_error: Array,
-    assumed: Array,
-) -> Array:
-    """(T, S, 3, 3) mm^2 of what acts through the images does to the triangulated targets, for S losses.
-
-    projections (V, 3, 4) with |p3| = 1; points (N, 3) and targets (T, 3) mm, as the estimator meets them; weights
-    (V, N): 1 where a view sees a fiducial; estimation: what the estimator is, with the noise of each view; kept (S, N):
-    0 of what is lost, otherwise 1; made_std (N, 3) mm of manufacturing errors, per_error (3, 3) what these do to the
-    points; assumed (V, 3, 3) the covariance of the error of each view's assumed intrinsics.
-    """
-    views, count = weights.shape
-    fiducial, aimed = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
-    made, intrinsics, rows = np.zeros((views, count, 3, 3)), np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
-    noises = estimation.noise
-    out = np.zeros((targets.shape[0], kept.shape[0], 3, 3))
-    column = np.zeros(3)
-    for s in range(kept.shape[0]):
-        left = weights * kept[s]
-        for t in range(targets.shape[0]):
-            noise_gains_jit(projections, points, left, estimation, targets[t], fiducial, aimed, made, intrinsics, rows)
-            total = out[t, s]
-            for v in range(views):
-                for c in range(2):
-                    for j in range(3):
-                        for k in range(3):
-                            total[j, k] += noises[v, 1] ** 2 * aimed[v, j, c] * aimed[v, k, c]
-                for c in range(3):
-                    for d in range(3):
-                        for j in range(3):
-                            for k in range(3):
-                                total[j, k] += intrinsics[v, j, c] * assumed[v, c, d] * intrinsics[v, k, d]
-            for i in range(count):
-                for v in range(views):
-                    for c in range(2):
-                        for j in range(3):
-                            for k in range(3):
-                                total[j, k] += noises[v, 0] ** 2 * fiducial[v, i, j, c] * fiducial[v, i, k, c]
-                for c in range(3):
-                    column[:] = 0.0
-                    for v in range(views):
-                        for m in range(3):
-                            for j in range(3):
-                                column[j] += made[v, i, j, m] * per_error[m, c] * made_std[i, c]
-                    for j in range(3):
-                        for k in range(3):
-                            total[j, k] += column[j] * column[k]
-    return out
 
 
 def subsets(count: int, lost: int) -> Array:
@@ -141,21 +83,28 @@ class LossSearch:
         self.system = chain.system
         self.count = len(chain.points)
         self.names = list(models)
-        targets = np.array([model.reconstructed_mm for model in models.values()])
-        assumed = np.zeros((len(chain.projections), 3, 3))
-        for own, error in zip(assumed, chain.intrinsics, strict=True):
-            if error is not None:
-                scaled = error.sources.direction * error.sources.std
-                own += scaled @ scaled.T
-        self._inputs = (chain.projections, chain.points, chain.weights, chain.estimation)
-        self._rest = (targets, np.ascontiguousarray(chain.manufacturing_std_mm), chain.per_error, assumed)
+        # What moves all images of a view together has a known part: with the fiducials, the mean changes as well.
+        self.mean_changes = bool(self.system.common_shifts) or any(error is not None for error in chain.intrinsics)
         self._images: dict[int, tuple[Array, Array]] = {}
 
     def images(self, lost: int) -> tuple[Array, Array]:
-        """The losses of so many, kept (S, N), and their covariances (T, S, 3, 3) mm^2 in con."""
+        """The losses of so many, kept (S, N), and the covariances (T, S, 3, 3) mm^2 in con of what acts through the
+        image of one fiducial or target at a time: noise and manufacturing errors."""
         if lost not in self._images:
-            kept = subsets(self.count, lost)
-            self._images[lost] = kept, loss_covariances(*self._inputs, kept, *self._rest)
+            kept, chain = subsets(self.count, lost), self.chain
+            squares = np.zeros((len(kept), len(self.names), 2 * len(chain.projections) + 3, 3, 3))
+            square_gains(
+                chain.projections,
+                chain.points[None],
+                chain.weights * kept[:, None],
+                chain.estimation,
+                chain.per_error,
+                np.ascontiguousarray(chain.manufacturing_std_mm),
+                np.array([model.reconstructed_mm for model in self.models.values()]),
+                squares,
+            )
+            variances = np.append(chain.estimation.noise**2, np.ones(3))
+            self._images[lost] = kept, np.einsum("g,stgjk->tsjk", variances, squares)
         return self._images[lost]
 
     def model_without(self, name: str, kept: Array) -> LinearModel:
@@ -169,12 +118,11 @@ class LossSearch:
     def worst(self, lost: int, error: str, quantile: float, targets: Sequence[str]) -> Ranked:
         """The worst loss of so many for a quantile of an error at the worst of these targets."""
         kept, covariances = self.images(lost)
-        fewest = fewest_fiducials(self.system)
-        short = (self.chain.weights[None] * kept[:, None]).sum(axis=2) < fewest  # (S, V)
-        if short.any():
-            s, v = np.argwhere(short)[0].tolist()
-            left = int((self.chain.weights[v] * kept[s]).sum())
-            reason = f"view {self.system.views[v].name} is left with {left} fiducials; an estimate needs {fewest}"
+        fewest, left = fewest_fiducials(self.system), kept @ self.chain.weights.T  # (S, V)
+        if (left < fewest).any():
+            s, v = np.argwhere(left < fewest)[0].tolist()
+            own = f"view {self.system.views[v].name} is left with {int(left[s, v])} fiducials"
+            reason = f"{own}; an estimate needs {fewest}"
             return Ranked(Loss(self.labels(kept[s]), targets[0], None, reason), None)
         laws = [error_law(self.models[name], error, quantile) for name in targets]
         rows = [
@@ -184,15 +132,11 @@ class LossSearch:
         forms, cumulants, totals = (np.concatenate(part) for part in zip(*rows, strict=True))
         first = int(forms.argmax())
         which, s = divmod(first, len(kept))
-        if (
-            not forms[first]
-            < WORSE * self._form(laws[which], targets[which], laws[which].total_covariance, quantile)[0]
-        ):
-            reason = "" if forms[first] < inf else "what is left does not determine the views"
-            try:
-                examine(without_fiducials(self.system, self.labels(kept[s])))
-            except IllPosedError as refusal:
-                reason = refusal.problems[0].detail
+        whole = self._form(laws[which], targets[which], laws[which].total_covariance, quantile)[0]
+        if not forms[first] < WORSE * whole:
+            reason = self._find_refusal(kept[s])
+            if not (reason or forms[first] < inf):
+                reason = "what is left does not determine the views"
             if reason:
                 return Ranked(Loss(self.labels(kept[s]), targets[which], None, reason), None)
         margin = MARGIN if quantile <= P95 else MARGIN_BEYOND_P95
@@ -255,38 +199,38 @@ class LossSearch:
         kept = np.concatenate([images[0] for images in each])
         covariances = np.concatenate([images[1] for images in each], axis=1)
         weights = np.where(kept > 0, 1 - probability, probability).prod(axis=1)
-        answered = (weights > 0) & self._determined(kept, covariances, error, quantile, targets)
+        answered = (weights > 0) & self._find_answered(kept, covariances, error, quantile, targets)
         return kept[answered], weights[answered], float(weights.sum())
 
-    def _determined(
+    def _find_answered(
         self, kept: Array, covariances: Array, error: str, quantile: float, targets: Sequence[str]
     ) -> NDArray[np.bool_]:
         """(S,) whether what is left still has an answer, refused as a structure without the lost ones would be."""
-        fewest = fewest_fiducials(self.system)
-        answered: NDArray[np.bool_] = ((self.chain.weights[None] * kept[:, None]).sum(axis=2) >= fewest).all(axis=1)
+        answered = np.asarray((kept @ self.chain.weights.T).min(axis=1) >= fewest_fiducials(self.system))
         enough = np.flatnonzero(answered)
         for name in targets:
             law = error_law(self.models[name], error, quantile)
             forms, *_ = self._rank(kept[enough], covariances[self.names.index(name), enough], name, law, quantile)
             whole = self._form(law, name, law.total_covariance, quantile)[0]
             for s in enough[~(forms < WORSE * whole)]:
-                answered[s] &= self._examined(kept[s])
+                answered[s] &= not self._find_refusal(kept[s])
             answered[enough[~(forms < inf)]] = False
         return answered
 
-    def _examined(self, kept: Array) -> bool:
+    def _find_refusal(self, kept: Array) -> str:
+        """Why the structure without fiducials that have a 0 in kept (N,) is refused; empty: it is not."""
         try:
             examine(without_fiducials(self.system, self.labels(kept)))
-        except IllPosedError:
-            return False
-        return True
+        except IllPosedError as refusal:
+            return refusal.problems[0].detail
+        return ""
 
     def _rank(
         self, kept: Array, covariances: Array, name: str, law: ErrorLaw, quantile: float
     ) -> tuple[Array, Array, Array]:
         """Pearson's quantile (S,), mm, of each loss at a target, the cumulants (S, 3) and covariances (S, 3, 3)."""
         model = self.models[name]
-        if self.system.common_shifts:  # what moves all images together hangs on who is left, and so does the mean
+        if self.mean_changes:
             every = [self.model_without(name, left) for left in kept]
             total = np.array([covariance(each, law.error) for each in every])
             means = law.worst.mean_mm + [each.bias_mm(law.error) - model.bias_mm(law.error) for each in every]
@@ -294,7 +238,7 @@ class LossSearch:
         to_error = model.tcp_from_localisation if law.error == "tcp" else np.eye(3)
         other = np.zeros((3, 3))
         for block in model.blocks:
-            if not block.grouped:
+            if not block.imaged:
                 gain = model.gain(block, law.error) * block.std
                 other += gain @ gain.T
         total = to_error @ covariances @ to_error.T + other

@@ -14,6 +14,7 @@ import yaml
 from scenes import cube8_system, random_system, read_only, system_of, with_systematic, with_unseen
 from tailstack import load_design, score
 from tailstack.contributors import error_law
+from tailstack.design import compile_design
 from tailstack.errors import IllPosedError
 from tailstack.estimation.checks import examine
 from tailstack.propagation.linear import linearise
@@ -113,6 +114,24 @@ def test_a_score_of_an_estimator_that_believes_wrong_intrinsics_says_the_same():
         less["fiducials"]["points"] = [p for p in data["fiducials"]["points"] if p["label"] != point["label"]]
         singles.append(score(load_design(less)).targets[0].p95_mm)
     assert found.single.value_mm == pytest.approx(max(singles), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_worst_loss_is_that_of_brute_force_where_the_intrinsics_are_wrong(seed):
+    """brute force: a focal length that is known to be off moves the mean, by an amount that depends on who is left."""
+    rng = np.random.default_rng(seed)
+    data = copy.deepcopy(DEMO)
+    data["model"] = {**(data.get("model") or {}), "estimator": "pose"}
+    for view in data["views"]:
+        view["intrinsics_error"] = {
+            "focal": {"bias_rel": float(rng.uniform(0.02, 0.05))},
+            "principal_point": {"half_width_px": float(rng.uniform(5, 30)), "distribution": "normal"},
+        }
+    for point in data["fiducials"]["points"]:
+        point["position_mm"] = (np.array(point["position_mm"]) + rng.normal(0, 8, 3)).tolist()
+    system = compile_design(load_design(data))
+    (found,) = score(system).losses
+    assert found.single.value_mm == pytest.approx(brute_force(system, 1), rel=1e-9)
 
 
 def test_too_few_that_are_left_are_the_worst_of_all_and_said_so():

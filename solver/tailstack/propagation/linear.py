@@ -224,7 +224,7 @@ class LinearModel:
         return np.asarray(sum((each.of(error) for each in self.known), np.zeros(3)))
 
 
-def _reconstructed(chain: Chain, target: Target) -> tuple[Array, Array]:
+def _reconstruct(chain: Chain, target: Target) -> tuple[Array, Array]:
     """``q_hat`` without noise and its derivative by the torsor of the first interface (3, 6).
 
     Physical: ``T^-1 q``, what DLT makes of a structure that moved.  From ``T(b) T(b)^-1 x = x`` the derivative is
@@ -254,7 +254,7 @@ def linearise_all(system: System) -> dict[str, LinearModel]:
 def linearise_at(chain: Chain, target: Target, numbers: Nonlinearity | None = None) -> LinearModel:
     """:func:`linearise` where the chain is known already, and with ``numbers`` what its validity is judged by."""
     system = chain.system
-    reconstructed, torsor_1 = _reconstructed(chain, target)
+    reconstructed, torsor_1 = _reconstruct(chain, target)
     images = image_gains(chain, reconstructed)
     if not np.isfinite(images.columns).all():
         raise IllPosedError(

@@ -480,3 +480,57 @@ def noise_gains(
 
 # Division by zero gives inf, which linearise refuses with the reason; an exception would have none.
 noise_gains_jit = kernel(nogil=True)(noise_gains)
+
+
+@kernel(nogil=True)
+def square_gains(
+    projections: Duck,
+    points: Duck,
+    weights: Duck,
+    estimation: Duck,
+    per_error: Duck,
+    made: Duck,
+    aims: Duck,
+    squares: Duck,
+) -> None:
+    """What a unit of variance of each group of image-side sources does to each target, for many layouts in one go.
+
+    projections (V, 3, 4) with |p3| = 1; points (n or 1, N, 3) mm as the estimator is told them; weights (n or 1, V, N)
+    of them in each view; estimation: see ``Estimation``; per_error (3, 3) from a manufacturing error to their
+    displacement, made (N, 3) the size of these errors that counts as a unit, mm; aims (T, 3) mm without noise.  Fills
+    squares (n, T, 2 V + 3, 3, 3), con, mm^2 per px^2 or per unit: for each view its fiducials' noise and its target's,
+    then the manufacturing errors along x, y and z of all fiducials.
+    """
+    views, count = projections.shape[0], points.shape[1]
+    fiducial = np.zeros((views, count, 3, 2))
+    aimed = np.zeros((views, 3, 2))
+    by_made = np.zeros((views, count, 3, 3))
+    assumed, row_weights = np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
+    through = np.zeros((3, 3))
+    for row in range(squares.shape[0]):
+        told = points[row if points.shape[0] > 1 else 0]
+        left = weights[row if weights.shape[0] > 1 else 0]
+        for t in range(aims.shape[0]):
+            noise_gains_jit(
+                projections, told, left, estimation, aims[t], fiducial, aimed, by_made, assumed, row_weights
+            )
+            out = squares[row, t]
+            for v in range(views):
+                for c in range(2):
+                    for a in range(3):
+                        for b in range(3):
+                            out[2 * v + 1, a, b] += aimed[v, a, c] * aimed[v, b, c]
+                            for i in range(count):
+                                out[2 * v, a, b] += fiducial[v, i, a, c] * fiducial[v, i, b, c]
+            for i in range(count):
+                for a in range(3):
+                    for k in range(3):
+                        through[a, k] = 0.0
+                        for v in range(views):
+                            for m in range(3):
+                                through[a, k] += by_made[v, i, a, m] * per_error[m, k]
+                        through[a, k] *= made[i, k]
+                for k in range(3):
+                    for a in range(3):
+                        for b in range(3):
+                            out[2 * views + k, a, b] += through[a, k] * through[b, k]

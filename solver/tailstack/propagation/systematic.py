@@ -62,7 +62,7 @@ def systematic_errors(system: System, first: Displacement, target: Target) -> tu
             every[v, : len(shift)] = shift
         return every
 
-    def seen(v: int, steps: Duck) -> Duck:
+    def see(v: int, steps: Duck) -> Duck:
         """(2 N, k) px: how the fiducials' images in a view move when they move by steps (N, 3, k) mm."""
         return np.asarray((motion_of_images(system.views[v].projection, moved) @ steps).reshape(rows - 2, -1))
 
@@ -73,7 +73,7 @@ def systematic_errors(system: System, first: Displacement, target: Target) -> tu
             act = displacement(motion.bias, motion.pivot_mm, system.rotation_form)
             steps = np.array([act.by_torsor(point) for point in moved]) @ motion.sources.direction
             count = motion.sources.count
-            shifts = in_views({v: seen(v, steps)}, count)
+            shifts = in_views({v: see(v, steps)}, count)
             found.append(
                 Systematic(
                     motion.name, motion.title, False, motion.sources, shifts, np.zeros((3, count)), nothing, still
@@ -89,7 +89,7 @@ def systematic_errors(system: System, first: Displacement, target: Target) -> tu
             found.append(Systematic(name, label, True, field.sources, shifts, np.zeros((3, count)), nothing, still))
     if (heat := system.temperature) is not None:
         steps = heat.structure_per_k * (system.fiducials_mm - heat.seat_mm) @ turned.T
-        per_k = in_views({v: seen(v, steps[:, :, None]) for v in range(views)}, 1)
+        per_k = in_views({v: see(v, steps[:, :, None]) for v in range(views)}, 1)
         away = -heat.connector_mm_per_k[:, None]
         direction, known = heat.sources.direction, heat.difference_k
         found.append(
