@@ -142,6 +142,21 @@ def test_what_came_before_the_first_step_is_not_taken_for_the_pace() -> None:
     assert shown_left(progress) == 55  # it goes on between two reports
 
 
+def test_a_first_step_of_many_promises_nothing() -> None:
+    """Three seconds of loading and the first of 500 steps would be 25 minutes."""
+    clock = Clock()
+    progress = Progress("gate", io.StringIO(), clock=clock)
+    clock.now += 3
+    progress.report(1, 500)
+    assert progress.line() == "gate: 3 s"
+    clock.now += 0.1
+    progress.report(5, 500)
+    assert progress.seconds_left() is None
+    clock.now += 1.9
+    progress.report(101, 500)
+    assert shown_left(progress) == 8
+
+
 def test_a_step_that_takes_too_long_does_not_end_at_nothing() -> None:
     clock = Clock()
     progress = Progress("gate", io.StringIO(), clock=clock)

@@ -16,6 +16,7 @@ from typing import ClassVar, Self, TextIO
 QUIET_SECONDS = 1.0  # shorter work says nothing
 TERMINAL_EVERY, LOG_EVERY = 0.25, 10.0  # a log gets its first lines sooner: after 1, 3, 7, 15 s
 NARROWEST_BAR, COLUMNS = 10, 80  # of a bar; of a terminal that does not say how wide it is
+PACE_SECONDS, PACE_FRACTION = 1.0, 0.1  # between reports, or done by the first, before a time is named
 OVERDUE = 0.3  # what took so much longer than was thought still takes that part of it, at least
 
 
@@ -57,10 +58,12 @@ class Progress:
         if self._first is None:
             self._first = now, self.fraction
         then, before = self._first
-        if self.fraction > before:  # what came before the first report is not part of the pace
+        if self.fraction > before and now - then >= PACE_SECONDS:  # what came before the first report is no part of it
             left = (1 - self.fraction) * (now - then) / (self.fraction - before)
-        else:
+        elif self.fraction >= PACE_FRACTION:
             left = (1 / self.fraction - 1) * now
+        else:  # too little is done: the time left would be that of loading, many times over
+            return
         self._left = lambda elapsed: max(left - (elapsed - now), OVERDUE * (elapsed - now - left))
 
     def report_left(self, left: Callable[[float], float | None], detail: str = "") -> None:

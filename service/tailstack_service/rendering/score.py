@@ -60,7 +60,8 @@ def estimate_interval(score: Score, p95_mm: float) -> tuple[float, float | None]
 def losses_text(score: Score) -> str:
     """What the loss of fiducials does to each requirement; without details to the first three."""
     shown = score.losses if current().details else score.losses[:3]
-    return "\n".join(wrap(losses_sentence(line), first="if fiducials are lost: ", indent="  ") for line in shown)
+    said = [losses_sentence(line, score.verdict.checks) for line in shown]
+    return "\n".join(wrap(text, first="if fiducials are lost: ", indent="  ") for text in said)
 
 
 MOST_SLIPS = 8  # without details

@@ -31,9 +31,10 @@ def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float
     )
 
 
-def losses_sentence(line: Losses) -> str:
-    """What a requirement comes to without the fiducials whose loss is worst."""
-    what = visible(line.requirement) if line.requirement else "P95 of the error at the tool"
+def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
+    """What a requirement comes to without the fiducials whose loss is worst; its quantile is that of its checks."""
+    limited = next((f"P{100 * check.quantile:g}" for check in checks if check.requirement == line.requirement), "P95")
+    what = f"{limited} of {visible(line.requirement) if line.requirement else 'the error at the tool'}"
     said = [f"{what} is {line.value_mm:.3f} mm with all of them"]
     for worst in (line.single, line.double):
         if worst is None:

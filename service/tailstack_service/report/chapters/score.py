@@ -116,7 +116,8 @@ def error_blocks(score: Score) -> tuple[Block, ...]:
 
 
 def losses_listed(score: Score) -> Bullets:
-    return Bullets(tuple(f"If fiducials are lost: {losses_sentence(line)}" for line in score.losses))
+    checks = score.verdict.checks
+    return Bullets(tuple(f"If fiducials are lost: {losses_sentence(line, checks)}" for line in score.losses))
 
 
 def largest_targets(score: Score) -> list[TargetScore]:
