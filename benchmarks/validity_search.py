@@ -26,6 +26,7 @@ from tailstack.estimation.checks import DETERMINATION
 from tailstack.geometry.rotation import rotation_xyz
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.validity import COUNTED
+from tailstack.scoring import trust_of
 from validity_trials import paired_norms
 
 QUANTILES = (0.9, 0.95, 0.99, 0.999)
@@ -33,13 +34,17 @@ CLIMBING, FRESH = 4096, 32768  # trials
 
 
 def at_nu(document: dict[str, Any], nu: float) -> dict[str, Any] | None:
-    """The document with noise for this number; None where something is remarked or the noise is out of proportion."""
+    """The document with noise for this number; None where something is remarked, its class is not calibrated or the
+    noise is out of proportion."""
     for _ in range(4):  # errors of the assumed intrinsics are not scaled, so that one step does not arrive
         system, findings, _ = check_design(load_design(document))
         if any(finding.rule in DETERMINATION for finding in findings):
             return None
+        model = linearise(system, system.targets[0])
+        if not trust_of(system, {"t": model}).calibrated:
+            return None
         times = COUNTED.get(len(system.fiducials_mm), 1.0)
-        missing = nu / times / linearise(system, system.targets[0]).nu
+        missing = nu / times / model.nu
         if abs(missing - 1) < 1e-3:
             return document if max(view["fiducial_noise_px"] for view in document["views"]) <= LOUDEST_PX else None
         document = scaled(document, missing)

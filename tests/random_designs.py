@@ -170,6 +170,65 @@ def under(document: dict[str, Any], estimator: str, triangulation: str, rng: np.
     return document
 
 
+def _toleranced(rng: np.random.Generator, rotation_deg: float, translation_mm: float) -> dict[str, Any]:
+    law = str(rng.choice(LAWS))
+    return {
+        f"{kind}{axis}": {f"half_width_{unit}": size, "distribution": law}
+        for kind, unit, size in (("r", "deg", rotation_deg), ("t", "mm", translation_mm))
+        for axis in "xyz"
+        if rng.random() < 0.6
+    }
+
+
+def _wrong_intrinsics(rng: np.random.Generator) -> dict[str, Any]:
+    """Wrong by up to 3 % and 30 px, half of them known; a law of the rest."""
+    size, known, law = _log_uniform(rng, 0.001, 0.03), float(rng.choice([0.0, 0.5])), str(rng.choice(LAWS))
+    signs = rng.choice([-1.0, 1.0], 3) * known * size
+    return {
+        "focal": {"bias_rel": signs[0], "half_width_rel": (1 - known) * size, "distribution": law},
+        "principal_point": {
+            "bias_px": (1000 * signs[1:]).tolist(), "half_width_px": 1000 * (1 - known) * size, "distribution": law,
+        },
+    }  # fmt: skip
+
+
+def with_effects(document: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """The document with some of what can go wrong in an image: wrong intrinsics, image fields, motion, temperature,
+    balls, fiducials that a view does not see.  A field stays away where the target's image is far outside."""
+    points, estimator = document["fiducials"]["points"], document["model"].get("estimator", "dlt")
+    wrong, fields, motion, warm, balls, hidden = (rng.random(6) < 0.35).tolist()
+    field_px, law = _log_uniform(rng, 0.02, 1.0), str(rng.choice(LAWS))
+    rotation_deg, translation_mm = _log_uniform(rng, 0.005, 0.3), _log_uniform(rng, 0.01, 0.3)
+    fewest = 4 if estimator.startswith("pose") else 6
+    for k, point in enumerate(points):
+        point["label"] = f"F{k}"
+    seats = np.array([point["position_mm"] for point in points] + [document["targets"][0]["position_mm"]])
+    for k, view in enumerate(document["views"]):
+        if wrong and estimator.startswith("pose"):
+            view["intrinsics_error"] = _wrong_intrinsics(rng)
+        images = np.column_stack([seats, np.ones(len(seats))]) @ np.array(view["projection"]).T
+        away = np.linalg.norm(images[:, :2] / images[:, 2:] - 800, axis=1).max()
+        if fields and away < 1400:
+            view["image_size_px"] = [1600, 1600]
+            sizes = (field_px * np.exp(rng.normal(0, 0.7, 4)) * (rng.random(4) < 0.7)).tolist()
+            view["image_field"] = {"half_widths_px": sizes, "distribution": law}
+        if motion and k and (tolerances := _toleranced(rng, rotation_deg, translation_mm)):
+            view["motion"] = {"pivot_mm": seats[0].tolist(), "tolerances": tolerances}
+        if hidden and len(points) > fewest:
+            count = int(rng.integers(max(fewest, len(points) - 3), len(points) + 1))
+            view["sees"] = [points[n]["label"] for n in sorted(rng.permutation(len(points))[:count].tolist())]
+    if warm:
+        document["temperature"] = {
+            "difference_k": float(rng.uniform(-20, 20)), "half_width_k": float(rng.uniform(0, 10)),
+            "distribution": str(rng.choice(LAWS)), "structure_expansion_um_per_m_k": float(rng.uniform(5, 100)),
+            "seat_mm": rng.uniform(-100, 100, 3).tolist(),
+        }  # fmt: skip
+    if balls:
+        document["fiducials"]["diameter_mm"] = float(rng.choice([1.5, 3, 6, 10]))
+        document["fiducials"]["image_point"] = str(rng.choice(["outline", "shadow"]))
+    return document
+
+
 def scaled(document: dict[str, Any], factor: float) -> dict[str, Any]:
     """With image noise and manufacturing errors times the factor; the validity number is proportional to them."""
     document = copy.deepcopy(document)
@@ -190,13 +249,17 @@ def random_design(
     clear: int = 0,
     estimator: str = "dlt",
     triangulation: str = "",
+    effects: bool = False,
 ) -> dict[str, Any]:
     """A document whose geometry is not refused; its validity number is drawn from a range, uniform in its logarithm.
 
-    clear: up to so many designs are drawn in search of one without a remark that it is hardly determined.
+    clear: up to so many designs are drawn in search of one without a remark that it is hardly determined.  effects:
+    with some of what can go wrong in an image.
     """
     for drawn in count():
         document = under(random_document(rng, views, fiducials, published), estimator, triangulation, rng)
+        if effects:
+            document = with_effects(document, rng)
         wanted = _log_uniform(rng, *nu)
         try:
             system, findings, _ = check_design(load_design(document))

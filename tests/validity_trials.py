@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import date
 from math import nan
 from typing import Any
@@ -54,9 +54,24 @@ def ratio(system: System, error: str, quantile: float, trials: int, seed: int) -
 
 
 @dataclass(frozen=True)
+class Form:
+    """What estimates a design, and what goes wrong in its images."""
+
+    estimator: str = "dlt"
+    triangulation: str = ""  # "": normalised, of every tenth design published
+    effects: bool = False
+    fiducials: tuple[int, ...] = FIDUCIALS
+
+    @property
+    def name(self) -> str:
+        return f"{self.estimator}, {self.triangulation or 'linear'}"
+
+
+@dataclass(frozen=True)
 class Trial:
     """One design held to limits about its first-order quantile."""
 
+    form: Form
     views: int
     fiducials: int
     published: bool
@@ -68,6 +83,7 @@ class Trial:
     passed_by_first_order: dict[int, float | None]  # guard band, per cent: least factor at which it is passed
     failed_by_first_order: dict[int, float | None]  # the largest at which it fails
     sampled: tuple[float, str] | None  # a limit that was judged by trials: its factor, the verdict
+    document: dict[str, Any] = field(repr=False)
 
     def excess(self, guard: int) -> float:
         """The chain's quantile over the least limit that first order passes it at, less one; -1: passed at none."""
@@ -101,14 +117,18 @@ def _by_first_order(gate: Gate, computed: ScoredDesign, check: Check) -> str | N
     return comparison.number.status
 
 
-def held_to_limits(rng: np.random.Generator, *, trials: int, judged_trials: int, nu: tuple[float, float]) -> Trial:
+def held_to_limits(
+    rng: np.random.Generator, *, trials: int, judged_trials: int, nu: tuple[float, float], form: Form = Form()
+) -> Trial:
     """Draw a design of any class and hold it to limits about its first order.
 
     judged_trials: up to how many a sampled verdict takes; 0: none is sampled.
     """
-    views, fiducials = int(rng.choice(VIEWS)), int(rng.choice(FIDUCIALS))
-    published, seed = bool(rng.random() < 0.1), int(rng.integers(2**31))
-    document = random_design(rng, views, fiducials, published, nu, clear=int(rng.choice([0, 10])))
+    views, fiducials = int(rng.choice(VIEWS)), int(rng.choice(form.fiducials))
+    published, seed = bool(rng.random() < 0.1) and not form.triangulation, int(rng.integers(2**31))
+    document = random_design(
+        rng, views, fiducials, published, nu, int(rng.choice([0, 10])), form.estimator, form.triangulation, form.effects
+    )
     error, quantile = str(rng.choice(ERRORS)), float(rng.choice([0.95, 0.95, 0.95, 0.9, 0.99, 0.999]))
     judged_at = float(rng.choice(FACTORS))
 
@@ -150,6 +170,6 @@ def held_to_limits(rng: np.random.Generator, *, trials: int, judged_trials: int,
             if record.verdict == "pass" and abs(found / (TOLERATED * judged_at) - 1) < 4 * deviation + 0.003:
                 found, deviation = ratio(system, error, quantile, 8 * trials, seed)
     return Trial(
-        views, fiducials, published, quantile, computed.score.validity.status, least[0] is not None, found, deviation,
-        least, highest, sampled,
+        form, views, fiducials, published, quantile, computed.score.validity.status, least[0] is not None, found,
+        deviation, least, highest, sampled, document,
     )  # fmt: skip

@@ -12,12 +12,12 @@ expected at P95 is multiplied.
 
 from __future__ import annotations
 
-from math import degrees, inf
+from math import degrees, inf, pi
 from typing import Literal
 
 from ..estimation.checks import LINEAR
 from ..results import Validity
-from ..system import Estimator, RotationForm, System, Triangulation
+from ..system import Estimator, Law, RotationForm, System, Triangulation
 from .nonlinearity import Nonlinearity
 
 Level = Literal["good to 1 %", "good to 5 %", "good to 20 %"]
@@ -28,7 +28,10 @@ LEVELS: tuple[tuple[float, Level, float], ...] = (
     (0.08, "good to 5 %", 5.0),
     (0.15, "good to 20 %", 20.0),
 )
+# what nu does not see, and up to what size each level holds
 ROTATION_LIMITS_RAD = (0.1, 0.22, 0.45)  # 0.7 times their squares: 0.7, 3.4 and 14 %
+GROWTH_LIMITS = (0.005, 0.03, 0.12)  # of the structure by temperature, relative; it errs by as much
+KNOWN_INTRINSICS_LIMITS = (0.005, 0.03, 0.12)  # a known error that is believed, relative; it errs by up to 1.3 times it
 COUNTED = {4: 5.0, 5: 5.0, 6: 5.0, 7: 2.0, 8: 2.0}  # how often nu counts with so many fiducials
 # (quantile up to, how many times the error of P95 its error may be)
 QUANTILES = ((0.95, 1.0), (0.99, 2.5), (0.999, 6.0))
@@ -38,6 +41,9 @@ CALIBRATED_OF_POSE = (4, 40)  # of the estimators that know the intrinsics
 # (focal length, principal point in px) up to which intrinsics may be in doubt under pose_with_prior: nu does not see
 # them, and of 40 layouts beyond, two left their band (by -8 % at "good to 5 %" and by +3.5 % at "good to 1 %")
 CALIBRATED_PRIOR = (0.03, 30.0)
+# (mm, rad) standard deviation of a motion between the shots, which nu does not see either: with half-widths up to 0.3
+# mm and deg none of 200 layouts left its band, up to 0.5 four of 250 did, and at 9 mm P95 was 2.7 times first order's
+CALIBRATED_MOTION = (0.15, 0.15 * pi / 180)
 # the forms of triangulation that were sampled with each estimator
 CALIBRATED_FORMS: dict[Estimator, tuple[Triangulation, ...]] = {
     Estimator.DLT: (*LINEAR, Triangulation.WEIGHTED),
@@ -67,6 +73,33 @@ def _fewest_seen(system: System) -> int:
     return int(system.sees.sum(axis=1).min())
 
 
+def _largest_motion(system: System) -> tuple[float, float]:
+    """(mm, rad) of the motions between the shots: the largest standard deviation, half-width where it is bounded."""
+    largest = {"mm": 0.0, "rad": 0.0}
+    for view in system.views:
+        if view.motion is not None:
+            sources = view.motion.sources
+            for unit, law, std, half_width in zip(
+                sources.units, sources.laws, sources.std.tolist(), sources.half_width.tolist(), strict=True
+            ):
+                largest[unit] = max(largest[unit], half_width if law is Law.BOUNDED else std)
+    return largest["mm"], largest["rad"]
+
+
+def _largest_growth(system: System) -> float:
+    """How much the structure grows or shrinks at most, relative."""
+    heat = system.temperature
+    return 0.0 if heat is None else abs(heat.structure_per_k) * (abs(heat.difference_k) + heat.sources.half_width.sum())
+
+
+def _known_intrinsics(system: System) -> float:
+    """The largest known error of intrinsics that are believed, relative; 1000 px of the principal point count as 1."""
+    errors = [view.intrinsics_error for view in system.views if view.intrinsics_error is not None]
+    if not system.estimator.believes_intrinsics or not errors:
+        return 0.0
+    return max(float(abs(error.bias / (1.0, 1000.0, 1000.0)).max()) for error in errors)
+
+
 def _class_of(system: System) -> tuple[str, str]:
     """(the class of a system in words, why it was not calibrated or "")."""
     views, fiducials = len(system.views), _fewest_seen(system)
@@ -88,6 +121,12 @@ def _class_of(system: System) -> tuple[str, str]:
                 f"intrinsics that are known to {100 * focal:.3g} % and {centre:.3g} px "
                 f"(calibrated: to {100 * CALIBRATED_PRIOR[0]:g} % and {CALIBRATED_PRIOR[1]:g} px)"
             )
+    shift, turn = _largest_motion(system)
+    if shift > CALIBRATED_MOTION[0] or turn > CALIBRATED_MOTION[1]:
+        return words, (
+            f"a motion between the shots of {shift:.3g} mm and {degrees(turn):.3g} deg, standard deviation "
+            f"(calibrated: to {CALIBRATED_MOTION[0]:g} mm and {degrees(CALIBRATED_MOTION[1]):g} deg)"
+        )
     if system.rotation_form is not RotationForm.FULL:
         return words, "rotations in their small-angle form"
     return words, ""
@@ -108,6 +147,12 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
     )
     if rotation_rad > ROTATION_LIMITS_RAD[0]:
         counted += f", random rotations of {degrees(rotation_rad):.3g} deg"
+    growth, known = _largest_growth(system), _known_intrinsics(system)
+    if growth > GROWTH_LIMITS[0]:
+        counted += f", growth by temperature of {100 * growth:.2g} %"
+    if known > KNOWN_INTRINSICS_LIMITS[0]:
+        counted += f", intrinsics that are known to be {100 * known:.2g} % wrong"
+    unseen = zip(ROTATION_LIMITS_RAD, GROWTH_LIMITS, KNOWN_INTRINSICS_LIMITS, strict=True)
 
     def state(status: Level | Literal["not valid"], percent: float | None, statement: str) -> Validity:
         return Validity(
@@ -130,8 +175,8 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
             f"{counted}; first order was not calibrated for {uncalibrated}: what its P95 is worth is not known, and "
             "only Monte Carlo (`tailstack verify`) decides",
         )
-    for (limit, status, percent), turn in zip(LEVELS, ROTATION_LIMITS_RAD, strict=True):
-        if times * numbers.nu <= limit and rotation_rad <= turn:
+    for (limit, status, percent), (turn, grown, wrong) in zip(LEVELS, unseen, strict=True):
+        if times * numbers.nu <= limit and rotation_rad <= turn and growth <= grown and known <= wrong:
             return state(
                 status,
                 percent,
@@ -141,7 +186,8 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
     return state(
         "not valid",
         None,
-        f"{counted}, beyond {LEVELS[-1][0]:g} or {degrees(ROTATION_LIMITS_RAD[-1]):.0f} deg: first order may be "
-        "optimistic here by a factor and its P95 must not be used; only Monte Carlo (`tailstack verify`) speaks"
+        f"{counted}, beyond nu = {LEVELS[-1][0]:g}, {degrees(ROTATION_LIMITS_RAD[-1]):.0f} deg or "
+        f"{100 * GROWTH_LIMITS[-1]:g} %: first order may be optimistic here by a factor and its P95 must not be used; "
+        "only Monte Carlo (`tailstack verify`) speaks"
         + (", and beyond nu = 0.2 not even the standard deviation exists" if numbers.divisor > LEVELS[-1][0] else ""),
     )
