@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from pathlib import Path
@@ -15,6 +15,7 @@ import pytest
 import strange_units
 from dask_cluster import Cluster
 from strange_units import request
+from worker_scenes import LONG, until
 
 from tailstack import load_design
 from tailstack_service.documents import to_json
@@ -31,18 +32,9 @@ from tailstack_service.task import Task
 if TYPE_CHECKING:
     from tailstack_service.jobs.engines.dask import DaskEngine
 
-LONG = 60.0  # s, for what takes a few
-
 
 def task(do: str = "answer", **options: object) -> Task:
     return Task("verification", request(do, **options), b'{"unit":0}')
-
-
-def until(condition: Callable[[], object], seconds: float = LONG) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def children(cluster: Cluster) -> list[psutil.Process]:
@@ -117,8 +109,7 @@ def test_a_table_of_designs_has_the_same_bytes_when_a_process_is_killed_over_it(
     with closing(DaskEngine(Settings(**dask_cluster.settings))) as engine, ThreadPoolExecutor(1) as pool:
         until(lambda: engine.capacity == 2)
         answer = pool.submit(compute_job, engine, "batch", job.content)
-        until(lambda: burning(dask_cluster))
-        burning(dask_cluster)[0].kill()
+        until(lambda: burning(dask_cluster))[0].kill()
         found = answer.result(3 * LONG)
     options = operation.options.model_validate({"table": table})
     assert found == to_json(operation.run(Call((load_design(EXAMPLE_DESIGN),), options)))

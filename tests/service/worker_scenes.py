@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import psutil
 import strange_units
@@ -26,9 +26,10 @@ from tailstack_service.jobs.worker import Worker
 from tailstack_service.processes.interpreter import make_environment
 from tailstack_service.settings import Settings
 
-LONG = 60.0  # s, for what takes a few at most
+LONG = 180.0  # s, for what takes a few at most on a machine of its own
 VERSION = "1.0"
 TENANT = "acme"
+T = TypeVar("T")
 QUICK: dict[str, Any] = {"lease_seconds": 1.0, "poll_seconds": 0.01, "worker_processes": 2}
 
 PROGRAM = """
@@ -42,11 +43,13 @@ run_worker(load_settings(), function=os.environ["FUNCTION"], solver_version=os.e
 """
 
 
-def until(condition: Callable[[], object], seconds: float = LONG) -> None:
+def until(condition: Callable[[], T], seconds: float = LONG) -> T:
+    """What the condition gives once it is true."""
     deadline = time.monotonic() + seconds
-    while not condition():
+    while not (found := condition()):
         assert time.monotonic() < deadline
         time.sleep(0.01)
+    return found
 
 
 def submit(db: Database, request: bytes, **changes: Any) -> Job:
