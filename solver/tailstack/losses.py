@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations
 from math import inf
 from typing import NamedTuple
@@ -37,6 +38,7 @@ MARGIN, MARGIN_BEYOND_P95 = 0.025, 0.06
 P95 = 0.95
 SLOPE = 0.1  # by which it may rank a loss too low beside another, per relative difference of the covariances
 ALIKE = 1e-9  # losses whose cumulants differ by less are one by symmetry
+MODELS = 2048  # linear models without lost fiducials that are kept: those of 30 fiducials at four targets, 50 MB
 WORSE = 10.0  # only a loss that multiplies the quantile by so much may leave a structure that determines nothing
 
 
@@ -86,6 +88,8 @@ class LossSearch:
         # What moves all images of a view together has a known part: with the fiducials, the mean changes as well.
         self.mean_changes = bool(self.system.common_shifts) or any(error is not None for error in chain.intrinsics)
         self._images: dict[int, tuple[Array, Array]] = {}
+        # Ranks, mixtures, and every requirement and error ask for the same ones.
+        self._linearise = lru_cache(maxsize=MODELS)(self._linearise_without)
 
     def images(self, lost: int) -> tuple[Array, Array]:
         """The losses of so many, kept (S, N), and the covariances (T, S, 3, 3) mm^2 in con of what acts through the
@@ -109,7 +113,10 @@ class LossSearch:
 
     def model_without(self, name: str, kept: Array) -> LinearModel:
         """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number is that of all."""
-        whole, rest = self.models[name], replace(self.chain, weights=self.chain.weights * kept)
+        return self._linearise(name, kept.tobytes())
+
+    def _linearise_without(self, name: str, kept: bytes) -> LinearModel:
+        whole, rest = self.models[name], replace(self.chain, weights=self.chain.weights * np.frombuffer(kept))
         return linearise_at(rest, whole.target, whole.nonlinearity)
 
     def labels(self, kept: Array) -> tuple[str, ...]:
