@@ -13,10 +13,9 @@ import yaml
 
 from ..arrays import Array
 from ..errors import DesignError, LimitError, Problem
+from ..geometry.camera import turn_view
 from ..json_text import write_json
-from .document import (
-    FiducialPoint,
-)
+from .document import DistanceView, FiducialPoint, PresetView
 from .fiducial_files import FORMATS, FiducialList, read_fiducials, write_fiducials
 from .loading import (
     Design,
@@ -47,6 +46,15 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
         )
         document = document.model_copy(update={"fiducials": fiducials})
     return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+def turn_entry(
+    entry: Mapping[str, Any], view: PresetView | DistanceView, right_deg: float, up_deg: float
+) -> dict[str, Any]:
+    """What a document says of a view, turned with its image to the right and up (``turn_view``)."""
+    beam, up = turn_view(np.array(view.beam), np.array(view.up_direction), right_deg, up_deg)
+    rest = {name: value for name, value in entry.items() if name != "orientation"}
+    return rest | {"beam_direction": list(beam), "up_direction": list(up)}
 
 
 def design_to_json(design: Design, *, inline: bool = True) -> str:

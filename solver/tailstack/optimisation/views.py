@@ -18,11 +18,12 @@ from ..design import Design
 from ..design.document import PresetView
 from ..design.optimise_document import AddedView, FreeView
 from ..design.presets import PRESETS
+from ..design.write import turn_entry
 from ..errors import NotConvergedError, TailstackError
 from ..geometry.camera import list_turns, turn_view
 from ..geometry.rotation import unit
-from ..results import AimedView, Vector3, ViewSearch
-from ..scoring import score_errors
+from ..results import AimedView, ViewSearch
+from ..scoring import score_errors, vector3
 from ..system import Requirement
 from .request import read_request
 from .search import SAME, Control
@@ -99,9 +100,7 @@ class AimSearch:
         for free, aim in zip(self.free, aims, strict=True):
             place, view = find_view(self.design, free.view)
             if aim.right_deg or aim.up_deg:
-                written[place].pop("orientation", None)
-                turned = turn_view(np.array(view.beam), np.array(view.up_direction), aim.right_deg, aim.up_deg)
-                written[place]["beam_direction"], written[place]["up_direction"] = map(list, turned)
+                written[place] = turn_entry(written[place], view, aim.right_deg, aim.up_deg)
             if aim.source_isocentre_mm != _present_distance(self.design, free.view):
                 written[place]["source_isocentre_mm"] = aim.source_isocentre_mm
         return self.design.with_value("/views", written)
@@ -198,14 +197,9 @@ def _present_distance(design: Design, name: str) -> float:
 def _compare(design: Design, name: str, aim: Aim, before_mm: float) -> AimedView:
     view = find_view(design, name)[1]
     beam, up = np.array(view.beam, dtype=float), np.array(view.up_direction)
-    turned = turn_view(beam, up, aim.right_deg, aim.up_deg)[0] if aim.right_deg or aim.up_deg else view.beam
-    angle = degrees(acos(min(float(unit(beam) @ unit(np.array(turned, dtype=float))), 1.0)))
-    return AimedView(name, angle, _vector(view.beam), _vector(turned), before_mm, aim.source_isocentre_mm)
-
-
-def _vector(values: Any) -> Vector3:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
+    turned = np.array(turn_view(beam, up, aim.right_deg, aim.up_deg)[0]) if aim.right_deg or aim.up_deg else beam
+    angle = degrees(acos(min(float(unit(beam) @ unit(turned)), 1.0)))
+    return AimedView(name, angle, vector3(beam), vector3(turned), before_mm, aim.source_isocentre_mm)
 
 
 def _record(

@@ -16,8 +16,9 @@ import numpy as np
 from ..arrays import Array
 from ..design import Design, compile_design
 from ..design.document import DistanceView, PresetView
+from ..design.write import turn_entry
 from ..errors import Problem, StudyError, TailstackError, describe_refusal
-from ..geometry.camera import list_turns, principal_ray, turn_view
+from ..geometry.camera import list_turns, principal_ray
 from ..geometry.rotation import unit
 from ..results import ERRORS, Provenance, Vector3
 from ..scoring import provenance, score_errors
@@ -139,9 +140,8 @@ def study_views(
     def scan(place: int, turns: list[tuple[float, float]], further: bool) -> Iterator[BeamDirection]:
         view: Any = design.document.views[place]
         for right_deg, up_deg in turns:
-            beam, up = turn_view(np.array(view.beam), np.array(view.up_direction), right_deg, up_deg)
-            kept = {field: value for field, value in written[place].items() if field != "orientation"}
-            turned = {**kept, "beam_direction": list(beam), "up_direction": list(up)}
+            turned = turn_entry(written[place], view, right_deg, up_deg)
+            beam, up = tuple(turned["beam_direction"]), tuple(turned["up_direction"])
             p95_mm, target, reason = None, None, None
             try:
                 if further:
@@ -236,10 +236,8 @@ def _read_map(
     )
     numbers = f"P95 from {designed[0]:.3f} to {p95_mm:.3f} mm"
     beam = f"beam_direction {list(best.beam_direction)}"
-    gain, from_others = (
-        1 - p95_mm / designed[0],
-        ", ".join(f"{one.angle_deg:.0f} deg from {one.view}" for one in angles),
-    )
+    gain = 1 - p95_mm / designed[0]
+    from_others = ", ".join(f"{one.angle_deg:.0f} deg from {one.view}" for one in angles)
     if gain < HARDLY:
         how, where = ("Turning", f" within {cone_deg:g} deg") if ordinal is None else ("Adding", "")
         said = f"{how} {what} buys next to nothing: no direction{where} lowers P95 by as much as 1 %."
