@@ -1,4 +1,4 @@
-"""What every test is held to: it leaves the process as it found it."""
+"""Which tests run, and what every test is held to: it leaves the process as it found it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,55 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("tailstack", deadline=None)  # a busy machine is no failure
+settings.load_profile("tailstack")
 
 PYTEST_OWN = "PYTEST_CURRENT_TEST"  # pytest writes it before each phase of a test
 OUR_LOGGERS = ("tailstack", "tailstack_service")
+LEFT_OUT = pytest.StashKey[int]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--short", action="store_true", help="leave out what is marked as long")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        "markers",
+        "long(*cases, but=()): left out of the short tier: the whole test, the cases named, or all but those in `but`",
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--short"):
+        long = [item for item in items if is_long(item)]
+        config.stash[LEFT_OUT] = len(long)
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if not is_long(item)]
+
+
+def is_long(item: pytest.Item) -> bool:
+    """Whether a mark of the test names this case of it."""
+    case = item.name.partition("[")[2][:-1]
+    marks = list(item.iter_markers("long"))
+    return any(case in mark.args if mark.args else case not in mark.kwargs.get("but", ()) for mark in marks)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if hasattr(session.config, "workeroutput"):  # a process of xdist tells the one that started it
+        session.config.workeroutput["left_out"] = session.config.stash.get(LEFT_OUT, 0)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    node.config.stash[LEFT_OUT] = getattr(node, "workeroutput", {}).get("left_out", 0)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if left_out := config.stash.get(LEFT_OUT, 0):
+        terminalreporter.write_line(f"{left_out} tests were left out, which are long; all of them: ./run test --all")
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +68,7 @@ def leaves_the_process_as_it_was() -> Iterator[None]:
     a hundred tests die of an illegal instruction.
     """
     environment, directory, path = _environment(), os.getcwd(), list(sys.path)
-    levels, disabled = _log_levels(), logging.root.manager.disable
+    levels, disabled, modules = _log_levels(), logging.root.manager.disable, set(sys.modules)
     yield
     changes = []
     if (now := _environment()) != environment:
@@ -37,6 +83,9 @@ def leaves_the_process_as_it_was() -> Iterator[None]:
         changes += [f"sys.path was {path}, is {sys.path}"]
         sys.path[:] = path
     known = {name: logging.NOTSET for name in _log_levels() if name.split(".")[0] in OUR_LOGGERS} | levels
+    # A library that is imported here for the first time in this process may set its own level: distributed does
+    imported = sys.modules.keys() - modules
+    known = {name: level for name, level in known.items() if name.split(".")[0] not in imported}
     now_levels = {name: logging.getLogger(name).level for name in known}
     if now_levels != known:
         changes += _differences("log level of", known, now_levels)

@@ -78,6 +78,7 @@ data = st.recursive(
 PLACES = [(stem, path) for stem, document in sorted(ALL.items()) for path in paths(document)]
 
 
+@pytest.mark.long
 @settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.sampled_from(PLACES), data)
 def test_any_value_in_any_field(place, value):
@@ -85,6 +86,7 @@ def test_any_value_in_any_field(place, value):
     attempt(replaced(ALL[stem], path, value) if path else {"value": value})
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(PLACES), st.floats() | st.integers(-3, 3)), min_size=1, max_size=6))
 def test_any_numbers_in_several_fields(changes):

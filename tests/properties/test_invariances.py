@@ -97,6 +97,7 @@ def noise_only(system: System) -> System:
     )  # fmt: skip
 
 
+@pytest.mark.long
 @few
 @given(seeds)
 def test_score_does_not_see_a_change_of_connector_frame(seed):
@@ -118,6 +119,7 @@ def test_simulation_does_not_see_a_change_of_connector_frame(seed):
     assert two.worst_mm == pytest.approx(one.worst_mm, rel=1e-6)
 
 
+@pytest.mark.long
 @few
 @given(seeds, st.floats(0.01, 100.0))
 def test_units_change_nothing_but_the_unit(seed, factor):
@@ -129,6 +131,7 @@ def test_units_change_nothing_but_the_unit(seed, factor):
     assert other_drawn.p95_mm == pytest.approx(factor * drawn.p95_mm, rel=1e-7)
 
 
+@pytest.mark.long
 @few
 @given(seeds)
 def test_order_of_fiducials_and_of_views_does_not_matter(seed):
@@ -158,6 +161,7 @@ def test_one_seed_is_one_answer_for_any_threads(seed, threads):
         assert np.array_equal(a.scatter, b.scatter)
 
 
+@pytest.mark.long
 @few
 @given(seeds, st.floats(1.01, 3.0))
 def test_more_noise_is_never_less_risk(seed, factor):

@@ -42,6 +42,7 @@ def test_threads_reach_no_digit(threads: int) -> None:
     same(first, simulate(system, trials=50_001, seed=9, threads=threads, reprojection=True))
 
 
+@pytest.mark.long
 def test_threads_reach_no_digit_where_trials_are_redone() -> None:
     first = simulate(broken_system(), trials=20_000, seed=9, threads=1)
     assert first.redone > 1000

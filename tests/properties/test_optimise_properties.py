@@ -53,6 +53,7 @@ def _best(problem: PlacementProblem, starts: int = 2, seed: int = 4) -> float:
     return objective_for_people(found.program, found.iterates[0].point.objective)
 
 
+@pytest.mark.long
 def test_the_currency_does_not_matter() -> None:
     """property: all prices times 1000 give the same design at 1000 times the cost."""
     problem = replace(_small(), places=places_in_box((1, 4)))
@@ -110,6 +111,7 @@ def _times(problem: PlacementProblem, factor: float) -> PlacementProblem:
     )  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 def test_the_unit_of_length_does_not_matter(factor: float) -> None:
     """property: a scene ten times as large, limit and all, has the same rotations and a layout ten times as large."""
@@ -121,6 +123,7 @@ def test_the_unit_of_length_does_not_matter(factor: float) -> None:
     np.testing.assert_allclose(second.choice.fiducials_mm, first.choice.fiducials_mm * factor, atol=0.05 * factor)
 
 
+@pytest.mark.long
 def test_a_looser_limit_never_costs_more() -> None:
     """property: the feasible set grows with the limit; the search from the same starts, to 2e-4."""
     fixed = fixed_layout(_small(8), cube_fiducials())
@@ -132,6 +135,7 @@ def test_a_looser_limit_never_costs_more() -> None:
     assert moving == sorted(moving, reverse=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["narrow", "ruled", "some fixed", "mirrored", "kept out"])
 def test_freedom_never_costs(name: str) -> None:
     """property: with a larger box or fewer rules, from the optimum with less freedom or the same starts, no more."""
@@ -153,6 +157,7 @@ def test_freedom_never_costs(name: str) -> None:
     assert more <= less.cost * (1 + 2e-4)  # closed form against exact law, one of them not polished
 
 
+@pytest.mark.long
 def test_more_starts_never_cost_more_and_each_start_is_its_own() -> None:
     """property: start k depends on the seed and on k, not on how many there are."""
     problem = replace(_small(limit_mm=1.0), places=places_in_box((1, 4)))
@@ -167,6 +172,7 @@ def test_more_starts_never_cost_more_and_each_start_is_its_own() -> None:
     assert searches[2].optima[0].first_start in range(4)
 
 
+@pytest.mark.long
 def test_threads_do_not_change_the_design() -> None:
     """property: bit for bit."""
     problem = replace(_small(), places=places_in_box((1, 4)))
@@ -176,6 +182,7 @@ def test_threads_do_not_change_the_design() -> None:
     assert first.cost == second.cost
 
 
+@pytest.mark.long
 def test_stopped_after_the_second_start_the_best_so_far_is_settled() -> None:
     """independent: the score of what was found; it says that it was stopped."""
     problem = _small()
@@ -197,6 +204,7 @@ def test_stopped_after_the_second_start_the_best_so_far_is_settled() -> None:
     assert two.stopped == "all 2 starts were solved"
 
 
+@pytest.mark.long
 def test_the_order_of_the_fiducials_does_not_matter() -> None:
     """property: fiducials permuted, started from the permuted optimum: the same cost."""
     problem = _small()
@@ -238,6 +246,7 @@ def test_a_rigid_motion_of_the_scene_does_not_matter() -> None:
     np.testing.assert_allclose(second.choice.half_width, first.choice.half_width, rtol=1e-4)
 
 
+@pytest.mark.long
 def test_a_shift_of_the_scene_moves_the_layout_with_it() -> None:
     """property: everything and the box shifted; started from the shifted optimum, the shifted optimum again."""
     problem = _small()
@@ -262,6 +271,7 @@ def test_a_shift_of_the_scene_moves_the_layout_with_it() -> None:
     np.testing.assert_allclose(second.choice.half_width, first.choice.half_width, rtol=1e-3)
 
 
+@pytest.mark.long
 def test_every_target_keeps_the_limit_and_only_binding_ones_enter() -> None:
     """property: of six targets those that bind are found, and none of the others is left above the limit."""
     problem = fixed_layout(oracle_problem(8, 1.0), cube_fiducials())
@@ -279,6 +289,7 @@ def test_every_target_keeps_the_limit_and_only_binding_ones_enter() -> None:
     assert len(solution.program.terms) < 6
 
 
+@pytest.mark.long
 def test_a_search_of_one_solution_settles_again_to_the_same() -> None:
     """property: settling is idempotent."""
     problem = _small()

@@ -32,6 +32,7 @@ def seen(db: Database, **choice: Any) -> list[tuple[str, str, str]]:
     return [(e.action, e.tenant, e.subject) for e in audit.list_entries(db, limit=10_000, **choice)]
 
 
+@pytest.mark.long("postgresql")
 def test_an_operator_who_makes_and_revokes_keys_is_named(
     store: Database, command: Callable[..., tuple[int, str, str]]
 ) -> None:
@@ -128,6 +129,7 @@ def gate(client: httpx.Client, **changes: Any) -> None:
     assert response.status_code == 200, response.text
 
 
+@pytest.mark.long
 def test_a_key_that_is_used_and_a_policy_that_is_changed_over_http(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'jobs.sqlite3'}"
     db = open_database(url, migrate=True)
@@ -159,6 +161,7 @@ def test_a_key_that_is_used_and_a_policy_that_is_changed_over_http(tmp_path: Pat
     assert secret[17:] not in repr(found)
 
 
+@pytest.mark.long
 def test_a_gate_is_answered_where_it_cannot_be_noted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 
 from tailstack.propagation.nonlinearity import Nonlinearity
 from validity_trials import Trial, held_to_limits
@@ -19,6 +20,7 @@ def sample(seed: int, designs: int) -> list[Trial]:
     return [held_to_limits(rng, trials=8192, judged_trials=0, nu=(0.003, 0.03)) for _ in range(designs)]
 
 
+@pytest.mark.long
 def test_auto_passes_no_design_that_misses_its_limit_by_a_per_cent() -> None:
     """sampled: the chain against first order in the same deviates, with no guard band about a limit.
 
@@ -32,6 +34,7 @@ def test_auto_passes_no_design_that_misses_its_limit_by_a_per_cent() -> None:
     assert [trial for trial in trials if trial.wrong(0)] == []
 
 
+@pytest.mark.long
 def test_the_sample_finds_wrong_passes_where_disagreement_is_left_out() -> None:
     """The power of the test above: with the validity number as it was, depth and crossing alone."""
     with patch.object(Nonlinearity, "nu", property(lambda numbers: numbers.divisor)):

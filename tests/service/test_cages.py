@@ -75,6 +75,7 @@ def test_nothing_is_written_of_a_wish_that_cannot_be_met(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_cages_over_http(client: httpx.Client) -> None:
     body = {"format": "csv", "content": FRAME, "xmalab": "cm", "to": "yaml"}
     answer = client.post("/v1/conversions", json=body).json()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from chaos import Report, requests, run_chaos
 from dask_cluster import Cluster
 from postgres import Server
@@ -21,6 +22,7 @@ def check(report: Report, kinds: set[str]) -> None:
     assert report.units_begun >= report.units_needed
 
 
+@pytest.mark.long
 def test_a_service_and_a_worker_on_sqlite(tmp_path: Path) -> None:
     """A check, a sweep, a search from several starts."""
     kinds = {"worker", "frozen worker", "server", "computing process", "deleted file", "clock jump", "abandoned gates"}
@@ -30,6 +32,7 @@ def test_a_service_and_a_worker_on_sqlite(tmp_path: Path) -> None:
     assert len(report.looks) == 3
 
 
+@pytest.mark.long
 def test_two_workers_on_postgresql(postgres_server: Server, postgres_url: str, tmp_path: Path) -> None:
     kinds = ("database", "frozen database", "worker", "computing process")
     report = run_chaos(
@@ -39,6 +42,7 @@ def test_two_workers_on_postgresql(postgres_server: Server, postgres_url: str, t
     check(report, set(kinds))
 
 
+@pytest.mark.long
 def test_two_workers_with_dask(dask_cluster: Cluster, tmp_path: Path) -> None:
     kinds = ("Dask worker", "Dask scheduler", "worker")
     dask_cluster.revive()

@@ -43,6 +43,7 @@ def run(code: str, folder: Path, **environment: str) -> subprocess.CompletedProc
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_neither_a_home_that_cannot_be_written_nor_settings_beside_the_design_change_a_chart(tmp_path: Path) -> None:
     (tmp_path / "matplotlibrc").write_text("font.size: 31\nlines.linewidth: 9\naxes.facecolor: red\n")
     drawn = run(DRAW, tmp_path, HOME="/proc/nobody", XDG_CONFIG_HOME="/proc/nobody")
@@ -51,6 +52,7 @@ def test_neither_a_home_that_cannot_be_written_nor_settings_beside_the_design_ch
     assert [path.name for path in tmp_path.iterdir()] == ["matplotlibrc"]
 
 
+@pytest.mark.long
 def test_the_list_of_fonts_is_kept_in_our_own_cache(tmp_path: Path) -> None:
     run(DRAW, tmp_path, HOME=str(tmp_path / "home"))
     made = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*"))
@@ -58,6 +60,7 @@ def test_the_list_of_fonts_is_kept_in_our_own_cache(tmp_path: Path) -> None:
     assert all(name.startswith("home/.cache/tailstack/matplotlib") for name in made[4:])
 
 
+@pytest.mark.long
 def test_a_command_that_draws_nothing_does_not_import_matplotlib(tmp_path: Path) -> None:
     code = f"""
 import sys

@@ -222,6 +222,7 @@ def test_another_target_of_a_region(call: Any) -> None:
     assert "workspace[0]" in err
 
 
+@pytest.mark.long("slicer_markups.yaml")
 @pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.yaml")))
 def test_examples_are_scored_within_80_columns(call: Any, name: str) -> None:
     code, out, _ = call("score", str(EXAMPLES / name), "--second-order")
@@ -261,6 +262,7 @@ def test_the_verdict_of_the_check_is_the_exit_code(call: Any, tmp_path: Path, li
     assert call("verify", path, "--trials", "2000")[0] == code
 
 
+@pytest.mark.long
 def test_optimise_writes_a_design_that_scores_within_its_limit(call: Any, tmp_path: Path) -> None:
     design = str(write_json(tmp_path / "design.json", small_design()))
     new = tmp_path / "new.yaml"
@@ -276,6 +278,7 @@ def test_optimise_writes_a_design_that_scores_within_its_limit(call: Any, tmp_pa
     assert names == ["design.json", "new.yaml", "tailstack-design.schema.json"]
 
 
+@pytest.mark.long
 def test_an_infeasible_limit_is_1_and_explained(call: Any, tmp_path: Path) -> None:
     design = str(write_json(tmp_path / "design.json", limited(0.01)))
     code, out, err = call("optimise", design, "--starts", "1")

@@ -47,6 +47,7 @@ def stored(place: Path) -> set[str]:
     return {path.name.rpartition("-")[0] for path in place.glob("*.kernel")}
 
 
+@pytest.mark.long
 def test_what_a_command_needs_is_compiled_once_and_counted(tmp_path: Path) -> None:
     first = start(tmp_path)
     out, err = first.communicate(timeout=600)
@@ -57,6 +58,7 @@ def test_what_a_command_needs_is_compiled_once_and_counted(tmp_path: Path) -> No
     assert (json.loads(out), err) == ([0, 2], "")
 
 
+@pytest.mark.long
 def test_two_first_commands_at_once_leave_whole_files(tmp_path: Path) -> None:
     started = [start(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) for _ in range(2)]
     assert [json.loads(process.communicate(timeout=600)[0]) for process in started] == [[0, 2], [0, 2]]
@@ -65,6 +67,7 @@ def test_two_first_commands_at_once_leave_whole_files(tmp_path: Path) -> None:
     assert stored(place) >= {"tail.lattice.balls", "tail.spectrum._law_fault", "tail.declared.column_slopes"}
 
 
+@pytest.mark.long
 def test_without_a_place_to_keep_them_they_are_compiled_beside_all_the_same(tmp_path: Path) -> None:
     (tmp_path / "home").touch()  # no folder can be made in it
     process = start(tmp_path / "home", TMPDIR=str(tmp_path))

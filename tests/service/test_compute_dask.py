@@ -68,6 +68,7 @@ def engine(dask_cluster: Cluster) -> Iterator[DaskEngine]:
         yield engine
 
 
+@pytest.mark.long
 def test_tasks_are_computed_and_nothing_stays_in_the_cluster(dask_cluster: Cluster, engine: DaskEngine) -> None:
     from distributed import Client
 
@@ -95,6 +96,7 @@ def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cl
     assert [worker.pid for worker in dask_cluster.workers if worker and worker.poll() is None] == before
 
 
+@pytest.mark.long
 def test_a_table_of_designs_has_the_same_bytes_when_a_process_is_killed_over_it(dask_cluster: Cluster) -> None:
     """independent: the record computed in this process."""
     from tailstack_service.jobs.engines.dask import DaskEngine
@@ -115,6 +117,7 @@ def test_a_table_of_designs_has_the_same_bytes_when_a_process_is_killed_over_it(
     assert found == to_json(operation.run(Call((load_design(EXAMPLE_DESIGN),), options)))
 
 
+@pytest.mark.long
 def test_a_kill_stops_the_process_beside_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:
     future = engine.submit(task("burn"), "burn")
     burners: list[psutil.Process] = []
@@ -132,6 +135,7 @@ def test_processes_beside_dask_workers_compute_with_one_thread(dask_cluster: Clu
     assert all(child.environ()["OMP_NUM_THREADS"] == "1" for child in children(dask_cluster))
 
 
+@pytest.mark.long
 def test_a_lost_dask_worker_costs_only_time(dask_cluster: Cluster, engine: DaskEngine) -> None:
     """The scheduler gives what it computed to the other one."""
     futures = [engine.submit(task("sleep", seconds=1.0, n=number), f"lost-{number}") for number in range(2)]
@@ -143,6 +147,7 @@ def test_a_lost_dask_worker_costs_only_time(dask_cluster: Cluster, engine: DaskE
     until(lambda: engine.capacity == 2)
 
 
+@pytest.mark.long
 def test_a_lost_scheduler_gives_everything_back_and_is_found_again(dask_cluster: Cluster, engine: DaskEngine) -> None:
     from tailstack_service.processes.frames import GivenBack
 
@@ -162,6 +167,7 @@ def test_a_lost_scheduler_gives_everything_back_and_is_found_again(dask_cluster:
     assert engine.submit(task(), "found").result(LONG).result
 
 
+@pytest.mark.long
 def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster) -> None:
     from tailstack_service.jobs.engines.dask import DaskEngine
     from tailstack_service.processes.frames import GivenBack

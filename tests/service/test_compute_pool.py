@@ -117,6 +117,7 @@ def test_a_defect_comes_with_its_traceback(pool: PoolEngine) -> None:
     assert "strange_units.py" in str(caught.value)
 
 
+@pytest.mark.long
 def test_a_kill_stops_the_process_at_once(pool: PoolEngine) -> None:
     future = pool.submit(task("burn"), "burn")
     until(lambda: pool.seconds(future) > 0.2)
@@ -176,6 +177,7 @@ def test_environment_of_heavy_loops(pool: PoolEngine) -> None:
         assert told[name] == "1"
 
 
+@pytest.mark.long
 def test_a_process_is_replaced_after_many_tasks() -> None:
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine:
         first = engine.pids()
@@ -262,6 +264,7 @@ def test_a_process_whose_parent_is_already_another_leaves() -> None:
 # --- signs of life --------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_process_that_stands_still_is_killed_and_one_that_computes_is_not(tmp_path: Path) -> None:
     note = tmp_path / "note"
     with closing(PoolEngine(2, function=strange_units.FUNCTION, hang_seconds=2.0)) as engine:
@@ -282,6 +285,7 @@ def test_a_process_that_stands_still_is_killed_and_one_that_computes_is_not(tmp_
         assert engine.submit(task(), "next").result(LONG).result is not None
 
 
+@pytest.mark.long
 def test_a_task_that_is_too_large_for_the_pipe_of_a_process_that_stands_still() -> None:
     """The worker is still writing it when the process stops reading."""
     with closing(PoolEngine(1, function=strange_units.FUNCTION, hang_seconds=2.0)) as engine:

@@ -151,6 +151,7 @@ def test_a_decimal_comma_between_braces_is_pointed_at_in_a_body_of_yaml(client: 
     assert entry["line"] == next(k for k, line in enumerate(text.splitlines(), 1) if "0,10" in line)
 
 
+@pytest.mark.long
 def test_json_around_a_design_that_is_sent_as_yaml(client: httpx.Client) -> None:
     body = json.dumps({"design": small_design()}).encode()
     found = check_problem(client.post("/v1/scores", content=body, headers=YAML), 422, "invalid-design")

@@ -33,6 +33,7 @@ def change(db: Database, statement: str, value: bytes) -> None:
 # --- over HTTP, with a worker ---------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_changed_result_is_refused_its_job_says_so_and_asked_again_it_is_computed_anew(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

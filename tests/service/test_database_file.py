@@ -85,6 +85,7 @@ def without(path: Path) -> Iterator[None]:
         os.replace(kept, path)
 
 
+@pytest.mark.long
 def test_nothing_is_written_into_a_file_that_was_deleted(client: httpx.Client, disk: Path) -> None:
     path, before = disk / "jobs.sqlite3", count(client)
     job = accept(client)

@@ -25,6 +25,7 @@ from tailstack_service.console.remote import RemoteError, Service
 from tailstack_service.schemas import json_schema
 
 
+@pytest.mark.long
 def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixture[str], loggers: None) -> None:
     assert main(["demo", "--full", "-o", str(tmp_path / "out" / "demo")]) == 0
     out, err = capsys.readouterr()
@@ -49,6 +50,7 @@ def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["score", str(written / "optimised.yaml")]) in (0, 4)
 
 
+@pytest.mark.long
 def test_the_demo_prints_the_lines_that_matter(tmp_path: Path) -> None:
     """Ten lines and the next command; the numbers are those of the documents that it wrote."""
     done = subprocess.run(
@@ -82,6 +84,7 @@ def test_the_design_of_the_demo_is_the_example() -> None:
     assert demo_text() == (EXAMPLES / "demo.yaml").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_an_interrupted_demo_leaves_nothing_behind(tmp_path: Path) -> None:
     path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
     process = subprocess.Popen(
@@ -135,6 +138,7 @@ def test_waiting_for_the_kernels_is_told_once_and_then_seldom(monkeypatch: pytes
         demo.wait_until_ready(cast(Service, Compiling(60.0)), told.append, seconds=0.1)
 
 
+@pytest.mark.long
 def test_a_demo_interrupted_while_it_compiles_ends_at_once(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tailstack_service.cli.main", "demo", "--full", "-o", str(tmp_path / "demo")]
     variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -30,6 +30,7 @@ def excerpts() -> ModuleType:
     return module
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", FOLLOWED, ids=lambda page: page.stem)
 def test_a_page_quotes_what_its_commands_print(excerpts: ModuleType, page: Path) -> None:
     assert excerpts.check(page, write=False) == []

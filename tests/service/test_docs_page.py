@@ -38,6 +38,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.mark.long
 def test_every_operation_is_shown_and_a_score_can_be_tried(client: httpx.Client, browser: Any) -> None:
     """oracle: Chromium, which tells of everything that the policy of the page forbids."""
     operations = "[...document.querySelectorAll('.opblock')].map((part) => part.id)"

@@ -54,6 +54,7 @@ def is_outside(address: str) -> bool:
     )
 
 
+@pytest.mark.long
 def test_the_site_is_built_without_a_remark_and_holds_every_page(site: Path) -> None:
     pages = {page.relative_to(ROOT) for page in (*ROOT.glob("docs/**/*.md"), ROOT / "CHANGELOG.md")}
     assert {page for page in pages if not (site / page).with_suffix(".html").is_file()} == set()
@@ -120,6 +121,7 @@ def test_the_index_of_doors_links_to_every_page_of_a_door() -> None:
 # --- figures and results --------------------------------------------------------------------------
 
 
+@pytest.mark.long("demo", "gallery")
 @pytest.mark.parametrize("name", ["overview", "demo", "gallery"])
 def test_the_figures_are_what_their_scripts_draw(name: str) -> None:
     done = run(f"docs/images/make_{name}.py", "--check")

@@ -143,6 +143,7 @@ def test_an_error_of_a_request_is_an_answer_and_the_thread_lives_on(client: Modu
     assert answers == ["no", "1"]
 
 
+@pytest.mark.long
 def test_an_optimisation_that_becomes_a_job_is_waited_for(client: ModuleType) -> None:
     states = iter(["queued", "running", "succeeded"])
 

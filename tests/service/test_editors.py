@@ -187,6 +187,7 @@ def place_of(text: str, words: str) -> tuple[int, int]:
     return before.count("\n"), len(before) - before.rfind("\n") - 1
 
 
+@pytest.mark.long
 def test_editor_finds_nothing_wrong_with_the_examples(editor_tools: None) -> None:
     with editor(EXAMPLES) as opened:
         assert {path.name: opened.open(path) for path in DOCUMENTS} == {path.name: [] for path in DOCUMENTS}
@@ -257,6 +258,7 @@ def test_editor_checks_a_design_that_was_written(session: Editor, tmp_path: Path
     assert any("limit_cm is not allowed" in each["message"] for each in session.open(wrong))
 
 
+@pytest.mark.long
 def test_a_folder_of_examples_stands_by_itself_in_an_editor(tmp_path: Path, editor_tools: None) -> None:
     """Policy and waivers, too: each line leads to a schema in the folder, and nothing is wrong."""
     folder = tmp_path / "gate"

@@ -50,6 +50,11 @@ def tailstack(*arguments: str, without: tuple[str, ...], folder: Path) -> subpro
     )  # fmt: skip
 
 
+@pytest.mark.long(
+    "report-study linearity demo.yaml --figure reach.svg",
+    "postgres-db check --database jobs",
+    "dask-worker --engine dask",
+)
 @pytest.mark.parametrize(
     ("extra", "arguments"),
     [
@@ -96,6 +101,7 @@ def test_a_refusal_can_be_read_by_programs(tmp_path: Path) -> None:
     assert problem["errors"][0]["hint"] == "pip install 'tailstack[optimise]'"
 
 
+@pytest.mark.long("score", "verify", "gate", "sweep", "report", "schema")
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -118,6 +124,7 @@ def test_the_core_alone_answers_as_the_whole_installation_does(arguments: tuple[
     assert alone.stdout == whole.stdout
 
 
+@pytest.mark.long
 def test_doctor_lists_what_is_left_out(tmp_path: Path) -> None:
     done = tailstack("doctor", without=MODULES_OF["serve"], folder=tmp_path)
     assert "not installed: serve (pip install 'tailstack[serve]')" in done.stdout
@@ -125,6 +132,7 @@ def test_doctor_lists_what_is_left_out(tmp_path: Path) -> None:
     assert done.returncode == 0
 
 
+@pytest.mark.long
 def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) -> None:
     (tmp_path / "sitecustomize.py").write_text(
         f"import sys; sys.modules.update(dict.fromkeys({(*MODULES_OF['optimise'], *MODULES_OF['report'])!r}))\n"
@@ -176,12 +184,14 @@ def locked_core() -> set[str]:
     return {plain(line) for line in re.findall(r"^[a-z].*==", lock, re.MULTILINE)}
 
 
+@pytest.mark.long
 def test_every_package_that_is_imported_belongs_to_the_core_or_to_an_extra() -> None:
     core = locked_core()
     strange = {name for name in third_party_imports() if name not in EVERYTHING and not distributions_of(name) & core}
     assert not strange
 
 
+@pytest.mark.long
 def test_the_extras_of_pyproject_bring_what_is_imported() -> None:
     extras = PROJECT["optional-dependencies"]
     assert set(extras) == {*MODULES_OF, "all"}

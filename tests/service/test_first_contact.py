@@ -133,6 +133,7 @@ def better(call: Any) -> tuple[Any, str]:
     return call, call("optimise", "design.yaml", "--starts", "1")[1]
 
 
+@pytest.mark.long
 def test_a_half_width_is_written_with_the_digits_that_it_has(better: tuple[Any, str]) -> None:
     """One of seven numbers of six decimals came back from radians as 0.16149600000000003."""
     call, out = better
@@ -161,6 +162,7 @@ def test_a_number_of_degrees_comes_back_as_it_was(width: str) -> None:
     assert repr(rx.half_width_deg) == width
 
 
+@pytest.mark.long
 def test_a_report_may_be_named(call: Any) -> None:
     assert call("report", "design.yaml", "-o", "mine.HTML", "--parts", "score")[1] == "mine.HTML\n"
     assert Path("mine.HTML").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")

@@ -44,6 +44,7 @@ def test_the_first_design_scores_and_passes(call: Any) -> None:
     assert text.count("#") > 10
 
 
+@pytest.mark.long
 def test_the_first_design_can_be_optimised(call: Any) -> None:
     call("init")
     code, _, err = call("optimise", "design.yaml", "--starts", "1", "-o", "better.yaml")

@@ -78,6 +78,7 @@ def points_of(design: dict[str, Any], before: str = "") -> dict[str, list[float]
     return {before + point["label"]: point["position_mm"] for point in design["fiducials"]["points"]}
 
 
+@pytest.mark.long
 def test_the_sheet_shows_the_p95_of_the_library_to_the_last_digit(course: dict[str, Any]) -> None:
     expected = score(load_design(course["design"]))
     shown = course["whole"]["score"]
@@ -172,6 +173,7 @@ def test_a_bead_that_an_expression_holds_is_named_and_nothing_is_moved(course: d
     assert course["refused"]["as it was"]
 
 
+@pytest.mark.long
 def test_without_a_service_it_says_how_to_start_one_and_nothing_waits(course: dict[str, Any]) -> None:
     assert "start it with: tailstack serve" in course["refused"]["no service"]
     assert course["refused"]["refresh_seconds"] < 1.0

@@ -33,6 +33,7 @@ TRUE_WITHIN_SECONDS = 3.0  # readiness, after the state has changed
 ANSWERED_WITHIN_SECONDS = 12.0  # anything that needs the database, 503 included
 
 
+@pytest.mark.long
 def test_a_transaction_gives_a_silent_server_up_and_the_next_one_works(
     postgres_server: Server, postgres_url: str
 ) -> None:
@@ -65,6 +66,7 @@ def ready(client: httpx.Client) -> tuple[int, str, float]:
     return answer.status_code, answer.json()["status"], time.monotonic() - begun
 
 
+@pytest.mark.long
 def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wakes(
     postgres_server: Server, postgres_url: str, tmp_path: Path
 ) -> None:
@@ -104,6 +106,7 @@ def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wake
         until(lambda: client.get(job).json()["state"] == "succeeded", 30)
 
 
+@pytest.mark.long
 def test_what_is_computed_while_the_database_stands_still_is_recorded_and_not_computed_again(
     postgres_server: Server, postgres_url: str, tmp_path: Path
 ) -> None:
@@ -126,6 +129,7 @@ def test_what_is_computed_while_the_database_stands_still_is_recorded_and_not_co
     assert begun == {0: 1, 1: 1, 2: 1}
 
 
+@pytest.mark.long
 def test_a_worker_stops_while_its_database_stands_still(
     postgres_server: Server, postgres_url: str, tmp_path: Path
 ) -> None:

@@ -35,6 +35,7 @@ def auto(factor: float, p95: float, **more: Any) -> GateRecord:
     return gate(limited(factor * p95), mode="auto", policy=policy(rules, verification={"max_trials": cap}), **more)
 
 
+@pytest.mark.long("0.95-fail-1-8192")
 @pytest.mark.parametrize(
     ("factor", "verdict", "code", "most"),
     [
@@ -62,6 +63,7 @@ def test_as_many_trials_as_the_decision_needs(
     assert (low > number.limit) == (verdict == "fail")
 
 
+@pytest.mark.long
 def test_verdicts_of_many_seeds_on_and_beyond_the_limit(p95: float) -> None:
     """sampled: 40 gates on the limit, stated at most 2.5 % wrong either way: more than 5 have a probability of 0.014;
     20 gates 4 % beyond it: every one is decided."""
@@ -147,6 +149,7 @@ def test_a_job_gives_the_very_record_of_the_sequential_test(p95: float) -> None:
     assert {json.loads(unit.spec)["of"] for unit in recorded} >= {0, 1}
 
 
+@pytest.mark.long
 def test_missed_beads_are_simulated_however_far_the_estimate_is_from_the_limit(p95: float) -> None:
     """The estimate, with all beads in every shot, is far within the limit and says nothing of the others."""
     design = clear(limited(1.5 * p95))

@@ -238,6 +238,7 @@ def test_nothing_is_computed_for_an_output_that_cannot_be_written(
     assert record().exit_code == 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("which", ["stdout", "stream"])
 def test_a_full_stream_leaves_no_pass_in_the_files(folder: Path, which: str) -> None:
     wanted = ["--format=text"] if which == "stdout" else ["--format=text=/dev/full"]
@@ -255,6 +256,7 @@ def test_a_full_stream_leaves_no_pass_in_the_files(folder: Path, which: str) -> 
     assert Path("/dev/full").is_char_device(), "a device is written to, never replaced"
 
 
+@pytest.mark.long
 def test_a_stdout_that_is_closed_leaves_no_pass_in_the_files(folder: Path) -> None:
     ran = subprocess.run(
         ["sh", "-c", '"$0" -m tailstack_service.cli.main "$@" >&-', sys.executable, "gate", "good.yaml",
@@ -268,6 +270,7 @@ def test_a_stdout_that_is_closed_leaves_no_pass_in_the_files(folder: Path) -> No
     assert (record().verdict, record().exit_code) == ("not evaluated", 3)
 
 
+@pytest.mark.long
 def test_a_device_that_stands_for_a_file_is_written_to_and_not_replaced(folder: Path) -> None:
     """/dev/stdout of a shell that writes to a file: a link of the system, which a rename would take away."""
     assert Path("/dev/stdout").is_symlink()
@@ -356,6 +359,7 @@ def test_a_killed_gate_leaves_files_that_say_so(folder: Path) -> None:
         assert "it is running, or it was killed" in text, name
 
 
+@pytest.mark.long
 def test_an_interrupted_process_leaves_with_130(folder: Path) -> None:
     code = (
         "import sys, time\n"

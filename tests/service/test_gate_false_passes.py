@@ -53,6 +53,7 @@ def test_the_interval_of_a_score_holds_what_an_independent_chain_found(name: str
     assert found.validity.status in ("good to 20 %", "not valid")
 
 
+@pytest.mark.long("plate_two_views")
 @pytest.mark.parametrize("name", CASES)
 def test_mode_auto_fails_what_verify_fails(name: str) -> None:
     document = limited(name, between(name))

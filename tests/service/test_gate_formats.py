@@ -152,6 +152,7 @@ def test_annotations_stay_within_what_github_shows() -> None:
     assert lines[-1].endswith("(exit code 1, 1 accepted by waivers)")
 
 
+@pytest.mark.long
 def test_a_summary_stays_within_its_size() -> None:
     designs = tuple(replace(record_of("fail").designs[0], file=f"{k}-" + "é" * 70) for k in range(9000))
     record = replace(record_of("fail"), designs=designs)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from datetime import date
 from typing import Any
 
+import pytest
 from service_scenes import small_design
 
 from tailstack.errors import TailstackError
@@ -93,6 +94,7 @@ def outcome(request: dict[str, Any]) -> GateRecord | TailstackError:
         return error
 
 
+@pytest.mark.long
 def test_whatever_arrives_is_judged_or_refused() -> None:
     chance, request, met = random.Random(SEED), whole_request(), Counter[str]()
     for _ in range(CASES):

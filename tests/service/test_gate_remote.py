@@ -56,6 +56,7 @@ def gate(*arguments: str) -> int:
     return main(["gate", "--policy", "policy.yaml", *arguments])
 
 
+@pytest.mark.long("arguments0-1")
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [

@@ -321,6 +321,7 @@ def test_an_interface_that_is_left_out_is_named_where_a_process_is_to_hold_it() 
     assert bare_one.message.startswith("structure_connector.tz: not stated")
 
 
+@pytest.mark.long
 def test_an_implausible_value_is_a_warning_that_a_policy_can_make_an_error() -> None:
     design = limited(9 * P95)
     design["views"][0] |= {"fiducial_noise_px": 0.0}

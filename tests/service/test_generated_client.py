@@ -106,6 +106,7 @@ def files_of(folder: Path) -> dict[str, str]:
     }
 
 
+@pytest.mark.long
 def test_python_client_is_the_generated_one(tmp_path: Path) -> None:
     generate.make_python(tmp_path)
     assert files_of(generate.PYTHON) == files_of(tmp_path), "repeat: python openapi/generate.py"
@@ -132,6 +133,7 @@ def test_every_operation_has_a_call_but_the_stream() -> None:
     assert made <= named
 
 
+@pytest.mark.long
 @needs_node
 def test_typescript_types_are_the_generated_ones(tmp_path: Path) -> None:
     generate.make_typescript(tmp_path / "tailstack.d.ts")
@@ -140,6 +142,7 @@ def test_typescript_types_are_the_generated_ones(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.long
 @needs_node
 def test_typescript_example_has_the_right_types() -> None:
     done = node.run("tsc", "--project", OPENAPI / "typescript")
@@ -158,6 +161,7 @@ WRONG = {
 }
 
 
+@pytest.mark.long
 @needs_node
 def test_wrong_typescript_programs_are_refused(tmp_path: Path) -> None:
     """The example with one thing changed, many times over, in one run of the compiler."""
@@ -178,12 +182,14 @@ def test_wrong_typescript_programs_are_refused(tmp_path: Path) -> None:
 # --- the main job -------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_service_is_ready(client: AuthenticatedClient) -> None:
     readiness = get_readiness.sync(client=client)
     assert isinstance(readiness, Readiness)
     assert readiness.status == "ready"
 
 
+@pytest.mark.long
 def test_main_job(client: AuthenticatedClient) -> None:
     """Validate, score, submit a check, poll, fetch the result and its report."""
     validation = create_validation.sync(client=client, body=ValidationRequest(design()))
@@ -210,6 +216,7 @@ def test_main_job(client: AuthenticatedClient) -> None:
     assert report.content.lstrip().lower().startswith(b"<!doctype html")
 
 
+@pytest.mark.long
 def test_a_report_arrives_whole_in_every_format(service: Served, client: AuthenticatedClient) -> None:
     """As it was sent, byte for byte, and other programs can open it."""
     body = VerificationRequest(design(), trials=2000, seed=8)
@@ -316,6 +323,7 @@ def test_what_only_computing_finds_is_a_typed_problem_too(client: AuthenticatedC
     assert problem.errors[0].hint
 
 
+@pytest.mark.long
 def test_a_job_that_fails_carries_its_problem(client: AuthenticatedClient) -> None:
     """No design within this box can meet a limit of a nanometre."""
     hopeless = design(requirements=[{"name": "tip-accuracy", "limit_mm": 1e-6}])
@@ -338,6 +346,7 @@ def test_a_client_with_a_key_is_told_who_is_missing(tmp_path: Path) -> None:
             assert isinstance(list_jobs.sync(client=somebody), JobPage)
 
 
+@pytest.mark.long
 def test_committed_examples_of_answers_have_the_form_of_the_answers(service: Served) -> None:
     """What a service answers today is what the document shows; the optimiser's path is the processor's own."""
     fresh = dict(answers(DOCUMENT, service.url))

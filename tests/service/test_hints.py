@@ -114,6 +114,7 @@ def list_commands() -> list[tuple[str, str, str]]:
     return sorted(found)
 
 
+@pytest.mark.long
 def test_commands_in_texts_exist_with_their_flags() -> None:
     commands = list_commands()
     assert len(commands) > 60
@@ -194,6 +195,7 @@ def property_names(node: Any) -> Iterator[str]:
             yield from property_names(child)
 
 
+@pytest.mark.long
 def test_fields_in_hints_exist() -> None:
     """A hint that names a field names one that a document, an option, a record or a setting has."""
     known = {name for title in TITLES for name in property_names(json_schema(title))}

@@ -85,6 +85,7 @@ def bearer(credential: str) -> dict[str, str]:
 # --- keys -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_key_lets_in_and_its_scopes_say_where(guarded: Guarded) -> None:
     client = guarded.client
     both, compute, read, metrics = (
@@ -342,6 +343,7 @@ def test_names_of_this_machine(client: httpx.Client, host: str) -> None:
     assert client.get("/v1/jobs", headers={"Host": host}).status_code == 200
 
 
+@pytest.mark.long
 def test_pages_of_other_sites_change_nothing(client: httpx.Client) -> None:
     own = f"http://{client.base_url.host}:{client.base_url.port}"
     for origin in (

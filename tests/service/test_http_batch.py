@@ -84,6 +84,7 @@ def p95s(form: Format, content: bytes) -> list[Any]:
     return list(found[name].to_pylist())
 
 
+@pytest.mark.long("csv", "arrow")
 @pytest.mark.parametrize("form", list(MEDIA_TYPES))
 def test_a_table_comes_back_in_its_own_format(client: httpx.Client, sha256: str, form: Format) -> None:
     """independent: other readers and writers, and the score of each row's own design."""
@@ -123,6 +124,7 @@ def test_accept_asks_for_another_format(client: httpx.Client) -> None:
     assert p95s("csv", answer.content)[0] == pytest.approx(expected_p95(0), rel=1e-9)
 
 
+@pytest.mark.long
 def test_lines_come_as_they_are_computed(client: httpx.Client) -> None:
     """More than one unit: the first lines are there before the last are computed."""
     rows = 300
@@ -134,6 +136,7 @@ def test_lines_come_as_they_are_computed(client: httpx.Client) -> None:
     assert max(pieces) < rows
 
 
+@pytest.mark.long
 def test_a_caller_who_leaves_ends_the_work(client: httpx.Client) -> None:
     """6,000 rows take more than ten seconds of CPU; a second after the caller left nothing computes any more."""
     request = {"design": small_design(), "table": {NOISE: [0.3] * 6_000}, "columns": ["p95_mm"]}
@@ -150,6 +153,7 @@ def children_seconds() -> float:
     return sum(sum(child.cpu_times()[:2]) for child in psutil.Process().children(recursive=True))
 
 
+@pytest.mark.long("body0-/table-nothing at")
 @pytest.mark.parametrize(
     ("body", "pointer", "said"),
     [

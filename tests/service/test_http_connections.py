@@ -54,6 +54,7 @@ def seconds_until_closed(connection: socket.socket, drip: bytes = b"") -> tuple[
     return time.monotonic() - began, received
 
 
+@pytest.mark.long
 def test_a_body_that_drips_is_408_in_the_same_time(client: httpx.Client) -> None:
     with connect(client) as connection:
         connection.sendall(HEAD % b"/v1/scores" + b"Content-Length: 100000\r\n\r\n")

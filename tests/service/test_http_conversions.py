@@ -145,6 +145,7 @@ def carrier() -> str:
     return "\n".join([*others[: at + 1], *lines, *others[at + 1 :]]) + "\n"
 
 
+@pytest.mark.long
 def test_a_step_file_becomes_a_design_that_scores(client: httpx.Client) -> None:
     query = "?sphere_diameter_mm=3&sphere_tolerance_mm=0.1"
     document = converted(client.post(f"/v1/conversions{query}", content=carrier(), headers=STEP))

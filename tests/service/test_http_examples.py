@@ -18,6 +18,7 @@ def client() -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.mark.long
 def test_every_example_scores_as_it_is_answered(client: httpx.Client) -> None:
     listed = client.get("/v1/examples").json()["examples"]
     assert {"demo", "gallery-flat_plate", "paper-c_arm", "slicer_markups"} <= {entry["name"] for entry in listed}
@@ -58,6 +59,7 @@ def test_a_view_of_any_preset_with_what_it_must_state_is_valid(client: httpx.Cli
         assert answer.json()["views"][0]["image_size_px"] == size, preset["name"]
 
 
+@pytest.mark.long
 def test_a_patch_of_an_example_is_laid_out(client: httpx.Client) -> None:
     """A page's first steps: an example, its score, a bead moved, where everything is then."""
     design = client.get("/v1/examples/demo").json()

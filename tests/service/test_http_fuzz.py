@@ -38,6 +38,7 @@ def check_no_defect(response: httpx.Response) -> None:
         assert document["status"] == response.status_code
 
 
+@pytest.mark.long
 @FEW
 @given(path=st.sampled_from(POSTS), body=st.binary(max_size=300), yaml=st.booleans())
 def test_bytes(client: httpx.Client, path: str, body: bytes, yaml: bool) -> None:
@@ -68,6 +69,7 @@ def paths_of(node: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]
         yield from paths_of(child, (*path, key))
 
 
+@pytest.mark.long("0")
 @pytest.mark.parametrize("seed", range(4))
 def test_a_good_request_with_a_few_values_replaced_or_removed(client: httpx.Client, seed: int) -> None:
     draw = random.Random(seed)

@@ -62,6 +62,7 @@ def check_job(job: dict[str, Any]) -> dict[str, Any]:
 # --- posted and waited for ------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_job_from_acceptance_to_its_result(client: httpx.Client) -> None:
     accepted = client.post("/v1/verifications", json=QUICK)
     assert accepted.status_code == 202
@@ -90,6 +91,7 @@ def test_waiting_gives_the_result_itself(client: httpx.Client) -> None:
     assert client.get(response.headers["location"]).json()["result_sha256"] == sha256
 
 
+@pytest.mark.long("/v1/optimisations-body0-optimisation", "/v1/reports-body3-report")
 @pytest.mark.parametrize(
     ("path", "body", "answer"),
     [
@@ -112,6 +114,7 @@ def test_every_kind_of_job_comes_to_its_published_answer(
     assert client.get(response.headers["location"]).json()["kind"] == answer
 
 
+@pytest.mark.long
 def test_an_analytic_gate_is_answered_at_once(idle: httpx.Client) -> None:
     body = {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"}
     response = idle.post("/v1/gates", json=body)
@@ -142,6 +145,7 @@ def test_a_sweep_as_yaml(client: httpx.Client) -> None:
     assert response.content == done(client, "/v1/sweeps", body).content
 
 
+@pytest.mark.long
 def test_a_job_that_fails_answers_with_its_own_problem(client: httpx.Client) -> None:
     body = {"design": limited(0.15), "starts": 1}  # no contradiction in itself; only the search finds that nothing can
     response = done(client, "/v1/optimisations", body)
@@ -165,6 +169,7 @@ def test_a_wait_is_cut_to_the_limit(said: list[str], granted: int | None) -> Non
     assert wait_seconds(Request({"type": "http", "headers": headers}), 30.7) == granted
 
 
+@pytest.mark.long
 def test_who_cannot_wait_long_enough_gets_the_job(idle: httpx.Client) -> None:
     begun = time.monotonic()
     response = idle.post("/v1/verifications", json=QUICK, headers={"Prefer": "respond-async, wait=60"})
@@ -225,6 +230,7 @@ def test_the_queue_of_a_tenant_is_bounded(idle: httpx.Client) -> None:
     idle.post(again.json()["links"]["cancel"])
 
 
+@pytest.mark.long
 def test_a_tenant_has_so_many_cpu_seconds_an_hour() -> None:
     settings = Settings(cpu_seconds_per_hour=1e-6, worker_processes=1, max_wait_seconds=90.0)
     with client_with(settings, worker=True) as client:
@@ -287,6 +293,7 @@ def test_a_record_is_read_again_only_when_it_has_changed(client: httpx.Client) -
     assert (unchanged.status_code, unchanged.content) == (304, b"")
 
 
+@pytest.mark.long
 def test_a_running_job_tells_how_far_it_is_and_ends_when_it_is_cancelled(client: httpx.Client) -> None:
     job = client.post("/v1/verifications", json=ENDLESS).json()
     deadline = time.monotonic() + 60
@@ -441,6 +448,7 @@ def test_the_client_of_the_command_line_reads_the_same(client: httpx.Client) -> 
 # --- reports --------------------------------------------------------------------------------------
 
 
+@pytest.mark.long("pdf-application/pdf-%PDF-")
 @pytest.mark.parametrize(
     ("form", "media", "head"),
     [
@@ -468,6 +476,7 @@ def test_a_report_in_an_unknown_format(client: httpx.Client) -> None:
     assert check_problem(response, 422, "invalid-request")["errors"][0]["pointer"] == "/format"
 
 
+@pytest.mark.long
 def test_who_waits_for_a_job_while_the_database_goes_away_is_told_of_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not 503: whoever sent it again would have it twice."""
     from tailstack.errors import Problem

@@ -98,6 +98,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         yield Place(service, keys)
 
 
+@pytest.mark.long
+@pytest.mark.long
 def test_a_small_score_beside_sixty_of_the_largest(place: Place) -> None:
     """p99 of it is at most ten times its time on an idle service.
 
@@ -125,6 +127,7 @@ def test_a_small_score_beside_sixty_of_the_largest(place: Place) -> None:
     assert min(seen) <= TIMES * idle, (idle, seen)
 
 
+@pytest.mark.long
 def test_large_gates_that_nobody_waits_for_are_given_up(place: Place) -> None:
     connections = [place.begin("greedy", "/v1/gates", large_gate()) for _ in range(3)]
     time.sleep(2.0)
@@ -146,6 +149,7 @@ def test_large_gates_that_nobody_waits_for_are_given_up(place: Place) -> None:
         assert time.monotonic() < deadline
 
 
+@pytest.mark.long
 def test_a_stop_takes_seconds_whatever_is_computed(place: Place) -> None:
     """Whoever waits is told so as a problem document: in a process, in the queue, and with half of a body sent."""
     gates = [place.begin("greedy", "/v1/gates", large_gate()) for _ in range(3)]

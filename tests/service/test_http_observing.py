@@ -58,6 +58,7 @@ def test_requests_are_counted_by_route_and_never_by_path(client: httpx.Client) -
     assert after["tailstack_http_request_seconds_count", (("method", "GET"), ("route", "/v1/jobs/{id}"))] >= 3
 
 
+@pytest.mark.long
 def test_jobs_units_and_workers_are_read_from_the_database(client: httpx.Client) -> None:
     before = samples(client)
     body = {"design": small_design(), "trials": 1000}
@@ -74,6 +75,7 @@ def test_jobs_units_and_workers_are_read_from_the_database(client: httpx.Client)
     }  # fmt: skip
 
 
+@pytest.mark.long
 def test_what_waits_without_a_worker_shows() -> None:
     with client_with() as client:
         client.post("/v1/verifications", json={"design": small_design()})
@@ -146,6 +148,7 @@ def test_what_a_stranger_sends_makes_no_long_line(client: httpx.Client, told: io
 LOGGING = [f"log.{level}" for level in ("debug", "info", "warning", "error", "exception")]
 
 
+@pytest.mark.long
 def test_every_line_that_the_service_logs_is_a_sentence_with_an_action() -> None:
     """Read from the sources: most lines are about what a test can hardly bring about."""
     wrong = []

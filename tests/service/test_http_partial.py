@@ -44,6 +44,7 @@ def sha256_of(response: httpx.Response) -> str:
     return name
 
 
+@pytest.mark.long
 def test_a_patch_of_a_named_design_is_answered_like_the_whole_design(client: httpx.Client) -> None:
     """independent: the patched design is written out by hand."""
     name = sha256_of(score(client, design=small_design()))
@@ -84,6 +85,7 @@ def test_patches_are_those_of_rfc_7396(target: Any, patch: Any, merged: Any) -> 
     assert json.dumps(target) == before
 
 
+@pytest.mark.long
 def test_the_hash_still_works_after_a_restart_and_at_another_process(client: httpx.Client, database: str) -> None:
     name = sha256_of(score(client, design=small_design(name="kept")))
     with client_with(Settings(database=database, worker_processes=1)) as another:
@@ -104,6 +106,7 @@ def test_a_patched_design_of_a_score_is_not_kept_but_that_of_a_job_is(client: ht
     assert sha256_of(score(client, design_sha256=name)) == name
 
 
+@pytest.mark.long
 def test_only_the_last_designs_are_kept(tmp_path: Path) -> None:
     settings = Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", max_kept_designs=2)
     with client_with(settings) as client:
@@ -113,6 +116,7 @@ def test_only_the_last_designs_are_kept(tmp_path: Path) -> None:
     assert found == [404, 200, 200]
 
 
+@pytest.mark.long
 def test_none_is_kept_where_the_operator_says_so(tmp_path: Path) -> None:
     with client_with(Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", max_kept_designs=0)) as client:
         name = sha256_of(score(client, design=small_design()))
@@ -212,6 +216,7 @@ def test_every_operation_on_one_design_takes_a_patch(client: httpx.Client, path:
         assert second.content == first.content
 
 
+@pytest.mark.long
 def test_without_its_database_a_service_scores_what_is_sent_whole(tmp_path: Path) -> None:
     with client_with(Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")) as client:
         for path in tmp_path.iterdir():

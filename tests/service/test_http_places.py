@@ -109,6 +109,7 @@ def test_files_that_were_replaced_under_the_service_are_noticed(monkeypatch: pyt
     tell(story)
 
 
+@pytest.mark.long
 def test_what_takes_longer_than_the_limit_is_killed(impatient: None) -> None:
     async def story() -> None:
         async with some(1, seconds=0.5) as computing:
@@ -121,6 +122,7 @@ def test_what_takes_longer_than_the_limit_is_killed(impatient: None) -> None:
     tell(story)
 
 
+@pytest.mark.long
 def test_what_nobody_waits_for_any_more_is_killed(impatient: None) -> None:
     async def story() -> None:
         async with some(1) as computing:
@@ -151,6 +153,7 @@ def test_what_has_just_begun_is_finished_for_who_left() -> None:
     tell(story)
 
 
+@pytest.mark.long
 def test_a_stop_ends_what_runs_and_what_waits() -> None:
     async def story() -> None:
         async with some(1) as computing:
@@ -167,6 +170,7 @@ def test_a_stop_ends_what_runs_and_what_waits() -> None:
     tell(story)
 
 
+@pytest.mark.long
 def test_something_quick_never_waits_for_something_long() -> None:
     """Of two processes long computations have one, however many wait, and quick ones have both."""
 
@@ -231,6 +235,7 @@ def test_who_fills_the_room_is_the_one_who_is_refused() -> None:
     tell(story)
 
 
+@pytest.mark.long
 def test_what_was_taken_for_quick_begins_anew_among_the_long_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     """... and gives the place that is kept free back."""
     monkeypatch.setattr(places, "OVERRUN_SECONDS", 0.3)
@@ -297,6 +302,7 @@ def test_designs_of_a_gate_are_counted_and_what_is_odd_is_not_read() -> None:
 # --- over HTTP ------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_many_scores_at_once_are_all_answered_alike() -> None:
     body = {"design": small_design()}
 
@@ -310,6 +316,7 @@ def test_many_scores_at_once_are_all_answered_alike() -> None:
     assert all(answer == answers[0] for answer in answers)
 
 
+@pytest.mark.long
 def test_yaml_and_json_designs_score_alike() -> None:
     from tailstack.design.write import data_to_yaml
 
@@ -321,6 +328,7 @@ def test_yaml_and_json_designs_score_alike() -> None:
     assert by_yaml == by_json
 
 
+@pytest.mark.long
 def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(database, "BUSY_SECONDS", 2.0)
     path, body = tmp_path / "jobs.sqlite3", {"design": small_design(), "trials": 1000}
@@ -345,6 +353,7 @@ def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monke
         assert client.post("/v1/verifications", json=body).status_code == 202
 
 
+@pytest.mark.long
 def test_scores_need_no_database(tmp_path: Any) -> None:
     """The directory of the database is gone: scores are answered, jobs are refused for a while."""
     settings = Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")

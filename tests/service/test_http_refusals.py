@@ -189,6 +189,7 @@ def test_lists_and_texts_of_a_wrong_length_are_told_in_our_words(
     assert list(example) == [pointer.rpartition("/")[2]]
 
 
+@pytest.mark.long
 def test_no_words_of_the_library_that_checks_reach_anybody(client: httpx.Client) -> None:
     """Every way in which an option can be of the wrong type or size, by every value of a wrong kind."""
     wrong: tuple[Any, ...] = (

@@ -51,6 +51,7 @@ def job_of(client: httpx.Client, headers: dict[str, str], seed: int) -> dict[str
     return job
 
 
+@pytest.mark.long
 def test_one_tenant_cannot_take_all_places(client: httpx.Client) -> None:
     a, b, c = (token(name) for name in "abc")
     jobs = {name: job_of(client, headers, 1) for name, headers in (("a", a), ("b", b), ("c", c))}

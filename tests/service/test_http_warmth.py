@@ -50,6 +50,7 @@ def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Ser
     asyncio.run(tell())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("path", "body"),
     [
@@ -73,6 +74,7 @@ def test_a_computation_waits_a_little_and_is_told_to_come_back(tmp_path: Path, p
     told(tmp_path, 0.3, story)
 
 
+@pytest.mark.long
 def test_who_comes_shortly_before_is_answered(tmp_path: Path) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
         asking = asyncio.create_task(client.post("/v1/scores", json=BODY))
@@ -94,6 +96,7 @@ def test_a_service_that_stops_meanwhile_says_so(tmp_path: Path) -> None:
     told(tmp_path, 60.0, story)
 
 
+@pytest.mark.long
 def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
         begun = time.monotonic()
@@ -106,6 +109,7 @@ def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
     told(tmp_path, 0.0, story)
 
 
+@pytest.mark.long
 def test_the_first_process_compiles_and_the_others_follow(tmp_path: Path) -> None:
     """What needs no kernels is computed meanwhile, and a process that was used before it was warm is warmed then."""
 
@@ -137,6 +141,7 @@ def test_the_first_process_compiles_and_the_others_follow(tmp_path: Path) -> Non
     asyncio.run(story())
 
 
+@pytest.mark.long
 def test_after_the_warm_up_no_score_has_a_kernel_compiled() -> None:
     """A kernel that is compiled in front of a client makes it wait for seconds."""
     program = """

@@ -73,6 +73,7 @@ def test_people_read_the_name_of_the_design_and_the_label() -> None:
         assert word in text
 
 
+@pytest.mark.long
 def test_a_report_of_an_older_version_is_read_rendered_and_verified() -> None:
     """recorded: the example of POST /v1/reports as a service answered it when budgets said interface_1."""
     content = OLDER.read_bytes()

@@ -39,6 +39,7 @@ def posted(client: httpx.Client, path: str, body: object) -> str:
     return str(client.post(path, json=body).json()["id"])
 
 
+@pytest.mark.long
 def test_a_job_is_followed_to_its_end_and_shown(client: httpx.Client, capsys: pytest.CaptureFixture[str]) -> None:
     job = posted(client, "/v1/verifications", QUICK)
     assert call(client, "follow", job) == 0
@@ -55,6 +56,7 @@ def test_a_job_is_followed_to_its_end_and_shown(client: httpx.Client, capsys: py
     assert "succeeded" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_failed_job_leaves_with_the_code_of_its_problem(
     client: httpx.Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -276,6 +278,7 @@ def test_answers_that_break_off_or_are_not_http_count_as_none(answer: bytes) -> 
     assert f"no answer from {url}: " in str(raised.value)
 
 
+@pytest.mark.long
 def test_a_silent_service_is_not_waited_for() -> None:
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))

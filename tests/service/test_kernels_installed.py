@@ -90,6 +90,7 @@ def installed(wheels: Path, tmp_path: Path) -> Environment:
     return Environment(tmp_path, python, packages)
 
 
+@pytest.mark.long
 def test_the_first_score_after_an_installation_compiles_nothing(installed: Environment) -> None:
     first = installed.run(SCORE)
     assert first.returncode == 0, first.stderr
@@ -111,6 +112,7 @@ print(describe_calls(["score"]))
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("before", "words"),
     [
@@ -144,6 +146,7 @@ print(json.dumps([kernels.TRAFFIC.compiled, kernels.TRAFFIC.loaded, kernels.TRAF
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("at_start", "words"),
     [
@@ -168,6 +171,7 @@ def test_kernels_that_do_not_fit_are_compiled_and_it_is_said_why(
         assert (json.loads(done.stdout), said) == ([0, 1, 1], "")
 
 
+@pytest.mark.long
 def test_of_an_altered_source_only_its_own_kernels_are_compiled(installed: Environment) -> None:
     with open(installed.packages / "tailstack" / "propagation" / "nonlinearity.py", "a") as source:
         source.write("# altered\n")
@@ -186,6 +190,7 @@ def test_of_an_altered_source_only_its_own_kernels_are_compiled(installed: Envir
     assert "(those installed were built from other sources)" in says
 
 
+@pytest.mark.long
 def test_the_wheel_of_a_release_asks_for_kernels_and_that_of_a_checkout_does_not(
     installed: Environment, tmp_path: Path
 ) -> None:
@@ -196,6 +201,7 @@ def test_the_wheel_of_a_release_asks_for_kernels_and_that_of_a_checkout_does_not
     assert "tailstack-kernels" not in quietly("unzip", "-p", str(next(tmp_path.glob("*.whl"))), "*/METADATA")
 
 
+@pytest.mark.long
 def test_an_installer_that_may_not_take_the_kernels_takes_the_empty_wheel(tmp_path: Path) -> None:
     """independent: pip's own resolver, between the two wheels of a version and one of a numba that is not ours."""
     from kernels_wheel import build

@@ -83,6 +83,7 @@ def test_a_bead_outside_the_image_is_said_to_be_where_a_score_refuses():
     assert {item["layer"] for item in found.scene["items"]} & {"fiducials"}
 
 
+@pytest.mark.long
 def test_over_http_it_is_the_same():
     with client_with() as client:
         answer = client.post("/v1/layouts", json={"design": DEMO, "scene": True})

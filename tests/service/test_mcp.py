@@ -55,6 +55,7 @@ def record_of(result: Any) -> dict[str, Any]:
     return record
 
 
+@pytest.mark.long
 def test_an_assistant_validates_scores_optimises_and_reports_a_design(tmp_path: Path) -> None:
     """independent: the library's score, in this process, and the files that were written."""
     heard: list[float] = []
@@ -100,6 +101,7 @@ def test_an_assistant_validates_scores_optimises_and_reports_a_design(tmp_path: 
     assert all(0 < done <= 1 for done in heard)
 
 
+@pytest.mark.long
 def test_refusals_tell_the_field_and_the_cure_and_the_session_goes_on(tmp_path: Path) -> None:
     wrong = small_design()
     wrong["views"][0]["fiducial_noise_px"] = "0,3"
@@ -156,6 +158,7 @@ def test_without_a_folder_no_file_is_touched_and_a_call_has_an_end() -> None:
     in_session(session, TAILSTACK_MAX_JOB_SECONDS="1", TAILSTACK_MAX_TRIALS="1000000000")
 
 
+@pytest.mark.long
 def test_a_call_that_is_given_up_makes_way_for_the_next() -> None:
     async def session(client: Client) -> float:
         with anyio.move_on_after(2) as given_up:

@@ -139,6 +139,7 @@ def tailstack(variables: dict[str, str], *arguments: str, folder: Path | None = 
     return done.stdout
 
 
+@pytest.mark.long
 def test_it_is_a_verb_with_a_flag_for_each_option(variables: dict[str, str]) -> None:
     assert "spacing how far apart the fiducials are" in " ".join(tailstack(variables, "--help").split())
     helped = tailstack(variables, "spacing", "--help")
@@ -147,6 +148,7 @@ def test_it_is_a_verb_with_a_flag_for_each_option(variables: dict[str, str]) -> 
     assert tailstack(variables, "spacing", str(DESIGN)).startswith("closest: ")
 
 
+@pytest.mark.long
 def test_its_record_has_a_published_schema(variables: dict[str, str]) -> None:
     record = json.loads(tailstack(variables, "spacing", str(DESIGN), "--neighbours", "3", "--json"))
     schema = json.loads(tailstack(variables, "schema", "spacing"))
@@ -155,6 +157,7 @@ def test_its_record_has_a_published_schema(variables: dict[str, str]) -> None:
     assert schema["properties"]["distances_mm"]["description"] == "Their distances, closest first, mm."
 
 
+@pytest.mark.long
 def test_its_route_is_in_the_document(variables: dict[str, str]) -> None:
     document = json.loads(tailstack(variables, "openapi"))
     described = document["paths"]["/v1/spacings"]["post"]
@@ -163,6 +166,7 @@ def test_its_route_is_in_the_document(variables: dict[str, str]) -> None:
     assert "Spacing" in document["components"]["schemas"]
 
 
+@pytest.mark.long
 def test_over_http_it_is_a_job_whose_record_is_that_of_the_command(url: str, variables: dict[str, str]) -> None:
     here = tailstack(variables, "spacing", str(DESIGN), "--neighbours", "2", "--json").rstrip("\n")
     yaml, header = DESIGN.read_bytes(), {"content-type": "application/yaml", "prefer": "wait=60"}
@@ -178,6 +182,7 @@ def test_over_http_it_is_a_job_whose_record_is_that_of_the_command(url: str, var
         assert refused.json()["errors"][0]["pointer"] == "/neighbours"
 
 
+@pytest.mark.long
 def test_its_report_is_verified(variables: dict[str, str], tmp_path: Path) -> None:
     (tmp_path / "spacing.json").write_text(tailstack(variables, "spacing", str(DESIGN), "--json"))
     tailstack(variables, "report", "spacing.json", folder=tmp_path)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 from openapi_scenes import json_examples, light, operations, parameters
 from served import served
 
@@ -71,6 +72,7 @@ def baits(address: str) -> tuple[str, ...]:
     return address, f'<img src="{address}"><link rel=stylesheet href="{address}"><script src="{address}"></script>'
 
 
+@pytest.mark.long
 def test_no_address_is_followed(tmp_path: Path) -> None:
     sent = accepted = 0
     with canary() as bird, served(tmp_path, TAILSTACK_MAX_QUEUED_JOBS="10000") as service:

@@ -185,6 +185,7 @@ def test_it_can_be_read_on_a_light_and_on_a_dark_page(kind: type[Result]) -> Non
 # --- charts --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long("Score")
 @KINDS
 def test_every_result_draws_itself_and_leaves_the_settings(kind: type[Result], pyplot: Any) -> None:
     record, before = published(kind), dict(pyplot.rcParams)
@@ -257,6 +258,7 @@ json.dump([cell.outputs for cell in notebook.cells], sys.stdout)
 """
 
 
+@pytest.mark.long
 def test_a_notebook_runs(tmp_path: Path) -> None:
     """sampled: a kernel of IPython, asked as Jupyter asks it."""
     (tmp_path / "demo.yaml").write_bytes((EXAMPLES / "demo.yaml").read_bytes())
@@ -276,6 +278,7 @@ def test_a_notebook_runs(tmp_path: Path) -> None:
     assert "targets, budget, checks" in wrong[0]["evalue"]
 
 
+@pytest.mark.long
 def test_the_example_notebook_runs_from_top_to_bottom() -> None:
     """Its numbers: those of the README, and the library's own derivative beside them."""
     path = EXAMPLES / "integrations" / "notebook.ipynb"

@@ -82,6 +82,7 @@ def test_what_is_no_number_is_not_written(name: str, number: float) -> None:
         to_json(replace(result, targets=(replace(result.targets[0], mean_norm_mm=number),)))
 
 
+@pytest.mark.long("plain name")
 @pytest.mark.parametrize("name", [PLAIN, "NaN and Infinity"])
 def test_the_command_prints_the_bytes_that_http_sends(
     client: httpx.Client, name: str, tmp_path: Any, capfdbinary: pytest.CaptureFixture[bytes]

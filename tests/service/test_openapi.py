@@ -57,6 +57,7 @@ def test_committed_document_is_the_generated_one() -> None:
     assert committed == openapi_json(APPLICATION), "repeat: tailstack openapi > openapi/openapi.json"
 
 
+@pytest.mark.long
 def test_document_is_valid_openapi_3_1() -> None:
     assert DOCUMENT["openapi"].startswith("3.1")
     OpenAPIV31SpecValidator(DOCUMENT).validate()
@@ -131,6 +132,7 @@ def check_documented(operation: dict[str, Any], response: httpx.Response) -> Non
         component_validator(described["content"][media]["schema"]).validate(response.json())
 
 
+@pytest.mark.long("etag-put0-etag is missing")
 @pytest.mark.parametrize(
     ("gone", "put", "words"),
     [("etag", {}, "etag is missing"), ("vary", {}, "vary is missing"), ("", {"X-New": "1"}, "not documented"),
@@ -148,6 +150,16 @@ def test_headers_that_are_missing_or_unknown_would_be_noticed(
         check_documented(operation, response)
 
 
+@pytest.mark.long(
+    "/v1/scores-post",
+    "/v1/optimisations-post",
+    "/v1/studies/paper-post",
+    "/v1/studies/linearity-post",
+    "/v1/studies/coupling-post",
+    "/v1/studies/views-post",
+    "/v1/reports-post",
+    "/v1/comparisons-post",
+)
 @pytest.mark.parametrize(("path", "method"), OPERATIONS)
 def test_every_example_is_answered_as_documented(
     client: httpx.Client, names: dict[str, str], path: str, method: str

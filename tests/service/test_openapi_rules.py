@@ -169,6 +169,7 @@ def test_document_keeps_the_rules() -> None:
     assert violations(DOCUMENT) == []
 
 
+@pytest.mark.long
 def test_document_is_valid_openapi_3_1() -> None:
     OpenAPIV31SpecValidator(DOCUMENT).validate()
 
@@ -208,12 +209,14 @@ def test_every_computation_is_looked_at() -> None:
     assert len(COMPUTATIONS) == len(OPERATIONS)
 
 
+@pytest.mark.long
 @needs_node
 def test_redocly_finds_nothing(tmp_path: Path) -> None:
     done = node.run("redocly", "lint", "openapi.json", "--config", "redocly.yaml", cwd=OPENAPI)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.long
 @needs_node
 def test_redocly_would_find_something(tmp_path: Path) -> None:
     """A reference that leads nowhere, and an example that does not fit its schema."""

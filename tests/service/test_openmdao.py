@@ -37,6 +37,7 @@ def example(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
 MOTION = {"pivot_mm": [0, 0, -95], "tolerances": {"rx": {"half_width_deg": 0.1, "distribution": "uniform"}}}
 
 
+@pytest.mark.long("plain")
 @pytest.mark.parametrize("design", [DEMO, DEMO.with_value("views.LAT.motion", MOTION)], ids=["plain", "motion"])
 def test_partials_are_those_of_openmdaos_differences(example: Any, design: Design) -> None:
     import openmdao.api as om
@@ -65,6 +66,7 @@ def test_its_driver_ends_at_the_optimisers_optimum(example: Any) -> None:
     assert cost == pytest.approx(at_the_optimum, rel=2e-5)
 
 
+@pytest.mark.long
 def test_the_page_shows_what_the_example_prints(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
     example.main(str(EXAMPLES / "demo.yaml"))
     page = (ROOT / "docs" / "integrations" / "openmdao.md").read_text(encoding="utf-8")

@@ -33,6 +33,7 @@ def example(monkeypatch: pytest.MonkeyPatch) -> Any:
     sys.modules.pop("tail_by_openturns", None)
 
 
+@pytest.mark.long
 def test_the_random_inputs_have_the_spreads_that_the_design_declares(example: Any) -> None:
     chain, inputs = example.chain_of(DEMO)
     plan = compile_plan(compile_design(DEMO))
@@ -40,6 +41,7 @@ def test_the_random_inputs_have_the_spreads_that_the_design_declares(example: An
     assert list(chain.getInputDescription())[:2] == ["fiducial_noise:AP[0]", "fiducial_noise:AP[1]"]
 
 
+@pytest.mark.long
 def test_p95_by_openturns_is_that_of_verify(example: Any) -> None:
     """Wrong once in 1,000 seeds of OpenTURNS, beside what verify's own 400,000 trials leave open (0.1 %)."""
     _, low, high = example.quantile_interval(*example.chain_of(DEMO), trials=60_000, error_rate=1e-3)
@@ -48,6 +50,7 @@ def test_p95_by_openturns_is_that_of_verify(example: Any) -> None:
     assert (high - low) / target.p95_mm < 0.03
 
 
+@pytest.mark.long
 def test_p95_over_umbridge_is_that_of_verify(example: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wrong once in 10,000 seeds; 400 calls."""
     monkeypatch.setenv("NO_PROXY", "*")
@@ -59,6 +62,7 @@ def test_p95_over_umbridge_is_that_of_verify(example: Any, tmp_path: Path, monke
     assert high - low < 0.5
 
 
+@pytest.mark.long
 def test_the_page_shows_what_the_example_prints(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
     example.main(str(EXAMPLES / "demo.yaml"))
     page = (ROOT / "docs" / "integrations" / "openturns.md").read_text(encoding="utf-8")

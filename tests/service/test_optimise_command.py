@@ -264,6 +264,7 @@ def started(directory: Path, progress: str) -> subprocess.Popen[str]:
     return process
 
 
+@pytest.mark.long
 def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
     process = started(tmp_path, ", least cost so far ")
     process.send_signal(signal.SIGINT)
@@ -278,6 +279,7 @@ def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
     assert main(["score", str(tmp_path / "new.yaml")]) in (0, 4)
 
 
+@pytest.mark.long
 def test_a_second_interrupt_leaves_at_once(tmp_path: Path) -> None:
     process = started(tmp_path, "optimise: ")
     assert process.stderr is not None

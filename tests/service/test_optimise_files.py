@@ -75,6 +75,7 @@ def lines_that_differ(before: str, after: str) -> list[str]:
     return [line[1:] for line in lines if line[0] == "-" and not line.startswith("---")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", WITH_FREEDOM, ids=lambda path: path.stem)
 def test_an_existing_file_keeps_everything_but_the_numbers_that_were_asked_for(
     call: Any, room: Path, path: Path
@@ -246,6 +247,7 @@ def test_what_to_change_is_printed_and_is_a_merge_patch(call: Any, beside: tuple
     assert load_design(made).sha256 == moved.sha256
 
 
+@pytest.mark.long
 def test_the_last_result_is_kept_and_written_without_another_search(
     call: Any, room: Path, state: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

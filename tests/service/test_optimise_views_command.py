@@ -26,6 +26,7 @@ def near_views() -> dict[str, Any]:
     return data
 
 
+@pytest.mark.long
 def test_the_command_writes_the_aimed_view_and_says_what_that_rests_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -39,6 +40,7 @@ def test_the_command_writes_the_aimed_view_and_says_what_that_rests_on(
     assert json.loads(new.read_text())["views"][1]["beam_direction"] == expected.design["views"][1]["beam_direction"]  # type: ignore[index]
 
 
+@pytest.mark.long
 def test_a_job_is_one_unit_with_the_bytes_of_the_library() -> None:
     outcome, units = run_job("optimisation", {"design": near_views()}, twice=False)
     assert len(units) == 1
@@ -105,6 +107,7 @@ def write_authors_text(folder: Path, price: float = 30) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_a_view_that_pays_comes_into_the_authors_own_text_and_picture_and_is_accounted_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -126,6 +129,7 @@ def test_a_view_that_pays_comes_into_the_authors_own_text_and_picture_and_is_acc
     assert main(["verify", str(new), "--trials", "4096"]) in (0, 4)
 
 
+@pytest.mark.long
 def test_a_view_that_does_not_pay_leaves_its_entry_for_another_price(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,6 +142,7 @@ def test_a_view_that_does_not_pay_leaves_its_entry_for_another_price(
     assert [view.name for view in load_design(new).document.views] == ["AP", "LAT"]
 
 
+@pytest.mark.long
 def test_a_job_and_a_report_with_a_view_more_say_what_the_library_does(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

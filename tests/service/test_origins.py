@@ -56,6 +56,7 @@ def seen(response: httpx.Response) -> set[str]:
     return {name.strip().lower() for name in response.headers["access-control-expose-headers"].split(",")}
 
 
+@pytest.mark.long("https://plugin.example.org")
 @pytest.mark.parametrize("origin", [PLUGIN, "http://localhost:8888"])
 def test_a_listed_origin_gets_its_preflight_and_its_answer(client: httpx.Client, origin: str) -> None:
     allowed = client.options("/v1/scores", headers={**from_page(origin), **ASKED})
@@ -145,6 +146,7 @@ class Quiet(http.server.SimpleHTTPRequestHandler):
         """Say nothing."""
 
 
+@pytest.mark.long
 def test_chromium_lets_a_listed_page_read_a_score_and_no_other(browser: Any, tmp_path: Path) -> None:
     """A page that is served on one port asks a service on another: for the browser, two origins."""
     (tmp_path / "index.html").write_text('<!doctype html><title>plug-in</title><link rel="icon" href="data:,">')

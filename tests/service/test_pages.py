@@ -102,6 +102,7 @@ def test_without_a_page_a_browser_is_led_to_that_of_the_api(monkeypatch: pytest.
         check_problem(client.get("/assets/page-4f1c2a.js"), 404, "not-found")
 
 
+@pytest.mark.long
 def test_the_page_runs_in_chromium_and_asks_nobody_else(client: httpx.Client, browser: Any) -> None:
     [found] = look(
         [

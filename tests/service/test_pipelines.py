@@ -103,6 +103,7 @@ def test_no_input_becomes_part_of_a_script() -> None:
     assert read == ACTION["inputs"].keys()
 
 
+@pytest.mark.long
 def test_the_action_installs_what_it_was_checked_out_with(installed: Ran, room: Path) -> None:
     assert installed.code == 0, installed.said
     bin_ = Path(installed.outputs["bin"])
@@ -137,6 +138,7 @@ def test_what_cannot_be_installed_is_no_verdict(failing: str, tmp_path: Path) ->
     assert done.outputs == {}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("designs", "days", "code", "verdict"),
     [
@@ -167,6 +169,7 @@ def test_the_exit_code_of_the_gate_is_that_of_the_action(
     assert (project / "gate.md").read_text(encoding="utf-8") in done.summary
 
 
+@pytest.mark.long
 def test_findings_are_annotations_at_their_lines_named_from_the_root(
     installed: Ran, tmp_path: Path, room: Path
 ) -> None:
@@ -181,6 +184,7 @@ def test_findings_are_annotations_at_their_lines_named_from_the_root(
     assert '"uri": "parts/guides/fail.yaml"' in Path(done.outputs["sarif"]).read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_names_of_files_are_names_of_files(installed: Ran, project: Path, room: Path) -> None:
     """Spaces, quotes, substitutions and dashes mean nothing to the shell and nothing to the parser."""
     name = "-a 'b\"$(touch pwned)`touch pwned`; *.yaml"
@@ -201,6 +205,7 @@ def test_an_option_that_is_none_is_bad_input_and_leaves_no_record(
     assert done.outputs == {"exit-code": "2", "verdict": "not evaluated"}
 
 
+@pytest.mark.long
 def test_a_baseline_makes_a_regression_a_finding(
     installed: Ran, project: Path, room: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -231,6 +236,7 @@ def test_the_template_is_what_gitlab_reads() -> None:
     assert "$[[" not in script  # inputs reach the shell as variables
 
 
+@pytest.mark.long
 def test_the_job_gates_and_leaves_its_reports(project: Path, tmp_path: Path) -> None:
     """Installed from this checkout, then again from what the cache kept; the designs that fail fail the job."""
     python = python_with_libraries(tmp_path / "python").parent
@@ -262,6 +268,7 @@ def test_the_job_gates_and_leaves_its_reports(project: Path, tmp_path: Path) -> 
     assert json.loads((project / "tailstack-gate" / "gate.json").read_text(encoding="utf-8"))["exit_code"] == 1
 
 
+@pytest.mark.long("given0-2")
 @pytest.mark.parametrize(
     ("given", "code"),
     [
@@ -364,6 +371,7 @@ def hooked(project: Path, room: Path, bin_: Path) -> Ran:
     return Ran(done.returncode, done.stdout)
 
 
+@pytest.mark.long
 def test_the_hook_stops_a_commit_that_fails_and_lets_one_pass(installed: Ran, project: Path, room: Path) -> None:
     bin_ = Path(installed.outputs["bin"])
     done = hooked(project, room, bin_)

@@ -80,6 +80,7 @@ def test_a_score_a_check_and_a_validation_are_plain(printed: Any, path: Path) ->
         assert met_in(printed(*arguments)) == [], arguments
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", WITH_OPTIMISE, ids=lambda path: path.stem)
 def test_an_optimisation_is_plain(printed: Any, path: Path) -> None:
     text = printed("optimise", str(path), "--starts", "1")
@@ -94,6 +95,7 @@ def test_a_sweep_and_a_gate_are_plain(printed: Any) -> None:
     assert met_in(printed("gate", *files, "--mode", "analytic")) == []
 
 
+@pytest.mark.long
 def test_studies_are_plain(printed: Any) -> None:
     assert met_in(printed("study", "coupling", DEMO, "--trials", "16384")) == []
     grid = ("--noise", "0.3,3", "--rotation", "0,1", "--count", "12", "--trials", "8192")
@@ -108,6 +110,7 @@ def test_the_study_of_the_paper_is_plain(printed: Any) -> None:
     assert met_in(text, names) == []
 
 
+@pytest.mark.long("optimise -KKT residual lower bound: ")
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -153,6 +156,7 @@ def strings_of(document: Document) -> Iterator[str]:
                 yield block.caption
 
 
+@pytest.mark.long("score,verification,optimisation")
 @pytest.mark.parametrize("parts", ["score", "score,verification,optimisation"])
 def test_what_a_report_says_first_is_plain(tmp_path: Path, capsys: pytest.CaptureFixture[str], parts: str) -> None:
     arguments = ["report", DEMO, "--format", "json", "-o", str(tmp_path / "out"), "--parts", parts, "--starts", "1"]
@@ -194,6 +198,7 @@ def run_in_terminal(width: int, *arguments: str) -> str:
     return said.decode().replace("\r\n", "\n").replace("\x1b[0m", "")  # which numba's colours leave at exit
 
 
+@pytest.mark.long
 def test_tables_are_as_wide_as_the_terminal(printed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     narrow, wide = (run_in_terminal(width, "score", DEMO) for width in (60, 160))
     assert max(map(len, narrow.splitlines())) <= 60

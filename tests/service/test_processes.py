@@ -63,6 +63,7 @@ def test_help_loads_nothing_heavy() -> None:
     assert done.stderr == "[]\n"
 
 
+@pytest.mark.long
 def test_stdout_is_utf8_json_whatever_the_terminal_speaks() -> None:
     done = run("validate", DEMO, env={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0
@@ -80,6 +81,7 @@ def test_problems_from_stdin_name_it_and_its_line() -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_a_reader_that_leaves_is_no_error() -> None:
     process = subprocess.Popen(
         [*COMMAND, "schema", "design"],
@@ -181,6 +183,7 @@ def await_ready(url: str, seconds: float = 90.0) -> None:
         time.sleep(0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("api_processes", ["1", "2"])
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
 def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, code: int, api_processes: str) -> None:
@@ -205,6 +208,7 @@ def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, c
         again.bind(("127.0.0.1", port))
 
 
+@pytest.mark.long("0.0-1", "0.3-1", "0.8-1", "0.8-2", "1.5-1", "1.5-2")
 @pytest.mark.parametrize("api_processes", ["1", "2"])
 @pytest.mark.parametrize("seconds", [0.0, 0.3, 0.8, 1.5])
 def test_a_stop_that_comes_during_the_start_is_heard(tmp_path: Path, seconds: float, api_processes: str) -> None:
@@ -217,6 +221,7 @@ def test_a_stop_that_comes_during_the_start_is_heard(tmp_path: Path, seconds: fl
         assert "Traceback" not in err
 
 
+@pytest.mark.long
 def test_a_service_that_still_compiles_stops_all_the_same(tmp_path: Path) -> None:
     """With an empty cache of kernels: told to stop in the middle of compiling, which takes a minute."""
     cache = tmp_path / "cache"
@@ -233,6 +238,7 @@ def test_a_service_that_still_compiles_stops_all_the_same(tmp_path: Path) -> Non
         assert "Traceback" not in err
 
 
+@pytest.mark.long
 def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
     with service(tmp_path, "--no-worker") as (process, url):
         await_ready(url)
@@ -252,6 +258,7 @@ def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
             assert '"state":"succeeded"' in text
 
 
+@pytest.mark.long
 def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
     """kill -9 in the middle of a stream; with Last-Event-ID the next service tells the rest, nothing twice."""
     body = {"design": small_design(), "trials": 6_000_000, "seed": 3}
@@ -298,6 +305,7 @@ def after_a_death(tmp_path_factory: pytest.TempPathFactory) -> tuple[httpx.Respo
     return answer, [json.loads(line) for line in err.splitlines() if line.startswith("{")]
 
 
+@pytest.mark.long
 def test_a_worker_that_dies_is_replaced(after_a_death: tuple[httpx.Response, list[dict[str, Any]]]) -> None:
     answer, lines = after_a_death
     assert answer.status_code == 200
@@ -314,6 +322,7 @@ def test_a_log_for_machines(after_a_death: tuple[httpx.Response, list[dict[str, 
     assert any(line["logger"] == "tailstack.worker" and line.get("job") == job for line in lines)
 
 
+@pytest.mark.long
 def test_one_of_several_api_processes_that_dies_is_replaced_and_counters_are_shared(tmp_path: Path) -> None:
     with service(tmp_path, "--no-worker", TAILSTACK_API_PROCESSES="2") as (process, url):
         await_ready(url)
@@ -368,6 +377,7 @@ def test_only_loopback_without_authentication(host: str, capsys: pytest.CaptureF
     assert "TAILSTACK_AUTH=required" in err
 
 
+@pytest.mark.long
 def test_other_addresses_with_authentication(tmp_path: Path) -> None:
     with service(tmp_path, "--no-worker", "--host", "0.0.0.0", TAILSTACK_AUTH="required") as (_, url):
         local = url.replace("0.0.0.0", "127.0.0.1")
@@ -401,6 +411,7 @@ def test_authentication_that_cannot_work_is_2_and_named(
     assert "TAILSTACK_JWT_KEY_FILE" in err
 
 
+@pytest.mark.long
 def test_an_interrupt_of_a_long_check_is_130() -> None:
     process = subprocess.Popen(
         [*COMMAND, "verify", DEMO, "--trials", "2000000000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -111,6 +111,7 @@ def test_a_body_that_stops_coming_is_ended(places: tuple[int, httpx.Client]) -> 
         assert 1.0 < seconds_until_closed(connection) < 8
 
 
+@pytest.mark.long
 def test_a_body_that_drips_never_reaches_the_service(places: tuple[int, httpx.Client]) -> None:
     port, service = places
     time.sleep(6)  # what the proxy kept open is closed by now
@@ -130,6 +131,7 @@ def test_a_body_that_drips_never_reaches_the_service(places: tuple[int, httpx.Cl
             connection.close()
 
 
+@pytest.mark.long
 def test_an_answer_that_nobody_takes_leaves_the_service_at_once(places: tuple[int, httpx.Client]) -> None:
     """Large answers are asked for, and none is read."""
     port, service = places
@@ -152,6 +154,7 @@ def test_an_answer_that_nobody_takes_leaves_the_service_at_once(places: tuple[in
     assert received < 100 * 150_000, "send_timeout ends who takes nothing"
 
 
+@pytest.mark.long
 def test_event_streams_come_as_they_happen_and_refusals_as_they_are(places: tuple[int, httpx.Client]) -> None:
     port, _ = places
     with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30, trust_env=False) as client:

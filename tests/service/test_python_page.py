@@ -24,6 +24,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_the_page_says_what_the_docstrings_say() -> None:
     done = run("docs/python_api.py", "--check")
     assert done.returncode == 0, done.stderr[-2000:]
@@ -46,6 +47,7 @@ def test_what_is_refused_stands_with_every_verb() -> None:
         assert "Raises DesignError" in " ".join(part[1].split()), verb
 
 
+@pytest.mark.long
 def test_the_code_of_the_page_runs() -> None:
     (code,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
     done = run("-c", f"import matplotlib; matplotlib.use('Agg')\n{code}")

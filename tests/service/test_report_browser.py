@@ -66,6 +66,7 @@ def seen(browser: None, tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[
     return dict(zip(names, look(jobs), strict=True))
 
 
+@pytest.mark.long
 def test_pages_open_from_a_file_without_any_request_or_message(
     seen: dict[tuple[str, str, int], dict[str, Any]],
 ) -> None:
@@ -97,6 +98,7 @@ def test_the_layout_is_drawn_and_turns_with_a_key(seen: dict[tuple[str, str, int
         assert len({view["hash"] for view in views}) == 3, name  # as it was, turned, nearer
 
 
+@pytest.mark.long
 def test_without_scripts_and_on_paper_the_picture_stands_there(browser: None, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     record = to_json(compute_report(load_design(limited(0.9)), ReportOptions(parts=("score",))))
@@ -122,6 +124,7 @@ PRINTED_VIEWERS = (
 )
 
 
+@pytest.mark.long
 def test_a_served_report_runs_its_viewer_and_nothing_else(browser: None) -> None:
     """The response's own policy: an origin of its own, one script by its hash, no request to anybody."""
     with client_with(worker=True) as client:

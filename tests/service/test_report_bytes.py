@@ -37,6 +37,7 @@ def written(tmp_path: Path) -> list[Path]:
     return folders
 
 
+@pytest.mark.long
 def test_processes_that_differ_write_the_same_bytes(written: list[Path]) -> None:
     names = [sorted(path.name for path in folder.iterdir()) for folder in written]
     assert names[0] == names[1] == ["design.html", "design.pdf", "design.report.json", "design.xlsx"]

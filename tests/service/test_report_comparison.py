@@ -78,6 +78,7 @@ def test_what_is_shared_cancels() -> None:
     assert apart.interval[1] - apart.interval[0] > 0.3
 
 
+@pytest.mark.long
 def test_too_few_trials_have_no_interval() -> None:
     with pytest.raises(ValueError, match="at least"):
         estimate_difference(np.ones(FEWEST - 1), np.ones(FEWEST - 1), 0.95, 0.95)
@@ -92,6 +93,7 @@ def test_too_few_trials_have_no_interval() -> None:
 # --- the record -----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_difference_is_that_of_the_two_checks(found: Comparison) -> None:
     checks = [verify(load_design(data), trials=TRIALS, seed=3) for data in (limited(0.9), quieter())]
     (difference,) = found.differences
@@ -118,6 +120,7 @@ def uneven() -> tuple[list[dict[str, Any]], Comparison]:
     return pair, made
 
 
+@pytest.mark.long
 def test_a_design_has_one_p95_though_its_check_alone_would_stop_sooner(
     uneven: tuple[list[dict[str, Any]], Comparison],
 ) -> None:
@@ -137,6 +140,7 @@ def test_a_design_has_one_p95_though_its_check_alone_would_stop_sooner(
         assert f"P95 {value:.3f} mm" in figure.svg
 
 
+@pytest.mark.long
 def test_a_job_draws_on_as_the_comparison_here_does(uneven: tuple[list[dict[str, Any]], Comparison]) -> None:
     pair, made = uneven
     request = {
@@ -147,6 +151,7 @@ def test_a_job_draws_on_as_the_comparison_here_does(uneven: tuple[list[dict[str,
     assert outcome.answer == to_json(made)
 
 
+@pytest.mark.long
 def test_both_scales_have_the_same_axis(uneven: tuple[list[dict[str, Any]], Comparison]) -> None:
     """Designs that are far apart: each picture by itself would end somewhere else."""
     far = compute_comparison(load_design(limited(0.9)), load_design(limited(3.0)), ReportOptions(trials=500))
@@ -159,6 +164,7 @@ def test_both_scales_have_the_same_axis(uneven: tuple[list[dict[str, Any]], Comp
         assert axes[0] == axes[1]
 
 
+@pytest.mark.long
 def test_of_long_checks_the_interval_is_that_of_the_first_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     from tailstack_service.report import comparing
 
@@ -178,6 +184,7 @@ def test_of_long_checks_the_interval_is_that_of_the_first_trials(monkeypatch: py
     assert f"P95 is that of all {TRIALS:,}; the first 4,096, whose interval is wider" in text
 
 
+@pytest.mark.long
 def test_no_two_regions_of_a_page_have_one_name(found: Comparison) -> None:
     """What a screen reader lists: also of a report with an optimisation, which has layout and check."""
     design = small_design()
@@ -191,6 +198,7 @@ def test_no_two_regions_of_a_page_have_one_name(found: Comparison) -> None:
         assert sorted(set(names)) == sorted(names), kind
 
 
+@pytest.mark.long
 def test_a_design_against_itself_differs_by_nothing() -> None:
     design = load_design(limited(0.9))
     same = compute_comparison(design, design, ReportOptions(trials=TRIALS))
@@ -200,6 +208,7 @@ def test_a_design_against_itself_differs_by_nothing() -> None:
     assert "No difference" in same.headline.sentence
 
 
+@pytest.mark.long
 def test_a_job_gives_the_same_bytes(found: Comparison) -> None:
     Draft202012Validator(json_schema("comparison")).validate(json.loads(to_json(found)))
     request = {
@@ -221,6 +230,7 @@ def test_designs_without_a_common_target_are_not_compared() -> None:
         compute_comparison(pair[0], pair[1], ReportOptions(parts=("score", "optimisation")))
 
 
+@pytest.mark.long
 def test_a_service_compares_what_it_is_sent(found: Comparison) -> None:
     with client_with(worker=True) as client:
         sent = {"first": limited(0.9), "second": quieter(), "trials": TRIALS, "seed": 3}
@@ -234,6 +244,9 @@ def test_a_service_compares_what_it_is_sent(found: Comparison) -> None:
 OTHER = limited(0.9, targets=[{"name": "elsewhere", "position_mm": [0.0, 0.0, 60.0]}])
 
 
+@pytest.mark.long(
+    "sent0-422-invalid-request-", "sent1-422-invalid-design-/second", "sent2-422-ill-posed-geometry-/first/fiducials"
+)
 @pytest.mark.parametrize(
     ("sent", "status", "slug", "pointer"),
     [
@@ -303,6 +316,7 @@ def test_long_lists_of_changes_are_cut_and_say_so() -> None:
 # --- pages ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_pages_show_both(found: Comparison) -> None:
     body = to_json(found)
     page = render("comparison", body, "html")[0].decode()
@@ -318,6 +332,7 @@ def test_the_pages_show_both(found: Comparison) -> None:
     assert render("comparison", body, "html")[0].decode() == page
 
 
+@pytest.mark.long
 def test_a_design_with_missed_beads_is_reported_and_compared() -> None:
     """By its score, and by a simulation that has them missed: the estimated curve beside its bars is of both."""
     missed = limited(0.9)
@@ -348,6 +363,7 @@ def test_a_design_with_missed_beads_is_reported_and_compared() -> None:
     assert "Trials with a fiducial missed" in alone
 
 
+@pytest.mark.long
 def test_sections_without_a_bound_are_no_difference() -> None:
     """3.9 % of shots have no answer: P95 of all has a bound, that of one section in 32 has none."""
     missed = limited(0.9)

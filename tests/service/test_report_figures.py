@@ -413,6 +413,7 @@ def by_document(design: Design, path: str, values: list[float], target: str) -> 
     return [next(entry.p95_mm for entry in point.targets if entry.name == target) for point in found.points]
 
 
+@pytest.mark.long("slicer_markups-structure_connector-rz-interfaces.structure_connector.tolerances.rz.half_width_deg")
 @pytest.mark.parametrize(
     ("name", "contributor", "component", "path"),
     [
@@ -475,6 +476,7 @@ def test_curves_of_another_error_and_quantile() -> None:
         tolerance_curves(design, "elsewhere")
 
 
+@pytest.mark.long
 def test_curves_of_the_demo_are_cheap_and_ordered() -> None:
     begun = time.process_time()
     found = tolerance_curves(DEMO, "tip", Judgement(limit_mm=1.0))
@@ -568,6 +570,7 @@ def test_the_histogram_has_area_by_its_scale() -> None:
     assert "interval of P95, 0.850 to 0.890 mm" in words
 
 
+@pytest.mark.long("interval2-5.0")
 @pytest.mark.parametrize("limit", [None, 0.2, 0.86, 0.87, 0.95, 5.0])
 @pytest.mark.parametrize("interval", [None, (0.8, 0.95), (0.0, None)])
 def test_charts_of_errors_are_legible_wherever_the_limit_is(
@@ -631,6 +634,7 @@ def test_errors_over_one_another_and_differences() -> None:
     assert (xs[2] - zero) / (zero - xs[0]) == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.long
 def test_names_cannot_break_a_picture() -> None:
     data: dict[str, Any] = small_design(name=HOSTILE)
     data["targets"][0]["name"] = HOSTILE
@@ -672,6 +676,7 @@ def test_nothing_random_is_said() -> None:
     assert of(scene(design), "arrow", "bias")
 
 
+@pytest.mark.long
 def test_hundreds_of_fiducials_and_many_views_stay_cheap() -> None:
     """Seed 5; a second of CPU is some twenty times what it takes here."""
     data = json.loads(json.dumps(DEMO.source.data))

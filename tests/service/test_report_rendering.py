@@ -102,6 +102,7 @@ class Page(HTMLParser):
 # --- the record -----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_record_validates_and_a_job_gives_the_same(report: Report, body: bytes) -> None:
     Draft202012Validator(json_schema("report")).validate(json.loads(body))
     request = {
@@ -157,6 +158,7 @@ def test_convergence_ends_at_the_check(report: Report) -> None:
     assert widths[-1] < widths[0] / 4
 
 
+@pytest.mark.long
 def test_a_job_with_an_optimisation_gives_what_is_computed_here() -> None:
     design = small_design()
     design["optimise"] |= {"starts": 2, "seed": 5}
@@ -181,6 +183,7 @@ def test_a_report_without_a_check_says_what_it_rests_on() -> None:
 # --- HTML -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_html_asks_nothing_of_any_network(body: bytes) -> None:
     content, media = render("report", body, "html")
     assert media == "text/html; charset=utf-8"
@@ -225,12 +228,14 @@ def test_html_can_be_read_without_seeing_it(body: bytes) -> None:
             assert (attributes["href"] or "")[1:] in ids
 
 
+@pytest.mark.long
 def test_the_record_inside_is_the_record(body: bytes) -> None:
     page = Page(render("report", body, "html")[0])
     assert json.loads(page.record) == json.loads(body)
     assert hashlib.sha256(body).hexdigest() in "".join(page.texts)
 
 
+@pytest.mark.long
 def test_html_shows_names_and_never_runs_them() -> None:
     report = compute_report(load_design(hostile_design()), ReportOptions(trials=2_000))
     page = Page(render("report", to_json(report), "html")[0])
@@ -268,6 +273,7 @@ def test_text_stands_out_from_its_ground(theme: dict[str, str]) -> None:
 # --- spreadsheet ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_spreadsheet_holds_the_numbers_with_their_units(report: Report, body: bytes) -> None:
     """independent: read back by openpyxl."""
     content, _ = render("report", body, "xlsx")
@@ -327,6 +333,7 @@ def test_no_text_becomes_a_formula() -> None:
 # --- PDF ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_pdf_is_a_document_with_its_title(body: bytes) -> None:
     content, media = render("report", body, "pdf")
     assert media == "application/pdf"
@@ -394,6 +401,9 @@ def every_kind() -> dict[str, bytes]:
     return results()
 
 
+@pytest.mark.long(
+    "html-score", "html-report", "xlsx-report", "pdf-score", "pdf-verification", "pdf-optimisation", "pdf-report"
+)
 @pytest.mark.parametrize("kind", ["score", "verification", "optimisation", "sweep", "gate", "report"])
 @pytest.mark.parametrize("form", ["html", "xlsx", "pdf", "json"])
 def test_every_kind_in_every_format_twice_the_same(every_kind: dict[str, bytes], kind: str, form: str) -> None:
@@ -411,6 +421,7 @@ def test_every_kind_in_every_format_twice_the_same(every_kind: dict[str, bytes],
         assert openpyxl.load_workbook(io.BytesIO(first)).sheetnames[0] == "Provenance"
 
 
+@pytest.mark.long
 def test_a_page_shows_the_worst_targets_and_the_spreadsheet_all() -> None:
     design = limited(0.9, optimise=None)
     spread = [{"name": f"t{k}", "position_mm": [0.0, 0.0, 30.0 + k]} for k in range(45)]

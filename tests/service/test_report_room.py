@@ -89,6 +89,7 @@ def test_another_quantile_and_error_are_judged_by_their_own_requirement() -> Non
     assert checks[0].value_mm == pytest.approx(0.5, rel=1e-6)
 
 
+@pytest.mark.long("slicer_markups")
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_example_has_room_or_a_reason(path: Any) -> None:
     report = compute_report(load_design(path), ReportOptions(parts=("score",)))

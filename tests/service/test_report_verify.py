@@ -61,6 +61,7 @@ def changed(body: bytes, change: Callable[[Any], object]) -> bytes:
 # --- what is untouched ----------------------------------------------------------------------------
 
 
+@pytest.mark.long("False-html", "False-pdf", "False-xlsx", "True-pdf")
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("fast", [False, True])
 def test_an_untouched_report_is_verified(files: dict[str, bytes], form: str, fast: bool) -> None:
@@ -84,6 +85,7 @@ def test_an_adaptive_check_of_a_service_is_drawn_again() -> None:
     assert audit(to_json(made), "x").verdict == "verified"
 
 
+@pytest.mark.long
 def test_a_comparison_is_verified_and_its_numbers_are_its_own() -> None:
     second = copy.deepcopy(DESIGN)
     second["views"][0]["fiducial_noise_px"] = 0.2
@@ -95,6 +97,7 @@ def test_a_comparison_is_verified_and_its_numbers_are_its_own() -> None:
     assert "/differences/0/difference_mm: recorded -0.5" in details(found)
 
 
+@pytest.mark.long
 def test_an_optimisation_is_run_again() -> None:
     design = small_design()
     design["optimise"] |= {"starts": 1, "seed": 5}
@@ -124,6 +127,7 @@ def per_unit() -> bytes:
     return to_json(compute_report(design, ReportOptions(trials=500)))
 
 
+@pytest.mark.long("optimisation-change6-started 9,999 times-enough6")
 @pytest.mark.parametrize(
     ("made", "change", "words", "enough"),
     [
@@ -179,6 +183,7 @@ def test_a_record_that_asks_for_too_much_is_refused_at_once(
     assert len(asked) == 2
 
 
+@pytest.mark.long
 def test_units_of_requirements_are_counted_as_trials() -> None:
     """closed form: 2 requirements of 2048 units with 512 shots each, and 500 trials."""
     made, needed = per_unit(), 2 * 2048 * 512 + 500
@@ -210,6 +215,7 @@ def test_a_result_without_its_design_takes_the_design(kind: str) -> None:
 # --- what was touched -----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_changed_number_of_a_page_is_found(files: dict[str, bytes]) -> None:
     page = files["html"].decode()
     cell = re.search(r'<td class="number">(0\.\d{4})</td>', page)
@@ -221,6 +227,7 @@ def test_a_changed_number_of_a_page_is_found(files: dict[str, bytes]) -> None:
     assert f"line {page[: cell.start()].count(chr(10)) + 1}:" in details(found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "path",
     [
@@ -254,6 +261,7 @@ def test_another_design_under_the_same_numbers_is_found(body: bytes) -> None:
     assert answers(found)["numbers"] == "different"
 
 
+@pytest.mark.long
 def test_every_number_of_the_record_counts(files: dict[str, bytes]) -> None:
     """Digits all over the record of the HTML file, one at a time, 16 places: each is found, or the record refused."""
     page = files["html"].decode()
@@ -283,6 +291,7 @@ def repacked(content: bytes, member: str, change: Callable[[str], str]) -> bytes
     return target.getvalue()
 
 
+@pytest.mark.long
 def test_a_changed_cell_is_named(files: dict[str, bytes]) -> None:
     book = files["xlsx"]
     same = repacked(book, "xl/workbook.xml", lambda text: text)
@@ -298,6 +307,7 @@ def test_a_changed_cell_is_named(files: dict[str, bytes]) -> None:
     assert "cell B3" in details(audit(shared, "x", fast=True))
 
 
+@pytest.mark.long
 def test_a_changed_page_of_a_pdf_is_found(files: dict[str, bytes]) -> None:
     content = files["pdf"]
     streams = list(re.finditer(rb"/Length (\d+)>>\nstream\n", content))
@@ -317,6 +327,7 @@ def test_a_changed_page_of_a_pdf_is_found(files: dict[str, bytes]) -> None:
     pytest.fail("no page was found in the PDF")
 
 
+@pytest.mark.long
 def test_a_pdf_that_was_changed_between_its_streams_is_found(files: dict[str, bytes]) -> None:
     """A drawing of the same length that is clipped away, and a table of places that was changed."""
     content = files["pdf"]
@@ -339,6 +350,7 @@ def test_a_pdf_that_was_changed_between_its_streams_is_found(files: dict[str, by
 # --- what cannot be compared ----------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_pages_of_another_version_are_not_compared(body: bytes) -> None:
     old = changed(body, lambda data: [data[part]["provenance"].update(tailstack_version="0.0.9")
                                       for part in ("score", "verification")]
@@ -349,6 +361,7 @@ def test_pages_of_another_version_are_not_compared(body: bytes) -> None:
     assert "install that version" in details(found)
 
 
+@pytest.mark.long
 def test_charts_of_another_matplotlib_are_not_compared(files: dict[str, bytes]) -> None:
     """Another version may draw the same chart in other bytes: that is no sign of a change."""
     version = importlib.metadata.version("matplotlib")
@@ -368,6 +381,7 @@ def run(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, 
     return code, said.out, said.err
 
 
+@pytest.mark.long
 def test_exit_codes(body: bytes, files: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "a.html"
     page.write_bytes(files["html"])
@@ -456,6 +470,7 @@ def test_a_result_without_its_design_asks_for_it(tmp_path: Path, capsys: pytest.
     assert "does not hold the design" in err
 
 
+@pytest.mark.long
 def test_two_designs_are_compared_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, limit in (("old", 0.9), ("new", 0.1)):
         (tmp_path / f"{name}.json").write_text(json.dumps(limited(limit)), encoding="utf-8")
@@ -482,6 +497,7 @@ def test_a_report_in_any_format_is_rendered_again(
     assert (tmp_path / "out" / "old.report.json").read_bytes() == files["json"]
 
 
+@pytest.mark.long
 def test_an_audit_of_another_kind_of_number_is_exact() -> None:
     """A rate of 1e-10 is seen in a number, and 1e-8 is a difference."""
     made = compute_report(load_design(DESIGN), ReportOptions(parts=("score",)))
@@ -523,6 +539,7 @@ def beside(folder: Path, name: str) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FROM_FILES)
 def test_an_untouched_report_of_a_fiducial_file_is_verified(name: str, tmp_path: Path) -> None:
     design = load_design(beside(tmp_path, name))
@@ -538,6 +555,7 @@ EXAMPLE_DESIGNS = sorted(
 )
 
 
+@pytest.mark.long("box_carrier", "operating_theatre", "per_unit_limit", "locators_321", "slicer_markups")
 @pytest.mark.parametrize("path", EXAMPLE_DESIGNS, ids=lambda path: path.stem)
 def test_an_untouched_report_of_an_example_is_verified(path: Path) -> None:
     made = to_json(compute_report(load_design(path), ReportOptions(trials=1000)))
@@ -545,6 +563,7 @@ def test_an_untouched_report_of_an_example_is_verified(path: Path) -> None:
     assert found.verdict == "verified", details(found)
 
 
+@pytest.mark.long
 def test_the_design_in_a_report_is_the_design(tmp_path: Path) -> None:
     """Taken out of the record and written as YAML, it gives the report again, byte for byte."""
     options = ReportOptions(parts=("score",))
@@ -553,6 +572,7 @@ def test_the_design_in_a_report_is_the_design(tmp_path: Path) -> None:
     assert to_json(compute_report(load_design(tmp_path / "design.yaml"), options)) == to_json(made)
 
 
+@pytest.mark.long
 def test_an_optimised_design_says_where_its_points_came_from(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -138,6 +138,7 @@ def turn(angle_deg: float) -> Array:
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
+@pytest.mark.long
 def test_it_begins_as_the_picture_on_paper_and_turns_by_keys(
     seen: Seen,
 ) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 from openapi_scenes import json_examples, light, operations
 from served import Served, served
 
@@ -100,6 +101,7 @@ def report_of(service: Served, directory: Path) -> tuple[dict[str, Any], str]:
     return json.loads(record.read_text(encoding="utf-8")), done.stdout
 
 
+@pytest.mark.long
 def test_every_phase_finds_nothing(tmp_path: Path) -> None:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with served(tmp_path, **LIMITS) as service:

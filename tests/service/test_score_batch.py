@@ -180,6 +180,7 @@ print(code, next(line.split()[1] for line in open("/proc/self/status") if line.s
 """
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_table(tmp_path: Path) -> None:
     design = tmp_path / "normal.yaml"
     design.write_text(design_to_yaml(load_design(DEMO)).replace("uniform", "normal").replace("triangular", "normal"))

@@ -142,6 +142,7 @@ def test_commands_that_need_no_service_are_not_disturbed(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.long
 def test_a_score_loads_neither_settings_nor_a_client() -> None:
     """Without a clock: what is not needed is not imported."""
     demo = Path(__file__).parents[2] / "examples/demo.yaml"

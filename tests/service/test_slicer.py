@@ -151,6 +151,7 @@ def test_points_of_the_scene_are_the_beads_of_the_saved_file(module: ModuleType)
     assert [{"label": label, "position_mm": list(position)} for label, position in found] == read
 
 
+@pytest.mark.long
 def test_a_drag_in_the_scene_changes_p95_and_the_worst_bead_is_named(module: ModuleType, client: httpx.Client) -> None:
     design = client.get("/v1/examples/first_carrier").json()
     widget = module.TailstackWidget()

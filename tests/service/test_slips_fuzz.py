@@ -82,6 +82,7 @@ def with_slips(chosen: list[tuple[tuple[str, tuple[str | int, ...]], int, str]])
     return document
 
 
+@pytest.mark.long
 @settings(max_examples=250, deadline=None, suppress_health_check=SLOW)
 @given(slips)
 def test_the_service_points_at_every_slip(client: httpx.Client, chosen: Any) -> None:
@@ -121,6 +122,7 @@ def check_told(path: Path, code: int, told: str) -> None:
             assert ": /" in after or after.split(":")[1].isdigit()
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None, suppress_health_check=SLOW)
 @given(slips)
 def test_the_command_points_at_every_slip(tmp_path: Path, chosen: Any) -> None:

@@ -48,6 +48,7 @@ def test_a_verb_that_is_none_is_answered_without_loading_any() -> None:
     assert loaded("gat") == set()
 
 
+@pytest.mark.long("score-casadi")
 @pytest.mark.parametrize(
     ("arguments", "without"),
     [
@@ -137,6 +138,7 @@ def test_settings_of_numba_that_cannot_work_are_refused_at_the_start(
     assert "unset" in done.stderr
 
 
+@pytest.mark.long
 def test_who_optimises_does_not_wait_for_the_tables_of_statistics() -> None:
     """Half a second of every computing process of a service, which loads the optimiser before its first task."""
     code = "import sys, tailstack.optimisation.course; print('scipy.stats' in sys.modules, file=sys.stderr)"

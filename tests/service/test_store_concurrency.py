@@ -99,6 +99,7 @@ def test_threads_that_claim_at_once_never_get_the_same_unit(store: Database) -> 
     assert sorted(taken) == list(range(1, 121))
 
 
+@pytest.mark.long
 def test_processes_share_the_work_and_record_each_unit_once(store: Database) -> None:
     with worker_process(store, "w1") as one, worker_process(store, "w2") as two:
         for process in (one, two):
@@ -124,6 +125,7 @@ def answer_of(db: Database, job: jobs.Job) -> bytes:
     return kept.body
 
 
+@pytest.mark.long
 def test_a_worker_killed_at_any_moment_loses_nothing(store: Database, clock: Clock) -> None:
     """Six kills -9 at random moments (seed 5) in the middle of claims and records; leases of one second."""
     dice = random.Random(5)
@@ -150,6 +152,7 @@ def test_a_worker_killed_at_any_moment_loses_nothing(store: Database, clock: Clo
     check_sound(store)
 
 
+@pytest.mark.long
 def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
     """Every writing function from eight threads on few jobs (seeds 0 to 7), with leases that keep running out."""
     split(store, 30)
@@ -214,6 +217,7 @@ def kept_results(db: Database, name: str) -> int:
     return found
 
 
+@pytest.mark.long
 def test_readers_do_not_wait_for_a_writer(store: Database) -> None:
     job = submit(store)
     inside, leave = Event(), Event()
@@ -256,6 +260,7 @@ def test_a_file_that_stays_locked_is_unavailable_and_nothing_is_wrong_afterwards
         there.close()
 
 
+@pytest.mark.long
 def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the_other(
     tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -292,6 +297,7 @@ def test_migrating_at_once_from_many_sides_is_safe(database_url: str) -> None:
         db.close()
 
 
+@pytest.mark.long
 def test_processes_that_open_a_new_file_at_once(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'new' / 'a.sqlite3'}"
     opens = "from tailstack_service.jobs.store.schema import *; open_database(sys.argv[1], migrate=True).close()"

@@ -204,6 +204,7 @@ class Play:
             assert job.finished == (model.state != "unfinished")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_random_interleavings_agree_with_the_model(store: Database, clock: Clock, seed: int) -> None:
     play = Play(store, clock, seed)

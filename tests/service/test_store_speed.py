@@ -103,6 +103,7 @@ def test_no_query_of_the_hot_path_walks_a_table(long_queue: Database, clock: Clo
             assert "Seq Scan on units" not in plan, (statement, plan)
 
 
+@pytest.mark.long
 def test_a_long_queue_is_served_in_order(long_queue: Database) -> None:
     seen = []
     while held := claim(long_queue, limit=500, lease_seconds=1e6):

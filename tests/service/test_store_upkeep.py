@@ -266,6 +266,7 @@ def test_what_is_said_of_restoring_can_be_typed(tmp_path: Path, clock: Clock) ->
     check_restored(f"sqlite:///{file}", made, clock)
 
 
+@pytest.mark.long
 def test_a_backup_of_a_server_can_be_restored(
     postgres_server: Server, postgres_url: str, tmp_path: Path, clock: Clock
 ) -> None:
@@ -380,6 +381,7 @@ def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Cl
     assert upkeep.purge(store, 30.0) == upkeep.Deletions(0, 0, 0, 0, 0)
 
 
+@pytest.mark.long("postgresql")
 def test_a_purge_takes_many_jobs_in_several_transactions(store: Database, clock: Clock) -> None:
     for number in range(230):
         jobs.cancel_job(store, "acme", submit(store, b"%d" % number).id)

@@ -34,6 +34,7 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])}
 
 
+@pytest.mark.long("snippet2-physical inverse of T, q\\neq18 T q\\n")
 @pytest.mark.parametrize(("snippet", "printed"), SNIPPETS)
 def test_a_snippet_prints_what_the_page_says(snippet: str, printed: str) -> None:
     done = subprocess.run(

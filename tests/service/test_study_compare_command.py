@@ -29,6 +29,7 @@ def compared(capfdbinary: pytest.CaptureFixture[bytes], name: str, *options: str
     return code, json.loads(capfdbinary.readouterr().out)
 
 
+@pytest.mark.long
 def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
     """The truth is written in the file: 0.46 deg about x at the connector on the flange."""
     figure = tmp_path / "q.svg"
@@ -56,6 +57,7 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     assert unwrapped.endswith("measurements and prediction: differs")
 
 
+@pytest.mark.long
 def test_the_bench_as_designed_agrees(capsys: pytest.CaptureFixture[str]) -> None:
     name = str(FILES / "bench_as_designed.csv")
     assert main(["study", "compare", DEMO, "--measurements", name]) == 0
@@ -64,6 +66,7 @@ def test_the_bench_as_designed_agrees(capsys: pytest.CaptureFixture[str]) -> Non
     assert "not equality" in text
 
 
+@pytest.mark.long
 def test_the_noisy_views_are_named(capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     """The truth is written in the file: twice the declared noise."""
     code, document = compared(capfdbinary, "bench_noisy_views.csv")
@@ -73,6 +76,7 @@ def test_the_noisy_views_are_named(capfdbinary: pytest.CaptureFixture[bytes]) ->
     assert low > 1
 
 
+@pytest.mark.long
 def test_the_paper_s_summary_is_read_and_not_tested(capsys: pytest.CaptureFixture[str]) -> None:
     command = ["study", "compare", DEMO, "--error", "localisation", "--measurements", str(FILES / "paper_s4.csv")]
     assert main(command) == 4

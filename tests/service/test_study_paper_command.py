@@ -38,6 +38,7 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> dict:
     return {"study": json.loads(out[0]), "figures": sorted(directory.iterdir())}
 
 
+@pytest.mark.long
 def test_json_is_the_published_record(printed: dict) -> None:
     study = printed["study"]
     jsonschema.Draft202012Validator(json_schema("study-paper")).validate(study)

@@ -31,6 +31,7 @@ def body(name: str) -> bytes:
     return (ANSWERS / f"create_study_{STUDIES[name][0]}.json").read_bytes()
 
 
+@pytest.mark.long("html-study-paper", "html-study-views", "xlsx-study-paper")
 @pytest.mark.parametrize("name", STUDIES)
 @pytest.mark.parametrize("form", ["html", "xlsx"])
 def test_every_study_has_pages_and_the_same_record_gives_the_same_bytes(name: str, form: str) -> None:

@@ -22,6 +22,7 @@ DEMO = str(EXAMPLES / "demo.yaml")
 COARSE = ["--step-deg", "30"]
 
 
+@pytest.mark.long
 def test_it_prints_a_line_for_each_map_and_what_they_say(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["study", "views", DEMO, *COARSE, "--error", "localisation"]) == 0
     text = capsys.readouterr().out
@@ -32,6 +33,7 @@ def test_it_prints_a_line_for_each_map_and_what_they_say(capsys: pytest.CaptureF
     assert "P95 of the error of the located target" in " ".join(text.split())
 
 
+@pytest.mark.long
 def test_its_record_keeps_its_schema_is_drawn_and_is_computed_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -76,6 +78,7 @@ def test_a_step_larger_than_the_cone_is_refused_instead_of_called_worth_nothing(
     assert "step_deg 1" in refused
 
 
+@pytest.mark.long
 def test_a_map_with_a_direction_where_two_views_are_one_still_shows_the_others() -> None:
     """AP turned by 24 deg looks nearly along LAT, and P95 is many times what it is elsewhere."""
     data = document(**moving())

@@ -43,6 +43,7 @@ def asked(design: Path, *more: str) -> list[str]:
     return ["sweep", str(design), "--set", f"{NOISE}=0.1:0.7:4", "--set", f"{RZ}=0.05,0.2,-1", *more]
 
 
+@pytest.mark.long
 def test_pool_and_service_give_the_bytes_of_the_sweep_here(design: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check = ("--check", "verification", "--trials", "3000", "--seed", "5", "--json")
     assert main(asked(design, *check)) == 0
@@ -55,6 +56,7 @@ def test_pool_and_service_give_the_bytes_of_the_sweep_here(design: Path, capsys:
     assert capsys.readouterr().out == here
 
 
+@pytest.mark.long
 def test_a_dask_cluster_gives_the_bytes_of_the_sweep_here(
     design: Path, dask_cluster: Cluster, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -67,6 +69,7 @@ def test_a_dask_cluster_gives_the_bytes_of_the_sweep_here(
     assert capsys.readouterr().out == here
 
 
+@pytest.mark.long
 def test_units_whose_process_dies_are_computed_again_and_then_given_up(tmp_path: Path) -> None:
     with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
         good = strange_units.request("answer", units=7)
@@ -96,6 +99,7 @@ def test_a_process_killed_under_a_sweep_changes_nothing(design: Path, capsys: py
             killer.join()
 
 
+@pytest.mark.long
 def test_an_engine_without_anything_to_compute_with_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     class Empty(PoolEngine):
         @property
@@ -154,6 +158,7 @@ def test_a_figure_over_one_axis_has_a_mark_for_each_point(design: Path, tmp_path
     assert "as designed" in svg
 
 
+@pytest.mark.long
 def test_a_figure_over_two_axes_has_a_curve_each_or_is_a_map(design: Path, tmp_path: Path) -> None:
     svg = figure(design, tmp_path, f"{NOISE}=0.1:0.9:9", f"{RZ}=0.05,0.1,0.4")
     assert all(f">{value} deg<" in svg for value in (0.05, 0.1, 0.4))

@@ -155,6 +155,7 @@ def unknown(identity: str) -> str:
     return identity[:-1] + ("0" if identity[-1] != "0" else "1")
 
 
+@pytest.mark.long
 def test_every_operation_can_be_addressed(owned: Property) -> None:
     """A new operation needs a decision: to whom does what it names belong?"""
     for name, (path, _, operation) in ADDRESSED.items():
@@ -168,6 +169,7 @@ def test_every_operation_can_be_addressed(owned: Property) -> None:
     assert set(owned.job) == KINDS
 
 
+@pytest.mark.long("get_report")
 @pytest.mark.parametrize("name", ADDRESSED)
 def test_what_belongs_to_another_is_what_never_was(place: Place, owned: Property, name: str) -> None:
     path, _, operation = ADDRESSED[name]
@@ -278,6 +280,7 @@ def bad_credentials(place: Place) -> dict[str, dict[str, str]]:
     }
 
 
+@pytest.mark.long
 def test_nobody_gets_in_with_a_bad_credential_on_any_route(place: Place, owned: Property) -> None:
     for what, headers in bad_credentials(place).items():
         for name, (path, _, operation) in SECURED.items():
@@ -362,6 +365,7 @@ def test_a_stranger_cannot_cancel(place: Place) -> None:
     assert finished(place, job["links"]["self"], place.keys["a"])["state"] == "succeeded"
 
 
+@pytest.mark.long
 def test_a_revoked_key_is_refused_within_seconds(place: Place) -> None:
     key = _key(place.service, "a")
     headers = {"Authorization": bearer(key)}

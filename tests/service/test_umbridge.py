@@ -55,6 +55,7 @@ def message_of(response: httpx.Response, word: str = "InvalidInput") -> str:
     return text
 
 
+@pytest.mark.long
 def test_the_protocols_own_tests_pass(url: str, tmp_path: Path) -> None:
     for name in ("conftest.py", "test_model_schema.py"):
         (tmp_path / name).write_bytes((CONFORMITY / f"{name}.txt").read_bytes())
@@ -181,6 +182,7 @@ def test_what_is_no_body_is_refused(client: httpx.Client, body: bytes) -> None:
     assert response.json()["error"]["message"]
 
 
+@pytest.mark.long
 def test_a_service_with_keys_asks_for_one(tmp_path: Path) -> None:
     with served(tmp_path, TAILSTACK_AUTH="required") as service:
         key = service.run("keys", "create", "--tenant", "a", "--name", "test", "--scope", "compute").strip()

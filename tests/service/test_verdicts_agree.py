@@ -98,6 +98,7 @@ def same_row(cells: list[str], check: dict[str, Any]) -> None:
 # --- every format ---------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_pass_is_a_margin_that_is_not_negative_at_every_quantile_and_yield(design: Design) -> None:
     checks = json.loads(to_json(score(design)))["verdict"]["checks"]
     agree(checks)
@@ -114,6 +115,7 @@ def test_pass_is_a_margin_that_is_not_negative_at_every_quantile_and_yield(desig
         assert rising[-1] > 1.02 * rising[0]
 
 
+@pytest.mark.long
 def test_the_terminal_prints_each_requirement_with_the_same_numbers(design: Design) -> None:
     found = score(design)
     checks = json.loads(to_json(found))["verdict"]["checks"]
@@ -169,6 +171,7 @@ class Rows(HTMLParser):
             self.rows[-1][-1] += data.strip()
 
 
+@pytest.mark.long
 def test_the_first_page_of_a_report_lists_each_requirement(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
     page = render("report", report, "html")[0].decode()
     first = page[: page.index("<nav")]
@@ -234,6 +237,7 @@ def pdf_text(content: bytes) -> str:
     return " ".join(words)
 
 
+@pytest.mark.long
 def test_paper_says_the_same(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
     text = pdf_text(render("report", report, "pdf")[0])
     for name, check in checks.items():
@@ -244,6 +248,7 @@ def test_paper_says_the_same(report: bytes, checks: dict[str, dict[str, Any]]) -
         same_row([*found[1].split(), found[2]], check)
 
 
+@pytest.mark.long
 def test_the_gauge_shows_one_distribution(values: dict[tuple[float, float | None], float]) -> None:
     """Mean and CVaR are known of all units together, so they stand beside nothing else."""
     for fraction, beside in ((None, True), (0.9, False)):
@@ -259,6 +264,7 @@ def test_the_gauge_shows_one_distribution(values: dict[tuple[float, float | None
         assert (f"that {100 * fraction:g} % of units keep" in gauge) if fraction else "units" not in gauge
 
 
+@pytest.mark.long
 def test_a_comparison_says_what_fails_and_has_one_p95_of_each_target(
     values: dict[tuple[float, float | None], float],
 ) -> None:
@@ -327,6 +333,7 @@ def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dic
 # --- Monte Carlo ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_check_decides_at_the_yield_that_is_asked_for(values: dict[tuple[float, float | None], float]) -> None:
     """The same in JSON, text and HTML, for what passes at 90 % and not at 99 %."""
     limit = (values[0.95, 0.9] * values[0.95, 0.99]) ** 0.5

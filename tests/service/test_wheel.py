@@ -30,6 +30,7 @@ def call(unpacked: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_the_demo_design_is_shipped(unpacked: Path) -> None:
     shipped = unpacked / "tailstack_service" / "example_files" / "demo.yaml"
     assert shipped.read_bytes() == (EXAMPLES / "demo.yaml").read_bytes()
@@ -45,6 +46,7 @@ def test_the_page_of_the_api_is_shipped(unpacked: Path) -> None:
     assert {"index.html", "LICENSE", "NOTICE", "swagger-ui-bundle.js"} <= set(shipped)
 
 
+@pytest.mark.long
 def test_schemas_and_openapi_come_out_of_it(unpacked: Path) -> None:
     assert call(unpacked, "schema", "design").returncode == 0
     done = call(unpacked, "openapi")
@@ -56,6 +58,7 @@ def test_the_command_is_declared(unpacked: Path) -> None:
     assert "tailstack = tailstack_service.cli.main:command" in entry
 
 
+@pytest.mark.long
 def test_the_database_is_made_from_it(unpacked: Path, tmp_path: Path) -> None:
     """The migrations are files, not imported by anything."""
     environment = {**os.environ, "PYTHONPATH": str(unpacked), "TAILSTACK_DATABASE": f"sqlite:///{tmp_path / 'jobs'}"}

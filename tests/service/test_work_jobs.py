@@ -42,6 +42,7 @@ def example(name: str) -> dict[str, Any]:
 # --- tables of designs ----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("column", ["p95_mm", "verdict"])
 def test_a_table_in_units_is_the_table_in_process(column: str) -> None:
     """Linearised rows, one that is refused among them; what is sent over HTTP becomes the same request."""
@@ -65,6 +66,7 @@ def test_a_table_in_units_is_the_table_in_process(column: str) -> None:
 # --- verification ---------------------------------------------------------------------------------
 
 
+@pytest.mark.long("locators_321-options3")
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -84,6 +86,7 @@ def test_a_check_in_units_is_the_check_in_process(name: str, options: dict[str, 
     assert len(recorded) > 0
 
 
+@pytest.mark.long
 def test_a_check_in_units_misses_the_same_beads() -> None:
     data = example("demo")
     data["fiducials"]["loss_probability"] = 0.03
@@ -105,6 +108,7 @@ def test_a_check_that_goes_on_asks_ahead_for_what_it_will_need() -> None:
     assert [span["first"] for span in spans] == [0, *(2**k for k in range(14, 20)), 2**19 + 2**18]
 
 
+@pytest.mark.long
 def test_a_radial_check_that_does_not_hold_is_refused_as_in_process() -> None:
     data = example("small_cluster_far_target")
     data["views"] = [{**view, "fiducial_noise_px": 8.0} for view in data["views"]]
@@ -119,6 +123,7 @@ def test_a_radial_check_that_does_not_hold_is_refused_as_in_process() -> None:
 # --- optimisation ---------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "request_",
     [
@@ -134,6 +139,7 @@ def test_an_optimisation_in_units_is_the_optimisation_in_process(request_: dict[
     assert len(recorded) == (2 if "box" in request_["design"]["optimise"] else 0)
 
 
+@pytest.mark.long
 def test_the_points_of_a_front_are_units() -> None:
     """Two groups of starts, three points; the point of the tightest limit is out of reach."""
     front = {"points": 3, "min_limit_mm": 0.1, "max_limit_mm": 2.0}
@@ -149,6 +155,7 @@ def test_the_points_of_a_front_are_units() -> None:
     assert statuses.count("verified") >= 1
 
 
+@pytest.mark.long
 def test_an_infeasible_optimisation_is_refused_as_in_process() -> None:
     """The search is refused before any start is solved: the units come to nothing, the last look says why."""
     data = document(6, 0.1, box=BOX, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5})
@@ -170,6 +177,7 @@ AXES: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.long("options1")
 @pytest.mark.parametrize(
     "options",
     [
@@ -215,6 +223,7 @@ def test_a_defect_is_raised_and_not_told_to_the_user() -> None:
         perform(Task("verification", canonical({"no design": 1}), ADVANCE))
 
 
+@pytest.mark.long
 def test_units_come_back_from_a_spawned_process_as_they_are_computed_here() -> None:
     request = canonical({"design": example("demo"), "trials": 20_000, "seed": 1})
     spec = perform(Task("verification", request, ADVANCE)).more[0]

@@ -71,6 +71,7 @@ def design_with(**changes: Any) -> str:
 # --- from nothing to the first number ------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_whoever_opens_the_address_is_one_click_from_a_score(service: Served) -> None:
     found = used(service.url, "first", example=yaml.safe_load(DEMO)["name"])
     assert found["watched"]["messages"] == []  # no error in the console, no breach of the policy
@@ -82,6 +83,7 @@ def test_whoever_opens_the_address_is_one_click_from_a_score(service: Served) ->
     assert found["p95"] == f"{record['verdict']['checks'][0]['value_mm']:.3f}"
 
 
+@pytest.mark.long
 def test_a_drag_shows_its_own_numbers_and_sends_one_request_at_a_time(service: Served) -> None:
     """p95 over 200 moves, from the pointer to the number, against the same request from a script in turn with it."""
     found = used(service.url, "drag", json={"design": yaml.safe_load(DEMO)}, moves=200)
@@ -94,6 +96,7 @@ def test_a_drag_shows_its_own_numbers_and_sends_one_request_at_a_time(service: S
 # --- what was done can be undone, and is kept --------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_fifty_edits_undone_give_the_first_design_and_done_again_the_last(service: Served) -> None:
     found = used(service.url, "undo", edits=50, seed=7)
     assert found["first"] == load_design(EXAMPLES / "demo.yaml").sha256 == found["undone"]
@@ -101,6 +104,7 @@ def test_fifty_edits_undone_give_the_first_design_and_done_again_the_last(servic
     assert found["steps"] >= 40  # some moves end where they began
 
 
+@pytest.mark.long
 def test_link_reload_crash_and_a_second_tab_lose_nothing(service: Served) -> None:
     found = used(service.url, "keep")
     assert found["mine"] == found["linked"] == found["reloaded"] == found["inherited"]
@@ -112,6 +116,7 @@ def test_link_reload_crash_and_a_second_tab_lose_nothing(service: Served) -> Non
 # --- the whole job -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_whole_job_by_mouse(service: Served) -> None:
     found = used(service.url, "mouse")
     assert len({found["moved"], found["loosened"], found["taken"]}) == 3
@@ -127,12 +132,14 @@ def test_the_whole_job_by_mouse(service: Served) -> None:
     assert found["watched"]["messages"] == []
 
 
+@pytest.mark.long
 def test_the_whole_job_by_keyboard(service: Served) -> None:
     found = used(service.url, "keyboard")
     assert len({found["first"], found["moved"], found["loosened"], found["taken"]}) == 4
     assert found["undone"] == found["loosened"]
 
 
+@pytest.mark.long
 def test_a_killed_service_is_waited_for_and_its_job_goes_on(tmp_path: Path, browser: None) -> None:
     with served(tmp_path) as running:
         port = running.url.rpartition(":")[2]
@@ -165,6 +172,7 @@ def test_a_killed_service_is_waited_for_and_its_job_goes_on(tmp_path: Path, brow
 # --- jobs, keys, what is taken away --------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page_outlive_a_reload(
     service: Served,
 ) -> None:
@@ -177,6 +185,7 @@ def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page
     assert found["sha"] == load_design(design).sha256  # what somebody else computed can be gone on with
 
 
+@pytest.mark.long
 def test_a_key_is_asked_for_and_kept_in_memory_only(tmp_path: Path, browser: None) -> None:
     with served(tmp_path, TAILSTACK_AUTH="required") as running:
         key = running.run("keys", "create", "--tenant", "acme", "--name", "page").strip()
@@ -186,6 +195,7 @@ def test_a_key_is_asked_for_and_kept_in_memory_only(tmp_path: Path, browser: Non
     assert found["download"] == "%PDF-"
 
 
+@pytest.mark.long
 def test_what_is_copied_runs_as_it_is(service: Served, tmp_path: Path) -> None:
     found = used(service.url, "copy")
     (tmp_path / found["name"]).write_text(found["yaml"], encoding="utf-8")
@@ -207,24 +217,28 @@ def test_what_is_copied_runs_as_it_is(service: Served, tmp_path: Path) -> None:
     assert "tip-accuracy" in tailstack(steps[-1]["run"])
 
 
+@pytest.mark.long
 def test_the_half_width_that_slack_allows_gives_the_limit(service: Served) -> None:
     found = used(service.url, "slack", pointer="interfaces/connector_flange/tolerances/rx/half_width_deg")
     assert re.fullmatch(r"−0\.\d+ to (0\.\d+) °", found["slack"])
     assert float(found["p95"]) == pytest.approx(1.0, abs=0.0006)  # three digits after a half-width of four
 
 
+@pytest.mark.long
 def test_sliders_stop_at_the_grades_of_the_design(service: Served) -> None:
     design = (EXAMPLES / "tube_carrier.yaml").read_text(encoding="utf-8")
     pointer = "interfaces/structure_connector/tolerances/rx/half_width_deg"
     assert used(service.url, "grades", design, pointer=pointer)["values"] == ["0.03", "0.06", "0.12", "0.2"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pointer", ["temperature/half_width_k", "views/0/image_field/half_widths_px/3"])
 def test_what_goes_wrong_in_an_image_has_a_slider_where_the_design_declares_it(service: Served, pointer: str) -> None:
     design = (EXAMPLES / "gallery" / "operating_theatre.yaml").read_text(encoding="utf-8")
     assert used(service.url, "grades", design, pointer=pointer)["values"] == []  # there, and without grades
 
 
+@pytest.mark.long
 def test_a_bead_that_is_lost_is_not_among_those_that_a_view_sees_either(service: Served) -> None:
     """Nor is it counted in the drawing in space, for which the scenario waits."""
     design = yaml.safe_load(DEMO)
@@ -243,6 +257,7 @@ def test_a_bead_that_is_lost_is_not_among_those_that_a_view_sees_either(service:
     assert found["before"] == found["after"]
 
 
+@pytest.mark.long
 def test_a_view_that_pays_is_said_and_is_in_the_design_that_is_taken(service: Served) -> None:
     data = document(limit_mm=0.6, **moving(box=None, starts=1))
     data["views"][1].pop("orientation")
@@ -256,6 +271,7 @@ def test_a_view_that_pays_is_said_and_is_in_the_design_that_is_taken(service: Se
     assert found["taken"] == expected.provenance.design_sha256
 
 
+@pytest.mark.long
 def test_fiducials_that_are_dropped_on_a_design_become_its_own(service: Served) -> None:
     points = [(f"B{k}", 20 * k - 50, (-1) ** k * 25, 7 * k - 60) for k in range(7)]
     markups = [{"label": label, "position": at} for label, *at in points]
@@ -270,6 +286,7 @@ def test_fiducials_that_are_dropped_on_a_design_become_its_own(service: Served) 
     assert "unit" in dropped[2]["words"]  # why it was not taken
 
 
+@pytest.mark.long
 def test_a_step_file_is_a_design_or_its_balls_become_the_fiducials_of_one(service: Served) -> None:
     """Eight balls; the labels are the names that its bodies have."""
     step = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")
@@ -281,6 +298,7 @@ def test_a_step_file_is_a_design_or_its_balls_become_the_fiducials_of_one(servic
         assert "8 fiducials of carrier.step" in dropped["words"]
 
 
+@pytest.mark.long
 def test_of_balls_of_two_diameters_the_page_asks_which(service: Served) -> None:
     with zipfile.ZipFile(ROOT / "tests" / "data" / "step" / "files.zip") as files:
         step = files.read("freecad_faces.step").decode("ascii")
@@ -289,6 +307,7 @@ def test_of_balls_of_two_diameters_the_page_asks_which(service: Served) -> None:
     assert "was left" in dropped["words"]
 
 
+@pytest.mark.long
 def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:
     found = used(service.url, "variants")
     assert found["taken"] == found["first"] != found["moved"]
@@ -298,6 +317,7 @@ def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:
     assert "1.144" in found["row"]
 
 
+@pytest.mark.long
 def test_arrows_move_a_bead_by_one_ten_and_a_tenth_of_a_millimetre(service: Served) -> None:
     assert used(service.url, "keys")["found"] == [1, 10, 0.1]
 
@@ -305,6 +325,7 @@ def test_arrows_move_a_bead_by_one_ten_and_a_tenth_of_a_millimetre(service: Serv
 # --- strange and large designs -------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_what_cannot_be_answered_is_explained_and_one_undo_away(service: Served) -> None:
     found = used(service.url, "refused")
     assert "F3" in found["words"]
@@ -313,6 +334,7 @@ def test_what_cannot_be_answered_is_explained_and_one_undo_away(service: Served)
     assert found["before"] == found["after"]
 
 
+@pytest.mark.long
 def test_names_are_text_and_push_nothing_out_of_the_page(service: Served) -> None:
     code, right_to_left = "<script>window.hacked = 1</script><img src=x onerror=hacked=1>", "הנחיית מקדחה"
     design = yaml.safe_load(DEMO)
@@ -327,6 +349,7 @@ def test_names_are_text_and_push_nothing_out_of_the_page(service: Served) -> Non
         assert (found["wide"], found["opened"]) == (0, 0)
 
 
+@pytest.mark.long
 def test_many_targets_fiducials_and_views_stay_usable(tmp_path: Path, browser: None) -> None:
     design = yaml.safe_load(DEMO)
     design["targets"] = [
@@ -349,6 +372,7 @@ def test_many_targets_fiducials_and_views_stay_usable(tmp_path: Path, browser: N
 # --- pictures -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", [1280, 390])
 def test_three_states_are_pictured_with_all_their_parts(service: Served, tmp_path: Path, width: int) -> None:
     """README and docs/workbench.md show the pictures: made anew with TAILSTACK_SCREENSHOTS=docs/images, at 1280."""
@@ -384,6 +408,7 @@ def test_three_states_are_pictured_with_all_their_parts(service: Served, tmp_pat
 # --- the files in the package -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_built_files_are_those_of_the_sources(tmp_path: Path) -> None:
     try:
         modules = node.tools(SOURCES).parent

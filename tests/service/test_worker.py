@@ -63,6 +63,7 @@ def unit_rows(db: Database, submitted: Job) -> list[Any]:
         return list(connection.execute(query))
 
 
+@pytest.mark.long("postgresql")
 def test_a_job_is_computed_and_recorded_once(db: Database) -> None:
     asked = request(units=5)
     submitted = submit(db, asked)
@@ -73,6 +74,7 @@ def test_a_job_is_computed_and_recorded_once(db: Database) -> None:
     assert [row.attempts for row in unit_rows(db, submitted)] == [1] * 7
 
 
+@pytest.mark.long
 def test_many_small_jobs_none_lost_none_doubled(db: Database, tmp_path: Path) -> None:
     """Two workers on one database; every unit notes that it was begun."""
     note = tmp_path / "note"
@@ -102,6 +104,7 @@ def test_a_defect_fails_the_job_and_not_the_worker(db: Database, caplog: pytest.
     assert (line.job, line.request, line.unit) == (bad.id, "r-77", 1)  # type: ignore[attr-defined]
 
 
+@pytest.mark.long("postgresql")
 def test_a_poison_unit_fails_its_job_and_no_other(db: Database, caplog: pytest.LogCaptureFixture) -> None:
     with working(db, max_unit_deaths=3):
         poison, good = submit(db, request("die", units=2)), submit(db, request(units=4))
@@ -140,6 +143,7 @@ def test_an_outcome_that_a_unit_cannot_have_is_a_defect(db: Database, monkeypatc
     assert problem_of(ended)["type"] == "/v1/problems/internal-error"
 
 
+@pytest.mark.long("postgresql")
 def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
     with working(db, lease_seconds=1.5) as (_, engine):
         submitted = submit(db, request("burn", units=2))
@@ -152,6 +156,7 @@ def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
     assert job(db, submitted).state == "cancelled"
 
 
+@pytest.mark.long
 def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogCaptureFixture) -> None:
     with working(db, max_job_seconds=2.0, lease_seconds=1.0) as (_, engine):
         ended = finished(db, submit(db, request("sleep")), 10.0)
@@ -162,6 +167,7 @@ def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogC
     assert len(told(caplog, "too-long")) == 1
 
 
+@pytest.mark.long
 def test_a_stop_gives_everything_back_at_once(db: Database) -> None:
     asked = request("sleep", units=2, seconds=3.0)
     submitted = submit(db, asked)
@@ -190,6 +196,7 @@ def test_a_late_record_is_refused(db: Database, caplog: pytest.LogCaptureFixture
         assert job(db, submitted).units_done == 1
 
 
+@pytest.mark.long("postgresql")
 def test_an_upgrade_computes_anew_and_says_so(db: Database) -> None:
     asked = request("sleep", units=3, seconds=0.3)
     submitted = submit(db, asked)
@@ -204,6 +211,7 @@ def test_an_upgrade_computes_anew_and_says_so(db: Database) -> None:
     assert event.data == {"from": VERSION, "to": "2.0"}
 
 
+@pytest.mark.long
 def test_a_killed_process_is_counted_and_its_unit_computed_again(db: Database, tmp_path: Path) -> None:
     note = tmp_path / "note"
     asked = request("sleep", seconds=1.5, note=str(note))  # a machine may be slow to kill
@@ -216,6 +224,7 @@ def test_a_killed_process_is_counted_and_its_unit_computed_again(db: Database, t
     assert [row.attempts for row in unit_rows(db, submitted)] == [1, 2, 1]
 
 
+@pytest.mark.long
 def test_short_units_are_taken_ahead_and_long_ones_are_not(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     claim = queue.claim

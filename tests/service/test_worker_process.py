@@ -49,6 +49,7 @@ def at_work(db: Database) -> bool:
     return len(workers.list_workers(db)) == 1
 
 
+@pytest.mark.long("postgresql-15-0")
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
 def test_a_stop_is_clean_and_leaves_no_process(
     database_url: str, tmp_path: Path, sign: signal.Signals, code: int
@@ -73,6 +74,7 @@ def test_a_stop_is_clean_and_leaves_no_process(
     assert "Traceback" not in told
 
 
+@pytest.mark.long
 def test_what_was_under_way_is_given_back_by_a_stop(database_url: str, tmp_path: Path) -> None:
     with prepared_database(database_url) as db:
         asked = request("sleep", units=2, seconds=2.0)
@@ -85,6 +87,7 @@ def test_what_was_under_way_is_given_back_by_a_stop(database_url: str, tmp_path:
             assert computed(db, submitted, asked)
 
 
+@pytest.mark.long
 def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
     """The first cannot be acted on: another process holds the only write lock of the file."""
     url = f"sqlite:///{tmp_path / 'held.sqlite3'}"
@@ -107,6 +110,7 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
         assert psutil.wait_procs(beside, timeout=5.0)[1] == []
 
 
+@pytest.mark.long
 def test_kill_9_of_a_worker_costs_only_time(database_url: str, tmp_path: Path) -> None:
     with prepared_database(database_url) as db:
         asked = request("sleep", units=6, seconds=0.4)
@@ -121,6 +125,7 @@ def test_kill_9_of_a_worker_costs_only_time(database_url: str, tmp_path: Path) -
             assert computed(db, submitted, asked)
 
 
+@pytest.mark.long
 def test_a_frozen_worker_cannot_record(database_url: str, tmp_path: Path) -> None:
     """Frozen for longer than its lease while another takes over; when it wakes, what it has comes too late."""
     with prepared_database(database_url) as db:
@@ -142,6 +147,7 @@ def words(log: str) -> list[str]:
     return [word.removeprefix("action=") for word in log.split() if word.startswith("action=")]
 
 
+@pytest.mark.long
 def test_a_database_restart_is_waited_for(postgres_server: Server, postgres_url: str, tmp_path: Path) -> None:
     """Immediate shutdown, as after a power cut, while units are computed; away for longer than a lease."""
     with prepared_database(postgres_url) as db, worker_process(postgres_url, tmp_path / "log") as worker:
@@ -159,6 +165,7 @@ def test_a_database_restart_is_waited_for(postgres_server: Server, postgres_url:
     assert "action=store-unavailable" in (tmp_path / "log").read_text()
 
 
+@pytest.mark.long
 def test_a_database_that_is_not_up_yet_is_waited_for(
     postgres_server: Server, postgres_url: str, tmp_path: Path
 ) -> None:
@@ -181,6 +188,7 @@ def test_a_database_without_tables_is_refused(postgres_url: str, tmp_path: Path)
     assert "tailstack db migrate" in (tmp_path / "log").read_text()
 
 
+@pytest.mark.long
 def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path: Path) -> None:
     def check() -> tuple[int, str]:
         told = {**make_environment(), "TAILSTACK_DATABASE": database_url}
@@ -208,6 +216,7 @@ time.sleep(60)
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM])
 def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: signal.Signals) -> None:
     url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
@@ -251,6 +260,7 @@ def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pyt
         assert jobs.find_job(db, TENANT, kept.id) is not None
 
 
+@pytest.mark.long
 def test_a_computing_process_that_is_stopped_is_replaced_within_its_time(database_url: str, tmp_path: Path) -> None:
     note = tmp_path / "note"
     asked = request("burn", seconds=1.5, note=str(note))

@@ -113,6 +113,7 @@ def load_number(document: Any, place: tuple[Any, ...]) -> float:
     return float(document)
 
 
+@pytest.mark.long("0", "1", "4", "12", "16")
 @pytest.mark.parametrize("seed", range(24))
 def test_rows_of_random_designs_are_their_scores(seed: int) -> None:
     """independent: the document of each row, written by assignment and scored alone."""

@@ -97,6 +97,7 @@ def test_a_round_gives_seconds_an_item_and_ratios_within_rounds(bench: ModuleTyp
     assert fixed.ratio("a", "b") == 3.0
 
 
+@pytest.mark.long
 def test_every_row_has_a_name_and_can_be_measured_by_the_modules_there_are() -> None:
     """``--help`` imports whatever is measured, and lists the targets in their order."""
     done = call("--help")

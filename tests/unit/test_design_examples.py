@@ -69,6 +69,7 @@ def test_demo_is_what_its_comments_say():
     np.testing.assert_allclose(system.manufacturing_std_mm, 0.05 / np.sqrt(3), rtol=1e-14)
 
 
+@pytest.mark.long
 def test_a_compact_carrier_is_within_its_limit_by_what_is_known_of_the_c_arm_whatever_the_theatre_does():
     design = load_design(EXAMPLES / "gallery" / "operating_theatre.yaml")
     knowing, free = score(design), score(design.with_value("model.estimator", "dlt"))

@@ -40,6 +40,7 @@ INPUTS = {
 }
 
 
+@pytest.mark.long("tcp-demo.yaml", "localisation-demo.yaml")
 @pytest.mark.parametrize("example", INPUTS)
 @pytest.mark.parametrize("error", ["tcp", "localisation"])
 def test_the_derivative_of_p95_is_that_of_differences(example: str, error: Any) -> None:

@@ -250,6 +250,7 @@ def test_an_assembly_that_doubles_at_every_level_is_refused() -> None:
         read(text_of(data))
 
 
+@pytest.mark.long
 def test_one_long_list_that_everything_names_is_refused() -> None:
     """Each of 3000 parts names one representation of 20,000 items: 1.2 GB to be read in a file of 1 MB."""
     items = ",".join(["#60"] * 20_000)

@@ -101,6 +101,7 @@ def test_seats_and_pins_hold_where_they_were_drawn(name: str) -> None:
     assert np.dot(contacts["PIN2.v"].normal, across) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_two_thousand_damaged_files_are_read_or_refused_within_limits() -> None:
     program = [sys.executable, str(Path(__file__).with_name("step_hostility.py"))]
     run = subprocess.run(program, capture_output=True, text=True, check=True, timeout=300)

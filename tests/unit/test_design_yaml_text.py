@@ -106,6 +106,7 @@ trees = st.recursive(
 documents = st.dictionaries(names, trees, min_size=1, max_size=4)
 
 
+@pytest.mark.long
 @given(documents, documents, st.booleans())
 @settings(max_examples=300, deadline=None)
 def test_any_document_can_become_any_other(old, new, flow):

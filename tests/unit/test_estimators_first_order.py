@@ -67,6 +67,16 @@ def test_the_published_table_to_its_printed_digits(row):
     assert round(bias, 3) == ORACLE["bias_if_focal_length_assumed_1pct_long_mm"][str(half)]
 
 
+@pytest.mark.long(
+    "pose-normalised",
+    "pose-weighted",
+    "pose-reprojection",
+    "pose_with_prior-normalised",
+    "pose_with_prior-weighted",
+    "pose_with_prior-reprojection",
+    "reprojection-normalised",
+    "reprojection-reprojection",
+)
 @pytest.mark.parametrize("form", [Triangulation.NORMALISED, Triangulation.WEIGHTED, Triangulation.REPROJECTION])
 @pytest.mark.parametrize("estimator", list(Estimator))
 def test_every_gain_equals_the_finite_difference_of_the_plain_estimator(estimator, form):

@@ -244,6 +244,7 @@ def row_scatter(cv2: Any, scene: Scene, shots: int, rng: np.random.Generator) ->
     return out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SCENES)
 def test_verify_is_within_the_interval_of_an_independent_simulation_by_opencv(name, monkeypatch):
     """sampled: 2000 trials here, 131,072 there.  P95 within the distribution-free interval of 1 - 10^-3; each component

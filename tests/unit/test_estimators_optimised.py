@@ -61,6 +61,7 @@ def test_symbols_have_the_covariances_of_the_score(estimator, form):
     assert slope[2, 1] == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=1e-5, abs=1e-9)
 
 
+@pytest.mark.long
 def test_a_layout_placed_for_the_pose_is_better_for_it_and_its_quantile_is_the_score_s():
     """independent: the exact law of the linear model at the layouts that both estimators ask for."""
     pose, dlt = (problem_of(estimator) for estimator in (Estimator.POSE, Estimator.DLT))

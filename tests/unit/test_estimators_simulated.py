@@ -82,6 +82,7 @@ def test_a_check_of_a_pose_says_what_ran_and_meets_the_published_interval():
     assert checked.targets[0].flagged_trials == 0
 
 
+@pytest.mark.long
 def test_trials_without_an_estimate_are_refused_and_counted():
     """Noise as large as the structure's image leaves poses that no step settles."""
     far = system_of(cube_fiducials(2), views=with_noise(60.0), estimator=Estimator.POSE)

@@ -164,6 +164,7 @@ def made_roughly(std_mm: float) -> System:
     return replace(system, views=tuple(views), manufacturing_half_width_mm=half_width)
 
 
+@pytest.mark.long("rough fiducials under a prior")
 @pytest.mark.parametrize(
     ("system", "words"),
     [
@@ -185,6 +186,7 @@ def test_what_is_wrong_in_an_image_and_large_is_not_called_good_to_one_per_cent(
     assert words in trust.statement
 
 
+@pytest.mark.long("rough fiducials under a prior")
 @pytest.mark.parametrize(
     "system",
     [warm(-30, 15), told_wrongly(0.005), moving(0.15, 0.15), made_roughly(0.01)],

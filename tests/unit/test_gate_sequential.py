@@ -194,6 +194,7 @@ def decisions(chain: tuple[ChainPlan, float], factor: float, runs: int) -> dict[
     return found
 
 
+@pytest.mark.long
 def test_a_design_on_its_limit_stays_open_at_the_cap(chain: tuple[ChainPlan, float]) -> None:
     """sampled: 300 seeds, stated 10 % on either side, 95 % intervals.
 

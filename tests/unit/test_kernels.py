@@ -110,6 +110,7 @@ def first(tmp_path: Path, compiled: Path) -> Checkout:
     return checkout(tmp_path / "first", tmp_path / "store")
 
 
+@pytest.mark.long
 def test_a_change_of_what_a_kernel_calls_in_another_file_shows_at_once(first: Checkout, tmp_path: Path) -> None:
     second = checkout(tmp_path / "second", first.store)
     second.write("tail/callee.py", CALLEE.replace("1.0", "2.0"))
@@ -127,6 +128,7 @@ def test_a_change_of_what_no_kernel_reaches_compiles_nothing(first: Checkout) ->
     assert first.ask() == {"number": 20.0, "loaded": 1, "compiled": 0}
 
 
+@pytest.mark.long
 def test_kernels_of_other_versions_of_the_compiler_are_not_used(first: Checkout) -> None:
     for library in ("numba", "llvmlite"):
         assert f"{library} {version(library)}" in kernels.BUILT_WITH
@@ -135,12 +137,14 @@ def test_kernels_of_other_versions_of_the_compiler_are_not_used(first: Checkout)
     assert first.ask(before) == {"number": 20.0, "loaded": 0, "compiled": 2}
 
 
+@pytest.mark.long
 def test_kernels_of_another_processor_are_not_used(first: Checkout) -> None:
     other = {"NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""}
     assert first.ask(**other) == {"number": 20.0, "loaded": 0, "compiled": 2}
     assert first.ask(**other) == {"number": 20.0, "loaded": 1, "compiled": 0}
 
 
+@pytest.mark.long
 def test_a_damaged_file_is_compiled_again(first: Checkout) -> None:
     (damaged,) = first.store.glob("tail.caller.answer-*")
     whole = damaged.read_bytes()
@@ -150,6 +154,7 @@ def test_a_damaged_file_is_compiled_again(first: Checkout) -> None:
     assert json.loads(damaged.read_bytes().splitlines()[0]) == json.loads(whole.splitlines()[0])
 
 
+@pytest.mark.long
 def test_a_process_whose_sources_were_replaced_does_not_mix_them(first: Checkout) -> None:
     """It has the old callee, and would compile the new caller with it."""
     change = "path = kernels.sources.ROOT / '{}'; path.write_text(path.read_text().replace('{}', '{}'))"
@@ -163,6 +168,7 @@ def test_a_process_whose_sources_were_replaced_does_not_mix_them(first: Checkout
     assert first.ask() == {"number": 72.0, "loaded": 0, "compiled": 2}
 
 
+@pytest.mark.long
 def test_what_was_imported_before_a_change_is_kept_under_its_own_name(first: Checkout) -> None:
     """A process compiles late what it imported early: the old code must not be filed under the new sources."""
     first.write("tail/callee.py", CALLEE.replace("1.0", "3.0"))
@@ -187,6 +193,7 @@ def test_without_a_place_to_keep_kernels_the_number_comes_and_the_reason_is_said
     assert "NUMBA_CACHE_DIR" in said["stderr"]
 
 
+@pytest.mark.long
 def test_kernels_that_came_with_the_installation_are_used_and_only_read(first: Checkout) -> None:
     installed = first.install()
     installed.chmod(0o500)
@@ -204,6 +211,7 @@ LEVEL = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
 WHY = "print(kernels.why_not_installed(), file=__import__('sys').stderr)"
 
 
+@pytest.mark.long
 @pytest.mark.skipif("x86-64-v3" not in processor.levels_here(), reason="kernels of a level cannot be run here")
 def test_kernels_of_a_level_are_used_by_every_processor_that_has_it(tmp_path: Path) -> None:
     """And numba goes on compiling for this processor."""
@@ -230,6 +238,7 @@ def test_kernels_of_a_level_are_used_by_every_processor_that_has_it(tmp_path: Pa
     assert said["stderr"] == "those installed were built from other sources\n"
 
 
+@pytest.mark.long
 def test_a_constant_that_a_library_computed_is_part_of_the_name(first: Checkout) -> None:
     """numpy or scipy of tomorrow may come to another digit, with the same sources."""
     table = "import os\nimport numpy as np\nFACTOR = np.float64(os.environ.get('DIGIT', '10.0'))\n"
@@ -239,6 +248,7 @@ def test_a_constant_that_a_library_computed_is_part_of_the_name(first: Checkout)
     assert first.ask() == {"number": 20.0, "loaded": 1, "compiled": 0}
 
 
+@pytest.mark.long
 def test_what_a_file_holds_does_not_depend_on_the_folder_of_the_sources(first: Checkout, tmp_path: Path) -> None:
     second = checkout(tmp_path / "elsewhere", tmp_path / "other")
     assert second.ask(PYTHONHASHSEED="7") == {"number": 20.0, "loaded": 0, "compiled": 2}
@@ -262,6 +272,7 @@ def test_whoever_is_without_a_home_computes_and_leaves_nothing_behind(first: Che
     assert not (first.root / "relative").exists()
 
 
+@pytest.mark.long
 def test_files_that_nobody_loaded_for_a_month_go(first: Checkout) -> None:
     (old,) = first.store.glob("tail.caller.answer-*")
     (other,) = first.store.glob("tail.callee.add-*")
@@ -274,6 +285,7 @@ def test_files_that_nobody_loaded_for_a_month_go(first: Checkout) -> None:
     assert other.stat().st_mtime > long_ago + 86_400  # loaded just now, and so in use
 
 
+@pytest.mark.long
 def test_two_kernels_cannot_have_one_name(first: Checkout) -> None:
     first.write("tail/caller.py", CALLER + "\n\n@kernel()\ndef answer(x):\n    return x\n")
     assert "there is another kernel called tail.caller.answer" in first.run(ASK.format(before="")).stderr
@@ -282,6 +294,7 @@ def test_two_kernels_cannot_have_one_name(first: Checkout) -> None:
     assert "closes over values" in first.run(ASK.format(before="")).stderr
 
 
+@pytest.mark.long
 def test_processes_that_compile_at_once_leave_whole_files(tmp_path: Path) -> None:
     """independent: what each wrote is read by numba's own loader in a later process."""
     made = checkout(tmp_path / "one", tmp_path / "store")

@@ -71,6 +71,7 @@ def run(*command: str, **variables: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_the_table_names_what_computations_call() -> None:
     """independent: numba's own requests to the store, while designs are scored, verified and optimised."""
     done = run("-c", PROGRAM, str(ROOT / "examples"))
@@ -108,6 +109,7 @@ def test_every_file_that_a_kernel_reaches_is_in_the_name_of_its_machine_code(mon
 FEW = "tail.lattice.balls,tail.declared.end_of"
 
 
+@pytest.mark.long
 def test_the_wheel_of_kernels_has_the_same_bytes_when_it_is_built_again(tmp_path: Path) -> None:
     wheels = []
     for seed in ("1", "2"):

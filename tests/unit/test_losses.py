@@ -55,6 +55,7 @@ def brute_force(system, lost, error="tcp", quantile=0.95):
     return largest
 
 
+@pytest.mark.long("4", "7")
 @pytest.mark.parametrize("seed", range(50))
 def test_the_worst_losses_are_those_of_brute_force(seed):
     """brute force: every structure with one fiducial less and with two, scored by itself."""
@@ -210,6 +211,7 @@ def sampled_mixture(system, shots, rng):
     return norms
 
 
+@pytest.mark.long("random")
 @pytest.mark.parametrize("scene", ["cube", "random", "no answer without some"])
 def test_the_quantile_of_shots_with_beads_missed_is_that_of_a_sample(scene):
     """sampled: 200,000 shots; the share within the value errs by more than 4.5 standard errors once in 100,000."""

@@ -75,6 +75,7 @@ def by_lot(system, shots, rng):
     return np.concatenate(norms)
 
 
+@pytest.mark.long("twelve", "pose")
 @pytest.mark.parametrize("scene", ["cube", "twelve", "random", "pose", "weighted"])
 def test_p95_over_shots_with_beads_missed_is_that_of_structures_without_them(scene):
     """brute force: 4.5 standard errors of both samples together, one false alarm in 100,000."""
@@ -212,6 +213,7 @@ def test_a_quantile_without_a_bound_is_refused_with_the_share_of_shots_that_have
         verify(missed(system_of(SEVEN), 0.97), trials=2000)
 
 
+@pytest.mark.long
 def test_a_unit_misses_beads_shot_by_shot():
     """A requirement on each unit: its own shots differ in what they miss, and it comes to more than without misses."""
     system = replace(
@@ -231,6 +233,7 @@ def test_radial_sampling_is_refused_where_beads_are_missed():
         verify(missed(cios_system(), 0.01), method="radial")
 
 
+@pytest.mark.long
 def test_a_document_is_checked_with_what_it_misses():
     check = verify(demo(), trials=60_000)
     none = verify(load_design(DEMO), trials=60_000)
@@ -243,6 +246,7 @@ def test_a_document_is_checked_with_what_it_misses():
     assert remark.severity == "note"
 
 
+@pytest.mark.long
 def test_a_sweep_that_simulates_misses_beads_too():
     noise = {"views.*.fiducial_noise_px": [0.4, 0.8]}
     swept = sweep(demo(0.05), noise, check="verification", trials=4000)
@@ -259,6 +263,7 @@ def test_a_limit_of_the_mean_of_the_tail_does_not_pass_where_a_shot_has_no_answe
     assert high < 1.3
 
 
+@pytest.mark.long
 def test_an_optimum_keeps_its_limit_over_shots_with_beads_missed(monkeypatch):
     monkeypatch.setattr(tightening, "MOST_TRIALS", 2**15)
 

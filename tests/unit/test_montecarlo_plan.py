@@ -66,6 +66,7 @@ def test_tables_are_read_only() -> None:
             table[...] = 0
 
 
+@pytest.mark.long
 def test_digits_do_not_come_from_the_processors_blas() -> None:
     """The same system compiled on two of OpenBLAS's kernel sets, and without NumPy's wide instructions."""
     program = f"""

@@ -201,6 +201,7 @@ def _bounded_and_per_unit():
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("sampling", "size"),
     [

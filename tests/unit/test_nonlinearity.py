@@ -129,6 +129,7 @@ def test_depth_and_crossing_are_what_differences_of_estimates_say(views, azimuth
     assert found.crossing == pytest.approx(np.sqrt((changes**2).sum()), rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", list(LINEAR))
 @pytest.mark.parametrize(("views", "manufactured"), [(2, False), (2, True), (3, True), (5, False)])
 def test_disagreement_and_gap_are_what_triangulation_by_svd_does_beyond_the_noise_free_rows(views, manufactured, form):

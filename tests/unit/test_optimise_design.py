@@ -34,6 +34,7 @@ def demo_result() -> Optimisation:
     return optimise(load_design(demo_with()), threads=2)
 
 
+@pytest.mark.long
 def test_the_new_design_scores_and_verifies_as_promised() -> None:
     """independent: the score of the written document, and Monte Carlo with yet another seed."""
     result = demo_result()
@@ -104,6 +105,7 @@ def test_the_record_is_plain_and_explains_itself() -> None:
     assert limit.sentence.startswith("0.1 mm more on the limit of 1 mm saves ")
 
 
+@pytest.mark.long
 def test_the_price_of_the_limit_is_the_slope_of_the_cost() -> None:
     """independent: two more optimisations at nearby limits, layout held so that nothing jumps."""
     costs, price = {}, 0.0
@@ -120,6 +122,7 @@ def test_the_price_of_the_limit_is_the_slope_of_the_cost() -> None:
     assert (costs[1.02] - costs[0.98]) / 0.04 == pytest.approx(price, rel=0.08)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("min_yield", [0.9, 0.99])
 def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_cost_at_the_limit(min_yield: float) -> None:
     """independent: two limits, and the mean of the slopes at both.  A yield of 2,048 units is checked to a per cent, so
@@ -136,6 +139,7 @@ def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_cost_at_the_limit(min
     assert all(result.certificate.kkt_residual < 1e-3 for result in found)
 
 
+@pytest.mark.long
 def test_same_seed_same_document_whatever_the_threads() -> None:
     """Starts side by side, symmetry and a count: the new document and the sampled check to the last digit."""
     data = document(**moving(starts=3, symmetry={"mirror": {"normal": [1, 1, 0]}}, count={"min": 6, "max": 8}))
@@ -146,6 +150,7 @@ def test_same_seed_same_document_whatever_the_threads() -> None:
     assert one.placement_value == two.placement_value
 
 
+@pytest.mark.long
 def test_another_seed_another_search_of_the_same_design() -> None:
     one = optimised(document(**moving()))  # seed 1
     data = document(**moving(seed=5))
@@ -159,6 +164,7 @@ def test_another_seed_another_search_of_the_same_design() -> None:
     assert same.certificate.verification.targets == other.certificate.verification.targets
 
 
+@pytest.mark.long
 def test_another_quantile_of_another_error() -> None:
     """independent: every sample of the region meets the limit under the score and the check of the new document."""
     data = document(rotation_bounds={"min_deg": 0.01, "max_deg": 0.5})
@@ -189,6 +195,7 @@ def test_only_what_is_free_changes() -> None:
     assert after == before
 
 
+@pytest.mark.long
 def test_a_flat_structure_is_cured() -> None:
     """A layout without an answer of its own can still be optimised; there is no quantile before."""
     data = document(**moving())
@@ -199,6 +206,7 @@ def test_a_flat_structure_is_cured() -> None:
     assert 0.98 < result.p95_after_mm <= 1.0
 
 
+@pytest.mark.long
 def test_refusals_are_placed_in_the_users_file() -> None:
     text = DEMO.read_text(encoding="utf-8").replace("min_spacing_mm: 12", "min_spacing_mm: 120")
     with pytest.raises(DesignError) as refused:
@@ -240,6 +248,7 @@ def test_progress_reports_every_start_and_may_stop_the_work() -> None:
     assert seen == [*layouts, ("programme", 1, 1), *points, ("start", 1, 4), ("start", 2, 4)]
 
 
+@pytest.mark.long
 def test_stopped_it_returns_the_best_so_far_verified() -> None:
     """Stopped in the second of three counts: what was found by then, checked; the third is not tried."""
     seen: list[tuple[str, int, int]] = []
@@ -263,6 +272,7 @@ def test_stopped_it_returns_the_best_so_far_verified() -> None:
     assert score(load_design(result.design)).targets[0].p95_mm == pytest.approx(result.p95_after_mm, rel=1e-9)
 
 
+@pytest.mark.long
 def test_stopped_among_the_starts_it_says_after_how_many() -> None:
     seen: list[int] = []
 
@@ -277,6 +287,7 @@ def test_stopped_among_the_starts_it_says_after_how_many() -> None:
     assert result.certificate.verification.verdict.status == "pass"
 
 
+@pytest.mark.long
 def test_stopped_at_once_it_still_solves_one_start() -> None:
     result = optimise(load_design(document(**moving(starts=2))), stop=lambda: True, threads=1)
     assert result.certificate.stopped == "stopped on request after 1 of 2 starts"
@@ -355,6 +366,7 @@ def answer(data: dict[str, Any]) -> Optimisation | TailstackError:
         return refused
 
 
+@pytest.mark.long("1", "3", "4")
 @pytest.mark.parametrize("seed", range(6))
 def test_any_valid_section_is_verified_or_refused(seed: int) -> None:
     """Six draws of fields: a verified record that keeps its limits by the score, or a refusal that says why."""

@@ -71,6 +71,7 @@ def with_effect(name: str, estimator: str = "dlt", **section: Any) -> dict[str, 
     return data
 
 
+@pytest.mark.long("image field-reprojection", "known intrinsics-pose_with_prior")
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("name", EFFECTS)
 def test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout(name: str, estimator: str) -> None:
@@ -117,6 +118,7 @@ def p95_mm(problem: PlacementProblem, layout: Array) -> float:
     return law_quantile(error_law(linearise(system, system.targets[0]), "tcp", 0.95).law, 0.95).quantile_mm
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "estimator"), [("motion", "dlt"), ("bounded image field", "dlt"), *((name, "pose") for name in EFFECTS)]
 )
@@ -138,6 +140,7 @@ def test_no_layout_nearby_is_better_than_the_one_that_was_found(name: str, estim
             assert p95_mm(problem, moved) > here * (1 - 1e-5), k
 
 
+@pytest.mark.long
 def test_an_optimum_with_all_effects_at_once_is_the_score_of_the_written_design_and_verified() -> None:
     """independent: the score of the document that comes back, seated where its free pivot went."""
     data = with_effect("motion", "pose", **moving(pivots=FREE_PIVOT))
@@ -172,6 +175,7 @@ def in_a_plane(half_mm: float, limit_mm: float = 1.0, **section: Any) -> dict[st
     return data
 
 
+@pytest.mark.long
 def test_fiducials_may_be_placed_in_a_plane_where_intrinsics_are_believed() -> None:
     """Under dlt it is refused as ``flat-region`` (``test_optimise_refusals``)."""
     result = optimised(in_a_plane(45.0))
@@ -187,6 +191,7 @@ def test_a_plane_so_small_that_two_poses_explain_its_images_is_no_answer() -> No
     assert "view AP" in refused.value.problems[0].detail
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("risk", "rel"), [("pooled", 1e-5), ("per_unit", 0.1)])
 def test_the_corrected_programme_has_value_and_slopes_of_the_exact_quantile(risk: str, rel: float) -> None:
     """independent: differences of the exact quantile of the declared law, along random changes of everything free."""

@@ -75,6 +75,14 @@ GRADIENTS = {
 }  # fmt: skip
 
 
+@pytest.mark.long(
+    "everything free",
+    "everything free, eq18",
+    "everything free, localisation",
+    "uniform manufacturing errors",
+    "fixed bounded shifts",
+    "one common factor",
+)
 @pytest.mark.parametrize("name", GRADIENTS)
 def test_the_correction_makes_value_and_gradient_those_of_the_exact_law(name: str) -> None:
     """independent: differences of the promised quantile itself, along random directions of all variables."""
@@ -191,6 +199,9 @@ def _exact_worst(solution: PlacementSolution, choice: Choice) -> float:
     return max(found)
 
 
+@pytest.mark.long(
+    "bounded", "layout and tolerances", "layout, tolerances and a pivot", "two targets, mixed laws, locators", "scaling"
+)
 @pytest.mark.parametrize("name", OPTIMA)
 def test_no_feasible_neighbour_of_an_optimum_is_better(name: str) -> None:
     """brute force: random steps in everything, half-widths then scaled until the exact quantile is as before."""
@@ -231,6 +242,7 @@ def test_a_per_unit_quantile_is_brought_to_its_limit() -> None:
     assert solution.cost > pooled.cost
 
 
+@pytest.mark.long
 def test_a_law_of_wide_uniform_rotations_settles() -> None:
     """independent: the score; noise is a tenth of the error, so its gradient is that of sums of uniform variables."""
     problem = oracle_problem(6, 2.0)
@@ -273,6 +285,7 @@ def test_fixed_bounded_sources_stand_at_the_worst_vertex() -> None:
     assert 1 - 1e-5 <= solution.worst_ratio <= 1
 
 
+@pytest.mark.long
 def test_without_free_tolerances_the_quantile_itself_is_least() -> None:
     """independent: no layout sampled in the box, nor the cube, has a smaller quantile under the score's own law."""
     problem = replace(oracle_problem(8, 1.0), half_widths=(), objective="quantile")

@@ -37,6 +37,7 @@ def at_point(data: dict[str, Any], result: Optimisation, index: int) -> dict[str
     return data
 
 
+@pytest.mark.long
 def test_a_looser_limit_costs_less_and_every_point_is_verified() -> None:
     front = placed().front
     assert len(front) == 5
@@ -67,6 +68,7 @@ def test_every_point_reproduces_its_quantile_and_its_cost() -> None:
         assert point.cost == pytest.approx(sum(1 / radians(value) for value in point.half_widths), rel=1e-9)
 
 
+@pytest.mark.long
 def test_a_point_is_the_optimum_at_its_limit() -> None:
     """independent: the same design optimised for the limit of a point in the middle."""
     front = placed().front
@@ -86,6 +88,7 @@ def test_the_tightest_limit_is_near_the_smallest_attainable() -> None:
     assert result.front[0].limit_mm == pytest.approx(1.02 * least, rel=0.01)
 
 
+@pytest.mark.long
 def test_limits_as_stated_on_two_requirements() -> None:
     """The first requirement's limit is stated; the other's follows in proportion, at every point."""
     tolerances = [free(*pair, min_deg=0.01, max_deg=0.5) for pair in FREE]
@@ -106,6 +109,7 @@ def test_limits_as_stated_on_two_requirements() -> None:
         assert point.verified_upper_mm <= point.limit_mm
 
 
+@pytest.mark.long
 def test_limits_out_of_reach_are_said_to_be() -> None:
     """No tolerance at its smallest holds the tightest: designs begin where one does, the others have a reason."""
     front = {"points": 4, "min_limit_mm": 0.2, "max_limit_mm": 1.4}

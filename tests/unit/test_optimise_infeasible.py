@@ -95,6 +95,7 @@ def _widths(problem: PlacementProblem, choice: Choice, name: str) -> np.ndarray:
     return read_only(widths)
 
 
+@pytest.mark.long("shifts", "bounded shifts and a bias", "no one alone")
 @pytest.mark.parametrize("name", SCENES)
 def test_the_smallest_quantile_is_named(name: str) -> None:
     """scan: the score with the half-widths at their smallest; none of 30 others within the bounds is smaller."""
@@ -148,6 +149,7 @@ def test_the_target_that_cannot_be_reached_is_named() -> None:
     assert _smallest_mm(detail) == pytest.approx(scores["far"], rel=1e-3)
 
 
+@pytest.mark.long
 def test_a_free_layout_is_searched_before_it_is_refused() -> None:
     """independent: no sampled layout, nor a cube, has a smaller quantile; one per cent above it there is a design."""
     problem = oracle_problem(8, 1.0)
@@ -162,6 +164,7 @@ def test_a_free_layout_is_searched_before_it_is_refused() -> None:
     assert solve_placement(within, starts=2, seed=1, threads=1).worst_ratio <= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("starts", "seed"), [(2, 4), (3, 0)])
 def test_what_can_be_met_is_never_called_infeasible(starts: int, seed: int) -> None:
     """independent: six fiducials that may coincide are hard to start from, but the limit of 0.7 mm is met at 2216.

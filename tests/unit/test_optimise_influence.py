@@ -32,6 +32,7 @@ def without_noise(data: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
+@pytest.mark.long
 def test_no_layout_gets_below_what_the_mechanics_leave() -> None:
     """independent: the score of the same design with images and fiducials made perfect."""
     data = document(limit_mm=0.8, **moving())

@@ -126,6 +126,7 @@ def test_bounded_rotations_are_held_at_their_worst_ends() -> None:
     assert solution.worst_ratio <= 1
 
 
+@pytest.mark.long("uniform")
 @pytest.mark.parametrize("law", [Law.NORMAL, Law.UNIFORM])
 def test_the_common_factor_is_limit_over_present_quantile(law: Law) -> None:
     """closed form: without noise and bias the quantile is homogeneous in the half-widths, whatever the laws."""
@@ -300,6 +301,7 @@ def _assert_found(solution: PlacementSolution, point: Array, quantile: float, at
     np.testing.assert_allclose(solution.choice.fiducials_mm[7], point, atol=atol_mm)
 
 
+@pytest.mark.long
 def test_one_fiducial_on_a_line() -> None:
     """scan: the exact quantile along the segment, least inside it; and at its end where it falls throughout."""
     for low, high, line, (a, b) in (
@@ -319,6 +321,7 @@ def test_one_fiducial_on_a_ring() -> None:
     _assert_found(solve_placement(problem, starts=6), point, quantile, 0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("inner", [0.0, 12.0, 30.0])
 def test_one_fiducial_in_a_ball_or_shell_goes_to_its_surface(inner: float) -> None:
     """brute force: a grid over the outer sphere with Nelder and Mead's simplex; no point inside is better."""

@@ -127,6 +127,7 @@ def cheapest_mm(result: Optimisation, limit_mm: float) -> dict[float, tuple[floa
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("limit_mm", "layout"), [(0.8, {}), (1.1, {}), (0.75, {"box": BOX, "min_spacing_mm": 12.0})])
 def test_grades_are_the_cheapest_of_all_assignments(limit_mm: float, layout: dict[str, Any]) -> None:
     """brute force: all 27 assignments by the score at the final layout."""
@@ -150,6 +151,7 @@ def test_grades_are_the_cheapest_of_all_assignments(limit_mm: float, layout: dic
     assert_passes(result)
 
 
+@pytest.mark.long
 def test_grades_beside_continuous_budgets() -> None:
     """brute force: all nine assignments held, the two continuous half-widths optimised for each."""
     limit_mm, rough = 1.5, (("ground", 0.02, 900.0), ("milled", 0.06, 360.0), ("sawn", 0.2, 120.0))
@@ -197,6 +199,7 @@ def test_least_quantile_within_a_cost_limit() -> None:
     assert_passes(result)
 
 
+@pytest.mark.long
 def test_least_quantile_of_a_layout() -> None:
     """independent: no layout that a shake of the best one gives is better, by the score."""
     result = optimised(document(box=BOX))
@@ -242,6 +245,7 @@ def several() -> dict[str, Any]:
     return data
 
 
+@pytest.mark.long
 def test_every_limit_that_is_asked_for_is_verified() -> None:
     """independent: the score of the new document, requirement by requirement, and its own Monte Carlo."""
     result = optimised(several())
@@ -266,6 +270,7 @@ def test_every_limit_that_is_asked_for_is_verified() -> None:
     assert all(check.value_mm <= check.limit_mm for check in again if (check.requirement, check.target) in asked)
 
 
+@pytest.mark.long
 def test_most_units_meet_the_limit() -> None:
     """independent: Clopper-Pearson on the units of a check with another seed."""
     data = document(**moving(box=None, starts=1))
@@ -286,6 +291,7 @@ def test_most_units_meet_the_limit() -> None:
     assert "of each of 90 % of units" in result.objective
 
 
+@pytest.mark.long
 def test_a_target_region_is_held_at_every_point() -> None:
     data = document(**moving(box=None))
     data["targets"] = [{"name": "zone", "region": {"box": {"centre_mm": [0, 0, 60], "size_mm": [30, 30, 20]}}}]
@@ -301,6 +307,7 @@ def test_a_target_region_is_held_at_every_point() -> None:
 # ---- what certifies it ----
 
 
+@pytest.mark.long
 def test_the_record_of_the_starts_is_consistent() -> None:
     certificate = optimised(document(**moving(starts=4))).certificate
     objectives = [optimum.objective for optimum in certificate.optima]
@@ -316,6 +323,7 @@ def test_the_record_of_the_starts_is_consistent() -> None:
     assert certificate.stopped == "all 4 starts were solved"
 
 
+@pytest.mark.long
 def test_a_start_from_a_hopeless_layout_is_counted_once() -> None:
     """One start, from a clump that misses the limit with every half-width at its smallest: one start, number 0."""
     data = document(**moving(starts=1))
@@ -337,6 +345,7 @@ def gaussian_exceedance(covariance: Any, limit_mm: float) -> float:
     return float(1 - w @ inside @ w)
 
 
+@pytest.mark.long
 def test_no_allocation_of_two_budgets_is_below_the_bound() -> None:
     """brute force: for each first half-width the second that just meets the limit, by the Gaussian law of the
     covariance."""
@@ -371,6 +380,7 @@ def test_no_allocation_of_two_budgets_is_below_the_bound() -> None:
     assert exceedance(*widths_of(result.design, pairs).values()) <= 0
 
 
+@pytest.mark.long("layout-not convex in the layout", "risk-per-unit risk")
 @pytest.mark.parametrize(
     ("why", "words"),
     [("layout", "not convex in the layout"), ("law", "normal laws"), ("objective", "no cost is minimised"),
@@ -393,6 +403,7 @@ def test_no_bound_is_claimed_where_there_is_none(why: str, words: str) -> None:
     assert words in relaxation.statement
 
 
+@pytest.mark.long
 def test_what_placement_is_worth() -> None:
     """independent: the corners of the box as a document of their own, its tolerances optimised."""
     result = optimised(document(8, **moving()))

@@ -39,6 +39,7 @@ def test_the_recorded_optimum_is_reproduced() -> None:
     assert problem.cost(tau) == pytest.approx(ORACLE["best_known_cost"], rel=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fiducials", "limit_mm", "best_known", "starts", "seed"),
     [

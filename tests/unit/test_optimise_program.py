@@ -159,6 +159,7 @@ def _quantile_rows(program: Program, x: Array, parameters: Parameters, by_hand: 
     return np.array(values)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*PROBLEMS, "per unit"])
 def test_quantile_rows_and_their_gradients_follow_the_compiled_model(name: str) -> None:
     """independent: Pearson's form written out on the numba gains of the changed system; central differences of it."""

@@ -258,6 +258,7 @@ def _attainable(problem: PlacementProblem, limit_mm: float) -> str:
     return _only(error).detail
 
 
+@pytest.mark.long
 def test_a_limit_out_of_reach_says_what_is_attainable() -> None:
     """independent: just above the smallest quantile stated the problem is solved, at a large cost."""
     problem = replace(oracle_problem(), places=places_in_box((0, 1, 2, 3)))
@@ -284,6 +285,7 @@ def test_infeasible_at_a_fixed_layout_names_the_tolerance_that_is_not_free() -> 
     assert float(detail.split(" is ")[1].split(" mm")[0]) > 0.98
 
 
+@pytest.mark.long
 def test_spacing_that_only_the_solver_finds_impossible_is_named() -> None:
     """Below the density that is refused at once, yet too much for a thin box: the row that fails is named."""
     problem = replace(

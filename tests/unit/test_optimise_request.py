@@ -77,6 +77,7 @@ def assert_scores_as_promised(result: Optimisation) -> None:
     assert all(check.value_mm <= check.limit_mm for check in scored.verdict.checks)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_region_of_every_shape(name: str) -> None:
     """closed form: distance from the axis and the centre; a region that binds is used up to its surface."""
@@ -87,6 +88,7 @@ def test_a_region_of_every_shape(name: str) -> None:
     assert_scores_as_promised(result)
 
 
+@pytest.mark.long
 def test_box_is_short_for_a_region_of_one_box() -> None:
     one, other = (optimised(document(**moving(starts=1, **{"box": None} | where)))
                   for where in ({"box": BOX}, {"region": {"box": BOX}}))  # fmt: skip
@@ -94,6 +96,7 @@ def test_box_is_short_for_a_region_of_one_box() -> None:
     assert excess_mm({"box": BOX}, layout_of(one)) <= 0
 
 
+@pytest.mark.long
 def test_regions_for_groups_leave_the_others_where_they_are() -> None:
     low = {"box": {"min_mm": [-45, -45, -85], "max_mm": [45, 10, -45]}}
     high = {"ball": {"centre_mm": [5, 5, -10], "radius_mm": 45, "inner_radius_mm": 10}}
@@ -110,6 +113,7 @@ def test_regions_for_groups_leave_the_others_where_they_are() -> None:
     assert_scores_as_promised(result)
 
 
+@pytest.mark.long
 def test_moved_fiducials_keep_out_of_every_zone() -> None:
     """closed form: distance to a box, a cylinder and a ball; the corners they cover are where the layout wants to
     be."""
@@ -134,6 +138,7 @@ def test_moved_fiducials_keep_out_of_every_zone() -> None:
     assert_scores_as_promised(result)
 
 
+@pytest.mark.long
 def test_mirrored_pairs_are_written_as_mirrored_pairs() -> None:
     """closed form: x - 2 n (n . (x - p)) / n.n of every first one is the second one."""
     normal_, point = np.array([2.0, 2.0, 0.0]), np.array([1.0, 0.0, 0.0])
@@ -146,6 +151,7 @@ def test_mirrored_pairs_are_written_as_mirrored_pairs() -> None:
     assert gap_mm(points) >= 12
 
 
+@pytest.mark.long
 def test_turned_groups_beside_a_fixed_fiducial() -> None:
     """closed form: three fiducials 120 degrees apart about a tilted axis; F7 stays and belongs to no group."""
     axis, point = np.array([0.0, 0.2, 1.0]) / np.sqrt(1.04), np.array([2.0, -3.0, 0.0])
@@ -164,6 +170,7 @@ def test_turned_groups_beside_a_fixed_fiducial() -> None:
     assert excess_mm({"box": BOX}, points[:6]) <= WRITTEN_MM
 
 
+@pytest.mark.long
 def test_fixed_fiducials_stay_to_the_last_digit() -> None:
     result = optimised(document(**moving(fixed=["F1", "F4", "F6"])))
     now = positions(result.design)
@@ -172,6 +179,7 @@ def test_fixed_fiducials_stay_to_the_last_digit() -> None:
     assert all(entry.after_mm != entry.before_mm for entry in result.moved)
 
 
+@pytest.mark.long
 def test_more_fiducials_where_they_pay() -> None:
     """Six are there, seven or eight are allowed, they are free of charge: eight, the new ones with new labels."""
     data = document(**moving(count={"min": 7, "max": 8}, fixed=["F2"]))
@@ -191,6 +199,7 @@ def test_more_fiducials_where_they_pay() -> None:
     assert result.counts[1].cost == pytest.approx(optimised(there).cost_closed_form, rel=2e-3)
 
 
+@pytest.mark.long
 def test_fewer_fiducials_where_each_has_its_price() -> None:
     """closed form: the cost is the half-widths' and 60 for each fiducial, before and after, in every count tried."""
     result = optimised(document(8, **moving(fixed=["F8"], count={"min": 6, "max": 8, "cost_per_fiducial": 60.0})))
@@ -206,6 +215,7 @@ def test_fewer_fiducials_where_each_has_its_price() -> None:
     assert "fiducials included" in result.objective
 
 
+@pytest.mark.long
 def test_counts_go_by_the_symmetry_and_by_the_quantile_where_no_cost_is_asked_for() -> None:
     section: dict[str, Any] = {"box": BOX, "min_spacing_mm": 12.0, "symmetry": {"mirror": {"normal": [1, 1, 0]}}}
     result = optimised(document(7, count={"min": 6, "max": 9}, fixed=["F7"], **section))
@@ -218,6 +228,7 @@ def test_counts_go_by_the_symmetry_and_by_the_quantile_where_no_cost_is_asked_fo
     assert result.p95_after_mm == pytest.approx(ratios[1], rel=0.02)  # the limit is 1 mm
 
 
+@pytest.mark.long
 def test_spacing_margin_and_clearance_in_the_images() -> None:
     """closed form: pinhole images of the written positions, by K [R t] of the views as the document states them."""
     data = document(**moving(min_spacing_mm=75.0, min_projected_spacing_px=160.0, image_margin_px=160.0,
@@ -290,6 +301,7 @@ def locator_positions(data: Any) -> Array:
     return np.array([item["position_mm"] for item in data["interfaces"]["structure_connector"]["locators"]])
 
 
+@pytest.mark.long
 def test_locators_as_tolerances_and_their_spacing() -> None:
     """independent: positions by hand, P95 by the score of the document with the spacing as it was."""
     names = ("A1", "A2", "A3", "B1", "B2", "C1")
@@ -315,6 +327,7 @@ def test_locators_as_tolerances_and_their_spacing() -> None:
     assert score(load_design(narrow)).targets[0].p95_mm > result.p95_after_mm * 1.001
 
 
+@pytest.mark.long
 def test_a_locator_from_a_table_beside_continuous_ones() -> None:
     """The table has one useful grade: what the exact law wants beyond the closed form comes from the others."""
     grades = [{"name": "stop", "half_width_mm": 0.02, "price": 5.0}, {"name": "pin", "half_width_mm": 0.05, "price": 2}]
@@ -350,6 +363,7 @@ def test_a_pivot_goes_where_two_targets_balance() -> None:
     assert 45 < pivot.after_mm[2] < 70  # the far target has the larger image noise
 
 
+@pytest.mark.long
 def test_a_pivot_and_its_tolerances_together() -> None:
     """closed form: lever from the new pivot to the tip, half-width times distance."""
     box = {"min_mm": [0, 0, -145], "max_mm": [0, 0, -60]}

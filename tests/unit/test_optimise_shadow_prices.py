@@ -160,6 +160,7 @@ EXPECTED = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_shadow_prices_are_slopes_of_the_optimum(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """independent: the problem solved again on both sides of each limit, from the same local optimum.
@@ -195,6 +196,7 @@ def _per_unit(limit_mm: float, **changes: Any) -> PlacementProblem:
     return replace(problem, system=system, requirements=(wanted,))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", [Law.UNIFORM, Law.NORMAL])
 def test_the_price_of_a_per_unit_limit_is_the_slope_of_the_optimum(law: Law) -> None:
     """independent: the problem solved again 1 um on either side; where noise is most of the error, cost bends."""

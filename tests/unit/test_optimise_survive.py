@@ -39,6 +39,7 @@ def placed(count: int, survive: dict | None) -> Design:
     return load_design(data)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("plain", "safe", "lost"),
     [

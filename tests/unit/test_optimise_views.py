@@ -50,6 +50,7 @@ def with_views(data: dict[str, Any], *views: dict[str, Any]) -> dict[str, Any]:
     return data | {"optimise": data["optimise"] | {"views": list(views)}}
 
 
+@pytest.mark.long
 def test_turning_a_view_is_worth_what_the_plain_optimiser_finds_in_every_direction() -> None:
     """independent: 13 directions on a grid of 15 deg, each written by hand and optimised with its views fixed."""
     base = poor()
@@ -70,6 +71,7 @@ def test_turning_a_view_is_worth_what_the_plain_optimiser_finds_in_every_directi
     assert found.design_before["views"][1]["beam_direction"] == list(BEAM)  # type: ignore[index]
 
 
+@pytest.mark.long
 def test_the_new_design_is_that_of_the_plain_optimiser_with_the_views_written_in() -> None:
     """independent: the views of the answer in the first document, no view free."""
     base = poor()
@@ -93,6 +95,7 @@ def test_a_limit_out_of_reach_as_the_views_are_aimed_is_kept_by_turning_one() ->
     assert found.aimed.objective_as_aimed is None
 
 
+@pytest.mark.long
 def test_a_limit_out_of_reach_wherever_a_view_looks_is_refused_with_what_the_best_direction_can_do() -> None:
     """independent: study views over the same grid says which that is; it is written by hand for the plain optimiser."""
     base = poor(limit_mm=0.01)
@@ -167,6 +170,7 @@ def worth() -> tuple[float, float]:
     return plain_cost(poor()), plain_cost(with_one_more(poor(), offer.beam_direction, offer.up_direction))
 
 
+@pytest.mark.long
 def test_a_view_is_added_below_the_price_that_is_the_difference_of_two_plain_optima(worth: tuple[float, float]) -> None:
     without, by_hand = worth
     assert without > 1.3 * by_hand
@@ -189,6 +193,7 @@ def test_a_view_is_added_below_the_price_that_is_the_difference_of_two_plain_opt
     assert again.added_view is None
 
 
+@pytest.mark.long
 def test_a_view_is_left_out_above_that_price(worth: tuple[float, float]) -> None:
     without, by_hand = worth
     price = 1.0001 * (without - by_hand)
@@ -206,6 +211,7 @@ def test_a_view_is_left_out_above_that_price(worth: tuple[float, float]) -> None
     assert again.added_view.price == price
 
 
+@pytest.mark.long
 def test_the_view_is_added_where_neither_study_views_nor_a_search_by_hand_finds_a_cheaper_direction(
     worth: tuple[float, float],
 ) -> None:
@@ -227,6 +233,7 @@ def test_the_view_is_added_where_neither_study_views_nor_a_search_by_hand_finds_
     assert offer.p95_with_mm <= best.further.best.p95_mm * 1.01  # type: ignore[operator]
 
 
+@pytest.mark.long
 def test_a_limit_out_of_reach_without_the_view_adds_it_whatever_its_price() -> None:
     """independent: the plain optimiser refuses the limit with the two views."""
     base = poor(limit_mm=0.42)
@@ -273,6 +280,7 @@ def test_a_search_that_is_stopped_before_the_view_was_tried_says_so() -> None:
     assert set(asked) == {"view"}
 
 
+@pytest.mark.long
 def test_a_search_that_is_stopped_while_the_view_is_tried_says_so() -> None:
     steps: list[int] = []
 

@@ -172,6 +172,7 @@ def test_row_weights_of_unequal_views_matter_at_first_order():
     assert np.allclose(covariance(model, "tcp"), numeric, rtol=0, atol=1e-6 * numeric.max())
 
 
+@pytest.mark.long
 def test_compiled_and_plain_source_give_the_same_digits():
     system = random_system(np.random.default_rng(3), fiducials=7)
     projections = np.stack([v.projection for v in system.views])
@@ -215,6 +216,7 @@ def test_one_pass_over_the_images_is_its_parts_put_together(manufactured):
     )
 
 
+@pytest.mark.long
 def test_points_that_determine_nothing_have_gains_that_are_not_finite():
     system = random_system(np.random.default_rng(3), fiducials=7)
     projections = np.stack([v.projection for v in system.views])

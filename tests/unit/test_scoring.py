@@ -87,6 +87,7 @@ def test_shares_add_up_and_groups_are_the_sum_of_their_components():
         assert sum(parts) == pytest.approx(rows[name, "all"].variance_share, rel=1e-9)
 
 
+@pytest.mark.long
 def test_marginal_p95_is_the_slope_of_re_scoring():
     """independent: central difference of P95 in the half-width of every component, all laws."""
     system = random_system(np.random.default_rng(5))
@@ -259,6 +260,7 @@ def test_second_order_helps_inside_its_range_and_is_refused_outside():
     assert "nu = " in refused.reason
 
 
+@pytest.mark.long
 def test_the_mean_shift_of_second_order_is_the_mean_of_the_chain():
     """independent: antithetic pairs of the plain chain cancel first order and leave the shift."""
     system = system_of(cube_fiducials(20.0), views=with_noise(2.0))
@@ -331,6 +333,7 @@ def test_nothing_random_is_left_of_noise_that_vanishes(factor):
         assert line.p95_without_mm == pytest.approx(bias, rel=1e-11, abs=4 * factor)
 
 
+@pytest.mark.long
 def test_a_known_bias_of_a_hundred_spreads_is_scored_from_a_few_samples(monkeypatch):
     """independent: draws of the linear model's own sources at the worst vertex; 4 standard errors.
 

@@ -52,6 +52,7 @@ def test_every_source_is_there() -> None:
     assert set(sources.SOURCES) == there
 
 
+@pytest.mark.long
 def test_a_change_of_any_source_that_a_kernel_reaches_changes_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each file in turn gets a comment: the digests that change are those of the kernels that reach it by the tree."""
     files = kernels.files_with_kernels()

@@ -190,6 +190,7 @@ def p_values_of(system: System, values: Array, many: Array) -> dict[str, float]:
     return {test.test: test.p_value for test in found}
 
 
+@pytest.mark.long
 def test_every_test_has_its_size() -> None:
     """independent, sampled: 400 benches of the plain chain that are as designed.  At 5 % a test of the right size
     refuses 20; fewer than 7 or more than 36 come once in 2000.  Seed 4."""
@@ -276,6 +277,7 @@ def test_loud_images_are_found_and_named() -> None:
     assert "image noise" in study.conclusions[-1]
 
 
+@pytest.mark.long
 def test_the_interval_of_a_factor_covers() -> None:
     """sampled: 40 benches with noise of 0.9 px instead of 0.5; the 95 % set of the factor (1.8) misses two of them on
     average, more than seven once in 1000.  Seed 10."""
@@ -321,6 +323,7 @@ def test_the_first_order_benches_have_their_declared_covariances() -> None:
     np.testing.assert_allclose(np.cov(law.total.mean(axis=1).T), predicted, atol=0.04 * np.trace(predicted))
 
 
+@pytest.mark.long
 def test_a_narrow_interval_is_not_stepped_over() -> None:
     """closed_form: 1,500 Gaussian errors tell their size to 1.1 % (one over the root of 2 * 3 * 1500), far less than
     the steps of any coarse search.  Seed 21; a factor is outside its interval once in 20."""
@@ -448,6 +451,7 @@ def test_the_tail_is_held_against_order_statistics() -> None:
     assert top.predicted_mm == pytest.approx(np.quantile(np.linalg.norm(draws, axis=1), 0.5 ** (1 / 80)), rel=0.01)
 
 
+@pytest.mark.long
 def test_the_instrument_s_own_error_is_part_of_the_prediction() -> None:
     rng = np.random.default_rng(16)
     errors = plain_bench(scene(), rng, (15,)) + rng.normal(0, 0.4, (15, 3))
@@ -459,6 +463,7 @@ def test_the_instrument_s_own_error_is_part_of_the_prediction() -> None:
         studied(scene(), errors, (15,), instrument_sd_mm=-1.0)
 
 
+@pytest.mark.long
 def test_the_answer_is_the_seed_s() -> None:
     errors = plain_bench(scene(), np.random.default_rng(17), (6,))
     once, again = (studied(scene(), errors, (6,), threads=threads) for threads in (1, 2))
@@ -466,6 +471,7 @@ def test_the_answer_is_the_seed_s() -> None:
     assert studied(scene(), errors, (6,), seed=1).levels != once.levels
 
 
+@pytest.mark.long
 def test_a_design_that_predicts_no_spread_is_refused() -> None:
     system = cube8_system()
     silent = replace(system, views=tuple(replace(v, fiducial_noise_px=0, target_noise_px=0) for v in system.views))

@@ -86,6 +86,7 @@ def test_eq18_turns_the_noise_and_leaves_its_size(cube: StudyCoupling) -> None:
     assert case.p95_together_mm == pytest.approx(np.quantile(np.linalg.norm(errors, axis=1), 0.95), rel=5e-4)
 
 
+@pytest.mark.long
 def test_gain_at_the_biased_geometry_is_the_plain_chain_s(cube: StudyCoupling) -> None:
     """independent: 2000 trials of the plain SVD chain on the same noise with and without the level.  A trial's ratio
     spreads by 4 %, so theirs is good to 0.35 % (4 sigma); known: -1.7 % at 2 deg + 5 mm, -5 % at 10 deg + 20 mm."""
@@ -246,6 +247,7 @@ def test_conclusions_hold_together() -> None:
     assert wrong <= 6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("why", ["beyond nu 0.2", "rays that hardly meet"])
 def test_no_gain_is_given_where_the_noise_has_no_deviation(why: str) -> None:
     """known: a ratio whose denominator may vanish has no variance.  Rays 0.2 deg apart are noise themselves."""

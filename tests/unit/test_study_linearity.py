@@ -44,6 +44,7 @@ def test_ratio_of_the_cube_over_noise_in_the_published_form(noise_px: float, rat
     assert point.monte_carlo_p95_mm == pytest.approx(point.first_order_p95_mm / point.ratio, rel=1e-12)
 
 
+@pytest.mark.long("40.0")
 @pytest.mark.parametrize("noise_px", [10.0, 40.0])
 def test_ratio_against_plain_monte_carlo(noise_px: float):
     """sampled: order statistics of 400,000 trials of another seed, no linear model in them; 99 % interval, and ours."""
@@ -63,6 +64,7 @@ def test_ratio_over_random_rotations_of_both_interfaces(rotation_deg: float, rat
     assert point.ratio == pytest.approx(ratio, abs=0.0015)
 
 
+@pytest.mark.long
 def test_a_far_target_of_a_small_cluster_is_plainly_optimistic():
     """sampled: plain Monte Carlo of another seed; beyond the reach of the linearisation it says so."""
     system = broken_system(views=with_noise(2.0))
@@ -77,6 +79,7 @@ def test_a_far_target_of_a_small_cluster_is_plainly_optimistic():
     assert point.trials == TRIALS // 8
 
 
+@pytest.mark.long
 def test_intervals_hold_what_they_promise():
     """sampled: 40 seeds; the truth is the pooled ratio of all.  Of 95 % intervals at least 33 hold it with probability
     0.9986."""
@@ -160,6 +163,7 @@ def test_fiducials_that_are_kept_are_far_apart():
     assert sorted(order) == list(range(9))
 
 
+@pytest.mark.long
 def test_the_grid_is_whole_and_repeatable():
     axes: dict[str, Any] = {
         "noises_px": (0.5, 2.0),

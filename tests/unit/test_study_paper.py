@@ -95,6 +95,7 @@ def test_printed_cells_are_those_of_the_oracle():
     assert list(S3_ANALYTIC) == printed_s3["analytic"]
 
 
+@pytest.mark.long("0")
 @pytest.mark.parametrize("place", [0, 1])
 def test_every_cell_agrees_with_the_oracles_model(place: int):
     """oracle: cells of a fit made elsewhere, sampled there (errors of some 0.2 %) and here; 4.5 standard errors."""
@@ -227,6 +228,7 @@ def test_scatter_of_a_statistic_over_experiments_of_the_papers_size(quantity):
     assert np.std(values) == pytest.approx(found.published_error, rel=0.116)
 
 
+@pytest.mark.long
 def test_z_counts_one_percent_of_true_cells_as_outside():
     """sampled: 3,000 printed means of the chi law, three decimals of its unit; 30 expected beyond the 99 % band, and
     14 to 48 with probability 0.998."""
@@ -407,6 +409,7 @@ def test_what_the_design_has_of_its_own_errors_stays_out():
     assert at_rest.tcp_mm == pytest.approx(at_rest.value_mm, rel=1e-9)  # rigid transforms keep the norm
 
 
+@pytest.mark.long
 def test_the_shipped_geometries_give_s1_and_the_counts_that_the_page_states():
     fitted = [
         Case(compile_design(load_design(ROOT / "examples" / "paper" / f"fitted_{name}.yaml")), True)

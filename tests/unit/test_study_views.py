@@ -47,6 +47,7 @@ def best_of(one: ViewMap | None) -> BeamDirection:
     return one.best
 
 
+@pytest.mark.long
 def test_the_p95_of_a_direction_is_the_score_of_the_design_with_that_direction(plate: StudyViews) -> None:
     """independent: the document is written by hand, a view turned or one appended, and scored."""
     base = document("flat_plate")

@@ -179,6 +179,7 @@ def test_no_sources_is_the_exact_gaussian():
     assert (fixed.quantile_mm, fixed.density, fixed.error_mm) == (5.0, 0.0, 0.0)
 
 
+@pytest.mark.long
 def test_mean_and_tail_mean_by_quadrature():
     assert law_summary(SKEWED, 0.95).mean_norm_mm == pytest.approx(
         average(SKEWED, lambda m: norm_mean(m, SKEWED.covariance)), rel=1e-6
@@ -248,6 +249,7 @@ FAR = linear_law(
 )
 
 
+@pytest.mark.long
 def test_a_mean_far_beyond_the_spread_has_the_quantile_and_slopes_of_quadrature():
     """independent: Gauss-Legendre over both sources of the Gaussian's own law, and its differences; far too many points
     for a lattice.  Sampled: 4 standard errors as stated; slopes to 2 %."""
@@ -292,6 +294,7 @@ def test_a_bias_of_any_size_costs_a_bounded_number_of_points(spreads):
     assert abs(quantile.quantile_mm - expected) < 4 * quantile.error_mm + 1e-7
 
 
+@pytest.mark.long
 def test_many_small_columns_are_one_gaussian_with_what_that_changes_stated():
     """independent: 400,000 draws of all 200 columns themselves; 4 standard errors of both."""
     rng = np.random.default_rng(3)

@@ -127,6 +127,7 @@ def test_bad_arguments_are_named():
         unit_risk(unit, SHOT, 0.95, -1.0)
 
 
+@pytest.mark.long
 def test_quantile_against_nested_draws():
     """Independent: 4000 units drawn plainly, 3000 shots each, nothing solved; within 4 joint standard errors (1 run in
     16 000), the draws fixed."""

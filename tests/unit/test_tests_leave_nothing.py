@@ -56,6 +56,13 @@ def test_after_silences_new(): assert logging.getLogger("tailstack.new").level =
 def test_silences_root(): logging.getLogger().setLevel(logging.CRITICAL)
 def test_after_silences_root(): assert logging.getLogger().level == logging.WARNING
 
+def test_imports_a_library(tmp_path, monkeypatch):
+    logging.getLogger("loud").setLevel(logging.NOTSET)
+    (tmp_path / "loud.py").write_text("import logging; logging.getLogger('loud').setLevel(logging.INFO)")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import loud
+def test_after_imports_a_library(): assert logging.getLogger("loud").level == logging.INFO
+
 def test_disables(): logging.disable(logging.ERROR)
 def test_after_disables(): assert logging.root.manager.disable == logging.NOTSET
 
@@ -84,7 +91,7 @@ def test_a_test_that_leaves_the_process_changed_fails(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=60, check=False)
     failed = set(re.findall(r"^(?:ERROR|FAILED) test_leaks\.py::test_(\w+)", done.stdout, re.MULTILINE))
     names = set(re.findall(r"^def test_(\w+)", TESTS, re.MULTILINE))
-    assert failed == {name for name in names if not name.startswith("after_")} - {"innocent"}, done.stdout
+    assert failed == {name for name in names if not name.startswith("after_")} - {"innocent", "imports_a_library"}, done.stdout
     assert "os.environ 'NUMBA_CPU_NAME' was None, is 'x86-64-v4'" in done.stdout
     assert "os.environ 'KEPT' was '1', is None" in done.stdout
     assert "log level of 'library' was 40, is 50" in done.stdout
@@ -104,6 +111,7 @@ def test_shares(shared, number): pass
 """
 
 
+@pytest.mark.long
 def test_what_a_file_of_tests_starts_is_started_once(tmp_path: Path) -> None:
     """With the very arguments of ./run test.  pytest 9.2 once made xdist's groups do nothing, and nobody noticed that
     every service of the tests was started up to four times."""
@@ -140,6 +148,7 @@ def test_what_a_killed_test_started_does_not_run_on() -> None:
     assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
 
 
+@pytest.mark.long
 def test_every_process_that_a_test_does_not_wait_for_ends_with_it() -> None:
     careless = [
         f"{path.name}:{node.lineno}"
