@@ -1,16 +1,57 @@
-"""Processes that the tests start: none outlives the process of the tests, however that ends."""
+"""Processes that the tests start: they can be interrupted, and none outlives its test or the process of the tests."""
 
 from __future__ import annotations
 
 import ctypes
 import signal
+import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import TypeVar
+
+import psutil
 
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
+P = TypeVar("P", bound="subprocess.Popen[str] | subprocess.Popen[bytes]")
+
+
 def die_with_parent(sign: int = signal.SIGKILL) -> None:
-    """For ``preexec_fn``: Linux sends the signal when the thread ends that started the process."""
+    """For ``preexec_fn``: Linux sends the signal when the thread ends that started the process.
+
+    SIGINT does what it does in a terminal: that it is ignored, as where tests run in the background, is inherited.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     if _LIBC is not None:
         _LIBC.prctl(_PR_SET_PDEATHSIG, sign)
+
+
+@contextmanager
+def ended(process: P) -> Iterator[P]:
+    """A process that ends with the block, and whatever it started with it, also where the test fails."""
+    try:
+        yield process
+    finally:
+        with suppress(psutil.NoSuchProcess):
+            for member in psutil.Process(process.pid).children(recursive=True):
+                with suppress(psutil.NoSuchProcess):
+                    member.kill()
+        process.kill()
+        for stream in (process.stdin, process.stdout, process.stderr):
+            if stream is not None:
+                stream.close()
+        process.wait(60)
+
+
+def forked_of(pid: int) -> list[psutil.Process]:
+    """The computing processes of a process, which are forked from one beside it; none where it has ended."""
+    found: list[psutil.Process] = []
+    with suppress(psutil.NoSuchProcess):
+        for child in psutil.Process(pid).children():
+            with suppress(psutil.NoSuchProcess):
+                if "tailstack_service.processes.nursery" in child.cmdline():
+                    found += child.children()
+    return found

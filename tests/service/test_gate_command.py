@@ -105,7 +105,8 @@ def test_the_reason_in_the_log_is_short(folder: Path, capsys: pytest.CaptureFixt
         (folder / f"d{k:02}.yaml").write_text(data_to_yaml(limited(limit)), encoding="utf-8")
     waivers_file(folder, 30, designs=["d00.yaml"])
     assert gate("d*.yaml", "--waivers", "waivers.json", "--format", "json=g.json") == 1
-    said = capsys.readouterr().err.splitlines()
+    lines = capsys.readouterr().err.splitlines()
+    said = [line for line in lines if line.startswith(("wrote ", "tailstack gate: "))]  # progress, where it takes long
     assert said[:5] == ["wrote g.json", *[f"tailstack gate: d{k:02}.yaml: fail" for k in (4, 8, 12)],
                         "tailstack gate: d00.yaml: pass"]  # fmt: skip
     assert said[11] == "tailstack gate: ... and 5 more designs, which pass"
@@ -260,7 +261,7 @@ def test_mode_analytic_loads_nothing_heavy(folder: Path) -> None:
         [sys.executable, "-c", code, "gate", "one.yaml", "--policy", "policy.yaml", "--mode", "analytic", *formats,
          "--format=text=out.txt"],
         env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
+        cwd=folder, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert (ran.returncode, ran.stdout) == (0, "[]\n"), ran.stderr
 
@@ -293,6 +294,7 @@ def test_a_report_of_what_another_verb_wrote(folder: Path, capsys: pytest.Captur
     [
         (["one.yaml", "--format", "docx"], "expected html, pdf, xlsx, json"),
         (["one.yaml", "-o", "one.yaml"], "is not a directory"),
+        (["one.yaml", "-o", "new.docx"], "reports are not written as .docx"),
         (["absent.yaml"], "no such file"),
         (["half.json"], "not a whole tailstack/score/1"),
         (["other.json"], "other.json:1:12: /schema: no report is made of"),
