@@ -29,7 +29,7 @@ from tailstack.design import compile_design, load_design
 from tailstack.montecarlo import quantile_estimate, simulate
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.studies.paper.published import CELLS, MM_PER_PRINTED_UNIT, S3_ANALYTIC, TRIALS, apply_setting
-from tailstack.system import Law, Mount, Reading, System, Target, View, no_sources
+from tailstack.system import Law, Reading, System, Target, View, execution_of, mount, no_sources
 from tailstack.tail.gaussian import norm_mean, norm_pdf, norm_quantile
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
@@ -68,12 +68,12 @@ def system_of(p: np.ndarray, reading: Reading) -> System:
         for k, distance in enumerate(distances)
     )
     mounts = [
-        Mount(name, np.zeros(3), np.zeros(6), no_sources(6))
+        mount(name, np.zeros(3), np.zeros(6), no_sources(6))
         for name in ("structure_connector", "connector_flange", "hand_eye")
     ]
     return System(
         "fit", views, tuple(f"F{k + 1}" for k in range(8)), p[1:4] + half * CORNERS, Law.NORMAL, np.zeros((8, 3)), 1.0,
-        mounts[0], mounts[1], np.eye(4), np.eye(4), mounts[2], np.zeros(3), no_sources(3),
+        mounts[0], mounts[1], np.eye(4), np.eye(4), mounts[2], execution_of(no_sources(3), np.zeros(3)),
         (Target("target", p[4:7]),), (), reading,
     )  # fmt: skip
 

@@ -29,13 +29,15 @@ MEASUREMENTS: dict[str, Measurement] = {
     )),
     "first-order": Measurement(scores.first_order, (
         Target("first-order covariance + exact P95, one target: against a trial of batched SVD", 1, 0.1, "×", "<"),
+        Target("score() of the demo with budget and losses: against a trial of batched SVD", 60, 25, "×", "<"),
     )),
     "losses": Measurement(scores.losses, (
         Target("score with the worst losses of one and two, 12 fiducials: against a score without", 3, 2, "×", "<"),
         Target("score with the worst loss of one, 64 fiducials: against a score without", 2, 1.5, "×", "<"),
     )),
     "designs": Measurement(scores.designs, (
-        Target("a million designs scored: designs a second against a loop over score()", 100, 1000),
+        Target("designs of a table, normal laws: designs a second against the loop before", 700, 1500),
+        Target("the same, the demo's own laws: designs a second against the loop before", 40, 100),
     )),
     "memory": Measurement(engine.memory, (
         Target("memory of a run of 10^7 trials", 300, 150, "MB", "<"),

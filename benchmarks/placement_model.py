@@ -16,7 +16,7 @@ from tailstack.arrays import Array
 from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.exact_law import closed_form_mm, image_parts
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
-from tailstack.optimisation.regions import Box
+from tailstack.optimisation.regions import BoxRegion
 from tailstack.optimisation.terms import DemandTerms, estimator_of, mechanics_of, terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.noise import Estimation, noise_gains_jit
@@ -56,7 +56,7 @@ def task_of(problem: PlacementProblem) -> Task:
     term = terms_of(problem, demand)
     estimator = estimator_of(problem.system)
     box = problem.places[0].region
-    assert isinstance(box, Box)
+    assert isinstance(box, BoxRegion)
     assert all(source.law is Law.UNIFORM and source.free is not None for source in term.sources)
     assert not term.bias_mm.any()
     assert not estimator.manufacturing_std_mm.any()

@@ -1,17 +1,26 @@
-"""Is mode auto of the gate ever wrong towards optimism?  Fresh random designs of all classes, held to near limits.
+"""Is what is stated of first order kept, and is mode auto of the gate ever wrong towards optimism?  Fresh designs.
 
     ./run bench                      # makes the environment
-    .venv/bin/python benchmarks/validity_study.py FILE [--designs N] [--seed N] [--nu LOW HIGH] [--effects] [FORM ...]
-    .venv/bin/python benchmarks/validity_study.py FILE --designs 0     # the table alone
+    .venv/bin/python benchmarks/validity_study.py FILE [--designs N] [--seed N] [--nu LOW HIGH] [FORM ...]
+    .venv/bin/python benchmarks/validity_study.py FILE --designs 0     # goes on with what is believed, and the table
 
-A form is an estimator, or one with its triangulation: ``dlt`` (the default), ``pose+weighted``; of several, each design
-has the next.  Two to eight views, 6 to 40 fiducials (4 to 40 where the estimator knows the intrinsics), all laws, both
-readings, biases, near and far targets, quantiles from P90 to P99.9 (``tests/random_designs.py``).  With ``--effects``
-two of three designs have some of what can go wrong in an image as well.  Of each the limits 0.9 to 1.3 times first
-order: at which of them does first order pass it, with the default guard band and without any; and what does a sampled
-verdict say at one of them.  The chain's quantile itself comes from pairs of trials, sampled further where it is near
-what is tolerated (1 % beyond the limit).  Each design is a line of FILE as soon as it is known; another seed adds
-others.  Prints the table of ``docs/method.md``, and the designs that were passed wrongly.
+A form is an estimator with its triangulation: ``pose+weighted``; each design has the next of them.  Two to eight
+views, 6 to 40 fiducials (4 to 40 where the estimator knows the intrinsics), all laws, both readings, near and far
+targets.  Three of four designs have corners: mounts that turn by up to 10 degrees about pivots up to 1.5 m away,
+locators 4 to 100 mm apart, a hand-eye error, motion between the shots of up to 3 mm, bounded components, and two of
+three of these a known error of 0.3 to 5 times the random one; two of three have some of what can go wrong in an image,
+with believed intrinsics that are wrong by up to 20 % (``tests/random_designs.py``).  Of two of three a dozen are drawn
+in search of one without a remark, for mode auto believes no other.
+
+Of each, limits of 0.9 to 1.31 times first order, at a quantile from P90 to P99.9: at which of them does first order
+pass it in the gate, with the default guard band and without any; and of every eighth, what does a sampled verdict say
+at one of them.  Then the ratios of the chain's quantiles to first order's, P90 to P99.9, both errors, in the same
+deviates: 65,536 trials, 409,600 and 3,276,800 where a ratio is within four standard errors of what is stated or P95 is
+not known to 0.15 %, and 8,192 where the plain form of the chain would redo many; in the end 409,600 at least of every
+design that mode auto believes.  What is bounded stands at the
+worst of the vertices that a check samples.  Each design is a line of FILE as soon as it is known; another seed adds
+others.  Prints for each class how many are outside what is stated, with the bound of their rate, and what the gate
+would pass beyond it.
 """
 
 from __future__ import annotations
@@ -22,7 +31,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.stats import beta
@@ -32,100 +40,123 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "tests")]
 from random_designs import FIDUCIALS
 from tailstack.errors import NotConvergedError
 from tailstack.system import Estimator
-from validity_trials import Form, Trial, held_to_limits
+from validity_trials import MOST_REDONE, Form, Held, hold_design, hold_to_trials
 
-NU = (0.003, 0.2)
-TRIALS, JUDGED = 8192, 2**14
-JUDGED_EVERY = 8  # of so many designs one has a verdict sampled
-EFFECTS = ("intrinsics_error", "image_field", "motion", "sees", "temperature", "diameter_mm")
-
-
-def effects_of(document: dict[str, Any]) -> list[str]:
-    places = [*document["views"], document, document["fiducials"]]
-    return [effect for effect in EFFECTS if any(effect in place for place in places)]
+FORMS = (
+    "dlt+normalised", "dlt+published", "dlt+weighted", "pose+normalised", "pose+published", "pose+weighted",
+    "pose_with_prior+normalised", "pose_with_prior+weighted", "reprojection+normalised",
+)  # fmt: skip
+NU = (0.002, 0.08)
+LOOKS = (2**13, 2**16, 409_600, 3_276_800)
+BELIEVED = LOOKS[2]
+PRECISE = 0.0015
+JUDGED, JUDGED_EVERY = 2**14, 8  # of so many designs one has a verdict sampled
+COUNTS = {"4-5": 5, "6": 6, "7-8": 8, "9-14": 14, "20-40": 40}
+LEVELS = ("good to 1 %", "good to 5 %", "good to 20 %")
 
 
 def bound(wrong: int, of: int) -> float:
-    """Of a rate, 95 % (Clopper and Pearson, one side)."""
-    return 1.0 if wrong == of else float(beta.ppf(0.95, wrong + 1, of - wrong))
+    """Of a rate, 95 % (Clopper and Pearson, one side), in per cent."""
+    return 100.0 if wrong == of else 100.0 * float(beta.ppf(0.95, wrong + 1, of - wrong))
 
 
-def line(name: str, rows: Sequence[Trial]) -> str:
+def line(name: str, rows: Sequence[Held]) -> str:
+    """Designs; of all of which something is stated, and of each level, how many, smallest and largest ratio of P95,
+    outside at P95 and at any quantile, bound of the first; those that auto believes, of them optimistic beyond what is
+    stated, bound, and the largest part of what is stated that one takes; largest excess over a limit that first order
+    passed; limits judged by trials, passed, largest excess; all that was judged wrongly."""
+    cells = [name, str(len(rows))]
+    for levels in (LEVELS, *((level,) for level in LEVELS)):
+        chosen = [row for row in rows if row.status in levels]
+        p95 = [each[1] for row in chosen for each in row.ratios]
+        out = sum(abs(row.worst(slice(1, 2))) > 1 for row in chosen)
+        beyond = sum(abs(row.worst()) > 1 for row in chosen)
+        cells.append(
+            f"{len(chosen)}: {min(p95):.3f} … {max(p95):.3f}; {out}, {beyond}; {bound(out, len(chosen)):.1f} %"
+            if chosen
+            else "0"
+        )
     believed = [row for row in rows if row.believed]
-    cells = [name, str(len(rows)), str(len(believed))]
-    for guard in (10, 0):
-        largest = max((row.excess(guard) for row in believed), default=-1.0)
-        passed = sum(row.passed_by_first_order.get(guard) is not None for row in rows)
-        cells.append(f"{passed}, {100 * largest:+.1f} %")
+    wrong = sum(row.optimistic > 1 for row in believed)
+    most = max((row.optimistic for row in believed), default=0.0)
+    cells.append(f"{len(believed)}: {wrong}, {bound(wrong, len(believed)):.1f} %; {most:.2f}")
+    cells.append(f"{100 * max((row.excess for row in believed), default=-1.0):+.1f} %")
     judged = [row for row in rows if row.sampled is not None]
-    passed_here = [row for row in judged if row.sampled is not None and row.sampled[1] == "pass"]
-    largest = max((row.ratio / row.sampled[0] - 1 for row in passed_here if row.sampled), default=-1.0)
-    cells.append(f"{len(judged)}, {len(passed_here)}, {100 * largest:+.1f} %")
-    missed = 0
-    for row in believed:
-        at = row.failed_by_first_order.get(10)
-        missed += at is not None and row.ratio < at / 1.01
-    cells.append(str(missed))
-    for guard in (10, 0):
-        wrong = sum(row.wrong(guard) for row in believed)
-        cells.append(f"{wrong}, {100 * bound(wrong, len(believed)):.2f} %")
+    passed = [row.excess_of_trials for row in judged if row.passed_by_trials]
+    cells.append(f"{len(judged)}, {len(passed)}, {100 * max(passed, default=-1.0):+.1f} %")
+    cells.append(str(sum(row.wrong for row in rows)))
     return "| " + " | ".join(cells) + " |"
 
 
-def table(rows: Sequence[Trial]) -> str:
-    head = (
-        "| | designs | believed | passed by first order, largest excess: guard band 10 % | no guard band | sampled, "
-        "passed, largest excess | failed, would keep the limit by 1 % | wrong passes, 95 % bound | without guard band |"
-    )
-    groups: dict[str, list[Trial]] = {}
+def table(rows: Sequence[Held]) -> str:
+    groups: dict[str, list[Held]] = {}
     for row in rows:
-        present = effects_of(row.document) or ["no effect"]
-        for name in (row.form.name, f"{row.views} views", *present, *(["published"] if row.published else [])):
+        of = row.form
+        few = f"{next(name for name, most in COUNTS.items() if row.fiducials <= most)} fiducials"
+        for name in (of.name, of.estimator, of.triangulation, f"{row.views} views", few, *row.classes):
             groups.setdefault(name, []).append(row)
+    head = f"| | designs | stated | {' | '.join(LEVELS)} | auto believes | excess of its passes | by trials | wrong |"
     lines = [line(name, groups[name]) for name in sorted(groups)]
-    return "\n".join([head, "|" + 9 * "---|", *lines, line("all", rows)])
+    return "\n".join([head, "|" + 10 * "---|", *lines, line("all", rows)])
 
 
-def read(text: str) -> Trial:
+def read(text: str) -> Held:
     """A line of the file."""
     row = json.loads(text)
     row["form"] = Form(**row["form"])
-    for name in ("passed_by_first_order", "failed_by_first_order"):
-        row[name] = {int(guard): factor for guard, factor in row[name].items()}
-    return Trial(**row)
+    return Held(**row)
 
 
-def form_of(text: str, effects: bool) -> Form:
+def form_of(text: str, effects: bool, corners: bool) -> Form:
     estimator, _, triangulation = text.partition("+")
     few = (4, 5) if Estimator(estimator).believes_intrinsics else ()
-    return Form(estimator, triangulation, effects, (*few, *FIDUCIALS))
+    return Form(estimator, triangulation, effects, corners, (*few, *FIDUCIALS))
 
 
-def main(argv: Sequence[str] | None = None) -> list[Trial]:
+def rows_of(file: Path) -> list[Held]:
+    """Of each design its last line: that of the most trials."""
+    rows = [read(text) for text in file.read_text().splitlines()]
+    return list({json.dumps(row.document): row for row in rows}.values())
+
+
+def hold_believed(row: Held) -> Held:
+    """The row with as many trials as what mode auto believes has."""
+    if row.believed and row.trials < BELIEVED:
+        return hold_to_trials(row, (BELIEVED, LOOKS[3]), PRECISE)
+    return row
+
+
+def main(argv: Sequence[str] | None = None) -> list[Held]:
     parser = argparse.ArgumentParser()
     parser.add_argument("file", type=Path)
-    parser.add_argument("forms", nargs="*", default=["dlt"])
+    parser.add_argument("forms", nargs="*", default=FORMS)
     parser.add_argument("--designs", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=2028)
-    parser.add_argument("--nu", type=float, nargs=2, default=NU, help="range of the validity number")
-    parser.add_argument("--effects", action="store_true")
+    parser.add_argument("--seed", type=int, default=2041)
+    parser.add_argument("--nu", type=float, nargs=2, default=NU, help="range of the validity number without effects")
     asked = parser.parse_intermixed_args(argv)
     rng = np.random.default_rng(asked.seed)
+
+    def keep(row: Held) -> None:
+        with asked.file.open("a") as file:
+            file.write(json.dumps(asdict(row)) + "\n")
+
     for k in range(asked.designs):
-        form = form_of(asked.forms[k % len(asked.forms)], asked.effects and k // len(asked.forms) % 3 > 0)
-        judged = 0 if k % JUDGED_EVERY else JUDGED
+        turn = k // len(asked.forms)
+        form = form_of(asked.forms[k % len(asked.forms)], turn % 3 > 0, turn % 4 > 0)
         try:
-            trial = held_to_limits(rng, trials=TRIALS, judged_trials=judged, nu=tuple(asked.nu), form=form)
+            row = hold_design(rng, form, tuple(asked.nu), LOOKS, PRECISE, 0 if k % JUDGED_EVERY else JUDGED)
         except NotConvergedError as refusal:
             print("no estimate:", form, refusal, flush=True)
             continue
-        with asked.file.open("a") as file:
-            file.write(json.dumps(asdict(trial)) + "\n")
-    rows = [read(text) for text in asked.file.read_text().splitlines()]
+        keep(row if row.redone * BELIEVED > MOST_REDONE else hold_believed(row))
+    for row in sorted(rows_of(asked.file), key=lambda row: row.redone):
+        if (further := hold_believed(row)) is not row:
+            keep(further)
+    rows = rows_of(asked.file)
     print(table(rows))
     for row in rows:
-        if row.wrong(0):
-            print("wrong:", row, effects_of(row.document))
+        if abs(row.worst()) > 1 or row.wrong:
+            print("outside:", row, np.round(row.ratios, 4).tolist())
     return rows
 
 

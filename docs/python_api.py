@@ -48,7 +48,7 @@ print(score(sharper).targets[0].p95_mm)
 
 grid = sweep(design, {"interfaces.connector_flange.tolerances.rx.half_width_deg": [0.05, 0.1, 0.2]})
 print(grid.to_frame()[["p95_mm", "verdict"]])  # pandas, where it is installed
-grid.plot()  # matplotlib: pip install 'tailstack[report]'
+grid.plot()  # matplotlib: the extra report
 ```
 
 In a notebook a result as the last line of a cell is shown with its verdict, the errors at its targets and the budget;
@@ -68,7 +68,7 @@ DESIGN_NAMES = (
     "StepContact",
 )  # fmt: skip
 VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
-COMPILED = ("System", "View", "Target", "Requirement", "Mount", "Sources", "Law", "Reading", "RotationForm",
+COMPILED = ("System", "View", "Target", "Requirement", "DirectEffect", "Sources", "Law", "Reading", "RotationForm",
             "Triangulation")  # fmt: skip
 
 

@@ -35,7 +35,7 @@ FILES = {
     for file in sorted((ROOT / part).rglob("*.py"))
 }
 KERNELS = "tailstack.kernels"
-SENDER, RECEIVER = "tailstack_service.http.places", "tailstack_service.processes.child"
+SENDER, RECEIVER = "tailstack_service.http.compute_pool", "tailstack_service.processes.child"
 # Function whose return is the end of a walk: P95 is known; the new design is on the disk
 ENDS = {
     "score": ("tailstack.tail.declared", "law_summary"),
@@ -151,11 +151,11 @@ def score() -> None:
     """POST /v1/scores to the application here, and a computing process of its own."""
     import httpx
 
-    from tailstack_service.http import places
+    from tailstack_service.http import compute_pool
     from tailstack_service.http.app import create_app
     from tailstack_service.settings import Settings
 
-    places.PERFORM = "walks:perform"
+    compute_pool.PERFORM = "walks:perform"
     app = create_app(Settings(database="sqlite://", max_seconds=600), warm_up=False)
 
     async def post() -> httpx.Response:
@@ -164,7 +164,7 @@ def score() -> None:
             begin("score")
             answer = await client.post("/v1/scores", content=DEMO.read_bytes(), headers=yaml)
             sys.setprofile(None)
-            await app.state.service.places.close()
+            await app.state.service.pool.close()
             return answer
 
     answer = asyncio.run(post())
@@ -174,12 +174,14 @@ def score() -> None:
 def perform(call: Any) -> Any:
     """What the computing process calls in place of ``computations.perform``."""
     from tailstack_service.http import computations
+    from tailstack_service.task import Estimated
 
     note(RECEIVER, SENDER)
     note_kernels()
     begin("score")
     try:
-        return computations.perform(call)
+        found = computations.perform(call)
+        return found.compute() if isinstance(found, Estimated) else found  # read, and on from there
     finally:
         sys.setprofile(None)
 

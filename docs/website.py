@@ -21,7 +21,7 @@ from mkdocs.config import load_config
 from mkdocs.exceptions import Abort
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ("*.md", "docs/**/*.md", "openapi/*.md", "docker/*.md", "examples/*/*.md")
+PAGES = ("*.md", "docs/**/*.md", "openapi/*.md", "docker/*.md", "examples/*/*.md", "benchmarks/*.md")
 LINK = re.compile(r"\]\(([^)#\s]+)")
 STYLES = ROOT / "docs" / "site.css"
 

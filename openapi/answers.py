@@ -1,8 +1,8 @@
-"""Examples of answers, which the document shows: as a running service answered, a file OPERATION_ID.json each.
+"""openapi.json: the document of the service, and with it examples of answers, a file answers/OPERATION_ID.json each.
 
-``python openapi/answers.py [URL]`` asks every operation with the document's own examples of requests and writes what
-came back beside the code that makes the document (URL: of a service without authentication, by default
-http://127.0.0.1:8321).  Then write openapi.json anew.
+``python openapi/answers.py`` writes openapi.json anew, of the installed tailstack and those files.  With the URL of a
+service without authentication it asks that one first: every operation, with the examples of requests in its document;
+what came back becomes the files, lists cut short.
 """
 
 from __future__ import annotations
@@ -17,26 +17,46 @@ from typing import Any
 import httpx
 from rules import HERE, ITSELF, METHODS, resolved
 
-ANSWERS = HERE.parent / "service" / "tailstack_service" / "http" / "example_answers"
+from tailstack.json_text import write_json
+from tailstack_service.http.app import create_app
+
+ANSWERS = HERE / "answers"
+SHOWN_BY = {"get_result": "create_verification", "get_report": "create_verification"}  # answer with another's record
+SUMMARY = "As a service answered the example of the request; of long lists the first two entries"
 WAIT_SECONDS = 60  # what a service waits for at most, unless it was told otherwise
+SHOWN, MOST_PLAIN = 2, 12  # entries that are left of a list, where they are objects or more than so many
 VARYING = frozenset({"provenance", "execution", "created_at", "python", "tailstack", "numpy", "today"})
 
 
-def answers(document: dict[str, Any], url: str) -> Iterator[tuple[str, Any]]:
-    """(operation id, answer) of everything that answers with JSON and shows no example, or its own answer.
+def text_with_answers(document: dict[str, Any]) -> str:
+    """The text of openapi.json: the document of the service, which is changed, and an example of every answer."""
+    examples = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(ANSWERS.glob("*.json"))}
+    document["components"]["examples"] |= {
+        name: {"summary": SUMMARY, "value": value} for name, value in examples.items()
+    }
+    for operation in (item[method] for item in document["paths"].values() for method in METHODS if method in item):
+        media = resolved(document, operation["responses"].get("200", {})).get("content", {}).get("application/json")
+        shown = SHOWN_BY.get(operation["operationId"], operation["operationId"])
+        if media is not None and shown in examples:
+            media.setdefault("examples", {"example": {"$ref": f"#/components/examples/{shown}"}})
+    return write_json(document, indent=1) + "\n"
+
+
+def answers(url: str) -> Iterator[tuple[str, Any]]:
+    """(operation id, answer) of everything that answers with JSON of its own and shows no example of it.
 
     Raises RuntimeError with the refusal for an operation that does not answer with 200.
     """
     found: dict[str, str] = {}  # values of path parameters that only the service can know
     with httpx.Client(base_url=url, timeout=3 * WAIT_SECONDS, trust_env=False) as client:
+        document = client.get("/openapi.json").raise_for_status().json()
         for path, item in document["paths"].items():
             for method in (m for m in METHODS if m in item):
                 operation = item[method]
                 content = resolved(document, operation["responses"].get("200", {})).get("content", {})
                 media = content.get("application/json")
                 identity = operation["operationId"]
-                own = {"example": {"$ref": f"#/components/examples/{identity}"}}
-                if media is None or media.get("examples", own) != own or identity == ITSELF:
+                if media is None or "examples" in media or identity in SHOWN_BY or identity == ITSELF:
                     continue
                 parameters = [resolved(document, p) for p in operation.get("parameters", ())]
                 values = {p["name"]: found.get(p["name"], p.get("example")) for p in parameters if p["in"] == "path"}
@@ -68,6 +88,17 @@ def _body(document: dict[str, Any], operation: dict[str, Any]) -> Any:
     return next((resolved(document, entry)["value"] for entry in content.get("examples", {}).values()), None)
 
 
+def shortened(value: Any) -> Any:
+    """An answer as it is shown: two entries of lists of objects and of long lists; vectors and designs stay whole."""
+    if isinstance(value, list):
+        if len(value) > MOST_PLAIN or any(isinstance(entry, dict) for entry in value):
+            value = value[:SHOWN]
+        return [shortened(entry) for entry in value]
+    if isinstance(value, dict) and not {"fiducials", "views"} <= value.keys():  # a design could not be sent back
+        return {key: shortened(child) for key, child in value.items()}
+    return value
+
+
 def shape(value: Any) -> Any:
     """What a document is made of, without its values: equal for answers of equal form.
 
@@ -83,7 +114,7 @@ def shape(value: Any) -> Any:
 def differences(fresh: Any, shown: Any, at: str = "") -> Iterator[str]:
     """Where two answers of one form say other things; numbers may differ in the last digits that processors leave."""
     if isinstance(fresh, dict):
-        for key in fresh.keys() - VARYING:
+        for key in sorted(fresh.keys() - VARYING):
             yield from differences(fresh[key], shown[key], f"{at}/{key}")
     elif isinstance(fresh, list):
         if len(fresh) != len(shown):
@@ -98,12 +129,15 @@ def differences(fresh: Any, shown: Any, at: str = "") -> Iterator[str]:
 
 
 def main(arguments: list[str]) -> int:
-    document = json.loads((HERE / "openapi.json").read_text(encoding="utf-8"))
-    fresh = dict(answers(document, arguments[0] if arguments else "http://127.0.0.1:8321"))
-    for old in ANSWERS.glob("*.json"):
-        old.unlink()
-    for name, answer in fresh.items():
-        (ANSWERS / f"{name}.json").write_text(json.dumps(answer, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if arguments:
+        fresh = dict(answers(arguments[0]))
+        for old in ANSWERS.glob("*.json"):
+            old.unlink()
+        for name, answer in fresh.items():
+            text = json.dumps(shortened(answer), indent=1, ensure_ascii=False) + "\n"
+            (ANSWERS / f"{name}.json").write_text(text, encoding="utf-8")
+    document = create_app(warm_up=False).openapi()
+    (HERE / "openapi.json").write_text(text_with_answers(document), encoding="utf-8")
     return 0
 
 

@@ -1,7 +1,8 @@
 """Everything that is made from openapi.json: the Python client and the TypeScript types.
 
-``python openapi/generate.py`` makes both anew (``--python`` or ``--typescript``: one of them).  Same document, same
-bytes; the tests repeat it and compare.
+``python openapi/generate.py`` makes both anew (``--python`` or ``--typescript``: one of them), in ``python/`` and
+``typescript/`` beside this file, where Git does not see them, or in the folder that ``-o`` names.  Same document, same
+bytes.  The Python client takes openapi-python-client and ruff, the types take Node.
 """
 
 from __future__ import annotations
@@ -20,8 +21,6 @@ import node
 
 HERE = Path(__file__).resolve().parent
 DOCUMENT = HERE / "openapi.json"
-PYTHON = HERE / "python"
-TYPES = HERE / "typescript" / "tailstack.d.ts"
 PACKAGE = "tailstack_client"
 METHODS = frozenset({"get", "put", "post", "delete", "patch"})
 
@@ -125,8 +124,12 @@ def make_python(target: Path) -> None:
 
 
 def make_typescript(target: Path) -> None:
-    """Write the types to the file ``target``.  Raises NodeMissing, or RuntimeError with the generator's words."""
-    done = node.run_script(HERE / "types.mjs", DOCUMENT, target)
+    """Write the types, tailstack.d.ts, to the folder ``target``.
+
+    Raises NodeMissing, or RuntimeError with the generator's words.
+    """
+    target.mkdir(parents=True, exist_ok=True)
+    done = node.run_script(HERE / "types.mjs", DOCUMENT, target / "tailstack.d.ts")
     if done.returncode:
         raise RuntimeError(done.stdout + done.stderr)
 
@@ -141,12 +144,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Make the Python client and the TypeScript types from openapi.json.")
     parser.add_argument("--python", action="store_true", help="the Python client only")
     parser.add_argument("--typescript", action="store_true", help="the TypeScript types only")
+    parser.add_argument("-o", type=Path, default=HERE, metavar="DIR", help="the folder (default: the one of this file)")
     chosen = parser.parse_args()
     try:
         if chosen.python or not chosen.typescript:
-            make_python(PYTHON)
+            make_python(chosen.o / "python")
         if chosen.typescript or not chosen.python:
-            make_typescript(TYPES)
+            make_typescript(chosen.o / "typescript")
     except node.NodeMissing as missing:
         print(f"no TypeScript: {missing}", file=sys.stderr)
         return 3

@@ -48,7 +48,8 @@ RATIOS = frozenset(
      "coverage_factor", "exceedance_probability", "extrapolation", "factor", "first_order", "first_order_ratio",
      "focal_rel_sd", "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual",
      "largest_loss_probability", "largest_share", "locator_scales", "loss_probability", "lowest_ratio",
-     "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_crossing", "nu_depth", "nu_disagreement", "nu_gap",
+     "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement",
+     "nu_gap", "nu_turns",
      "over_monte_carlo", "p95_over_mean", "p_adjusted", "p_value", "precision", "precision_reached",
      "precision_requested", "predicted_p95_over_mean", "predicted_standard_deviations", "probability",
      "probability_of_none", "probability_unaccounted", "quantile", "quaternion_wxyz", "ratio", "ratio_interval",
@@ -112,7 +113,7 @@ def _operation(document: Mapping[str, Any], path: str, item: Any, operation: Any
         yield from (f"response {status}: {text}" for text in _response(document, identity, status, answer))
         json_answer = answer.get("content", {}).get("application/json")
         if status == "200" and json_answer is not None and identity != ITSELF and not _has_example(json_answer):
-            yield "response 200: no example (openapi/answers.py writes it)"
+            yield "response 200: no example (python openapi/answers.py URL writes it)"
 
 
 def _parameters(path: str, parameters: list[Any]) -> Iterator[str]:

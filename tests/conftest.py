@@ -21,6 +21,7 @@ LEFT_OUT = pytest.StashKey[int]()
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--short", action="store_true", help="leave out what is marked as long")
+    parser.addoption("--first-case", action="store_true", help="of each test the first of its cases alone")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -31,11 +32,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    chosen = items[:]
     if config.getoption("--short"):
-        long = [item for item in items if is_long(item)]
-        config.stash[LEFT_OUT] = len(long)
-        config.hook.pytest_deselected(items=long)
-        items[:] = [item for item in items if not is_long(item)]
+        chosen = [item for item in items if not is_long(item)]
+        config.stash[LEFT_OUT] = len(items) - len(chosen)
+    if config.getoption("--first-case"):
+        first = {item.nodeid.partition("[")[0]: item for item in reversed(chosen)}
+        chosen = [item for item in chosen if first[item.nodeid.partition("[")[0]] is item]
+    kept = set(chosen)
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = chosen
 
 
 def is_long(item: pytest.Item) -> bool:

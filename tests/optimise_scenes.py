@@ -15,11 +15,12 @@ from tailstack.arrays import Array
 from tailstack.design.compile import torsor_from_locators
 from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem
 from tailstack.optimisation.prices import Price, reciprocal
-from tailstack.optimisation.problem import Choice, FreePivot, FreeSpacing, apply_choice
-from tailstack.optimisation.regions import Box
+from tailstack.optimisation.problem import Choice, FreeSpacing, PivotVariable, apply_choice
+from tailstack.optimisation.regions import BoxRegion
 from tailstack.propagation.linear import linearise
 from tailstack.scoring import score
-from tailstack.system import Law, Mount, Requirement, Sources
+from tailstack.system import DirectEffect, Law, Requirement, Sources
+from tailstack.system import mount as mount_of
 
 ORACLE = json.loads((Path(__file__).parent / "data" / "oracles" / "placement_best_known.json").read_text())
 BOX_MM = np.array([[-50.0, -50.0, -90.0], [50.0, 50.0, 10.0]])
@@ -46,7 +47,7 @@ def free_rotations(components: tuple[str, ...] = ROTATIONS, max_deg: float = 3.0
 
 def places_in_box(fiducials: Iterable[int], box_mm: Array = BOX_MM) -> tuple[FreeFiducial, ...]:
     """A place for each of these fiducials, all in one box."""
-    box = Box(*np.asarray(box_mm, dtype=float))
+    box = BoxRegion(*np.asarray(box_mm, dtype=float))
     return tuple(FreeFiducial((i,), box) for i in fiducials)
 
 
@@ -99,7 +100,7 @@ def silent_problem(
 
 def first_interface_only(problem: PlacementProblem) -> PlacementProblem:
     """The second interface exact, and nothing of it free."""
-    exact = replace(problem.system.connector_flange, sources=mount("x").sources)
+    exact = replace(problem.system.connector_flange, sources=mount("connector_flange").sources)
     free = tuple(item for item in problem.half_widths if item.contributor == "structure_connector")
     return replace(problem, system=replace(problem.system, connector_flange=exact), half_widths=free)
 
@@ -116,7 +117,7 @@ def locators_at(factor: float) -> Array:
     return np.asarray(centre + factor * (LOCATORS_MM - centre))
 
 
-def seat(name: str, pivot_mm: Any, half_width_mm: Any, law: Law | tuple[Law, ...] = Law.NORMAL) -> Mount:
+def seat(name: str, pivot_mm: Any, half_width_mm: Any, law: Law | tuple[Law, ...] = Law.NORMAL) -> DirectEffect:
     """A mount on the six locators; half_width_mm (6,), those of no size left out."""
     laws = law if isinstance(law, tuple) else (law,) * 6
     kept = [j for j in range(6) if half_width_mm[j] != 0]
@@ -128,7 +129,7 @@ def seat(name: str, pivot_mm: Any, half_width_mm: Any, law: Law | tuple[Law, ...
         units=("mm",) * len(kept),
         direction=read_only(torsor_from_locators(LOCATORS_MM, NORMALS, np.asarray(pivot_mm))[:, kept]),
     )
-    return Mount(name, read_only(pivot_mm), read_only(np.zeros(6)), sources)
+    return mount_of(name, read_only(pivot_mm), read_only(np.zeros(6)), sources)
 
 
 def free_spacing(contributor: str, pivot_mm: Any, minimum: float, maximum: float) -> FreeSpacing:
@@ -137,8 +138,8 @@ def free_spacing(contributor: str, pivot_mm: Any, minimum: float, maximum: float
     return FreeSpacing(contributor, minimum, maximum, 2 * once - half, half - once)
 
 
-def pivot_in(contributor: str, low_mm: Any, high_mm: Any) -> FreePivot:
-    return FreePivot(contributor, np.array(low_mm, dtype=float), np.array(high_mm, dtype=float))
+def pivot_in(contributor: str, low_mm: Any, high_mm: Any) -> PivotVariable:
+    return PivotVariable(contributor, np.array(low_mm, dtype=float), np.array(high_mm, dtype=float))
 
 
 def general_problem(seed: int, *, error: str = "tcp", **system_changes: Any) -> PlacementProblem:
@@ -148,7 +149,7 @@ def general_problem(seed: int, *, error: str = "tcp", **system_changes: Any) -> 
     system = random_system(rng, fiducials=7, targets=2, **system_changes)
     laws = (Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR, Law.UNIFORM, Law.NORMAL, Law.UNIFORM)
     first = replace(
-        seat("structure_connector", rng.uniform(-80, 80, 3), [0.02] * 6, laws), bias=system.structure_connector.bias
+        seat("structure_connector", rng.uniform(-80, 80, 3), [0.02] * 6, laws), known=system.structure_connector.known
     )
     free = (
         FreeHalfWidth("structure_connector", "L1", 1e-3, 0.3, reciprocal(0.02)),
@@ -185,7 +186,7 @@ def image_covariance_by_score(problem: PlacementProblem, fiducials_mm: Array) ->
     total = np.zeros((3, 3))
     for block in model.blocks:
         if "noise" in block.contributor or "manufacturing" in block.contributor:
-            scaled = model.gain(block, problem.requirements[0].error) * block.std
+            scaled = block.scaled(problem.requirements[0].error)
             total += scaled @ scaled.T
     return total
 

@@ -16,7 +16,7 @@ import numpy as np
 from tailstack.design import check_design, load_design
 from tailstack.errors import TailstackError
 from tailstack.estimation.checks import DETERMINATION
-from tailstack.propagation.linear import linearise
+from tailstack.propagation.linear import covariance, linearise
 
 LAWS = ("normal", "uniform", "triangular")
 FIDUCIALS = (6, 7, 8, 9, 10, 11, 12, 13, 14, 20, 40)
@@ -181,8 +181,8 @@ def _toleranced(rng: np.random.Generator, rotation_deg: float, translation_mm: f
 
 
 def _wrong_intrinsics(rng: np.random.Generator) -> dict[str, Any]:
-    """Wrong by up to 3 % and 30 px, half of them known; a law of the rest."""
-    size, known, law = _log_uniform(rng, 0.001, 0.03), float(rng.choice([0.0, 0.5])), str(rng.choice(LAWS))
+    """Wrong by up to 20 % and 200 px, half of it known or none; a law of the rest."""
+    size, known, law = _log_uniform(rng, 0.001, 0.2), float(rng.choice([0.0, 0.5])), str(rng.choice(LAWS))
     signs = rng.choice([-1.0, 1.0], 3) * known * size
     return {
         "focal": {"bias_rel": signs[0], "half_width_rel": (1 - known) * size, "distribution": law},
@@ -192,11 +192,23 @@ def _wrong_intrinsics(rng: np.random.Generator) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _tilt(rng: np.random.Generator) -> dict[str, Any]:
+    """Up to half a degree about either axis, half of it known or none; a law of the rest."""
+    size, known, law = _log_uniform(rng, 0.02, 0.5), float(rng.choice([0.0, 0.5])), str(rng.choice(LAWS))
+    tilt: dict[str, Any] = {
+        about: {"half_width_deg": (1 - known) * size, "distribution": law} for about in ("about_u", "about_v")
+    }
+    return tilt | {f"bias_{about}_deg": float(rng.choice([-1, 1])) * known * size for about in tilt}
+
+
 def with_effects(document: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
     """The document with some of what can go wrong in an image: wrong intrinsics, image fields, motion, temperature,
-    balls, fiducials that a view does not see.  A field stays away where the target's image is far outside."""
+    balls, a tilted detector, fiducials that a view does not see.  A field stays away where the target's image is far
+    outside."""
     points, estimator = document["fiducials"]["points"], document["model"].get("estimator", "dlt")
     wrong, fields, motion, warm, balls, hidden = (rng.random(6) < 0.35).tolist()
+    tilting = rng.spawn(1)[0]  # numbers of its own, so that what older seeds draw beside it stays
+    tilted = tilting.random() < 0.35
     field_px, law = _log_uniform(rng, 0.02, 1.0), str(rng.choice(LAWS))
     rotation_deg, translation_mm = _log_uniform(rng, 0.005, 0.3), _log_uniform(rng, 0.01, 0.3)
     fewest = 4 if estimator.startswith("pose") else 6
@@ -212,6 +224,8 @@ def with_effects(document: dict[str, Any], rng: np.random.Generator) -> dict[str
             view["image_size_px"] = [1600, 1600]
             sizes = (field_px * np.exp(rng.normal(0, 0.7, 4)) * (rng.random(4) < 0.7)).tolist()
             view["image_field"] = {"half_widths_px": sizes, "distribution": law}
+        if tilted:
+            view["detector_tilt"] = _tilt(tilting)
         if motion and k and (tolerances := _toleranced(rng, rotation_deg, translation_mm)):
             view["motion"] = {"pivot_mm": seats[0].tolist(), "tolerances": tolerances}
         if hidden and len(points) > fewest:
@@ -229,8 +243,82 @@ def with_effects(document: dict[str, Any], rng: np.random.Generator) -> dict[str
     return document
 
 
+def _far(rng: np.random.Generator, about: np.ndarray, farthest: float = 1500.0) -> list[float]:
+    """A pivot up to 1.5 m from a point."""
+    return [float(x) for x in (about + _log_uniform(rng, 10, farthest) * _unit(rng)).round(3)]
+
+
+def _locators(rng: np.random.Generator, pivot: np.ndarray, span: float, half_width: float) -> list[dict[str, Any]]:
+    """Three contacts on a face, two on the next, one on the last, a span apart."""
+    law = str(rng.choice(LAWS))
+    places = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 0), (1, 0, 0), (0, 0, 0)]
+    normals = [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 1, 0), (0, 1, 0), (1, 0, 0)]
+    return [
+        {
+            "name": f"L{k}", "position_mm": (pivot + span * np.array(place)).round(4).tolist(), "normal": list(normal),
+            "half_width_mm": half_width, "distribution": law,
+        }
+        for k, (place, normal) in enumerate(zip(places, normals, strict=True))
+    ]  # fmt: skip
+
+
+def with_corners(document: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """The document with some of what random designs seldom have: mounts that turn by much about near or far pivots, by
+    tolerances, bounded ones, or locators close together; a hand-eye error; motion about a pivot up to 1.5 m away."""
+    aim = np.array(document["targets"][0]["position_mm"])
+    turned, seated, behind, moved = (rng.random(4) < (0.5, 0.3, 0.4, 0.35)).tolist()
+    mounts = document["interfaces"]
+    for name in ("structure_connector", "connector_flange"):
+        if seated and rng.random() < 0.6:
+            turn, span = np.radians(_log_uniform(rng, 0.02, 10)), _log_uniform(rng, 4, 100)
+            pivot = aim + _log_uniform(rng, 10, 300) * _unit(rng)
+            contacts = _locators(rng, pivot, span, float(turn * span))
+            mounts[name] = {"pivot_mm": pivot.tolist(), "locators": contacts}
+        elif turned and rng.random() < 0.7:
+            tolerances = _toleranced(rng, _log_uniform(rng, 0.05, 10), _log_uniform(rng, 0.01, 1))
+            if rng.random() < 0.15:
+                for each in tolerances.values():
+                    each["distribution"] = "bounded"
+            mounts[name] = {"pivot_mm": _far(rng, aim), "tolerances": tolerances}
+    if behind:
+        tolerances = _toleranced(rng, _log_uniform(rng, 0.02, 3), _log_uniform(rng, 0.01, 1))
+        document["execution"] = {"hand_eye": {"pivot_mm": _far(rng, aim), "tolerances": tolerances}}
+    if moved:
+        reach, size = _far(rng, aim), _log_uniform(rng, 0.005, 3)
+        lever = float(np.linalg.norm(np.array(reach) - aim))
+        for view in document["views"][1:]:
+            tolerances = _toleranced(rng, float(np.degrees(size / lever)), size)
+            if tolerances:
+                view["motion"] = {"pivot_mm": reach, "tolerances": tolerances}
+    return document
+
+
+def with_bias(document: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    """The document with a known error of 0.3 to 5 times the random one, along a lever, along the random error's longest
+    axis or anywhere, in one of the mounts."""
+    system = check_design(load_design(document))[0]
+    model = linearise(system, system.targets[0])
+    mounts = document["interfaces"]
+    name = str(rng.choice(["structure_connector", "connector_flange"]))
+    mount = mounts.setdefault(name, {"pivot_mm": [0.0, 0.0, 0.0]})
+    sizes, axes = np.linalg.eigh(covariance(model, "tcp"))
+    along = [_unit(rng), axes[:, 2]]
+    along += [model.reconstructed_mm - np.array(each["pivot_mm"]) for each in mounts.values()]
+    chosen = int(rng.integers(len(along)))
+    document["name"] = ("known error anywhere", "known error along the longest axis", "known error along a lever")[
+        min(chosen, 2)
+    ]
+    direction = along[chosen] * rng.choice([-1.0, 1.0])
+    shift = _log_uniform(rng, 0.3, 5) * np.sqrt(sizes[2]) * direction / max(np.linalg.norm(direction), 1e-9)
+    bias = mount.setdefault("bias", {})
+    for axis, size in zip(("tx_mm", "ty_mm", "tz_mm"), shift.tolist(), strict=True):
+        bias[axis] = bias.get(axis, 0.0) + size
+    return document
+
+
 def scaled(document: dict[str, Any], factor: float) -> dict[str, Any]:
-    """With image noise and manufacturing errors times the factor; the validity number is proportional to them."""
+    """With image noise and manufacturing errors times the factor; without effects the validity number is proportional
+    to them."""
     document = copy.deepcopy(document)
     for view in document["views"]:
         for name in ("fiducial_noise_px", "target_noise_px"):
@@ -250,23 +338,32 @@ def random_design(
     estimator: str = "dlt",
     triangulation: str = "",
     effects: bool = False,
+    corners: bool = False,
 ) -> dict[str, Any]:
-    """A document whose geometry is not refused; its validity number is drawn from a range, uniform in its logarithm.
+    """A document whose geometry is not refused; its validity number is drawn from a range, uniform in its logarithm,
+    as it is without effects and corners, which add to it.
 
     clear: up to so many designs are drawn in search of one without a remark that it is hardly determined.  effects:
-    with some of what can go wrong in an image.
+    with some of what can go wrong in an image.  corners: with some of what turns, and in two of three with a known
+    error of the size of the random one.
     """
     for drawn in count():
         document = under(random_document(rng, views, fiducials, published), estimator, triangulation, rng)
-        if effects:
-            document = with_effects(document, rng)
         wanted = _log_uniform(rng, *nu)
         try:
             system, findings, _ = check_design(load_design(document))
             if drawn < clear and any(finding.rule in DETERMINATION for finding in findings):
                 continue
             document = scaled(document, wanted / linearise(system, system.targets[0]).nu)
-            check_design(load_design(document))
+            if effects:
+                document = with_effects(document, rng)
+            if corners:
+                document = with_corners(document, rng)
+                if rng.random() < 0.67:
+                    document = with_bias(document, rng)
+            _, findings, _ = check_design(load_design(document))
+            if drawn < clear and any(finding.rule in DETERMINATION for finding in findings):
+                continue
         except TailstackError:
             continue
         if max(view["fiducial_noise_px"] for view in document["views"]) <= LOUDEST_PX:

@@ -6,15 +6,17 @@ It follows docs/conventions.md step by step and shares nothing with ``propagatio
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.linalg import rq
 
+from scenes import effect_named
 from tailstack.arrays import Array
 from tailstack.estimation.least_squares import estimate_views, locate, row_weights
 from tailstack.estimation.resection import homogeneous, project
 from tailstack.estimation.triangulation import triangulate
-from tailstack.system import IntrinsicsError, Reading, RotationForm, System, Target, Triangulation, View, no_sources
+from tailstack.system import Reading, RotationForm, System, Target, Triangulation, View
 
 
 def rotation(angles: Array, form: RotationForm) -> Array:
@@ -37,7 +39,7 @@ def weights_at_rest(system: System, target: Target) -> Array | None:
     if system.triangulation is not Triangulation.WEIGHTED:
         return None
     mount, form = system.structure_connector, system.rotation_form
-    moved = move(mount.bias, mount.pivot_mm, form, system.fiducials_mm)
+    moved = move(mount.known, mount.pivot_mm, form, system.fiducials_mm)
     told = moved if system.reading is Reading.EQ18 else system.fiducials_mm
     truly = system.fiducials_mm if system.reading is Reading.EQ18 else moved
     estimates = estimate_views(system, told, np.stack([project(view.projection, truly) for view in system.views]))
@@ -45,10 +47,10 @@ def weights_at_rest(system: System, target: Target) -> Array | None:
     return row_weights(system, estimates, told, triangulate(estimates, aims, told))
 
 
-def field(view: View, images: Array, coefficients: Array) -> Array:
+def field(effect: Any, images: Array, coefficients: Array) -> Array:
     """Shift (n, 2) px of image points: coefficient by coefficient, in the order of their names."""
-    names = view.image_field.sources.names
-    x, y = ((images - view.image_field.centre_px) / view.image_field.half_diagonal_px).T
+    names = effect.sources.names
+    x, y = ((images - effect.centre_px) / effect.half_diagonal_px).T
     shift = np.zeros_like(images)
     for name, value in zip(names, coefficients, strict=True):
         along, i, j = name[0], int(name[3]), int(name[5])  # "u.x2y1"
@@ -58,15 +60,37 @@ def field(view: View, images: Array, coefficients: Array) -> Array:
 
 def ball_shifts(system: System, view: View) -> Array:
     """From the images of the balls' centres to the middles of their outlines, (N, 2) px: in the frame of the camera."""
-    if system.balls is None:
+    balls = effect_named(system, "ball_images")
+    if balls is None:
         return np.zeros(2)
     upper, turn = rq(view.projection[:, :3])
     flip = np.diag(np.sign(np.diag(upper)))
     upper, turn = upper @ flip, flip @ turn
     camera = (np.linalg.solve(upper, view.projection @ homogeneous(system.fiducials_mm).T)).T
-    stretched = camera[:, :2] * camera[:, 2:] / (camera[:, 2:] ** 2 - system.balls.radius_mm**2)
+    stretched = camera[:, :2] * camera[:, 2:] / (camera[:, 2:] ** 2 - balls.radius_mm**2)
     plain = camera[:, :2] / camera[:, 2:]
-    return system.balls.share * (stretched - plain) @ (upper / upper[2, 2])[:2, :2].T
+    return balls.known * (stretched - plain) @ (upper / upper[2, 2])[:2, :2].T
+
+
+def tilt(view: View, images: Array, turns: Array) -> Array:
+    """Shift (n, 2) px of image points where the detector's plane is turned by angles (2,) about u and v: where rays
+    meet it, to first order in the angles, by differences."""
+    upper, _ = rq(view.projection[:, :3])
+    camera = upper @ np.diag(np.sign(np.diag(upper)))
+    camera = camera / camera[2, 2]
+    rays = np.linalg.solve(camera, homogeneous(np.hstack([images, np.zeros((len(images), 1))]))[:, [0, 1, 3]].T).T
+
+    def meet(about_u: float, about_v: float) -> Array:
+        u, v = np.array([np.cos(about_v), 0, np.sin(about_v)]), np.array([0, np.cos(about_u), np.sin(about_u)])
+        normal, foot = np.cross(u, v), np.array([0, 0, 1.0])
+        hits = rays * ((normal @ foot) / (rays @ normal))[:, None]
+        place = np.linalg.lstsq(np.column_stack([u, v]), (hits - foot).T, rcond=None)[0].T
+        return place @ camera[:2, :2].T + camera[:2, 2]
+
+    step = 1e-4
+    by_u = (meet(step, 0.0) - meet(-step, 0.0)) / (2 * step)
+    by_v = (meet(0.0, step) - meet(0.0, -step)) / (2 * step)
+    return by_u * turns[0] + by_v * turns[1]
 
 
 def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, Array]:
@@ -74,13 +98,13 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
     form = system.rotation_form
 
     def torsor(mount):
-        return mount.bias + mount.sources.direction @ inputs.get(mount.name, np.zeros(mount.sources.count))
+        return mount.known + mount.sources.direction @ inputs.get(mount.name, np.zeros(mount.sources.count))
 
     points = system.fiducials_mm
     true = points + inputs.get("fiducial_manufacturing", np.zeros(points.size)).reshape(points.shape)
-    heat = system.temperature
+    heat = effect_named(system, "temperature")
     if heat is not None:
-        kelvin = heat.difference_k + inputs.get("temperature", np.zeros(1))[0]
+        kelvin = heat.known[0] + inputs.get("temperature", np.zeros(1))[0]
         true = true + kelvin * heat.structure_per_k * (points - heat.seat_mm)
     first = torsor(system.structure_connector)
     told = points
@@ -91,22 +115,28 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
     imaged, seen, wrong = [], [], []
     for view in system.views:
         shown = true
-        if view.motion is not None:
-            motion = inputs.get(view.motion.name, np.zeros(view.motion.sources.count))
-            shown = move(view.motion.sources.direction @ motion, view.motion.pivot_mm, form, true)
+        if (motion := effect_named(system, f"motion:{view.name}")) is not None:
+            drawn = inputs.get(motion.name, np.zeros(motion.sources.count))
+            shown = move(motion.known + motion.sources.direction @ drawn, motion.pivot_mm, form, true)
         noise = inputs.get(f"fiducial_noise:{view.name}", np.zeros(2 * len(points))).reshape(-1, 2)
         images = project(view.projection, shown) + noise + ball_shifts(system, view)
         noise = inputs.get(f"target_noise:{view.name}", np.zeros(2))
         aimed = project(view.projection, target.position_mm[None]) + noise
         coefficients = inputs.get(f"image_field:{view.name}")
         if coefficients is not None:
-            images = images + field(view, project(view.projection, points), coefficients)
-            aimed = aimed + field(view, project(view.projection, target.position_mm[None]), coefficients)
+            wide = effect_named(system, f"image_field:{view.name}")
+            images = images + field(wide, project(view.projection, points), coefficients)
+            aimed = aimed + field(wide, project(view.projection, target.position_mm[None]), coefficients)
+        if (turned := effect_named(system, f"detector_tilt:{view.name}")) is not None:
+            turns = turned.known + turned.sources.direction @ inputs.get(turned.name, np.zeros(turned.sources.count))
+            images = images + tilt(view, project(view.projection, points), turns)
+            aimed = aimed + tilt(view, project(view.projection, target.position_mm[None]), turns)
         imaged.append(images)
         seen.append(aimed[0])
-        error = view.intrinsics_error or IntrinsicsError(np.zeros(3), no_sources(3))
-        drawn = inputs.get(f"assumed_intrinsics:{view.name}", np.zeros(error.sources.count))
-        wrong.append(error.bias + error.sources.direction @ drawn)
+        error, told_by = effect_named(system, f"assumed_intrinsics:{view.name}"), np.zeros(3)
+        if error is not None:
+            told_by = error.known + error.sources.direction @ inputs.get(error.name, np.zeros(error.sources.count))
+        wrong.append(told_by)
     estimates = estimate_views(system, told, np.stack(imaged), np.stack(wrong))
     found = locate(system, estimates, np.stack(seen), told, weights_at_rest(system, target))
     moved = move(torsor(system.connector_flange), system.connector_flange.pivot_mm, form, found)
@@ -115,8 +145,8 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
     to_tool = system.T_tcp_flange @ system.T_flange_con
     tool = (to_tool @ np.append(moved, 1))[:3]
     tool = move(torsor(system.hand_eye), system.hand_eye.pivot_mm, form, tool)
-    tool = tool + system.execution_bias_mm
-    tool = tool + system.execution.direction @ inputs.get("execution", np.zeros(system.execution.count))
+    tool = tool + system.execution.known
+    tool = tool + system.execution.sources.direction @ inputs.get("execution", np.zeros(system.execution.sources.count))
     return {
         "localisation": found - target.position_mm,
         "tcp": tool - (to_tool @ np.append(target.position_mm, 1))[:3],

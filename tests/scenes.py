@@ -12,7 +12,26 @@ from typing import Any
 import numpy as np
 
 from tailstack.arrays import Array
-from tailstack.system import Balls, ImageField, Law, Mount, Sources, System, Target, Temperature, View, no_sources
+from tailstack.effects.ball_images import ball_images
+from tailstack.effects.detector_tilt import detector_tilt
+from tailstack.effects.image_field import image_field
+from tailstack.effects.intrinsics import UNITS, intrinsics_error
+from tailstack.effects.motion import motion
+from tailstack.effects.temperature import temperature
+from tailstack.system import (
+    INTRINSICS,
+    DirectEffect,
+    Effect,
+    Estimator,
+    Law,
+    Sources,
+    System,
+    Target,
+    View,
+    execution_of,
+    no_sources,
+)
+from tailstack.system import mount as mount_of
 
 TORSOR = ("rx", "ry", "rz", "tx", "ty", "tz")
 FOCAL_PX = 1020.0 / 0.194
@@ -60,7 +79,7 @@ def mount(
     half_width: Any = (0.0,) * 6,
     law: Law | tuple[Law, ...] = Law.NORMAL,
     coverage_factor: float = 1.0,
-) -> Mount:
+) -> DirectEffect:
     """A mount with one source per torsor component whose half-width (rad, mm) is not zero."""
     laws = law if isinstance(law, tuple) else (law,) * 6
     kept = [j for j in range(6) if half_width[j] != 0]
@@ -72,12 +91,12 @@ def mount(
         units=tuple("rad" if j < 3 else "mm" for j in kept),
         direction=read_only(np.eye(6)[:, kept]),
     )
-    return Mount(name, read_only(pivot_mm), read_only(bias), sources)
+    return mount_of(name, read_only(pivot_mm), read_only(bias), sources)
 
 
-def execution_sources(half_width_mm: float, law: Law = Law.NORMAL) -> Sources:
+def execution(half_width_mm: float, law: Law = Law.NORMAL, known_mm: Any = (0.0,) * 3) -> DirectEffect:
     """Repeatability of the same half-width along each axis of tcp."""
-    return Sources(
+    sources = Sources(
         ("x", "y", "z"),
         (law,) * 3,
         read_only([half_width_mm] * 3),
@@ -85,6 +104,7 @@ def execution_sources(half_width_mm: float, law: Law = Law.NORMAL) -> Sources:
         ("mm",) * 3,
         read_only(np.eye(3)),
     )
+    return execution_of(sources, read_only(known_mm))
 
 
 def target(position_mm: Any, name: str = "target") -> Target:
@@ -107,8 +127,7 @@ def system_of(fiducials_mm: Any, **changes: Any) -> System:
         T_flange_con=read_only(np.eye(4)),
         T_tcp_flange=read_only(np.eye(4)),
         hand_eye=mount("hand_eye"),
-        execution_bias_mm=read_only(np.zeros(3)),
-        execution=no_sources(3),
+        execution=execution_of(no_sources(3), read_only(np.zeros(3))),
         targets=(target(TARGET_MM),),
         requirements=(),
     )
@@ -138,7 +157,7 @@ CIOS_FIDUCIALS_MM = (
 )  # fmt: skip
 
 
-def installation(name: str, pivot_mm: Any, rotation_deg: float = 0.5, translation_mm: float = 0.5) -> Mount:
+def installation(name: str, pivot_mm: Any, rotation_deg: float = 0.5, translation_mm: float = 0.5) -> DirectEffect:
     """Six normal components whose *standard deviations* are the given ones (half-width at factor 2)."""
     half = 2 * np.array([np.deg2rad(rotation_deg)] * 3 + [translation_mm] * 3)
     return mount(name, pivot_mm, half_width=half, coverage_factor=2.0)
@@ -181,7 +200,7 @@ def random_system(
     laws = tuple(Law(str(law)) for law in rng.choice([Law.NORMAL, Law.UNIFORM, Law.TRIANGULAR], 6))
     half = np.array([np.deg2rad(0.4)] * 3 + [0.4] * 3)
 
-    def tilted(name: str) -> Mount:
+    def tilted(name: str) -> DirectEffect:
         made = mount(name, rng.uniform(-100, 100, 3), bias=rng.normal(size=6) * half, half_width=half, law=laws)
         mixed = rng.normal(size=(6, 6)) * 0.3 + np.eye(6)
         return replace(
@@ -198,8 +217,7 @@ def random_system(
         T_flange_con=random_rigid(rng),
         T_tcp_flange=random_rigid(rng),
         hand_eye=tilted("hand_eye"),
-        execution_bias_mm=read_only(rng.normal(size=3) * 0.1),
-        execution=execution_sources(0.1, Law.UNIFORM),
+        execution=execution(0.1, Law.UNIFORM, rng.normal(size=3) * 0.1),
         targets=tuple(target(rng.uniform(-30, 60, 3), f"t{k}") for k in range(targets)),
     )
     return replace(base, **changes)
@@ -212,20 +230,78 @@ def with_unseen(system: System, view: int, missing: tuple[str, ...]) -> System:
     return replace(system, views=views)
 
 
+def with_effects(system: System, *effects: Effect) -> System:
+    """The system with these effects, in place of its own of the same name, in the order of the table of effects."""
+    first = ("assumed_intrinsics", "motion", "image_field", "temperature", "ball_images")
+    every = {effect.name: effect for effect in (*system.effects, *effects)}
+
+    def place(effect: Effect) -> int:
+        name = effect.name.split(":")[0]
+        return first.index(name) if name in first else len(first)
+
+    return replace(system, effects=tuple(sorted(every.values(), key=place)))
+
+
+def effect_named(system: System, name: str) -> Any:
+    """The effect; None: it is not declared."""
+    return next((effect for effect in system.effects if effect.name == name), None)
+
+
+def with_intrinsics(
+    system: System,
+    half_widths: Any = (0.0, 0.0, 0.0),
+    bias: Any = (0.0, 0.0, 0.0),
+    law: Law | tuple[Law, ...] = Law.NORMAL,
+    *,
+    prior: tuple[float, float] | None = None,
+    coverage_factor: Any = (1.0, 1.0, 1.0),
+) -> System:
+    """The system whose views are told intrinsics (focal length, principal point) that are known so well, and off by
+    as much."""
+    sources = no_sources(3)
+    if np.any(half_widths):
+        laws = law if isinstance(law, tuple) else (law,) * 3
+        sources = Sources(
+            INTRINSICS, laws, read_only(half_widths), read_only(coverage_factor), UNITS, read_only(np.eye(3))
+        )
+    views = tuple(replace(view, intrinsics_prior=prior or view.intrinsics_prior) for view in system.views)
+    return with_effects(
+        replace(system, views=views), *(intrinsics_error(view.name, bias, sources) for view in system.views)
+    )
+
+
+def with_balls(system: System, radius_mm: float) -> System:
+    """The system whose fiducials are balls."""
+    effect = ball_images(radius_mm, 1.0, tuple(view.name for view in system.views))
+    return with_effects(replace(system, fiducial_radius_mm=radius_mm), effect)
+
+
 def with_systematic(system: System, *, known: bool = False) -> System:
     """The system with a motion before its last view, image fields, temperature and, where ``known``, balls of 8 mm and
     a known difference of temperature."""
     half = np.array([np.deg2rad(0.3)] * 3 + [0.2] * 3)
-    powers = np.array([(2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)] * 2)
-    axis = np.repeat([0, 1], 7)
-    names = tuple(f"{'uv'[a]}.x{i}y{j}" for a, (i, j) in zip(axis, powers, strict=True))
-    of_field = Sources(
-        names, (Law.UNIFORM,) * 14, read_only([0.4] * 14), np.ones(14), ("px",) * 14, read_only(np.eye(14))
-    )
-    field = ImageField(read_only([767.5, 767.5]), 1086.1, axis, powers, of_field)
-    motion = mount(f"motion:{system.views[-1].name}", (5.0, -10.0, -90.0), half_width=half, law=Law.NORMAL)
-    views = [replace(view, image_field=field) for view in system.views]
-    views[-1] = replace(views[-1], motion=motion)
+    moved = mount("structure_connector", (5.0, -10.0, -90.0), half_width=half, law=Law.NORMAL)
     kelvin = Sources(("difference",), (Law.TRIANGULAR,), read_only([10.0]), np.ones(1), ("K",), read_only(np.eye(1)))
-    heat = Temperature(15.0 if known else 0.0, kelvin, 47e-6, 23e-6, read_only([3, 4, -90]), read_only([0, 9, -190]))
-    return replace(system, views=tuple(views), temperature=heat, balls=Balls(4.0, 1.0) if known else None)
+    seats = read_only([3, 4, -90]), read_only([0, 9, -190])
+    system = with_effects(
+        system,
+        motion(system.views[-1].name, moved.pivot_mm, moved.sources),
+        *(image_field(view.name, (1536, 1536), [0.0, 0.0, 0.4, 0.4], Law.UNIFORM) for view in system.views),
+        temperature(15.0 if known else 0.0, kelvin, (47e-6, 23e-6), seats),
+    )
+    return with_balls(system, 4.0) if known else system
+
+
+def every_effect(rng: np.random.Generator, **changes: Any) -> System:
+    """A random scene in which everything that can be declared is at work, known and random, in every view."""
+    base = with_systematic(random_system(rng, fiducials=12), known=True)
+    moved = effect_named(base, f"motion:{base.views[-1].name}")
+    bias = [1e-3, -5e-4, 0, 0.1, -0.05, 0.1]
+    base = with_effects(base, *(motion(view.name, moved.pivot_mm, moved.sources, bias) for view in base.views))
+    base = with_intrinsics(base, [2e-3, 2.0, 2.0], [1e-3, 1.0, -2.0], Law.UNIFORM)
+    turns = Sources(
+        ("about_u", "about_v"), (Law.UNIFORM, Law.NORMAL), read_only([8e-3, 4e-3]), np.ones(2), ("rad",) * 2,
+        read_only(np.eye(2)),
+    )  # fmt: skip
+    base = with_effects(base, *(detector_tilt(view.name, turns, [3e-3, -5e-3]) for view in base.views))
+    return replace(base, estimator=Estimator.POSE, **changes)

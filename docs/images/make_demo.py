@@ -15,9 +15,11 @@ from pictures import write_picture
 from tailstack import compile_design, load_design, score, verify
 from tailstack.estimation.resection import project
 from tailstack.montecarlo import compile_plan, run_indices
+from tailstack.results.digits import count_decimals, in_percent
 
 ROOT = Path(__file__).resolve().parents[2]
-INK, GREY, BLUE, RED, PAPER = "#1b1f24", "#8a929b", "#2b6cb0", "#c0392b", "#ffffff"
+INK, GREY, BLUE, RED, PAPER = "#1b1f24", "#68717a", "#2b6cb0", "#c0392b", "#ffffff"
+NAMES = 270  # width of what the design calls its sources
 
 
 def text(x: float, y: float, words: str, size: int = 13, anchor: str = "start", colour: str = INK) -> str:
@@ -43,13 +45,14 @@ def detector(system, view, x0: float, y0: float, side: float) -> list[str]:
 
 
 def histogram(norms, check, limit: float, x0: float, y0: float, width: float, height: float) -> list[str]:
-    top = 1.9 * check.p95_mm
-    counts, edges = np.histogram(norms, bins=76, range=(0, top))
+    bin_mm = limit / 35  # one of the edges is the limit
+    counts, edges = np.histogram(norms, bins=bin_mm * np.arange(int(1.9 * check.p95_mm / bin_mm) + 1))
+    top = edges[-1]
     scale = height / counts.max()
-    parts = [text(x0, y0 - 8, "error at the tool, 200,000 trials of the full chain")]
+    parts = [text(x0, y0 - 26, "error at the tool, 200,000 trials of the full chain; red: beyond the limit")]
     step = width / len(counts)
     for k, n in enumerate(counts):
-        beyond = edges[k] > check.p95_mm
+        beyond = k >= 35
         parts.append(
             f'<rect x="{x0 + k * step:.1f}" y="{y0 + height - n * scale:.1f}" width="{step - 1:.1f}" '
             f'height="{n * scale:.1f}" fill="{RED if beyond else BLUE}" fill-opacity="0.75"/>'
@@ -58,33 +61,35 @@ def histogram(norms, check, limit: float, x0: float, y0: float, width: float, he
     for mm in np.arange(0, top, 0.5):
         parts.append(text(x0 + mm / top * width, y0 + height + 17, f"{mm:g} mm", 11, "middle", GREY))
     low, high = check.p95_interval_mm
-    for value, words, colour, row in (
-        (check.p95_mm, f"P95 {check.p95_mm:.3f} mm [{low:.3f}, {high:.3f}]", RED, 0),
-        (limit, f"limit {limit:g} mm", INK, 1),
+    decimals = count_decimals(limit, (high - low) / 2 / check.p95_mm)
+    measured = " to ".join(f"{end:.{decimals}f}" for end in (low, high))
+    for value, words, colour in (
+        (check.p95_mm, f"P95 {check.p95_mm:.{decimals}f} mm ({measured})", INK),
+        (limit, f"limit {limit:g} mm", RED),
     ):
         x = x0 + value / top * width
         side = -1 if value < max(limit, check.p95_mm) else 1  # labels point away from each other
         parts += [
-            line(x, y0, x, y0 + height, colour, 1.5, "5 3"),
-            text(x + 6 * side, y0 + 14 + 18 * row, words, 12, "end" if side < 0 else "start", colour),
+            line(x, y0 - 16, x, y0 + height, colour, 1.5, "5 3"),
+            text(x + 6 * side, y0 - 6, words, 12, "end" if side < 0 else "start", colour),
         ]
     return parts
 
 
-def bars(target, x0: float, y0: float, width: float) -> list[str]:
+def bars(target, limit: float, x0: float, y0: float, width: float) -> list[str]:
     groups = [c for c in target.contributors if c.component == "all"]
     groups = sorted(groups, key=lambda c: -c.variance_share)[:7]
     parts = [text(x0, y0 - 8, "who is to blame: share of variance, and P95 without")]
     for k, row in enumerate(groups):
         y = y0 + 22 * k
-        length = row.variance_share / groups[0].variance_share * (width - 330)
+        length = row.variance_share / groups[0].variance_share * (width - NAMES - 150)
         parts += [
-            text(x0, y + 13, row.name.replace("_", " ").replace(":", ", "), 12),
-            f'<rect x="{x0 + 180}" y="{y + 2}" width="{length:.1f}" height="14" fill="{BLUE}"/>',
+            text(x0, y + 13, row.label or row.name.replace("_", " ").replace(":", ", "), 12),
+            f'<rect x="{x0 + NAMES}" y="{y + 2}" width="{length:.1f}" height="14" fill="{BLUE}"/>',
             text(
-                x0 + 188 + length,
+                x0 + NAMES + 8 + length,
                 y + 13,
-                f"{100 * row.variance_share:.0f} %   {row.p95_without_mm:.3f} mm",
+                f"{in_percent(row.variance_share)}, {row.p95_without_mm:.{count_decimals(limit)}f} mm",
                 12,
                 colour=GREY,
             ),
@@ -101,8 +106,9 @@ def draw() -> str:
     parts = []
     for k, view in enumerate(system.views):
         parts += detector(system, view, 24, 40 + 268 * k, 230)
-    parts += histogram(np.linalg.norm(errors, axis=0), check, system.requirements[0].limit_mm, 300, 40, 560, 230)
-    parts += bars(target, 300, 330, 560)
+    limit = system.requirements[0].limit_mm
+    parts += histogram(np.linalg.norm(errors, axis=0), check, limit, 300, 58, 560, 212)
+    parts += bars(target, limit, 300, 338, 560)
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 884 556" font-family="sans-serif" fill="none">'
         f'<rect width="884" height="556" fill="{PAPER}"/>{"".join(parts)}</svg>\n'

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tailstack import compile_design, load_design
-from tailstack.studies.bench.levels import Draws, set_level, simulate_benches
+from tailstack.studies.bench.levels import BenchDraws, set_level, simulate_benches
 from tailstack.system import Array, System
 
 HERE = Path(__file__).parent
@@ -24,7 +24,7 @@ LEVELS = {"L0": (0.0, 0.0), "L1": (1.0, 2.0), "L2": (2.0, 5.0)}  # deg about eac
 
 def points_text(system: System, sizes: Sequence[int], seed: int, truth: str) -> str:
     """Where the tip came to lie, connector frame, 1 um."""
-    errors = simulate_benches(system, 0, "tcp", sizes, Draws(seed, 1))[0]
+    errors = simulate_benches(system, 0, "tcp", sizes, BenchDraws(seed, 1))[0]
     points = errors @ system.T_tcp_con[:3, :3] + system.targets[0].position_mm
     rows = [f"{number},{trial}" for number, count in enumerate(sizes, 1) for trial in range(1, count + 1)]
     lines = [f"{row},{x:.3f},{y:.3f},{z:.3f}\n" for row, (x, y, z) in zip(rows, points, strict=True)]
@@ -36,7 +36,7 @@ def levels_text(system: System, count: int, seed: int) -> str:
     lines = []
     for number, (level, (rotation, translation)) in enumerate(LEVELS.items()):
         set_by = np.array([radians(rotation)] * 3 + [translation / sqrt(3)] * 3)
-        here, draws = set_level(system, set_by), Draws(seed, 1, first=number << 40)
+        here, draws = set_level(system, set_by), BenchDraws(seed, 1, first=number << 40)
         errors: Array = simulate_benches(here, 0, "localisation", (count,), draws)[0]
         columns = ",".join([f"{rotation:g}"] * 3 + [f"{translation / sqrt(3):.4f}"] * 3)
         norms = np.linalg.norm(errors, axis=1)
@@ -49,7 +49,7 @@ def files() -> dict[str, str]:
     """Text of every simulated file, by name."""
     system = compile_design(load_design(HERE.parent / "demo.yaml"))
     flange = system.connector_flange
-    bent = replace(flange, bias=flange.bias + np.array([radians(0.46), 0, 0, 0, 0, 0]))
+    bent = replace(flange, known=flange.known + np.array([radians(0.46), 0, 0, 0, 0, 0]))
     loud = tuple(replace(v, fiducial_noise_px=0.6, target_noise_px=0.6) for v in system.views)
     return {
         "bench_as_designed.csv": points_text(system, (8,) * 4, 101, "the design as it stands"),

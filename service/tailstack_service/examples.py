@@ -71,3 +71,14 @@ def read_example(name: str) -> dict[str, Any]:
     from tailstack.design import design_to_data, load_design
 
     return design_to_data(load_design(list_example_designs()[name].path))
+
+
+@cache
+def write_example(name: str) -> str:
+    """An example as its author wrote it, fiducials of a file in it, without the line for editors.  Raises KeyError."""
+    from tailstack.design import design_to_data, load_design
+    from tailstack.design.yaml_text import revise_yaml
+
+    path = list_example_designs()[name].path
+    text = re.sub(r"^# yaml-language-server:.*\n", "", path.read_text(encoding="utf-8"))
+    return revise_yaml(text, design_to_data(load_design(path), inline=False), read_example(name))

@@ -73,9 +73,10 @@ class JobDocument:
     finished_at: str | None
     """When it ended, RFC 3339, UTC; null before."""
     solver_version: str
-    """Version of the solver that computes, or computed, this job."""
+    """Code that computes, or computed, this job: version and the first digits of its sources' SHA-256. All units of a
+    job are of one."""
     recomputed: str | None
-    """Said when an upgrade of the solver made the job begin anew; otherwise null."""
+    """Said when another code took the job over, which then began anew; otherwise null."""
     cpu_seconds: float
     """CPU time of every unit recorded so far, s, those before an upgrade included."""
     progress: JobProgress
@@ -133,7 +134,7 @@ def _describe_restart(job: Job) -> str | None:
         return None
     times = job.generation - FIRST_GENERATION
     often = "once" if times == 1 else f"{times} times"
-    return f"begun anew {often} because the solver was upgraded before it had finished; now {job.solver_version}"
+    return f"begun anew {often} because another code took it over before it had finished; now {job.solver_version}"
 
 
 def _progress(job: Job, eta_seconds: float | None) -> JobProgress:

@@ -5,7 +5,9 @@ The catalogue says once what each class of refusal means and what cures it; ``/v
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 from tailstack.errors import (
     DesignError,
@@ -44,6 +46,28 @@ class MalformedError(TailstackError):
     slug = "malformed-document"
     title = "The document cannot be read"
     exit_code = 2
+
+
+class RefusedAt(TailstackError):
+    """A refusal whose pointers lead into all that was sent, with the slug, title and exit code of the error it places.
+
+    It can be sent from one process to another, and is not placed a second time.
+    """
+
+    def __init__(self, problems: Sequence[Problem], slug: str, title: str, exit_code: int) -> None:
+        super().__init__(tuple(problems))
+        self.slug, self.title, self.exit_code = slug, title, exit_code
+
+    def __reduce__(self) -> tuple[type[RefusedAt], tuple[Any, ...]]:
+        return RefusedAt, (self.problems, self.slug, self.title, self.exit_code)
+
+    @classmethod
+    def place(cls, error: TailstackError, at: str = "") -> RefusedAt:
+        """``at``: pointer to what the error is about; its own pointers start there."""
+        if isinstance(error, cls):
+            return error
+        problems = [replace(problem, pointer=at + problem.pointer) for problem in error.problems]
+        return cls(problems, error.slug, error.title, error.exit_code)
 
 
 class TransportError(TailstackError):
@@ -260,7 +284,7 @@ CATALOGUE: dict[str, ProblemType] = {
             MissingExtraError,
             501,
             "tailstack is installed in parts, and the one that this needs is not installed where the service runs.",
-            "An operator has to act: the hint is the command that installs it; tailstack[all] has every part.",
+            "An operator has to act: the hint is the command that installs it; the extra all has every part.",
         ),
         _of(
             QueueFull,
@@ -361,13 +385,11 @@ class ProblemDocument:
 
 
 def problem_document(
-    error: TailstackError, *, instance: str, request_id: str | None = None, status: int | None = None, prefix: str = ""
+    error: TailstackError, *, instance: str, request_id: str | None = None, status: int | None = None
 ) -> ProblemDocument:
-    """The document of a refusal.  ``prefix`` is the pointer to the design inside the body that was sent."""
+    """The document of a refusal."""
     kind = CATALOGUE.get(error.slug)
-    entries = tuple(
-        ProblemEntry(prefix + p.pointer, p.code, p.detail, p.hint, p.file, p.line, p.column) for p in error.problems
-    )
+    entries = tuple(ProblemEntry(p.pointer, p.code, p.detail, p.hint, p.file, p.line, p.column) for p in error.problems)
     first = entries[0].detail if entries else error.title
     more = f" (and {len(entries) - 1} more, see errors)" if len(entries) > 1 else ""
     return ProblemDocument(

@@ -48,18 +48,24 @@ class Settings(BaseSettings):
     max_fiducials: int = _number(200, 6, 1000, "fiducials of a design")
     max_targets: int = _number(50, 1, 200, "targets of a design, regions expanded")
     max_views: int = _number(8, 2, 16, "views of a design")
-    max_trials: int = _number(5_000_000, 100, 1_000_000_000, "trials of one verification")
+    max_trials: int = _number(5_000_000, 100, 1_000_000_000, "trials of one check; one that may draw more is refused")
     max_starts: int = _number(32, 1, 256, "starts of one optimisation")
     max_sweep_points: int = _number(2_000, 1, 1_000_000, "points of one sweep")
     max_batch_rows: int = _number(100_000, 1, 1_000_000, "rows of one table of designs")
+    max_table_bytes: int = _number(
+        16_000_000, 1_000, 1_000_000_000, "bytes of the cells of a table, unpacked: of texts, and 8 for a number"
+    )
     max_gate_designs: int = _number(50, 1, 1_000, "designs of one gate")
 
     # What is computed while the caller waits
-    max_seconds: float = _number(60.0, 0.1, 86_400, "seconds of one computation that is answered at once")
+    max_seconds: float = _number(60.0, 0.1, 86_400, "seconds of CPU of one computation that is answered at once")
     warm_up_seconds: float = _number(5.0, 0, 600, "seconds that a request waits for the kernels to be compiled")
     max_wait_seconds: float = _number(60.0, 0, 600, "seconds that `Prefer: wait` may ask for")
     short_workers: int = _number(2, 1, 256, "processes that compute what is answered at once, per API process")
     max_waiting: int = _number(64, 0, 100_000, "computations that may wait for one of them, per API process")
+    max_process_bytes: int = _number(
+        2_000_000_000, 0, 1_000_000_000_000, "bytes of memory of a computing process, a worker's too (Linux); 0: any"
+    )
     max_streams: int = _number(100, 1, 10_000, "event streams open at once, per API process")
     max_tenant_streams: int = _number(
         25, 1, 10_000, "event streams of one tenant open at once, per API process, where callers are told apart"

@@ -11,19 +11,19 @@ import io
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import partial
 from itertools import chain, islice
 from math import isfinite
 from typing import IO, Any, Literal, get_args
-from zipfile import ZipFile
 
 from tailstack.cures import cure_text
-from tailstack.errors import Problem
+from tailstack.errors import LimitError, Problem
 from tailstack.json_text import write_json
 
 from .problems import RequestError
+from .unpacking import MOST_SHEET_ROWS, Column, ColumnBlock, TableLimits
 
 Format = Literal["csv", "ndjson", "xlsx", "arrow", "parquet"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -40,30 +40,19 @@ MEDIA_TYPES: dict[Format, str] = {
 }
 BLOCK = 1024  # rows
 MOST_COLUMNS = 2_000
-LARGEST_WORKBOOK = 500_000_000  # bytes, unpacked
-MOST_SHEET_ROWS = 1_048_576  # of a sheet of XLSX, its header included
 ROW_GROUP = 16  # blocks in a row group of Parquet
 EPOCH = datetime(2000, 1, 1)  # when every workbook was made: equal tables have equal bytes
 
-Column = Sequence[Any]
-
 
 @dataclass(frozen=True, slots=True)
-class Block:
-    """Some rows, as columns."""
-
-    lines: Sequence[int]  # of each row in the file, counted from one
-    columns: tuple[Column, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
+class TableReader:
     """A table that is being read."""
 
     header: tuple[str, ...]
-    blocks: Iterator[Block]
+    blocks: Iterator[ColumnBlock]
     file: str | None = None  # for refusals
     delimiter: str = ","  # of CSV
+    rows: int = 0  # about how many there are, for the time that is left; 0: nobody knows
 
     def refuse(
         self, code: str, detail: str, hint: str = "", line: int | None = None, column: int | None = None
@@ -71,7 +60,7 @@ class Table:
         """What is wrong with it, and where."""
         return RequestError(Problem("", code, detail, hint, self.file, line, column))
 
-    def read_numbers(self, block: Block, column: int) -> list[float]:
+    def read_numbers(self, block: ColumnBlock, column: int) -> list[float]:
         """A column of a block as numbers.  Raises RequestError with the line of what is none."""
         found = []
         for row, cell in enumerate(block.columns[column]):
@@ -110,9 +99,13 @@ def format_of(name: str) -> Format:
 # --- reading ----------------------------------------------------------------------------------------
 
 
-def read_table(stream: IO[bytes], form: Format, file: str | None = None) -> Table:
-    """The header now, the blocks as they are asked for.  Raises RequestError, then and there."""
-    table = _READERS[form](stream, file)
+def read_table(stream: IO[bytes], form: Format, file: str | None = None, most_bytes: int | None = None) -> TableReader:
+    """The header now, the blocks as they are asked for.  Raises RequestError and LimitError, then and there.
+
+    most_bytes: of all cells, unpacked; None: any.
+    """
+    bounds = TableLimits(file, most_bytes)
+    table = _READERS[form](stream, bounds)
     header = table.header
     if not header or len(header) > MOST_COLUMNS:
         raise table.refuse("wrong-header", f"a table has 1 to {MOST_COLUMNS} columns; got {len(header)}", line=1)
@@ -120,19 +113,32 @@ def read_table(stream: IO[bytes], form: Format, file: str | None = None) -> Tabl
         if not name or name in header[:k]:
             what = f"two columns are called {name!r}" if name else "a column has no name"
             raise table.refuse("wrong-header", what, "the first row names every column, each once", 1, k + 1)
-    return table
+    return replace(table, blocks=bounds.check(header, table.blocks))
 
 
-def _read_csv(stream: IO[bytes], file: str | None) -> Table:
+def _count_lines(stream: IO[bytes]) -> int:
+    """Of what is still to be read; 0 where that cannot be read twice."""
+    if not stream.seekable():
+        return 0
+    begin = stream.tell()
+    count = sum(part.count(b"\n") for part in iter(partial(stream.read, 1 << 20), b""))
+    stream.seek(begin)
+    return count
+
+
+def _read_csv(stream: IO[bytes], bounds: TableLimits) -> TableReader:
+    count = _count_lines(stream)
     text = (line.decode("utf-8") for line in stream)
     try:
         head = next(text, "").removeprefix("\ufeff")
         delimiter = max("\t;,", key=head.count)
         header = tuple(cell.strip() for cell in next(csv.reader([head], delimiter=delimiter), []))
     except (UnicodeDecodeError, csv.Error) as error:
-        raise RequestError(Problem("", "not-text", f"CSV is text in UTF-8: {error}", file=file, line=1)) from None
+        raise RequestError(
+            Problem("", "not-text", f"CSV is text in UTF-8: {error}", file=bounds.file, line=1)
+        ) from None
 
-    def blocks() -> Iterator[Block]:
+    def blocks() -> Iterator[ColumnBlock]:
         reader, more = csv.reader(text, delimiter=delimiter), True
         while more:
             lines: list[int] = []
@@ -152,36 +158,39 @@ def _read_csv(stream: IO[bytes], file: str | None) -> Table:
             except (UnicodeDecodeError, csv.Error) as error:
                 raise table.refuse("not-text", f"the table breaks off: {error}", line=reader.line_num + 1) from None
             if rows:
-                yield Block(lines, tuple(zip(*rows, strict=True)))
+                yield ColumnBlock(lines, tuple(zip(*rows, strict=True)))
 
-    table = Table(header, blocks(), file, delimiter if delimiter in head else ",")
+    table = TableReader(header, blocks(), bounds.file, delimiter if delimiter in head else ",", max(count - 1, 0))
     return table
 
 
-def _read_lines(stream: IO[bytes], file: str | None) -> Table:
+def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     def parse(line: int, text: bytes) -> dict[str, Any]:
         try:
-            row = json.loads(text)
+            row = json.loads(text.rstrip())
         except (ValueError, RecursionError) as error:
-            detail = f"line {line} is no JSON: {error}"
-            raise RequestError(Problem("", "json-syntax", detail, file=file, line=line)) from None
+            place = f" from column {error.colno} on" if isinstance(error, json.JSONDecodeError) else ""
+            detail = f"line {line} is not JSON{place}; got {text.decode(errors='replace').strip()[:60]!r}"
+            hint = 'each line is one object, {"name": "A", "views.AP.fiducial_noise_px": 0.2}, in UTF-8'
+            raise RequestError(Problem("", "json-syntax", detail, hint, bounds.file, line)) from None
         if not isinstance(row, dict):
-            raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", file=file, line=line))
+            raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", file=bounds.file, line=line))
         return row
 
+    count = _count_lines(stream)
     first = stream.readline()
     header = tuple(parse(1, first)) if first.strip() else ()
 
-    def blocks() -> Iterator[Block]:
+    def blocks() -> Iterator[ColumnBlock]:
         lines = enumerate(chain([first], stream), 1)
         while rows := [(line, parse(line, text)) for line, text in islice(lines, BLOCK) if text.strip()]:
             for line, row in rows:
                 if row.keys() != set(header):
                     other = min(row.keys() ^ set(header))
                     raise table.refuse("ragged", f"line {line} has other fields than the first: {other!r}", line=line)
-            yield Block([line for line, _ in rows], tuple([row[name] for _, row in rows] for name in header))
+            yield ColumnBlock([line for line, _ in rows], tuple([row[name] for _, row in rows] for name in header))
 
-    table = Table(header, blocks(), file)
+    table = TableReader(header, blocks(), bounds.file, rows=count)
     return table
 
 
@@ -190,7 +199,7 @@ def _refusing(form: str, hint: str, file: str | None) -> Iterator[None]:
     """Another's reader says in its own way what is wrong with a file, and of a damaged one anything at all."""
     try:
         yield
-    except RequestError:
+    except (RequestError, LimitError, MemoryError):
         raise
     except Exception as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -199,86 +208,97 @@ def _refusing(form: str, hint: str, file: str | None) -> Iterator[None]:
         ) from None
 
 
-def _read_workbook(stream: IO[bytes], file: str | None) -> Table:
+def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     import openpyxl
 
-    reading = partial(_refusing, "XLSX", "save it as .xlsx, the table on the first sheet", file)
+    reading = partial(_refusing, "XLSX", "save it as .xlsx, the table on the first sheet", bounds.file)
     with reading():
-        unpacked = sum(entry.file_size for entry in ZipFile(stream).infolist())
-        if unpacked > LARGEST_WORKBOOK:
-            raise ValueError(f"the workbook unpacks to {unpacked} bytes; at most {LARGEST_WORKBOOK} are read")
-        stream.seek(0)
+        bounds.check_workbook(stream)
         book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
-        rows = book.worksheets[0].iter_rows(values_only=True)
-        header = tuple("" if cell is None else str(cell).strip() for cell in next(rows, ()))
-    while header and not header[-1]:
-        header = header[:-1]
+        sheet = book.worksheets[0]
+        sheet.reset_dimensions()  # what the file says of its size is not always so, and rows beyond it would be lost
+        first = next(sheet.iter_rows(max_row=1, max_col=MOST_COLUMNS + 1, values_only=True), ())
+        header = tuple("" if cell is None else str(cell).strip() for cell in first)
+        while header and not header[-1]:
+            header = header[:-1]
+        rows = enumerate(sheet.iter_rows(2, max_col=max(len(header), 1), values_only=True), 2)
 
-    def blocks() -> Iterator[Block]:
-        line = 2
+    def filled() -> Iterator[tuple[int, Column]]:
+        """Each row and its line; what was cleared below the table is not of it."""
+        cleared = None
+        for line, row in rows:
+            if line > MOST_SHEET_ROWS:
+                raise table.refuse("too-many", f"a sheet of XLSX has {MOST_SHEET_ROWS} rows; this one has more")
+            cells = (*row[: len(header)], *[None] * (len(header) - len(row)))
+            if all(cell is None or cell == "" for cell in cells):
+                cleared = cleared or line
+            elif cleared:
+                detail = f"line {cleared} is empty, and line {line} below it is not"
+                raise table.refuse("ragged", detail, "a table ends at its first empty row: delete it", cleared)
+            else:
+                yield line, cells
+
+    def blocks() -> Iterator[ColumnBlock]:
         with reading():
-            while cells := [row[: len(header)] for row in islice(rows, BLOCK)]:
-                while cells and all(cell is None for cell in cells[-1]):  # what was cleared below the table
-                    cells.pop()
-                if not cells:
-                    return
-                short = next((k for k, row in enumerate(cells) if len(row) < len(header)), None)
-                if short is not None:
-                    raise table.refuse(
-                        "ragged", f"row {line + short} has fewer cells than the header", line=line + short
-                    )
-                yield Block(range(line, line + len(cells)), tuple(zip(*cells, strict=True)))
-                line += len(cells)
+            found = filled()
+            while block := list(islice(found, BLOCK)):
+                lines, cells = zip(*block, strict=True)
+                yield ColumnBlock(lines, tuple(zip(*cells, strict=True)))
 
-    table = Table(header, blocks(), file)
+    table = TableReader(header, blocks(), bounds.file)
     return table
 
 
-def _read_arrow(stream: IO[bytes], file: str | None) -> Table:
+def _read_arrow(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     import pyarrow
 
-    def open_batches() -> tuple[Any, Iterator[Any]]:
+    def open_batches() -> tuple[Any, Iterator[Any], int]:
+        alone = pyarrow.ipc.IpcReadOptions(use_threads=False)
         magic = stream.read(6)
         stream.seek(0)
         if magic != b"ARROW1":
-            reader = pyarrow.ipc.open_stream(stream)
-            return reader.schema, iter(reader)
-        whole = pyarrow.ipc.open_file(stream)
-        return whole.schema, (whole.get_batch(k) for k in range(whole.num_record_batches))
+            reader = pyarrow.ipc.open_stream(stream, options=alone)
+            return reader.schema, iter(reader), 0
+        whole = pyarrow.ipc.open_file(stream, options=alone)
+        return whole.schema, (whole.get_batch(k) for k in range(whole.num_record_batches)), 0
 
-    return _read_batches(open_batches, file)
+    return _read_batches(open_batches, bounds)
 
 
-def _read_parquet(stream: IO[bytes], file: str | None) -> Table:
+def _read_parquet(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     from pyarrow import parquet
 
-    def open_batches() -> tuple[Any, Iterator[Any]]:
+    def open_batches() -> tuple[Any, Iterator[Any], int]:
         reader = parquet.ParquetFile(stream)
-        return reader.schema_arrow, reader.iter_batches(BLOCK)
+        return reader.schema_arrow, reader.iter_batches(BLOCK, use_threads=False), reader.metadata.num_rows
 
-    return _read_batches(open_batches, file)
+    return _read_batches(open_batches, bounds)
 
 
-def _read_batches(open_batches: Callable[[], tuple[Any, Iterator[Any]]], file: str | None) -> Table:
-    reading = partial(_refusing, "Arrow or Parquet", "write it as an Arrow stream or as Parquet", file)
+def _read_batches(open_batches: Callable[[], tuple[Any, Iterator[Any], int]], bounds: TableLimits) -> TableReader:
+    reading = partial(_refusing, "Arrow or Parquet", "write it as an Arrow stream or as Parquet", bounds.file)
     with reading():
-        schema, batches = open_batches()
+        schema, batches, count = open_batches()
         header = tuple(map(str, schema.names))
 
-    def blocks() -> Iterator[Block]:
+    def blocks() -> Iterator[ColumnBlock]:
         line = 1
         with reading():
             for batch in batches:
+                if batch.num_rows:
+                    bounds.check_columns(batch)
+                    batch.validate(full=True)  # an offset beyond its buffer would read what lies there in memory
                 for start in range(0, batch.num_rows, BLOCK):
                     piece = batch.slice(start, BLOCK)
+                    bounds.check_batch(piece, line)
                     lines = range(line, line + piece.num_rows)
-                    yield Block(lines, tuple(column.to_pylist() for column in piece.columns))
+                    yield ColumnBlock(lines, tuple(column.to_pylist() for column in piece.columns))
                     line = lines.stop
 
-    return Table(header, blocks(), file)
+    return TableReader(header, blocks(), bounds.file, rows=count)
 
 
-_READERS: dict[Format, Callable[[IO[bytes], str | None], Table]] = {
+_READERS: dict[Format, Callable[[IO[bytes], TableLimits], TableReader]] = {
     "csv": _read_csv, "ndjson": _read_lines, "xlsx": _read_workbook, "arrow": _read_arrow, "parquet": _read_parquet,
 }  # fmt: skip
 

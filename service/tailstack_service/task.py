@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 ADVANCE = b'{"what":"advance"}'  # the unit that looks at what is recorded and says what comes next
 
@@ -37,6 +39,14 @@ class Outcome:
     problem: bytes | None = None  # the request was refused: a ProblemDocument as JSON, without instance
     remaining: int = 0  # of an advance that wants more: units expected after these, as far as is known
     note: str = ""  # of an advance: what comes next, in words
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """A request that was read by the process that computes it: how long the rest will take, and the rest."""
+
+    seconds: float  # of CPU
+    compute: Callable[[], Any]
 
 
 # States that a job does not leave

@@ -26,31 +26,39 @@ from . import kernels
 # Seconds of one processor (an AMD EPYC of 2024) with what the kernel calls, the kernel, and its arguments: f float64,
 # i int64, u uint64, b bool; with a number, a C-contiguous array of so many dimensions, with r a read-only one;
 # NAME(...) a named tuple of the kernel's module, or of the one beside it that stands before a dot.
-_FRAME = "Frame(f1 f1 f2 f2 f1 f2 i f)"
+_FRAME = "PrincipalLaw(f1 f1 f2 f2 f1 f2 i f)"
 _TABLES = (
-    "plan.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r f3r f2r f1r i2r f2r f3r f2r f1r f2r f2r "
-    "f2r f2r f1r f1r)"
+    "tables.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r "
+    "f3r f2r f1r i2r f2r f3r f2r f1r f2r f2r f2r f2r f1r f1r)"
 )
+_IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2) f2 b f2 i1 f2 f2 f3 f1)"
 _EXCHANGE = "ExchangeModel(f3 f2 f2 f3 f1 f1 f2 f2 Estimation(i i f2 f2) f3)"
+_ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 f2 i1 i1 b)"
+_VALIDITY_BOUNDS = "ValidityBounds(f3 f2 f3 f1 f b)"
 _TABLE = {
     "score": f"""
-        9.9 tail.declared.solve_on_axes         f f {_FRAME} Accuracy(f f f)
+        9.9 tail.declared.solve_on_axes         f {_FRAME} Accuracy(f f f)
+        6.9 tail.declared.outer_lattice         {_FRAME} Accuracy(f f f)
         6.5 tail.lattice.build                  f {_FRAME} Accuracy(f f f) b
         2.2 tail.gaussian.norm_gradient_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantile_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantiles        f f2 f2
         4.0 propagation.noise.noise_gains       f3 f2 f2 Estimation(i i f2 f2) f1 f4 f3 f4 f3 f3
         1.6 tail.lattice.on_principal_axes      f1 f2 f2
-        3.3 propagation.noise.square_gains      f3 f3 f3 Estimation(i i f2 f2) f2 f2 f2 f5
+        5.0 losses.lose                         {_IMAGING} f3 f4 f4
+        4.6 losses.lose_one                     {_IMAGING} f2 i f2 f2
+        1.0 losses.rank                         f4 f4 Rest(f3 f3 f1 f2 f3 f1 f1 f3) f Ranking(f2 f3 f4)
+        0.3 tail.per_unit.position_of           f1 i f
+        0.2 tail.per_unit.average_at            f1 i f
+        0.7 propagation.noise.stack_columns     f4 f3 f4 f3 f2 b f2 i1 f2
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
         1.0 tail.declared.excess_integral       f f {_FRAME} f1 f1
         0.8 tail.gaussian.excess_quantile       f f1 f1
         0.7 tail.lattice.ball_sums              f i f1 f1
         0.5 tail.contour.tail_nodes             f b f1 f1
-        0.5 geometry.symmetric.eigen_symmetric  f2
+        0.5 contributors.assemble_law             f2 f1 f1 i1
         0.4 tail.gaussian.law_on_axes           f1 f1 f
-        0.3 tail.declared.start_radius          f {_FRAME}
-        0.3 tail.declared.end_of                {_FRAME} f1 f
+        0.3 tail.declared.split_columns         f2 i1
         0.3 tail.lattice.reach_of               {_FRAME} f
         0.3 tail.spectrum.principal_axes        f1 f2
         0.2 tail.spectrum.brought_near          f1 f1
@@ -59,9 +67,9 @@ _TABLE = {
         0.1 tail.spectrum._law_fault            f1 f2
         0.1 tail.lattice.balls                  f f1
     """,
-    "batch": """
-        4.2 batch.gaussian_tails                 f5 f2 f3 f4 f2 f2 f b f2
-        1.6 batch.find_plain                     f3 f3 f3 f2 f3 f3 f1 b1
+    "batch": f"""
+        24.0 batch.score_rows                    {_ROWS} Asked(i1 f1 b1 f2) {_VALIDITY_BOUNDS} b1 f4 f2
+        1.8 propagation.validity_bounds.is_layout_certainly_valid f2 f2 f3 {_VALIDITY_BOUNDS}
     """,
     "verify": f"""
         11.2 montecarlo.kernel.run_trials        {_TABLES} Draws(u1 i1 i1 f2) Results(f1 f1 f1) f1
@@ -80,7 +88,7 @@ _SCALARS = {"f": types.float64, "i": types.int64, "u": types.uint64, "b": types.
 
 
 @dataclass(frozen=True)
-class Call:
+class KernelCall:
     """One kernel with one combination of types."""
 
     kernel: str
@@ -129,16 +137,16 @@ class Call:
         self.dispatcher.compile(self.signature)
 
 
-def _read_table() -> dict[str, tuple[Call, ...]]:
+def _read_table() -> dict[str, tuple[KernelCall, ...]]:
     lines = {name: [line.split(maxsplit=2) for line in text.strip().splitlines()] for name, text in _TABLE.items()}
-    return {name: tuple(Call(k, types, float(s)) for s, k, types in parts) for name, parts in lines.items()}
+    return {name: tuple(KernelCall(k, types, float(s)) for s, k, types in parts) for name, parts in lines.items()}
 
 
 CALLS = _read_table()
 EVERY = tuple(call for calls in CALLS.values() for call in calls)
 
 
-def calls_for(computations: Iterable[str]) -> tuple[Call, ...]:
+def calls_for(computations: Iterable[str]) -> tuple[KernelCall, ...]:
     """What these computations call, the slowest first."""
     chosen = set(computations)
     return tuple(sorted((c for n, calls in CALLS.items() if n in chosen for c in calls), key=lambda c: -c.seconds))

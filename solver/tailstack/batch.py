@@ -2,14 +2,16 @@
 
 What the columns of the table touch decides how a row is computed, and the answer says which way it was:
 
-- *compiled*: positions of fiducials, half-widths and image noise under normal laws.  Nothing that they leave alone is
-  computed again; gains and quantile are those of ``score``, called from one compiled loop over rows.
-- *linearised*: also pivots, biases, targets and other laws.  The compiled design gets its new numbers, and goes through
-  ``linearise_at`` and ``law_quantile``: no document is read again, and no budget is made.
-- *in full*: everything else.  The document gets its new numbers, and goes through ``load_design`` and ``score``.
+- *compiled*: numbers of the compiled design: positions of fiducials and targets, half-widths, image noise, pivots and
+  biases, whatever the laws.  What the mounts do is worked out for a block of rows at once, by the functions that
+  ``score`` calls for one; gains, law, quantile and mean are its kernels, called from one compiled loop over rows.
+- *in full*: everything else goes by its own document through ``load_design`` and ``score``.
 
-A row that is not plainly sound (a fiducial near the edge of an image, a layout near a degenerate one, a number out of
-its range) is computed in full, whatever its columns: so every refusal is the one of ``score``.
+Three things are asked for row by row in Python, beside the compiled numbers of the row: a verdict, which takes how far
+first order can be trusted; a requirement on each installed unit, which takes a sample of units; and the worst vertex of
+bounded components.  They count as in full.  So does a row whose law is too sharp for a lattice, and one that is not
+plainly sound (a fiducial near the edge of an image, a layout near a degenerate one, a number out of its range), which
+goes by its document: so every refusal is the one of ``score``.
 """
 
 from __future__ import annotations
@@ -20,32 +22,67 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import chain
-from math import hypot, inf, nan, radians
-from typing import Any, get_args
+from math import hypot, inf, isfinite, nan, radians, sqrt
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array, frozen
-from .contributors import ErrorLaw, error_law
+from .contributors import BOUNDED, KIND, ErrorLaw, assemble_law, error_law
 from .cores import usable_cores
 from .design import Design, compile_design, design_to_data, load_design
 from .design.compile import detector_distances
-from .design.fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels
 from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
 from .errors import Problem, TailstackError, describe_refusal
-from .estimation.checks import COPLANAR, LINEAR, NO_PARALLAX, SINGULAR, TOUCHING_MM, sines_between_rays
-from .geometry.symmetric import eigen_symmetric
+from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels
 from .kernels import kernel
-from .propagation.linear import Chain, LinearModel, chain_of, linearise_at
-from .propagation.noise import eliminate, mean_rows, square_gains
+from .propagation.linear import (
+    LinearModel,
+    believed_directions,
+    believed_knowns,
+    chain_of,
+    estimation_of,
+    geometry_at,
+    linearise_at,
+    mounts_of,
+    pass_mounts,
+)
+from .propagation.noise import (
+    Estimation,
+    eliminate_views,
+    gains_after,
+    room_for,
+    stack_columns_jit,
+)
+from .propagation.systematic import shift_together
+from .propagation.validity_bounds import ValidityBounds, is_certainly_valid
 from .results import Check
 from .results.record import data_frame
 from .scoring import P95, ErrorScore, check_requirement, score, tightest_limit, trust_of
 from .sweeping import SweepError
-from .system import INTERFACES, STD_PER_HALF_WIDTH, TORSOR_COMPONENTS, Estimator, Law, Mount, Reading, Sources, System
-from .tail.declared import LawSummary, law_mean, law_quantile
-from .tail.gaussian import norm_mean_jit, norm_quantile_jit
+from .system import (
+    MOUNTED_AT,
+    TORSOR_COMPONENTS,
+    DirectEffect,
+    Law,
+    Sources,
+    System,
+    Weighing,
+    put_mounts,
+    std_per_half_width,
+)
+from .tail.declared import (
+    TRIANGULAR,
+    UNIFORM,
+    LawSummary,
+    accuracy_for,
+    law_mean,
+    law_quantile,
+    split_columns,
+    tail_numbers,
+)
+from .tail.lattice import Accuracy
 from .verdict import conclude
 
 BLOCK = 1024  # rows that are computed in one go
@@ -59,18 +96,10 @@ REASON = "reason"  # name of the column that says why a row was not evaluated
 NO_REQUIREMENT = "no requirement"
 WITHIN = {True: "yes", False: "no"}
 
-WAYS = COMPILED, LINEARISED, IN_FULL = ("compiled", "linearised", "in full")
-OF_MOUNTS = (*INTERFACES, "hand_eye", "execution")
-KERNEL_FIELDS = frozenset(
-    {
-        "fiducials",
-        "manufacturing",
-        "fiducial_noise_px",
-        "target_noise_px",
-        *(f"{name}.half_width" for name in OF_MOUNTS),
-    }
-)
-SLACK = 1e-6  # px and mm: nearer to an edge than that, a row is computed in full
+WAYS = COMPILED, IN_FULL = ("compiled", "in full")
+QUANTILES = {"p95_mm": "tcp", "mean_norm_mm": "tcp", "localisation_p95_mm": "localisation"}  # of which error
+# Where gains are taken, and where the effects hang that move all images of a view together
+LAYOUT = frozenset({"fiducials", "targets", *(f"{name}.{what}" for name in MOUNTED_AT for what in ("pivot", "bias"))})
 
 Numbers = Mapping[str, Array]  # of the compiled design, by field; with a first dimension of rows where a table has them
 Progress = Callable[[int, int], None]
@@ -89,8 +118,7 @@ class Slot:
     @classmethod
     def of(cls, kind: Any, field: str, *index: Any, turns: bool = False) -> Slot:
         """kind: the type of the document's field, which has its bounds; turns: in degrees."""
-        bounds = {type(each).__name__: each for info in get_args(kind)[1:] for each in info.metadata}
-        return cls(field, index, radians(1.0) if turns else 1.0, float(bounds["Ge"].ge), float(bounds["Le"].le))
+        return cls(field, index, radians(1.0) if turns else 1.0, *_bounds_of(kind))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,9 +131,9 @@ class BatchScores:
     reasons: tuple[str, ...]
     """(n,) why a row was not evaluated; empty: it was."""
     ways: Mapping[str, int]
-    """How many rows were computed compiled, linearised and in full."""
+    """How many rows were computed compiled and in full."""
     why: str
-    """Why rows were not computed by the fastest way; empty: they were."""
+    """All that keeps rows from the fastest way, with ``; `` between; empty: nothing does."""
 
     def to_frame(self) -> Any:
         """The columns and the reasons as a pandas DataFrame.  Raises MissingExtraError where there is no pandas."""
@@ -182,6 +210,16 @@ class Batch:
         self._loop: _RowLoop | None = None
         self.way, self.why = self._choose_way()
 
+    @property
+    def on_lattice(self) -> bool:
+        """Whether rows are compiled, and their laws not all normal."""
+        return self._loop is not None and bool(np.isin(self._loop.kinds, (UNIFORM, TRIANGULAR)).any())
+
+    @property
+    def moves_together(self) -> bool:
+        """Whether rows are compiled, and what moves all images of a view together differs between them."""
+        return self._loop is not None and self._loop.together is None
+
     def score_blocks(self, blocks: Iterable[Array], threads: int | None = None) -> Iterator[BatchBlock]:
         """What blocks of rows (n, k) come to, in their order; a few are under way at a time."""
         count = usable_cores() if threads is None else threads
@@ -207,19 +245,16 @@ class Batch:
         sound = np.asarray(np.isfinite(values).all(axis=1))
         for column, slot in self.slots:
             sound &= (values[:, column] >= slot.low) & (values[:, column] <= slot.high)
-        numbers = {} if self.way == IN_FULL else self._numbers_of(np.where(sound[:, None], values, self._stated))
+        numbers = self._numbers_of(np.where(sound[:, None], values, self._stated)) if self._placed else {}
+        done = np.zeros(count, dtype=np.bool_)
         if self._loop is not None:
-            sound &= self._loop.fill(numbers, columns)
-            ways[COMPILED] = int(sound.sum())
-        for row in range(count):
-            if sound[row] and self._loop is not None:
-                continue
+            done = self._loop.fill(numbers, sound, columns)
+        ways[COMPILED], ways[IN_FULL] = int(done.sum()), int((~done).sum())
+        for row in np.flatnonzero(~done).tolist():
             found: list[Any] | str | None = None
-            if sound[row] and self.way == LINEARISED:
-                found = self._linearise({field: array[row] for field, array in numbers.items()})
-                ways[LINEARISED] += found is not None
+            if sound[row] and self._placed:
+                found = self._score_numbers({field: array[row] for field, array in numbers.items()})
             if found is None:
-                ways[IN_FULL] += 1
                 found = self._score_in_full(values[row])
             if isinstance(found, str):
                 reasons[row] = found
@@ -242,36 +277,31 @@ class Batch:
                 yield column
 
     def _choose_way(self) -> tuple[str, str]:
-        """The fastest way that pointers, laws and columns leave, and why it is not the first."""
-        system = self.system
-        if system.estimator is not Estimator.DLT or system.triangulation not in LINEAR:
-            return IN_FULL, f"the model is {system.estimator} with {system.triangulation} triangulation"
+        """The fastest way that pointers, laws and columns leave, and all that keeps rows from the first one, each as
+        much as a person can take away by itself."""
+        system, found = self.system, []
         for column, places in enumerate(self._places):
-            for place in places:
-                slot = find_slot(self.design, system, place)
-                if slot is None:
-                    return IN_FULL, f"{self.pointers[column]} is more than a number of the compiled design"
-                self.slots.append((column, slot))
-        self._stated = np.array([value_at(self.design.source.data, places[0]) for places in self._places], dtype=float)
-        self.base, self.sights = base_numbers(system), Sights.of(self.design, system)
-        touched = {slot.field for _, slot in self.slots}
-        for column, slot in self.slots:
-            if slot.field not in KERNEL_FIELDS:
-                return LINEARISED, f"{self.pointers[column]} changes where gains are taken"
-        if system.common_shifts:
-            return LINEARISED, f"{system.common_shifts[0]} moves the images of all fiducials together"
-        other = _find_other_law(system, touched)
-        if other:
-            return LINEARISED, f"{other} is not under a normal law"
+            slots = [find_slot(self.design, system, place) for place in places]
+            self.slots += [(column, slot) for slot in slots if slot is not None]
+            if None in slots:
+                found.append(f"{self.pointers[column]} is more than a number of the compiled design")
+        self._placed = not found
+        if self._placed:
+            self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)
+            self.base = base_numbers(system)
+            self.validity_bounds = ValidityBounds.of(system, detector_distances(self.design))
+        effects = (*system.shared_image_errors, *(each for each in system.believed_errors if each is not None))
+        named = {**{link.name: link for link in system.links}, **{effect.label: effect for effect in effects}}
+        bounded = [name for name, effect in named.items() if effect.sources.bounded.any()]
+        if bounded:
+            found.append(f"{', '.join(bounded)}: bounded, and the worst of all ends is searched for, row by row")
         if "verdict" in self.columns and system.requirements:
-            return LINEARISED, "a verdict takes how far first order can be trusted, row by row"
+            found.append("a verdict takes how far first order can be trusted, row by row")
         if any(item.risk != "pooled" for item in system.requirements) and not _ASK.isdisjoint(self.columns):
-            return LINEARISED, "a requirement on each installed unit takes a sample of units, row by row"
-        try:
+            found.append("a requirement on each installed unit takes a sample of units, row by row")
+        if not found:
             self._loop = _RowLoop(self)
-        except TailstackError:
-            return LINEARISED, "the layout as the design states it determines no answer"
-        return COMPILED, ""
+        return (IN_FULL, "; ".join(found)) if found else (COMPILED, "")
 
     def _numbers_of(self, values: Array) -> dict[str, Array]:
         """The fields that the table touches, (n, ...) each."""
@@ -285,12 +315,12 @@ class Batch:
 
     # --- one row ----------------------------------------------------------------------------------
 
-    def _linearise(self, numbers: Numbers) -> list[Any] | None:
-        """A row by the numbers of the compiled design; None: it has to be computed in full."""
+    def _score_numbers(self, numbers: Numbers) -> list[Any] | None:
+        """A row by the numbers of the compiled design; None: it has to go by its document."""
         system = put_numbers(self.system, numbers)
         try:
             at_bias = chain_of(system)
-            if not self.sights.are_plain(at_bias):
+            if not self.validity_bounds.are_certainly_valid(at_bias):
                 return None
             models = {target.name: linearise_at(at_bias, target) for target in system.targets}
             return self._read_models(system, models)
@@ -358,87 +388,105 @@ class Batch:
 # --- the compiled way -------------------------------------------------------------------------------
 
 
+class CompiledRows(NamedTuple):
+    """What a block of n rows comes to, for the loop; m is n, or 1 where the table leaves something alone."""
+
+    projections: Array  # (m, V, 3, 4) effective
+    fiducials: Array  # (m, N, 3) mm, as designed
+    points: Array  # (m, N, 3) mm, as the estimator assumes them
+    per_error: Array  # (m, 3, 3) from a manufacturing error to a displacement of those
+    weights: Array  # (V, N)
+    unknowns: int  # see ``Estimation``
+    weighing: int  # of the rows of a view in triangulation
+    precision: Array  # (m, V, 3)
+    noise: Array  # (m, V, 2) px
+    believed: Array  # (3, B), see ``stack_columns``
+    views_of: NDArray[np.int64]  # (B,)
+    assumed: Array  # (V, 3): what is known of the error of the intrinsics that each view believes
+    aims: Array  # (T, m, 3) mm, reconstructed
+    biases: Array  # (2, T, m, 3) mm of localisation and TCP, without what acts through the images
+    to_tcp: Array  # (m, 3, 3)
+    from_flange: Array  # (m, 3, 3)
+    mounts: Array  # (2, T, m, 3, M): gains of the sources of mounts and execution
+    shifts: Array  # (T, m, V, 2 N + 2, C + 1) px of the images by what moves them all together; last: what is known
+    at_flange: Array  # (T, m, 3, C + 1) mm
+    widths: Array  # (m, G) spreads, native units: standard deviations under normal laws, half-widths under others
+    groups: NDArray[np.intp]  # (K,) which of them is that of each source
+    kinds: NDArray[np.int64]  # (K,)
+    moving: bool  # whether the gains differ from row to row
+
+
+class Asked(NamedTuple):
+    """The quantiles that the columns take, each of one error; with its mean, if that is wanted."""
+
+    errors: NDArray[np.int64]  # (Q,) 0: localisation, 1: TCP
+    quantiles: Array  # (Q,)
+    averaged: NDArray[np.bool_]  # (Q,)
+    accuracies: Array  # (Q, 3), see ``Accuracy``
+
+
 class _RowLoop:
-    """What all rows of the compiled way share: the chain at the bias, and what the mounts do to each target."""
+    """What all rows of the compiled way share."""
 
     def __init__(self, batch: Batch) -> None:
-        """Raises IllPosedError where the design as it stands does not determine a target."""
         self.batch, system = batch, batch.system
-        self.chain = chain_of(system)
-        self.models = [linearise_at(self.chain, target) for target in system.targets]
-        self.aims = np.array([model.reconstructed_mm for model in self.models])
-        self.own_factors = np.concatenate([per_half_width(sources) for _, sources in sources_of(system)])
-        self.turns = {"tcp": np.array([m.tcp_from_localisation for m in self.models])}
-        self.turns["localisation"] = np.broadcast_to(np.eye(3), self.turns["tcp"].shape).copy()
-        self.own = {error: np.array([_squares(m, error) for m in self.models]) for error in self.turns}
-        self.means = {error: np.array([m.bias_mm(error) for m in self.models]) for error in self.turns}
-        moved = any(slot.field == "fiducials" for _, slot in batch.slots)
-        self.fixed = None if moved else self._squares_of_images(system.fiducials_mm[None].copy())
-
-    def _squares_of_images(self, fiducials: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Of layouts (n, N, 3): what a unit of variance of each group of sources does to each target, and whether the
-        layout is plain."""
-        chain, count = self.chain, len(fiducials)
-        points = fiducials
-        if chain.system.reading is Reading.EQ18:
-            points = np.ascontiguousarray(fiducials @ chain.per_error.T + chain.first.shift_mm)
-        plain = self.batch.sights.are_plain_rows(chain.projections, fiducials, points)
-        plain &= self.batch.sights.aims_are_plain(chain.system)
-        squares = np.zeros((count, len(self.aims), 2 * len(chain.projections) + 3, 3, 3))
-        square_gains(
-            chain.projections,
-            points,
-            chain.weights[None],
-            chain.estimation,
-            chain.per_error,
-            np.ones(chain.points.shape),
-            self.aims,
-            squares,
-        )
-        return squares, plain & np.isfinite(squares).all(axis=(1, 2, 3, 4))
-
-    def fill(self, numbers: Numbers, columns: list[Array]) -> NDArray[np.bool_]:
-        """Write the columns of all rows; which of them are sound, (n,)."""
-        batch, count = self.batch, len(columns[0])
-        squares, plain = self.fixed or self._squares_of_images(np.ascontiguousarray(numbers["fiducials"]))
-
-        def read(field: str) -> Array:
-            return numbers.get(field, batch.base[field][None])
-
-        made = read("manufacturing") * _per_half_width_made(batch.system)
-        noise = np.stack(np.broadcast_arrays(read("fiducial_noise_px"), read("target_noise_px")), axis=2)
-        variances = _side_by_side(noise.reshape(len(noise), -1), made) ** 2
-        own = (_side_by_side(*(read(f"{name}.half_width") for name in OF_MOUNTS)) * self.own_factors) ** 2
-        sound = np.broadcast_to(plain, count).copy()
-        found: dict[tuple[str, float, bool], Array] = {}
-
-        def tails(error: str, quantile: float, mean: bool = False) -> Array:
-            """(n, T) mm: the quantile of the error's norm, or its mean."""
-            key = (error, quantile, mean)
-            if key not in found:
-                found[key] = np.empty((count, len(self.aims)))
-                gaussian_tails(
-                    squares, variances, self.turns[error], self.own[error], own, self.means[error], quantile, mean,
-                    found[key],
-                )  # fmt: skip
-                sound[:] &= np.isfinite(found[key]).all(axis=1)
-            return found[key]
-
-        place = iter(columns)
-        places = {model.target.name: k for k, model in enumerate(self.models)}
-        values = [
-            (tails(item.error, item.quantile)[:, places[name]], item.limit_mm)
-            for item in batch.system.requirements
-            for name in item.targets
-            if not _ASK.isdisjoint(batch.columns)
+        loud = tuple(replace(view, fiducial_noise_px=1.0) for view in system.views)
+        self.estimation = estimation_of(replace(system, views=loud))
+        self.believed, self.views_of = believed_directions(system.believed_errors)
+        self.assumed = believed_knowns(system.believed_errors)
+        moved = not LAYOUT.isdisjoint(slot.field for _, slot in batch.slots)
+        self.together = None if moved and system.shared_image_errors else self._move_together([system])
+        assumed = [each for each in system.believed_errors if each is not None]
+        self.scalar = (*assumed, *system.links, *system.shared_image_errors)  # whose sources have a half-width each
+        self.widths = [_per_half_width(effect.sources) for effect in self.scalar]
+        law, count = system.manufacturing_law, len(system.fiducials_mm)
+        self.made = std_per_half_width(law, system.manufacturing_coverage_factor) if law is Law.NORMAL else 1.0
+        laws = [Law.NORMAL] * (len(system.views) * (2 * count + 2)) + [law] * (3 * count)
+        laws += [each for effect in self.scalar for each in effect.sources.laws]
+        self.kinds = np.array([KIND[each] for each in laws])
+        views = len(system.views)
+        of_images = np.repeat(np.arange(2 * views), [2 * count, 2] * views)
+        made = 2 * views + np.tile(np.arange(3), count)
+        rest = len(laws) - len(of_images) - len(made)
+        self.groups = np.concatenate([of_images, made, 2 * views + 3 + np.arange(rest)])
+        self.checked = [
+            (item, name) for item in system.requirements for name in item.targets if not _ASK.isdisjoint(batch.columns)
         ]
+        wanted = {(item.error, item.quantile): False for item, _ in self.checked}
+        for column in batch.columns:
+            if column in QUANTILES:
+                key = QUANTILES[column], P95
+                wanted[key] = wanted.get(key, False) or column == "mean_norm_mm"
+        self.places = {key: k for k, key in enumerate(wanted)}
+        self.asked = Asked(
+            np.array([error == "tcp" for error, _ in wanted], dtype=np.int64),
+            np.array([quantile for _, quantile in wanted]),
+            np.array(list(wanted.values()), dtype=np.bool_),
+            np.array([accuracy_for(quantile, True) for _, quantile in wanted]).reshape(-1, 3),
+        )
+
+    def fill(self, numbers: Numbers, sound: NDArray[np.bool_], columns: list[Array]) -> NDArray[np.bool_]:
+        """Write the columns of the rows that are sound (n,) and plainly so; which of them were written, (n,)."""
+        batch, count = self.batch, len(sound)
+        names = [target.name for target in batch.system.targets]
+        rows, plain = self._work_out(numbers)
+        done = sound & plain & ~(rows.widths[:, self.groups[self.kinds == BOUNDED]] > 0).any(axis=1)
+        found = np.full((count, len(names), len(self.asked.errors), 2), nan)
+        biases = np.full((count, len(names)), nan)
+        score_rows(rows, self.asked, batch.validity_bounds, done, found, biases)
+        done &= np.isfinite(biases).all(axis=1) & np.isfinite(found[..., 0]).all(axis=(1, 2))
+        done &= np.isfinite(found[:, :, self.asked.averaged, 1]).all(axis=(1, 2))
+        values = [
+            (found[:, names.index(name), self.places[item.error, item.quantile], 0], item.limit_mm)
+            for item, name in self.checked
+        ]
+        place = iter(columns)
         for column in batch.columns:
             if column == "bias_norm_mm":
-                for mean in self.means["tcp"]:
-                    next(place)[:] = hypot(*mean)
+                for each in biases.T:
+                    next(place)[:] = each
             elif column in OF_TARGETS:
-                error = "localisation" if column == "localisation_p95_mm" else "tcp"
-                for each in tails(error, P95, column == "mean_norm_mm").T:
+                for each in found[:, :, self.places[QUANTILES[column], P95], int(column == "mean_norm_mm")].T:
                     next(place)[:] = each
             elif column in OF_REQUIREMENTS:
                 for value, _ in values:
@@ -448,218 +496,215 @@ class _RowLoop:
                 next(place)[:] = np.where(kept, WITHIN[True], WITHIN[False])
             else:
                 next(place)[:] = NO_REQUIREMENT
-        return sound
+        return done
+
+    def _work_out(self, numbers: Numbers) -> tuple[CompiledRows, NDArray[np.bool_]]:
+        """The rows with these numbers (n, ...), and of which targets and noise are plain (n or 1,)."""
+        batch = self.batch
+        system = batch.system
+
+        def read(field: str) -> Array:
+            return numbers[field] if field in numbers else np.array(batch.base[field])[None]
+
+        names = [mount.name for mount in system.mounts]
+        biases, pivots = ([read(f"{name}.{what}") for name in names] for what in ("bias", "pivot"))
+        mounts = mounts_of(system, biases, pivots)
+        fiducials, targets = read("fiducials"), read("targets")
+        projections, points, per_error = geometry_at(system.projections, fiducials, mounts.first, system.reading)
+        way = pass_mounts(mounts, np.swapaxes(targets, 0, 1))
+        gains = list(way.mount_gains(system).values())
+        noise = np.stack(np.broadcast_arrays(read("fiducial_noise_px"), read("target_noise_px")), axis=2)
+        precision = self.estimation.precision * noise[:, :, :1] ** 2
+        shifts, at_flange = self.together or self._move_together(_systems(system, numbers))
+        widths = zip(self.scalar, self.widths, strict=True)
+        rows = CompiledRows(
+            projections=np.ascontiguousarray(projections),
+            fiducials=fiducials,
+            points=np.ascontiguousarray(points),
+            per_error=np.ascontiguousarray(per_error.reshape(-1, 3, 3)),
+            weights=batch.validity_bounds.weights,
+            unknowns=self.estimation.unknowns,
+            weighing=self.estimation.weighing,
+            precision=precision,
+            noise=noise,
+            believed=self.believed,
+            views_of=self.views_of,
+            assumed=self.assumed,
+            aims=np.ascontiguousarray(way.reconstructed_mm),
+            biases=_stacked([way.localisation_bias_mm, way.tcp_bias_mm]),
+            to_tcp=np.ascontiguousarray(way.tcp_from_localisation),
+            from_flange=np.ascontiguousarray(way.tcp_from_flange),
+            mounts=_stacked([np.concatenate(_alike([pair[k] for pair in gains]), axis=-1) for k in range(2)]),
+            shifts=shifts,
+            at_flange=at_flange,
+            widths=_side_by_side(
+                noise.reshape(len(noise), -1),
+                read("manufacturing") * self.made,
+                *(read(f"{effect.name}.half_width") * per for effect, per in widths),
+            ),
+            groups=self.groups,
+            kinds=self.kinds,
+            moving=False,
+        )
+        weighed = rows.weighing == Weighing.BY_NOISE or precision.any()
+        varying = (rows.projections, rows.points, rows.aims[0], rows.mounts[0, 0], rows.shifts[0])
+        moving = any(len(each) > 1 for each in varying) or (weighed and len(noise) > 1)
+        return rows._replace(moving=bool(moving)), batch.validity_bounds.are_aims_certainly_valid(targets, noise)
+
+    def _move_together(self, systems: Sequence[System]) -> tuple[Array, Array]:
+        """What moves the images of all fiducials of a view together, of each system (m): shifts (T, m, V, 2 N + 2,
+        C + 1) px and, behind the reconstructed point, (T, m, 3, C + 1) mm; last of both what is known."""
+        firsts = [(system, mounts_of(system).first) for system in systems]
+        found = [shift_together(system, first, target) for system, first in firsts for target in system.targets]
+        lead = len(systems), len(systems[0].targets)
+        both = (np.reshape(each, (*lead, *each[0].shape)) for each in zip(*found, strict=True))
+        of_images, of_flange = (np.ascontiguousarray(np.swapaxes(each, 0, 1)) for each in both)
+        return of_images, of_flange
 
 
-def _squares(model: LinearModel, error: str) -> Array:
-    """(M, 3, 3) of each source of the mounts and of the execution: its gain times itself."""
-    columns = [gain for block in model.blocks if not block.grouped for gain in model.gain(block, error).T]
-    return np.array([np.outer(gain, gain) for gain in columns]).reshape(-1, 3, 3)
+def _systems(system: System, numbers: Numbers) -> list[System]:
+    """The system of each row."""
+    count = len(next(iter(numbers.values())))
+    return [put_numbers(system, {field: array[row] for field, array in numbers.items()}) for row in range(count)]
+
+
+def _per_half_width(sources: Sources) -> Array:
+    """(k,) the spread of each source in its half-widths: as ``assemble_law`` takes it."""
+    normal = [law is Law.NORMAL for law in sources.laws]
+    return np.where(normal, sources.std_per_half_width, 1.0)
+
+
+def _alike(arrays: Sequence[Array]) -> list[Array]:
+    """(..., k) with the same leading dimensions all."""
+    lead = np.broadcast_shapes(*(each.shape[:-1] for each in arrays))
+    return [np.broadcast_to(each, (*lead, each.shape[-1])) for each in arrays]
+
+
+def _stacked(arrays: Sequence[Array]) -> Array:
+    return np.ascontiguousarray(np.stack(np.broadcast_arrays(*arrays)))
 
 
 def _side_by_side(*arrays: Array) -> Array:
     """(n, a) and (n, b) and so on as (n, a + b + ...); one of a single row stands in each."""
-    count = max(map(len, arrays))
-    return np.ascontiguousarray(
-        np.concatenate([np.broadcast_to(each, (count, each.shape[1])) for each in arrays], axis=1)
-    )
+    return np.ascontiguousarray(np.concatenate(_alike(arrays), axis=1))
 
 
 @kernel(nogil=True)
-def gaussian_tails(
-    squares: Array,
-    variances: Array,
-    turns: Array,
-    own: Array,
-    own_variances: Array,
-    means: Array,
-    quantile: float,
-    mean: bool,
-    out: Array,
+def score_rows(
+    rows: CompiledRows,
+    asked: Asked,
+    validity_bounds: ValidityBounds,
+    wanted: NDArray[np.bool_],
+    found: Array,
+    biases: Array,
 ) -> None:
-    """The quantile of the error's norm, or its mean, of each row and target; NaN where it did not converge.
+    """The tails of the rows (n,) that are wanted; those whose layout is not plain are no longer.
 
-    squares (n or 1, T, G, 3, 3) of the groups of image-side sources, con, and their variances (n or 1, G); turns
-    (T, 3, 3) from con to the frame of the error; own (T, M, 3, 3) of all other sources, in that frame, and their
-    variances (n or 1, M); means (T, 3) mm.  Fills out (n, T) mm.
+    Fills found (n, T, Q, 2) mm, the quantile of each error's norm that is asked for and its mean, NaN where there is
+    none, and biases (n, T) mm, the norm of the bias of the TCP error.
     """
-    local = np.empty((3, 3))
-    total = np.empty((3, 3))
-    for row in range(out.shape[0]):
-        square = squares[row if squares.shape[0] > 1 else 0]
-        variance = variances[row if variances.shape[0] > 1 else 0]
-        own_variance = own_variances[row if own_variances.shape[0] > 1 else 0]
-        for t in range(out.shape[1]):
-            for a in range(3):
-                for b in range(3):
-                    local[a, b] = 0.0
-                    for g in range(variance.size):
-                        local[a, b] += variance[g] * square[t, g, a, b]
-            for a in range(3):
-                for b in range(3):
-                    total[a, b] = 0.0
-                    for c in range(3):
-                        for d in range(3):
-                            total[a, b] += turns[t, a, c] * local[c, d] * turns[t, b, d]
-                    for g in range(own_variance.size):
-                        total[a, b] += own_variance[g] * own[t, g, a, b]
-            if mean:
-                out[row, t] = norm_mean_jit(means[t], total)
+    views, count = rows.weights.shape
+    size, targets = rows.kinds.size, rows.aims.shape[0]
+    fiducial, aimed = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
+    made, intrinsics = np.zeros((views, count, 3, 3)), np.zeros((views, 3, 3))
+    row_weights = np.zeros((views, 2, 2))
+    gains = np.zeros((targets, 2, 3, size))  # of localisation and TCP
+    means = np.zeros((targets, 2, 3))
+    spread = np.zeros(size)
+    eliminated = room_for(views, rows.points[0])
+    ready, plain = False, False
+    for row in range(wanted.size):
+        if not wanted[row]:
+            continue
+        if rows.moving or not ready:
+            ready = True
+            noise = pick(rows.noise, row)
+            estimation = Estimation(rows.unknowns, rows.weighing, pick(rows.precision, row), noise)
+            projections, assumed = pick(rows.projections, row), pick(rows.points, row)
+            eliminate_views(projections, assumed, rows.weights, eliminated)
+            plain = is_certainly_valid(pick(rows.fiducials, row), eliminated, validity_bounds)
+            for t in range(targets if plain else 0):
+                gains_after(
+                    eliminated, projections, assumed, rows.weights, estimation, pick(rows.aims[t], row), fiducial,
+                    aimed, made, intrinsics, row_weights,
+                )  # fmt: skip
+                stack_columns_jit(
+                    fiducial, aimed, made, intrinsics, pick(rows.per_error, row), True, rows.believed, rows.views_of,
+                    gains[t, 0],
+                )  # fmt: skip
+                _complete_gains(rows, row, t, intrinsics, gains[t], means[t])
+        if not plain:
+            wanted[row] = False
+            continue
+        widths = pick(rows.widths, row)
+        for j in range(size):
+            spread[j] = widths[rows.groups[j]]
+        for t in range(targets):
+            bias = means[t, 1]
+            biases[row, t] = sqrt(bias[0] * bias[0] + bias[1] * bias[1] + bias[2] * bias[2])
+            for q in range(asked.errors.size):
+                error = asked.errors[q]
+                covariance, columns, kinds = assemble_law(gains[t, error], spread, spread, rows.kinds)
+                if not isfinite(covariance.sum() + columns.sum() + means[t, error].sum()):
+                    continue
+                h, _ = split_columns(columns, kinds)
+                accuracy = Accuracy(asked.accuracies[q, 0], asked.accuracies[q, 1], asked.accuracies[q, 2])
+                found[row, t, q, 0], found[row, t, q, 1] = tail_numbers(
+                    means[t, error], covariance, h, asked.quantiles[q], accuracy, asked.averaged[q]
+                )
+
+
+@kernel()
+def pick(array: Array, row: int) -> Array:
+    """The part of a row of an array (m, ...) that may have one for all rows."""
+    part: Array = array[row if array.shape[0] > 1 else 0]
+    return part
+
+
+@kernel()
+def _complete_gains(rows: CompiledRows, row: int, t: int, intrinsics: Array, gains: Array, means: Array) -> None:
+    """Fill the gains (2, 3, K), whose part through the images on localisation is there, and the means (2, 3), mm."""
+    views, count = rows.weights.shape
+    width = 2 * count + 2
+    of_images = views * width + 3 * count + rows.views_of.size
+    shift, behind = pick(rows.shifts[t], row), pick(rows.at_flange[t], row)
+    to_tcp, from_flange = pick(rows.to_tcp, row), pick(rows.from_flange, row)
+    mounted, common = rows.mounts.shape[4], shift.shape[2] - 1
+    known = np.zeros(3)
+    for a in range(3):
+        for c in range(common + 1):
+            total = 0.0
+            for v in range(views):
+                for i in range(width):
+                    total += gains[0, a, v * width + i] * shift[v, i, c]
+            if c < common:
+                gains[0, a, of_images + mounted + c] = total
             else:
-                out[row, t] = norm_quantile_jit(means[t], total, quantile)
-
-
-# --- what is plainly sound --------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sights:
-    """Where a point may stand so that nothing about its images is in doubt."""
-
-    projections: Array  # (V, 3, 4) as the design states them
-    weights: Array  # (V, N) 1 where a view sees a fiducial, otherwise 0
-    windows: Array  # (V, 2, 2) px: first and last of u and of v
-    detectors: Array  # (V,) mm from the source
-
-    @classmethod
-    def of(cls, design: Design, system: System) -> Sights:
-        sizes = [(inf, inf) if view.image_size_px is None else view.image_size_px for view in system.views]
-        windows = np.array([[[-inf if size == inf else -0.5, size - 0.5] for size in each] for each in sizes])
-        return cls(system.projections, system.sees, windows, detector_distances(design))
-
-    def are_plain_rows(self, projections: Array, fiducials: Array, points: Array) -> NDArray[np.bool_]:
-        """Which layouts (n, N, 3) are far from everything that is refused; points (n, N, 3) as told."""
-        out = np.empty(len(fiducials), dtype=np.bool_)
-        find_plain(projections, fiducials, points, self.weights, self.projections, self.windows, self.detectors, out)
-        return out
-
-    def aims_are_plain(self, system: System) -> bool:
-        """Whether the targets are seen well inside every view, by rays that meet at an angle."""
-        aims = np.array([target.position_mm for target in system.targets])
-        seen = np.einsum("vij,tj->vti", self.projections[:, :, :3], aims) + self.projections[:, None, :, 3]
-        depth, images = seen[..., 2], seen[..., :2] / seen[..., 2:]
-        inside = (images > self.windows[:, None, :, 0] + SLACK) & (images < self.windows[:, None, :, 1] - SLACK)
-        plain = inside.all() and (depth > SLACK).all() and (depth < self.detectors[:, None] - SLACK).all()
-        return bool(plain and (sines_between_rays(self.projections, aims) > 10 * NO_PARALLAX).all())
-
-    def are_plain(self, at_bias: Chain) -> bool:
-        """Both, of a system."""
-        fiducials = at_bias.system.fiducials_mm[None].copy()
-        plain = self.are_plain_rows(at_bias.projections, fiducials, at_bias.points[None].copy())
-        return bool(plain[0]) and self.aims_are_plain(at_bias.system)
-
-
-@kernel(nogil=True)
-def find_plain(
-    projections: Array,
-    fiducials: Array,
-    points: Array,
-    weights: Array,
-    nominal: Array,
-    windows: Array,
-    detectors: Array,
-    out: NDArray[np.bool_],
-) -> None:
-    """Which layouts are far from everything that ``examine`` refuses.  That it refuses nothing else rests on bounds:
-
-    the second smallest eigenvalue of the normal matrix of a resection, G (12, 12) in normalised coordinates, is at
-    least the smallest of a principal minor of order 11 (Cauchy), that one at least 1 / tr(minor^-1), and the largest at
-    most tr(G).  What ``eliminate`` gives holds the blocks of the minor's inverse.
-
-    projections (V, 3, 4) effective, |p3| = 1; fiducials (n, N, 3) as designed and points (n, N, 3) as told, mm; weights
-    (V, N); nominal (V, 3, 4), windows (V, 2, 2) px, detectors (V,) mm.  Fills out (n,).
-    """
-    every = np.ones(fiducials.shape[1])
-    for row in range(fiducials.shape[0]):
-        out[row] = _is_spread(fiducials[row], every)
-        for v in range(projections.shape[0]):
-            if not (out[row] and (weights[v].all() or _is_spread(fiducials[row], weights[v]))):
-                out[row] = False
-                break
-            for i in range(fiducials.shape[1]):
-                depth = nominal[v, 2, 3]
-                for k in range(3):
-                    depth += nominal[v, 2, k] * fiducials[row, i, k]
-                if not SLACK < depth < detectors[v] - SLACK:
-                    out[row] = False
-            if not _is_seen_well(projections[v], points[row], weights[v], windows[v]):
-                out[row] = False
-
-
-@kernel()
-def _is_spread(points: Array, weights: Array) -> bool:
-    """Whether points (N, 3) mm with weight are ten times as far apart, and as far from a plane, as they have to be."""
-    centre = mean_rows(points, weights)
-    scatter = np.zeros((3, 3))
-    for i in range(points.shape[0]):
-        if weights[i] == 0.0:
-            continue
-        for j in range(i):
-            if weights[j] == 0.0:
-                continue
-            square = 0.0
+                known[a] += total
+        for v in range(views):
             for k in range(3):
-                square += (points[i, k] - points[j, k]) ** 2
-            if not square > (10.0 * TOUCHING_MM) ** 2:
-                return False
+                known[a] += intrinsics[v, a, k] * rows.assumed[v, k]
+    for error in range(2):
+        bias, own = pick(rows.biases[error, t], row), pick(rows.mounts[error, t], row)
         for a in range(3):
+            means[error, a] = bias[a]
+            for j in range(mounted):
+                gains[error, a, of_images + j] = own[a, j]
+    for a in range(3):
+        means[0, a] += known[a]
+        for b in range(3):
+            means[1, a] += to_tcp[a, b] * known[b] + from_flange[a, b] * behind[b, common]
+        x, y, z = to_tcp[a, 0], to_tcp[a, 1], to_tcp[a, 2]
+        for j in range(of_images):
+            gains[1, a, j] = x * gains[0, 0, j] + y * gains[0, 1, j] + z * gains[0, 2, j]
+        for c in range(common):
+            j = of_images + mounted + c
+            gains[1, a, j] = x * gains[0, 0, j] + y * gains[0, 1, j] + z * gains[0, 2, j]
             for b in range(3):
-                scatter[a, b] += (points[i, a] - centre[a]) * (points[i, b] - centre[b])
-    values, _, _ = eigen_symmetric(scatter)
-    return bool(values[2] > (10.0 * COPLANAR) ** 2 * values[0])
-
-
-@kernel()
-def _is_seen_well(projection: Array, points: Array, weights: Array, window: Array) -> bool:
-    """Whether points (N, 3) mm with weight are imaged inside a window (2, 2) px, and determine the view a hundred times
-    as well as they have to."""
-    count = weights.sum()
-    _, image, local, d_inv, du, dv, s_inv, origin, _ = eliminate(projection, points, weights)
-    square, image_square, largest = 0.0, 0.0, 0.0
-    for i in range(points.shape[0]):
-        if weights[i] == 0.0:
-            continue
-        if not image[i, 2] > SLACK:
-            return False
-        for c in range(2):
-            place = image[i, c] + origin[c]
-            if not window[c, 0] + SLACK < place < window[c, 1] - SLACK:
-                return False
-            image_square += image[i, c] ** 2 / (2.0 * count)
-        for k in range(3):
-            square += local[i, k] ** 2 / (3.0 * count)
-    for i in range(points.shape[0]):  # in units in which points have the RMS distance sqrt(3), images sqrt(2)
-        here = 1.0 + (local[i, 0] ** 2 + local[i, 1] ** 2 + local[i, 2] ** 2) / square
-        largest += weights[i] * here * (2.0 + (image[i, 0] ** 2 + image[i, 1] ** 2) / image_square)
-    inverse = 2.0 / count
-    for k in range(3):
-        inverse += s_inv[k, k] * square * image_square + 2.0 * d_inv[k, k] * square
-    for j in range(4):
-        for k in range(3):
-            for m in range(3):
-                term = (du[j, k] * du[j, m] + dv[j, k] * dv[j, m]) * s_inv[k, m]
-                inverse += term * square if j < 3 else term
-    return bool(0.0 < largest * inverse < 1.0 / (100.0 * SINGULAR) ** 2)
+                gains[1, a, j] += from_flange[a, b] * behind[b, c]
 
 
 # --- numbers of the document among those of the compiled design -------------------------------------
-
-
-def sources_of(system: System) -> tuple[tuple[str, Sources], ...]:
-    """The sources behind the images, in the order of the chain."""
-    mounts: tuple[Mount, ...] = (*system.interfaces, system.hand_eye)
-    return (*((mount.name, mount.sources) for mount in mounts), ("execution", system.execution))
-
-
-def per_half_width(sources: Sources) -> Array:
-    """(k,) standard deviation in half-widths of each."""
-    pairs = zip(sources.laws, sources.coverage_factor.tolist(), strict=True)
-    return np.array([1 / factor if law is Law.NORMAL else STD_PER_HALF_WIDTH[law] for law, factor in pairs])
-
-
-def _per_half_width_made(system: System) -> float:
-    law = system.manufacturing_law
-    return 1 / system.manufacturing_coverage_factor if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]
 
 
 def base_numbers(system: System) -> dict[str, Array]:
@@ -671,9 +716,10 @@ def base_numbers(system: System) -> dict[str, Array]:
         "target_noise_px": np.array([view.target_noise_px for view in system.views]),
         "targets": np.array([target.position_mm for target in system.targets]),
     }
-    for mount in (*system.interfaces, system.hand_eye):
-        numbers |= {f"{mount.name}.pivot": mount.pivot_mm, f"{mount.name}.bias": mount.bias}
-    return numbers | {f"{name}.half_width": sources.half_width for name, sources in sources_of(system)}
+    for mount in system.mounts:
+        numbers |= {f"{mount.name}.pivot": mount.pivot_mm, f"{mount.name}.bias": mount.known}
+    every = (*system.links, *system.effects)
+    return numbers | {f"{effect.name}.half_width": effect.sources.half_width for effect in every}
 
 
 def put_numbers(system: System, numbers: Numbers) -> System:
@@ -682,18 +728,19 @@ def put_numbers(system: System, numbers: Numbers) -> System:
     def read(field: str, now: Array) -> Array:
         return frozen(numbers[field]) if field in numbers else now
 
-    def widen(name: str, sources: Sources) -> Sources:
+    def widen(sources: Sources, name: str) -> Sources:
         return replace(sources, half_width=read(f"{name}.half_width", sources.half_width))
 
-    def move(mount: Mount) -> Mount:
-        pivot, bias = read(f"{mount.name}.pivot", mount.pivot_mm), read(f"{mount.name}.bias", mount.bias)
-        return replace(mount, pivot_mm=pivot, bias=bias, sources=widen(mount.name, mount.sources))
+    def move(link: DirectEffect) -> DirectEffect:
+        pivot, known = read(f"{link.name}.pivot", link.pivot_mm), read(f"{link.name}.bias", link.known)
+        return replace(link, pivot_mm=pivot, known=known, sources=widen(link.sources, link.name))
 
     stated = {**base_numbers(system), **numbers}
     first, second = move(system.structure_connector), move(system.connector_flange)
     noise = zip(stated["fiducial_noise_px"].tolist(), stated["target_noise_px"].tolist(), strict=True)
+    effects = tuple(replace(effect, sources=widen(effect.sources, effect.name)) for effect in system.effects)
     return replace(
-        system,
+        put_mounts(replace(system, effects=effects), first, second),
         fiducials_mm=read("fiducials", system.fiducials_mm),
         manufacturing_half_width_mm=frozen(np.broadcast_to(stated["manufacturing"], system.fiducials_mm.shape)),
         views=tuple(
@@ -704,11 +751,8 @@ def put_numbers(system: System, numbers: Numbers) -> System:
             replace(target, position_mm=frozen(place))
             for target, place in zip(system.targets, stated["targets"], strict=True)
         ),
-        structure_connector=first,
-        connector_flange=second,
-        temperature=system.temperature and system.temperature.follow(first, second),
         hand_eye=move(system.hand_eye),
-        execution=widen("execution", system.execution),
+        execution=move(system.execution),
     )
 
 
@@ -726,17 +770,57 @@ def find_slot(design: Design, system: System, place: Place) -> Slot | None:
             return Slot.of(Coordinate, "targets", [target.name for target in system.targets].index(name), k)
         case ("interfaces", str(name), *rest):
             held = getattr(design.document.interfaces, name).locators is not None
-            return _find_slot_of_mount(next(m for m in system.interfaces if m.name == name), rest, held)
+            return _find_slot_of_mount(next(m for m in system.mounts if m.name == name), rest, held)
         case ("execution", "hand_eye", *rest):
             return _find_slot_of_mount(system.hand_eye, rest, False)
         case ("execution", "repeatability", "std_mm" | "half_width_mm", *axis):
-            return _find_slot_along_axes(system.execution, "repeatability", axis)
+            return _find_slot_along_axes(system.execution.sources, "repeatability", axis)
         case ("execution", "compliance", "load_half_width_n", *axis):
-            return _find_slot_along_axes(system.execution, "load", axis)
-    return None
+            return _find_slot_along_axes(system.execution.sources, "load", axis)
+    return _find_slot_of_effect(design, system, place)
 
 
-def _find_slot_of_mount(mount: Mount, place: Sequence[str | int], held: bool) -> Slot | None:
+def _bounds_of(kind: Any) -> tuple[float, float]:
+    """What a field of this type takes: least and largest; (inf, -inf) where its type has no such bounds."""
+    found = {type(each).__name__: each for part in get_args(kind) for each in (part, *getattr(part, "metadata", ()))}
+    if {"Ge", "Le"} <= found.keys():
+        return float(found["Ge"].ge), float(found["Le"].le)
+    return max((_bounds_of(part) for part in get_args(kind)), key=lambda pair: pair[1] - pair[0], default=(inf, -inf))
+
+
+def _find_slot_of_effect(design: Design, system: System, place: Place) -> Slot | None:
+    """Of the half-widths of an effect in ``effects/``: those that are halved when the document's number is."""
+    name = next(step for step in reversed(place) if isinstance(step, str))
+    data, stated = design.source.data, value_at(design.source.data, place)
+    if not name.startswith("half_width") or not stated > 0:
+        return None
+    try:
+        changed = set_numbers(data, ((place,),), [stated / 2])
+        other = compile_design(load_design(changed, base_directory=design.source.directory))
+    except TailstackError:  # it is held against another number of the document
+        return None
+    pairs = zip(system.effects, other.effects, strict=True)
+    moved = [pair for pair in pairs if not np.array_equal(pair[0].sources.half_width, pair[1].sources.half_width)]
+    if len(moved) != 1:
+        return None
+    effect, again = moved[0]
+    now, then = effect.sources, again.sources
+    halved = now.half_width != then.half_width
+    if not (
+        np.allclose(then.half_width[halved], now.half_width[halved] / 2, rtol=1e-12, atol=0.0)
+        and np.array_equal(now.direction, then.direction)
+        and np.array_equal(effect.known, again.known)
+    ):
+        return None
+    section: Any = design.document
+    for step in place[: place.index(name)]:
+        section = section[step] if isinstance(step, int) else getattr(section, step)
+    low, high = _bounds_of(type(section).__pydantic_fields__[name].rebuild_annotation())
+    factor = float(now.half_width[halved][0] / stated)
+    return Slot(f"{effect.name}.half_width", (np.flatnonzero(halved).tolist(),), factor, low, high)
+
+
+def _find_slot_of_mount(mount: DirectEffect, place: Sequence[str | int], held: bool) -> Slot | None:
     """held: by six locators, which follow its pivot."""
     field = f"{mount.name}.half_width"
     match place:
@@ -760,18 +844,6 @@ def _find_slot_along_axes(sources: Sources, what: str, axis: Sequence[Any]) -> S
     if not set(names) <= set(sources.names):
         return None
     return Slot.of(HalfWidth, "execution.half_width", [sources.names.index(name) for name in names])
-
-
-def _find_other_law(system: System, touched: set[str]) -> str:
-    """What of the design has another law than the normal one, and may be there; empty: nothing."""
-    made = "manufacturing" in touched or system.manufacturing_half_width_mm.any()
-    if made and system.manufacturing_law is not Law.NORMAL:
-        return "fiducials.manufacturing"
-    for name, sources in sources_of(system):
-        for k, law in enumerate(sources.laws):
-            if law is not Law.NORMAL and (sources.half_width[k] > 0 or f"{name}.half_width" in touched):
-                return f"{name}, {sources.names[k]},"
-    return ""
 
 
 def _find_places(design: Design, pointers: Sequence[str]) -> list[tuple[Place, ...]]:

@@ -14,22 +14,22 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import Array
-from .contributors import ErrorLaw, law_of, unit_for_people, worst_case
+from .contributors import NORMAL, ErrorLaw, law_of, unit_for_people, worst_case
 from .propagation.linear import Block, LinearModel
 from .results import Contributor
-from .system import Law
-from .tail.declared import LawGradient, LawQuantile, LinearLaw, law_gradient, law_quantile, without_group
+from .tail.declared import LawGradient, LawQuantile, law_gradient, law_quantile
 
 LIGHT = 1e-2  # share s of variance below which a line is removed to first order: an error of about s^2, 1e-4 at most
 
 
-class Line(NamedTuple):
+class BudgetEntry(NamedTuple):
     """One line of the budget before its numbers: some sources of one block."""
 
     block: Block
     component: str
     sources: tuple[int, ...]
     number: int  # of the block
+    first: int  # where the sources of the block begin among those of the model
 
     @property
     def alike(self) -> bool:
@@ -38,39 +38,46 @@ class Line(NamedTuple):
             self.block.grouped and bool((self.block.half_width == self.block.half_width[0]).all())
         )
 
+    @property
+    def among_all(self) -> slice:
+        """Its sources among those of the model."""
+        return slice(self.first + self.sources[0], self.first + self.sources[-1] + 1)
 
-def lines_of(model: LinearModel) -> tuple[Line, ...]:
+
+def lines_of(model: LinearModel) -> tuple[BudgetEntry, ...]:
     """The lines, in the order of the chain."""
-    lines = []
+    lines, first = [], 0
     for number, block in enumerate(model.blocks):
         if not block.grouped:
-            lines += [Line(block, name, (j,), number) for j, name in enumerate(block.components)]
+            lines += [BudgetEntry(block, name, (j,), number, first) for j, name in enumerate(block.components)]
         if block.grouped or len(block.units) > 1:
-            lines.append(Line(block, "all", tuple(range(len(block.units))), number))
+            lines.append(BudgetEntry(block, "all", tuple(range(len(block.units))), number, first))
+        first += len(block.units)
     return tuple(lines)
 
 
 def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contributor, ...]:
     """The lines with their numbers; total: the quantile of the law, at the worst vertex of bounded components."""
     variance = float(np.trace(at.total_covariance))
-    gradient = law_gradient(at.law, total, fine=False)
-    slopes = [_slopes(model, at, number, gradient) for number in range(len(model.blocks))]
+    localised = (np.concatenate([block.scaled("localisation") for block in model.blocks], axis=1) ** 2).sum(axis=0)
+    all_localised = float(localised.sum()) or 1.0
+    slopes = np.vstack([_slopes(model, at, law_gradient(at.law, total, fine=False)), localised])
     rows = []
     for line in lines_of(model):
-        square, spread, by_variance, by_half_width = slopes[line.number][:, list(line.sources)].sum(axis=1).tolist()
+        sums = slopes[:, line.among_all].sum(axis=1).tolist()
+        square, spread, by_variance, by_half_width, of_localisation = sums
         share = spread / variance if variance > 0 else 0.0
-        if any((line.block.contributor, j) in at.worst.signs for j in line.sources):
-            # Without this line the other bounded components may be worst at another vertex.
-            gone = frozenset((line.block.contributor, j) for j in line.sources)
-            mean = worst_case(model, at.error, total.p, without=gone).mean_mm
-            without = law_quantile(_remove(line, at, model, mean), total.p, fine=False).quantile_mm
-        elif share > LIGHT:
-            without = law_quantile(_remove(line, at, model, at.law.mean), total.p, fine=False).quantile_mm
+        gone = frozenset((line.block.contributor, j) for j in line.sources) & at.worst.signs.keys()
+        if gone or share > LIGHT:  # without a bounded source the others may be worst at another vertex
+            mean = worst_case(model, at.error, total.p, without=gone).mean_mm if gone else at.law.mean
+            kept = np.ones(slopes.shape[1], dtype=np.bool_)
+            kept[line.among_all] = False
+            without = law_quantile(law_of(mean, at.columns.only(kept)), total.p, fine=False).quantile_mm
         else:  # the square of the quantile is nearly linear in the variance
             without = sqrt(max(total.quantile_mm * (total.quantile_mm - 2 * by_variance), 0.0))
-        rows.append(_row(line, share, without, sqrt(square), by_half_width))
+        rows.append(_row(line, share, without, sqrt(square), by_half_width, of_localisation / all_localised))
     for known in model.known:
-        rest = law_of(at.law.mean - known.of(at.error), at.parts)
+        rest = law_of(at.law.mean - known.of(at.error), at.columns)
         without = law_quantile(rest, total.p, fine=False).quantile_mm
         rows.append(
             Contributor(
@@ -80,43 +87,44 @@ def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contri
     return tuple(rows)
 
 
-def _slopes(model: LinearModel, at: ErrorLaw, number: int, gradient: LawGradient) -> Array:
-    """(4, k) of the sources of a block: the squared length of the gain, the variance, mm^2, and the derivatives of the
-    quantile by the logarithm of the variance, mm, and by the half-width, mm per native unit.
+def _slopes(model: LinearModel, at: ErrorLaw, gradient: LawGradient) -> Array:
+    """(4, K) of all sources: the squared length of the gain, the variance, mm^2, and the derivatives of the quantile by
+    the logarithm of the variance, mm, and by the half-width, mm per native unit.
 
     A bounded source has no variance: it moves the mean.
     """
-    block, part = model.blocks[number], at.parts[number]
-    gain = model.gain(block, at.error)
-    scaled = gain * block.std
-    normal = np.array([law is Law.NORMAL for law in block.laws])
-    by_variance = np.where(normal, (scaled * (gradient.by_covariance @ scaled)).sum(axis=0), 0.0)
-    first = sum(len(other.sources) for other in at.parts[:number])
-    by_variance[list(part.sources)] = gradient.by_log_column[first : first + len(part.sources)] / 2
-    by_half_width = 2 * by_variance / np.where(block.half_width > 0, block.half_width, 1.0)
-    for j in range(len(block.laws)):
-        if sign := at.worst.signs.get((block.contributor, j)):
-            by_half_width[j] = sign * float(gradient.by_mean @ gain[:, j])
+    gain, std, half_width, kinds, _ = at.columns
+    scaled = gain * std
+    by_variance = np.where(kinds == NORMAL, (scaled * (gradient.by_covariance @ scaled)).sum(axis=0), 0.0)
+    by_variance[at.columns.wide] = gradient.by_log_column / 2
+    by_half_width = 2 * by_variance / np.where(half_width > 0, half_width, 1.0)
+    if at.worst.signs:
+        sources = [(block.contributor, j) for block in model.blocks for j in range(len(block.laws))]
+        signs = np.array([at.worst.signs.get(source, 0.0) for source in sources])
+        by_half_width = np.where(signs != 0.0, signs * (gradient.by_mean @ gain), by_half_width)
     return np.stack([(gain**2).sum(axis=0), (scaled**2).sum(axis=0), by_variance, by_half_width])
 
 
-def _remove(line: Line, at: ErrorLaw, model: LinearModel, mean: Array) -> LinearLaw:
-    """The law at this mean (3,) mm without the sources of a line."""
-    part = at.parts[line.number]
-    normal = [j for j in line.sources if line.block.laws[j] is Law.NORMAL]
-    scaled = model.gain(line.block, at.error)[:, normal] * line.block.std[normal]
-    first = sum(len(other.sources) for other in at.parts[: line.number])
-    columns = [first + k for k, source in enumerate(part.sources) if source in line.sources]
-    return without_group(law_of(mean, at.parts), scaled @ scaled.T if normal else None, columns)
-
-
-def _row(line: Line, share: float, without_mm: float, sensitivity: float, slope: float) -> Contributor:
+def _row(
+    line: BudgetEntry, share: float, without_mm: float, sensitivity: float, slope: float, localisation_share: float
+) -> Contributor:
     """A line with its numbers, those of one unit only where all its sources are alike."""
     block, j = line.block, line.sources[0]
     if not line.alike:
         law = str(block.laws[j]) if block.laws.count(block.laws[j]) == len(block.laws) else "mixed"
         return Contributor(
-            block.contributor, line.component, law, None, "", None, None, share, None, without_mm, block.label
+            block.contributor,
+            line.component,
+            law,
+            None,
+            "",
+            None,
+            None,
+            share,
+            None,
+            without_mm,
+            block.label,
+            localisation_share,
         )
     unit, factor = unit_for_people(block.units[j])
     return Contributor(
@@ -131,4 +139,5 @@ def _row(line: Line, share: float, without_mm: float, sensitivity: float, slope:
         dp95_per_unit=slope / factor,
         p95_without_mm=without_mm,
         label=block.label,
+        localisation_share=localisation_share,
     )

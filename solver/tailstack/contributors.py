@@ -1,23 +1,27 @@
-"""The declared law of the error at one target, put together from the parts each contributor has in it."""
+"""The declared law of the error at one target, put together from what each scalar source does to it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .arrays import Array
+from .arrays import Array, frozen
+from .kernels import kernel
 from .propagation.linear import Block, LinearModel
 from .system import Law
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
-from .tail.declared import LinearLaw
+from .tail.declared import TRIANGULAR, UNIFORM, LinearLaw
 from .tail.spectrum import VANISHING_MM
 
 SHOWN = {"rad": ("deg", float(np.rad2deg(1.0))), "1": ("%", 100.0)}
-KIND = {Law.UNIFORM: 0, Law.TRIANGULAR: 1}
+NORMAL, BOUNDED = -1, -2  # beside UNIFORM and TRIANGULAR, which have columns in a law
+KIND = {Law.NORMAL: NORMAL, Law.UNIFORM: UNIFORM, Law.TRIANGULAR: TRIANGULAR, Law.BOUNDED: BOUNDED}
 
 
 def unit_for_people(unit: str) -> tuple[str, float]:
@@ -25,45 +29,86 @@ def unit_for_people(unit: str) -> tuple[str, float]:
     return SHOWN.get(unit, (unit, 1.0))
 
 
-class Part(NamedTuple):
-    """What one contributor adds to a law: a Gaussian covariance, columns, or both."""
+class Columns(NamedTuple):
+    """What each of K scalar sources does to one error, in the order of the blocks of a linear model."""
 
-    covariance: Array | None  # (3, 3) mm^2
-    columns: Array | None  # (3, k) mm
-    kinds: tuple[int, ...]  # of the columns
-    sources: tuple[int, ...]  # of the block, one a column
+    gain: Array  # (3, K) mm per native unit
+    std: Array  # (K,) native unit
+    half_width: Array  # (K,) native unit
+    kinds: NDArray[np.int64]  # (K,) NORMAL, UNIFORM, TRIANGULAR or BOUNDED
+    per_unit: NDArray[np.bool_]  # (K,) drawn once per installed unit (True) or at each shot (False)
 
+    def only(self, which: NDArray[np.bool_]) -> Columns:
+        """Of the sources with True in which (K,)."""
+        gain = np.compress(which, self.gain, axis=1)  # C-contiguous, as kernels take it
+        return Columns(gain, self.std[which], self.half_width[which], self.kinds[which], self.per_unit[which])
 
-def part_of(block: Block, gain: Array) -> Part:
-    """The part of one block with its gains (3, n) on the error."""
-    normal = [j for j, law in enumerate(block.laws) if law is Law.NORMAL]
-    other = [j for j, law in enumerate(block.laws) if law in KIND and block.half_width[j] > 0]
-    scaled = gain[:, normal] * block.std[normal]
-    columns = gain[:, other] * block.half_width[other]
-    kinds = tuple(KIND[block.laws[j]] for j in other)
-    return Part(scaled @ scaled.T if normal else None, columns if other else None, kinds, tuple(other))
-
-
-def parts_of(model: LinearModel, error: str) -> tuple[Part, ...]:
-    """The part of every block, in their order."""
-    return tuple(part_of(block, model.gain(block, error)) for block in model.blocks)
+    @property
+    def wide(self) -> NDArray[np.bool_]:
+        """(K,) which sources have a column in the law: uniform and triangular ones that are wider than 0."""
+        return np.asarray((self.kinds >= 0) & (self.half_width > 0))
 
 
-def law_of(mean: Array, parts: Sequence[Part]) -> LinearLaw:
-    """The law at ``mean`` (3,) mm that these parts make together; nothing random is left of spreads that vanish."""
-    covariance = np.zeros((3, 3))
-    columns: list[Array] = []
-    kinds: list[int] = []
-    for part in parts:
-        if part.covariance is not None:
-            covariance += part.covariance
-        if part.columns is not None:
-            columns.append(part.columns)
-            kinds += part.kinds
-    stacked = np.ascontiguousarray(np.concatenate(columns, axis=1)) if columns else np.zeros((3, 0))
-    if covariance.trace() < VANISHING_MM**2 and not np.abs(stacked).max(initial=0.0) > VANISHING_MM:
-        covariance, stacked = np.zeros((3, 3)), np.zeros_like(stacked)
-    return LinearLaw(mean, covariance, stacked, np.array(kinds, dtype=np.int64))
+@lru_cache(maxsize=512)
+def _kinds_of(laws: tuple[Law, ...]) -> NDArray[np.int64]:
+    return frozen(np.array([KIND[law] for law in laws], dtype=np.int64), np.int64)
+
+
+def columns_of(model: LinearModel, error: str) -> Columns:
+    """Of every source of a model."""
+    blocks = model.blocks
+    return Columns(
+        np.concatenate([block.gain(error) for block in blocks], axis=1),
+        np.concatenate([block.std for block in blocks]),
+        np.concatenate([block.half_width for block in blocks]),
+        np.concatenate([_kinds_of(block.laws) for block in blocks]),
+        np.repeat([block.per_unit for block in blocks], [len(block.laws) for block in blocks]),
+    )
+
+
+def law_of(mean: Array, *each: Columns) -> LinearLaw:
+    """The law at ``mean`` (3,) mm that these sources make together; nothing random is left of spreads that vanish."""
+    if len(each) > 1:
+        each = (Columns(*(np.concatenate(parts, axis=-1) for parts in zip(*each, strict=True))),)
+    return LinearLaw(mean, *assemble_law(*each[0][:4]))
+
+
+@kernel()
+def assemble_law(
+    gain: Array, std: Array, half_width: Array, kinds: NDArray[np.int64]
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """The covariance (3, 3) mm^2 of what is normal, and columns (3, k) mm and kinds (k,) of what is not; of a law whose
+    spread vanishes all 0."""
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    count = 0
+    largest = 0.0
+    for j in range(kinds.size):
+        if kinds[j] == NORMAL:
+            x, y, z = gain[0, j] * std[j], gain[1, j] * std[j], gain[2, j] * std[j]
+            xx += x * x
+            xy += x * y
+            xz += x * z
+            yy += y * y
+            yz += y * z
+            zz += z * z
+        elif kinds[j] >= 0 and half_width[j] > 0.0:
+            count += 1
+            for a in range(3):
+                largest = max(largest, abs(gain[a, j] * half_width[j]))
+    covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    columns = np.zeros((3, count))
+    own = np.zeros(count, dtype=np.int64)
+    vanishes = covariance[0, 0] + covariance[1, 1] + covariance[2, 2] < VANISHING_MM**2 and not largest > VANISHING_MM
+    if vanishes:
+        covariance[:] = 0.0
+    count = 0
+    for j in range(kinds.size):
+        if kinds[j] >= 0 and half_width[j] > 0.0:
+            own[count] = kinds[j]
+            for a in range(3):
+                columns[a, count] = 0.0 if vanishes else gain[a, j] * half_width[j]
+            count += 1
+    return covariance, columns, own
 
 
 def declared_law(model: LinearModel, error: str, mean: Array) -> tuple[LinearLaw, dict[tuple[str, int], int]]:
@@ -71,9 +116,10 @@ def declared_law(model: LinearModel, error: str, mean: Array) -> tuple[LinearLaw
 
     Returns the law and, for each non-Gaussian source (contributor, index), its column.
     """
-    parts = [part_of(block, model.gain(block, error)) for block in model.blocks]
-    keys = [(block.contributor, j) for block, part in zip(model.blocks, parts, strict=True) for j in part.sources]
-    return law_of(mean, parts), {key: column for column, key in enumerate(keys)}
+    columns = columns_of(model, error)
+    keys = [(block.contributor, j) for block in model.blocks for j in range(len(block.laws))]
+    own = np.flatnonzero(columns.wide).tolist()
+    return law_of(mean, columns), {keys[j]: column for column, j in enumerate(own)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,23 +142,43 @@ class ErrorLaw:
 
     error: str  # "tcp" or "localisation"
     worst: WorstCase
-    parts: tuple[Part, ...]  # of every block
+    columns: Columns  # of every source
     law: LinearLaw
     total_covariance: Array  # (3, 3) mm^2, of all random sources
 
 
 def error_law(model: LinearModel, error: str, quantile: float) -> ErrorLaw:
-    parts = parts_of(model, error)
-    worst = _worst_case(model, error, quantile, parts, frozenset())
-    law = law_of(worst.mean_mm, parts)
-    return ErrorLaw(error, worst, parts, law, law.total_covariance)
+    """The law of the error at the vertex of bounded components that has the largest quantile."""
+    columns = columns_of(model, error)
+    law = law_of(model.bias_mm(error), columns)
+    worst = worst_case(model, error, quantile, law=law)
+    law = replace(law, mean=worst.mean_mm)
+    return ErrorLaw(error, worst, columns, law, law.total_covariance)
 
 
 def worst_case(
-    model: LinearModel, error: str, quantile: float, without: frozenset[tuple[str, int]] = frozenset()
+    model: LinearModel,
+    error: str,
+    quantile: float,
+    without: frozenset[tuple[str, int]] = frozenset(),
+    law: LinearLaw | None = None,
 ) -> WorstCase:
-    """Vertex of the box of bounded components with the largest quantile; ``without`` some of them."""
-    return _worst_case(model, error, quantile, None, without)
+    """Vertex of the box of bounded components with the largest quantile; ``without`` some of them.
+
+    law: of the error at the bias, where it is there already.
+    """
+    keys = _bounded_sources(model, without)
+    mean = model.bias_mm(error)
+    if not keys:
+        return WorstCase(mean, {}, ())
+    law = law_of(mean, columns_of(model, error)) if law is None else law
+    vertex = worst_vertex(law, _bounded_columns(model, error, keys), quantile)
+    names = []
+    for (block, j), sign in zip(keys, vertex.signs, strict=True):
+        unit, factor = unit_for_people(block.units[j])
+        names.append(f"{block.contributor}.{block.components[j]}={sign * block.half_width[j] * factor:+g} {unit}")
+    signs = {(block.contributor, j): float(sign) for (block, j), sign in zip(keys, vertex.signs, strict=True)}
+    return WorstCase(vertex.law.mean, signs, tuple(names))
 
 
 def worst_vertices(model: LinearModel, error: str, quantile: float) -> tuple[dict[str, float], ...]:
@@ -124,7 +190,7 @@ def worst_vertices(model: LinearModel, error: str, quantile: float) -> tuple[dic
     if not keys:
         return ({},)
     columns = _bounded_columns(model, error, keys)
-    law = law_of(model.bias_mm(error), parts_of(model, error))
+    law = law_of(model.bias_mm(error), columns_of(model, error))
     worst = worst_vertex(law, columns, quantile)
     felt = [
         (k, f"{block.contributor}.{block.components[j]}") for k, (block, j) in enumerate(keys) if columns[:, k].any()
@@ -139,7 +205,7 @@ def mean_at(model: LinearModel, error: str, vertex: Mapping[str, float]) -> Arra
     mean = model.bias_mm(error).copy()
     for block, j in _bounded_sources(model):
         end = vertex.get(f"{block.contributor}.{block.components[j]}", 0.0)
-        mean += model.gain(block, error)[:, j] * (block.half_width[j] * end)
+        mean += block.gain(error)[:, j] * (block.half_width[j] * end)
     return mean
 
 
@@ -155,25 +221,4 @@ def _bounded_sources(model: LinearModel, without: frozenset[tuple[str, int]] = f
 
 def _bounded_columns(model: LinearModel, error: str, keys: list[tuple[Block, int]]) -> Array:
     """(3, q) mm: what each of these sources does at the end of its half-width."""
-    return np.stack([model.gain(block, error)[:, j] * block.half_width[j] for block, j in keys], axis=1)
-
-
-def _worst_case(
-    model: LinearModel,
-    error: str,
-    quantile: float,
-    parts: Sequence[Part] | None,
-    without: frozenset[tuple[str, int]],
-) -> WorstCase:
-    keys = _bounded_sources(model, without)
-    mean = model.bias_mm(error)
-    if not keys:
-        return WorstCase(mean, {}, ())
-    law = law_of(mean, parts_of(model, error) if parts is None else parts)
-    vertex = worst_vertex(law, _bounded_columns(model, error, keys), quantile)
-    names = []
-    for (block, j), sign in zip(keys, vertex.signs, strict=True):
-        unit, factor = unit_for_people(block.units[j])
-        names.append(f"{block.contributor}.{block.components[j]}={sign * block.half_width[j] * factor:+g} {unit}")
-    signs = {(block.contributor, j): float(sign) for (block, j), sign in zip(keys, vertex.signs, strict=True)}
-    return WorstCase(vertex.law.mean, signs, tuple(names))
+    return np.stack([block.gain(error)[:, j] * block.half_width[j] for block, j in keys], axis=1)

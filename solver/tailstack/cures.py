@@ -28,6 +28,15 @@ _SYNONYMS = {
     "localization": "localisation",
     "tool": "tcp",
     "tip": "tcp",
+    "pnp": "pose",
+    "epnp": "pose",
+    "solvepnp": "pose",
+    "path": "pointer",
+    "compare": "report",
+    "diff": "report",
+    "lint": "validate",
+    "simulate": "verify",
+    "montecarlo": "verify",
 }
 _COMMA = re.compile(r"\s*([-+]?\d+),(\d+)\s*")
 _PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*%\s*")
@@ -90,6 +99,8 @@ def cure_list(values: Any, wanted: int) -> str:
     """What to write instead of a list of numbers that has more entries than ``wanted``."""
     if isinstance(values, list | tuple) and wanted < len(values) <= 2 * wanted and all(map(_is_whole, values)):
         first, second = values[0], values[1]
+        if second < 0:  # no decimals have a sign
+            return ""
         return f"commas separate entries: if {first},{second} is one number, write it with a point, {first}.{second}"
     return ""
 

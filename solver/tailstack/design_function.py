@@ -23,14 +23,15 @@ from typing import Literal
 import numpy as np
 
 from .arrays import Array
-from .contributors import ErrorLaw, error_law
+from .contributors import BOUNDED, NORMAL, ErrorLaw, error_law
 from .design import Design, compile_design, load_design
 from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
 from .errors import DesignError, OutOfRangeError, Problem
 from .propagation.linear import Block, Chain, LinearModel, chain_of, common_shifts, image_gains, linearise_at
+from .propagation.systematic import systematic_errors
 from .results import Score
 from .scoring import P95, score
-from .system import Law, System, Target
+from .system import System, Target, Way
 from .tail.declared import LawGradient, LawQuantile, column_gradient, law_gradient, law_quantile
 
 COMPLEX_STEP = 1e-30
@@ -45,7 +46,7 @@ Error = Literal["tcp", "localisation"]
 class _Slope:
     """What one unit of a number does to a chain."""
 
-    points_mm: Array | None  # (N, 3) of the fiducials as the estimator is told them; None: they stay
+    points_mm: Array | None  # (N, 3) of the fiducials as the estimator assumes them; None: they stay
     half_width: tuple[Array, ...]  # (k,) of each block, native unit
     std: tuple[Array, ...]
 
@@ -165,21 +166,17 @@ class _Law:
             gains, bias_mm = _slopes_by_points(chain, self.model, slope.points_mm, error)
             if bias_mm.any():
                 total += float(self.gradient.by_mean @ bias_mm)
-        column = 0  # of the law
-        for number, (block, part) in enumerate(zip(self.model.blocks, self.at.parts, strict=True)):
-            gain, by_points = self.model.gain(block, error), gains[number]
-            normal = [j for j, law in enumerate(block.laws) if law is Law.NORMAL]
-            change = by_points * block.std + gain * slope.std[number]
-            if change[:, normal].any():
-                pull = self.gradient.by_covariance @ (gain * block.std)
-                total += 2 * float((pull * change)[:, normal].sum())
-            others, sources = slice(column, column + len(part.sources)), list(part.sources)
-            column += len(sources)
-            change = by_points * block.half_width + gain * slope.half_width[number]
-            if change[:, sources].any():
-                total += float((self.by_column[:, others] * change[:, sources]).sum())
-            for j in (j for j, law in enumerate(block.laws) if law is Law.BOUNDED and change[:, j].any()):
-                total += self._sign(block, j, pointer) * float(self.gradient.by_mean @ change[:, j])
+        columns = self.at.columns
+        by_points = np.concatenate(gains, axis=1)
+        change = by_points * columns.std + columns.gain * np.concatenate(slope.std)
+        pull = self.gradient.by_covariance @ (columns.gain * columns.std)
+        total += 2 * float((pull * change)[:, columns.kinds == NORMAL].sum())
+        change = by_points * columns.half_width + columns.gain * np.concatenate(slope.half_width)
+        if change[:, columns.wide].any():
+            total += float((self.by_column * change[:, columns.wide]).sum())
+        sources = [(block, j) for block in self.model.blocks for j in range(len(block.laws))]
+        for k in np.flatnonzero((columns.kinds == BOUNDED) & change.any(axis=0)).tolist():
+            total += self._sign(*sources[k], pointer) * float(self.gradient.by_mean @ change[:, k])
         return total
 
     def _sign(self, block: Block, j: int, pointer: str) -> float:
@@ -196,24 +193,25 @@ def _slopes_by_points(chain: Chain, model: LinearModel, points_mm: Array, error:
     moved = _with_points(chain, chain.points + 1j * COMPLEX_STEP * points_mm)
     images = image_gains(moved, model.reconstructed_mm.astype(np.complex128))  # whose kind some of the arrays take
     to_tcp = model.tcp_from_localisation
-    known, common = common_shifts(moved, model.target, images.columns, to_tcp, model.tcp_from_flange)
+    found = systematic_errors(moved.system, moved.mounts.first, model.target)
+    known, common = common_shifts(moved, found, images.columns, to_tcp, model.tcp_from_flange)
     to_error = to_tcp if error == "tcp" else np.eye(3)
     left, gains = iter(common), []
     first = 0
     for block in model.blocks:
         slope = np.zeros((3, len(block.laws)))
-        if block.imaged:
+        if block.effect.way is Way.IMAGES:
             slope = to_error @ images.columns.imag[:, first : first + len(block.laws)]
             first += len(block.laws)
-        elif block.common:
-            slope = np.imag(model.gain(next(left), error))
+        elif block.effect.way is Way.SHARED:
+            slope = np.imag(next(left).gain(error))
         gains.append(slope / COMPLEX_STEP)
     bias = sum((np.imag(each.of(error)) for each in known), to_error @ np.imag(images.assumed_mm.sum(axis=1)))
     return gains, np.asarray(bias) / COMPLEX_STEP
 
 
 def _with_points(chain: Chain, points: Array) -> Chain:
-    """A chain with other fiducials, (N, 3) as the estimator is told them."""
+    """A chain with other fiducials, (N, 3) as the estimator assumes them."""
     nominal = chain.system.fiducials_mm + (points - chain.points) @ np.linalg.inv(chain.per_error).T
     return replace(chain, points=points, system=replace(chain.system, fiducials_mm=nominal))
 
@@ -240,7 +238,7 @@ def _foreign_change(chain: Chain, model: LinearModel, moved: Chain, other: Linea
     for block, same, farther in zip(model.blocks, back.blocks, other.blocks, strict=True):
         name = f"the gains of {block.label or block.contributor}"
         pairs.append((name, block.tcp, same.tcp))
-        if not (block.imaged or block.common):
+        if block.effect.way is Way.LINK:
             pairs.append((name, block.tcp, farther.tcp))
     found = next((name for name, first, second in pairs if not _is_same(first, second)), "")
     # ... and fiducials move the bias through the images alone, as the derivative says up to the curvature of a step.

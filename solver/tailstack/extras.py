@@ -1,12 +1,17 @@
-"""What can be left out of an installation, and the command that adds it (``pip install 'tailstack[optimise]'``)."""
+"""What can be left out of an installation, and the command that adds it from where the installation came from."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
+from pathlib import Path
+from shlex import quote
 
 from .errors import MissingExtraError, Problem
+from .version import __version__
 
 # Modules that tailstack imports and that its core does not bring, by the extra of pyproject.toml that does
 MODULES_OF = {
@@ -20,13 +25,32 @@ MODULES_OF = {
     "postgres": ("psycopg",),
     "dask": ("dask", "distributed", "cryptography"),
     "tables": ("openpyxl", "pyarrow"),
-    "mcp": ("mcp",),
+    "mcp": ("mcp", "anyio"),
 }  # fmt: skip
 
 
 def install_command(*extras: str) -> str:
-    """What to type to have these extras."""
-    return f"pip install 'tailstack[{','.join(extras)}]'"
+    """What to type to have these extras.
+
+    The package is taken from where this one came from: the checkout that runs, or the folder, file or repository that
+    pip noted (PEP 610, ``direct_url.json``). Only what an index delivered is asked of an index, in the same version:
+    elsewhere that name may be anybody's.
+    """
+    wanted = f"[{','.join(extras)}]"
+    checkout = Path(__file__).resolve().parents[2]
+    if (checkout / "solver" / "tailstack").is_dir() and (checkout / "pyproject.toml").is_file():
+        return f"pip install -e {quote(f'{checkout}{wanted}')}"
+    try:
+        noted = distribution("tailstack").read_text("direct_url.json")
+    except PackageNotFoundError:
+        noted = None
+    if noted is None:
+        return f"pip install {quote(f'tailstack{wanted}=={__version__}')}"
+    origin = json.loads(noted)
+    url = origin["url"]
+    if "vcs_info" in origin:
+        url = f"{origin['vcs_info']['vcs']}+{url}@{origin['vcs_info']['commit_id']}"
+    return f"pip install {quote(f'tailstack{wanted} @ {url}')}"
 
 
 def missing_extras() -> tuple[str, ...]:

@@ -1,19 +1,19 @@
 """What becomes of a score when fiducials are lost: the worst of all losses of one and of two, by name.
 
-A fiducial that is lost is missing in every view, as if it had never been there.  What that does to the covariance of
-the error follows from the gains with weights of 0 (``propagation.noise``), for every loss at once in one kernel;
-where fiducials also decide the mean, from the linear model of every loss.  Pearson's closed form on it ranks the
-losses; its error is known (``tail.approximation``), so that the exact law is asked only where a loss may be the worst:
-the answer is that of scoring each remaining structure by itself.
+A fiducial that is lost is missing in every view, as if it had never been there.  What that does to the gains of all
+that acts through the images follows from weights of 0 (``propagation.noise``), for every loss and target at once in one
+kernel; the rest of the law is the same with every loss.  Pearson's closed form ranks the losses; its error is known
+(``tail.approximation``), so that the exact law is asked only where a loss may be the worst: the answer is that of
+scoring each remaining structure by itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations
-from math import inf
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -21,15 +21,18 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from .arrays import Array, frozen
-from .contributors import ErrorLaw, error_law
+from .contributors import BOUNDED, ErrorLaw, error_law, law_of
 from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
-from .propagation.linear import Chain, LinearModel, covariance, linearise_at
-from .propagation.noise import square_gains
+from .kernels import kernel
+from .propagation.linear import Chain, LinearModel, believed_directions, believed_knowns, linearise_at
+from .propagation.noise import Eliminated, Estimation, eliminate_for, gains_after, room_for, stack_columns_jit
+from .propagation.systematic import shift_together
 from .results import Loss, Mixture
-from .system import Law, System
-from .tail.approximation import pearson_square, square_cumulants
-from .tail.declared import SAMPLED_METHOD, MixedLaw, law_quantile
+from .system import Effect, System, Way
+from .tail.approximation import columns_in_cumulants, pearson_square
+from .tail.bounded import worst_case
+from .tail.declared import SAMPLED_METHOD, LawQuantile, LinearLaw, MixedLaw, law_quantile
 
 PAIRS_UP_TO = 30  # fiducials; beyond, trying every pair would take longer than the score itself
 # By which Pearson's form may rank a loss too low: a P95 by up to 1.3 %, 1.2 % more where laws are uniform; further out
@@ -38,7 +41,6 @@ MARGIN, MARGIN_BEYOND_P95 = 0.025, 0.06
 P95 = 0.95
 SLOPE = 0.1  # by which it may rank a loss too low beside another, per relative difference of the covariances
 ALIKE = 1e-9  # losses whose cumulants differ by less are one by symmetry
-MODELS = 2048  # linear models without lost fiducials that are kept: those of 30 fiducials at four targets, 50 MB
 WORSE = 10.0  # only a loss that multiplies the quantile by so much may leave a structure that determines nothing
 
 
@@ -70,11 +72,167 @@ def without_fiducials(system: System, lost: Sequence[str]) -> System:
     )
 
 
-class Ranked(NamedTuple):
-    """The worst loss, and the linear model without what is lost; None where that determines nothing."""
+class Imaging(NamedTuple):
+    """What the gains of the images of V views of N fiducials follow from, and what moves all images together."""
 
-    loss: Loss
-    model: LinearModel | None
+    projections: Array  # (V, 3, 4), |p3| = 1
+    points: Array  # (N, 3) mm, as the estimator assumes them
+    estimation: Estimation
+    per_error: Array  # (3, 3) from a manufacturing error to a displacement of those
+    manufactured: bool
+    believed: Array  # (3, B) as ``stack_columns`` takes the errors of believed intrinsics
+    views_of: NDArray[np.int64]  # (B,)
+    assumed: Array  # (V, 3) what is known of those of each view
+    aims: Array  # (T, 3) mm: the targets, reconstructed without noise
+    shifts: Array  # (T, 2 V (N + 1), K + 1) px: what each source that moves them together does to images; last: known
+    std: Array  # (M,) of the sources of the columns
+
+
+class LossGains(NamedTuple):
+    """The S ways to lose so many fiducials, and what is left of the gains of the images; mm, con."""
+
+    kept: Array  # (S, N) 0 of what is lost, otherwise 1
+    imaged: Array  # (T, S, 3, 3) mm^2: covariance of what acts through single images, and of believed intrinsics
+    moved: Array  # (T, S, 3, K + 1) mm: by each source that moves images together, and by all that is known
+
+
+class Rest(NamedTuple):
+    """What of the law of an error no loss changes, at T targets."""
+
+    to_error: Array  # (T, 3, 3) from con to the error's frame
+    beyond: Array  # (T, 3, K + 1) mm: what sources that move images together do beyond the images
+    std: Array  # (K,) of these sources
+    mean: Array  # (T, 3) mm: less what comes through the images
+    covariance: Array  # (T, 3, 3) mm^2
+    by_second: Array  # (T,) mm^4: what columns that are not normal add to cumulants (``columns_in_cumulants``)
+    by_third: Array  # (T,) mm^6
+    shape: Array  # (T, 3, 3) mm^4
+
+
+class Ranking(NamedTuple):
+    """Losses at targets by Pearson's form, of manufacturing errors as if they were Gaussian."""
+
+    quantile: Array  # (T, S) mm; inf where nothing is determined
+    cumulants: Array  # (T, S, 3) of the square of the error
+    covariance: Array  # (T, S, 3, 3) mm^2
+
+
+@kernel(nogil=True)
+def fill_columns(
+    imaging: Imaging, eliminated: Eliminated, weights: Array, aim: Array, columns: Array, known: Array
+) -> None:
+    """Fill columns (3, M), con, mm per native unit, as ``linear.image_gains`` has them, and known (3,) mm: what known
+    errors of believed intrinsics do.  weights (V, N): 1 where a view's estimate uses a fiducial; ``eliminated`` was
+    filled for them; aim (3,) mm."""
+    views, count = imaging.projections.shape[0], imaging.points.shape[0]
+    single = np.zeros((views, count, 3, 2))
+    aimed = np.zeros((views, 3, 2))
+    made = np.zeros((views, count, 3, 3))
+    intrinsics, row_weights = np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
+    gains_after(
+        eliminated, imaging.projections, imaging.points, weights, imaging.estimation, aim, single, aimed, made,
+        intrinsics, row_weights,
+    )  # fmt: skip
+    stack_columns_jit(
+        single, aimed, made, intrinsics, imaging.per_error, imaging.manufactured, imaging.believed, imaging.views_of,
+        columns,
+    )  # fmt: skip
+    for a in range(3):
+        known[a] = 0.0
+        for v in range(views):
+            for m in range(3):
+                known[a] += intrinsics[v, a, m] * imaging.assumed[v, m]
+
+
+@kernel(nogil=True)
+def move_together(columns: Array, known: Array, shifts: Array, moved: Array) -> None:
+    """Fill moved (3, K + 1) mm: what shifts (2 V (N + 1), K + 1) px of all images do by the columns of these, the last
+    one with what else is known (3,) mm."""
+    last = shifts.shape[1] - 1
+    for a in range(3):
+        for k in range(last + 1):
+            total = known[a] if k == last else 0.0
+            for n in range(shifts.shape[0]):
+                total += columns[a, n] * shifts[n, k]
+            moved[a, k] = total
+
+
+@kernel(nogil=True)
+def lose_one(imaging: Imaging, weights: Array, t: int, columns: Array, moved: Array) -> None:
+    """Fill what weights (V, N) leave at target t: columns (3, M), see ``fill_columns``, and moved (3, K + 1) mm."""
+    eliminated, known = room_for(weights.shape[0], imaging.points), np.zeros(3)
+    eliminate_for(imaging.estimation, imaging.projections, imaging.points, weights, eliminated)
+    fill_columns(imaging, eliminated, weights, imaging.aims[t], columns, known)
+    move_together(columns, known, imaging.shifts[t], moved)
+
+
+@kernel(nogil=True)
+def lose(imaging: Imaging, weights: Array, imaged: Array, moved: Array) -> None:
+    """Fill the arrays of ``LossGains``; weights (S, V, N): 1 where a view's estimate uses a fiducial."""
+    columns, known = np.zeros((3, imaging.std.size)), np.zeros(3)
+    eliminated = room_for(weights.shape[1], imaging.points)
+    for s in range(weights.shape[0]):
+        eliminate_for(imaging.estimation, imaging.projections, imaging.points, weights[s], eliminated)
+        for t in range(imaging.aims.shape[0]):
+            fill_columns(imaging, eliminated, weights[s], imaging.aims[t], columns, known)
+            move_together(columns, known, imaging.shifts[t], moved[t, s])
+            for a in range(3):
+                for b in range(a + 1):
+                    total = 0.0
+                    for n in range(imaging.std.size):
+                        total += columns[a, n] * imaging.std[n] * (columns[b, n] * imaging.std[n])
+                    imaged[t, s, a, b] = total
+                    imaged[t, s, b, a] = total
+
+
+@kernel(nogil=True)
+def rank(imaged: Array, moved: Array, rest: Rest, z: float, ranking: Ranking) -> None:
+    """Fill the ranking of losses; imaged, moved: of ``LossGains``; z: the standard normal quantile."""
+    turned, mean, step = np.empty((3, 3)), np.empty(3), np.empty(3)
+    for t in range(imaged.shape[0]):
+        turn, shape = rest.to_error[t], rest.shape[t]
+        for s in range(imaged.shape[1]):
+            total = ranking.covariance[t, s]
+            for a in range(3):
+                mean[a] = rest.mean[t, a]
+                for b in range(3):
+                    turned[a, b] = 0.0
+                    for c in range(3):
+                        turned[a, b] += turn[a, c] * imaged[t, s, c, b]
+            for a in range(3):
+                for b in range(3):
+                    total[a, b] = rest.covariance[t, a, b]
+                    for c in range(3):
+                        total[a, b] += turned[a, c] * turn[b, c]
+            for k in range(rest.std.size + 1):
+                for a in range(3):
+                    step[a] = rest.beyond[t, a, k]
+                    for c in range(3):
+                        step[a] += turn[a, c] * moved[t, s, c, k]
+                if k == rest.std.size:
+                    mean += step
+                else:
+                    for a in range(3):
+                        for b in range(3):
+                            total[a, b] += step[a] * rest.std[k] * (step[b] * rest.std[k])
+            c1, c2, c3 = 0.0, rest.by_second[t], rest.by_third[t]
+            for a in range(3):
+                along = 0.0  # of S m
+                c1 += total[a, a] + mean[a] * mean[a]
+                for b in range(3):
+                    square = 0.0  # of S S
+                    for c in range(3):
+                        square += total[a, c] * total[c, b]
+                    along += total[a, b] * mean[b]
+                    c3 += square * total[b, a] + shape[a, b] * (total[b, a] + mean[a] * mean[b])
+                    c2 += total[a, b] * total[b, a]
+                c2 += 2.0 * mean[a] * along
+                c3 += 3.0 * along * along
+            square = pearson_square(c1, c2, c3, z) if c2 > 0.0 else np.nan
+            ranking.quantile[t, s] = sqrt(square) if 0.0 <= square < np.inf else np.inf
+            ranking.cumulants[t, s, 0] = c1
+            ranking.cumulants[t, s, 1] = c2
+            ranking.cumulants[t, s, 2] = c3
 
 
 class LossSearch:
@@ -84,87 +242,94 @@ class LossSearch:
         self.chain, self.models = chain, models
         self.system = chain.system
         self.count = len(chain.points)
-        self.names = list(models)
-        # What moves all images of a view together has a known part: with the fiducials, the mean changes as well.
-        self.mean_changes = bool(self.system.common_shifts) or any(error is not None for error in chain.intrinsics)
-        self._images: dict[int, tuple[Array, Array]] = {}
-        # Ranks, mixtures, and every requirement and error ask for the same ones.
-        self._linearise = lru_cache(maxsize=MODELS)(self._linearise_without)
+        self.place = {name: t for t, name in enumerate(models)}  # of each target in the arrays
+        # Mixtures, and every requirement and error ask for the same ones.
+        self._law = lru_cache(maxsize=None)(self._find_law)
+        self._rest = lru_cache(maxsize=None)(self._find_rest)
+        self._ranking = lru_cache(maxsize=None)(self._rank)
+        self._losses: dict[int, LossGains] = {}
 
-    def images(self, lost: int) -> tuple[Array, Array]:
-        """The losses of so many, kept (S, N), and the covariances (T, S, 3, 3) mm^2 in con of what acts through the
-        image of one fiducial or target at a time: noise and manufacturing errors."""
-        if lost not in self._images:
-            kept, chain = subsets(self.count, lost), self.chain
-            squares = np.zeros((len(kept), len(self.names), 2 * len(chain.projections) + 3, 3, 3))
-            square_gains(
-                chain.projections,
-                chain.points[None],
-                chain.weights * kept[:, None],
-                chain.estimation,
-                chain.per_error,
-                np.ascontiguousarray(chain.manufacturing_std_mm),
-                np.array([model.reconstructed_mm for model in self.models.values()]),
-                squares,
-            )
-            variances = np.append(chain.estimation.noise**2, np.ones(3))
-            self._images[lost] = kept, np.einsum("g,stgjk->tsjk", variances, squares)
-        return self._images[lost]
+    @cached_property
+    def _imaging(self) -> tuple[Imaging, Array]:
+        """What the kernels take, and what sources that move images together do at the flange, (T, 3, K + 1) mm, con."""
+        chain, models = self.chain, list(self.models.values())
+        moved = [shift_together(self.system, chain.mounts.first, model.target) for model in models]
+        believed, views_of = believed_directions(chain.intrinsics)
+        imaging = Imaging(
+            projections=chain.projections,
+            points=chain.points,
+            estimation=chain.estimation,
+            per_error=chain.per_error,
+            manufactured=chain.manufactured,
+            believed=believed,
+            views_of=views_of,
+            assumed=believed_knowns(chain.intrinsics),
+            aims=np.array([model.reconstructed_mm for model in models]),
+            shifts=np.array([shifts.reshape(-1, shifts.shape[2]) for shifts, _ in moved]),
+            std=np.concatenate([block.std for block in models[0].blocks if block.effect.way is Way.IMAGES]),
+        )
+        return imaging, np.array([at_flange for _, at_flange in moved])
 
-    def model_without(self, name: str, kept: Array) -> LinearModel:
-        """The linear model at a target, fiducials with a 0 in kept (N,) lost; its validity number is that of all."""
-        return self._linearise(name, kept.tobytes())
+    def losses(self, lost: int) -> LossGains:
+        """Of so many fiducials, at every target of the system."""
+        if lost not in self._losses:
+            kept, imaging = subsets(self.count, lost), self._imaging[0]
+            size = len(self.place), len(kept), 3
+            found = LossGains(kept, np.empty((*size, 3)), np.empty((*size, imaging.shifts.shape[2])))
+            lose(imaging, self.chain.weights * kept[:, None], found.imaged, found.moved)
+            self._losses[lost] = found
+        return self._losses[lost]
 
-    def _linearise_without(self, name: str, kept: bytes) -> LinearModel:
-        whole, rest = self.models[name], replace(self.chain, weights=self.chain.weights * np.frombuffer(kept))
-        return linearise_at(rest, whole.target, whole.nonlinearity)
+    def model_without(self, name: str, lost: Sequence[str]) -> LinearModel:
+        """The linear model at a target, these fiducials lost; its validity number is that of all."""
+        kept = np.array([label not in lost for label in self.system.fiducial_labels], dtype=np.float64)
+        whole, rest = self.models[name], replace(self.chain, weights=self.chain.weights * kept)
+        return linearise_at(rest, whole.target, whole)
 
     def labels(self, kept: Array) -> tuple[str, ...]:
         return tuple(label for label, here in zip(self.system.fiducial_labels, kept, strict=True) if not here)
 
-    def worst(self, lost: int, error: str, quantile: float, targets: Sequence[str]) -> Ranked:
+    def worst(self, lost: int, error: str, quantile: float, targets: Sequence[str]) -> Loss:
         """The worst loss of so many for a quantile of an error at the worst of these targets."""
-        kept, covariances = self.images(lost)
+        kept = self.losses(lost).kept
         fewest, left = fewest_fiducials(self.system), kept @ self.chain.weights.T  # (S, V)
         if (left < fewest).any():
             s, v = np.argwhere(left < fewest)[0].tolist()
             own = f"view {self.system.views[v].name} is left with {int(left[s, v])} fiducials"
             reason = f"{own}; an estimate needs {fewest}"
-            return Ranked(Loss(self.labels(kept[s]), targets[0], None, reason), None)
-        laws = [error_law(self.models[name], error, quantile) for name in targets]
-        rows = [
-            self._rank(kept, covariances[self.names.index(name)], name, law, quantile)
-            for name, law in zip(targets, laws, strict=True)
-        ]
-        forms, cumulants, totals = (np.concatenate(part) for part in zip(*rows, strict=True))
-        first = int(forms.argmax())
-        which, s = divmod(first, len(kept))
-        whole = self._form(laws[which], targets[which], laws[which].total_covariance, quantile)[0]
-        if not forms[first] < WORSE * whole:
+            return Loss(self.labels(kept[s]), targets[0], None, reason)
+        forms, cumulants, covariances = self._ranking(lost, error, quantile, tuple(targets))
+        t, s = divmod(int(forms.argmax()), len(kept))
+        whole = self._ranking(0, error, quantile, tuple(targets)).quantile[t, 0]
+        if not forms[t, s] < WORSE * whole:
             reason = self._find_refusal(kept[s])
-            if not (reason or forms[first] < inf):
+            if not (reason or forms[t, s] < inf):
                 reason = "what is left does not determine the views"
             if reason:
-                return Ranked(Loss(self.labels(kept[s]), targets[which], None, reason), None)
-        margin = MARGIN if quantile <= P95 else MARGIN_BEYOND_P95
-        highest = forms * (1 + margin)  # what each loss may come to
-        best: Ranked | None = None
-        while best is None or highest.max() > (best.loss.value_mm or 0.0):
-            place = int(highest.argmax())
-            which, s = divmod(place, len(kept))
-            model = self.model_without(targets[which], kept[s])
-            law = law_quantile(error_law(model, error, quantile).law, quantile)
-            value = law.quantile_mm
-            highest[place] = -inf
-            highest[(np.abs(cumulants - cumulants[place]) <= ALIKE * np.abs(cumulants[place])).all(axis=1)] = -inf
-            if best is None or value > (best.loss.value_mm or 0.0):
-                best = Ranked(Loss(self.labels(kept[s]), targets[which], value), model)
-                unlike = np.abs(totals - totals[place]).max(axis=(1, 2)) / np.abs(totals[place]).max()
-                near = forms * (value / forms[place]) * (1 + SLOPE * unlike)
-                highest = np.minimum(highest, near)
+                return Loss(self.labels(kept[s]), targets[t], None, reason)
+        highest = forms * (1 + (MARGIN if quantile <= P95 else MARGIN_BEYOND_P95))  # what each loss may come to
+        value, worst = 0.0, (t, s)
+        while highest.max() > value:
+            t, s = divmod(int(highest.argmax()), len(kept))
+            law = self._solve(targets[t], error, quantile, kept[s])
+            alike = (np.abs(cumulants[t] - cumulants[t, s]) <= ALIKE * np.abs(cumulants[t, s])).all(axis=1)
+            highest[t, alike] = -inf
+            better = law.quantile_mm > value * (1 + ALIKE)
+            rows = slice(None) if better else slice(t, t + 1)  # beside which the form may err by less
+            unlike = np.abs(covariances[rows] - covariances[t, s]).max(axis=(2, 3)) / np.abs(covariances[t, s]).max()
+            near = forms[rows] * (law.quantile_mm / forms[t, s]) * (1 + SLOPE * unlike)
+            highest[rows] = np.minimum(highest[rows], near)
+            if better:
+                value, worst = law.quantile_mm, (t, s)
             if law.method == SAMPLED_METHOD:  # it tells losses apart no better than the form does, and takes long
                 break
-        return best
+        t, s = worst
+        return Loss(self.labels(kept[s]), targets[t], value)
+
+    def _solve(self, name: str, error: str, quantile: float, kept: Array) -> LawQuantile:
+        """The quantile of what is left, fiducials with a 0 in kept (N,) lost."""
+        law, bounded = self._law_without(name, error, quantile, kept)
+        return worst_case(law, bounded, quantile).quantile if bounded.any() else law_quantile(law, quantile)
 
     def mixture(self, error: str, quantile: float, targets: Sequence[str]) -> Mixture | None:
         """The quantile of an error over shots in each of which fiducials are lost at random, at the worst of these
@@ -195,33 +360,32 @@ class LossSearch:
         return self._mix(name, error, quantile, kept, weights / examined)
 
     def _mix(self, name: str, error: str, quantile: float, kept: Array, weights: Array) -> MixedLaw:
-        models = [self.model_without(name, left) for left in kept]
-        return MixedLaw([error_law(model, error, quantile).law for model in models], weights)
+        laws = []
+        for left in kept:
+            law, bounded = self._law_without(name, error, quantile, left)
+            laws.append(worst_case(law, bounded, quantile).law if bounded.any() else law)
+        return MixedLaw(laws, weights)
 
     def _patterns(self, error: str, quantile: float, targets: Sequence[str]) -> tuple[Array, Array, float]:
         """Losses of none, one and two (of very many fiducials: one) that leave an answer: kept (S, N), and their
         probabilities (S,); then the probability of all that were examined, with or without an answer."""
         probability = np.array(self.system.loss_probability)
-        each = [self.images(lost) for lost in range(3 if self.count <= PAIRS_UP_TO else 2)]
-        kept = np.concatenate([images[0] for images in each])
-        covariances = np.concatenate([images[1] for images in each], axis=1)
+        numbers = range(3 if self.count <= PAIRS_UP_TO else 2)
+        kept = np.concatenate([self.losses(lost).kept for lost in numbers])
+        each = [self._ranking(lost, error, quantile, tuple(targets)).quantile for lost in numbers]
         weights = np.where(kept > 0, 1 - probability, probability).prod(axis=1)
-        answered = (weights > 0) & self._find_answered(kept, covariances, error, quantile, targets)
+        answered = (weights > 0) & self._find_answered(kept, np.concatenate(each, axis=1))
         return kept[answered], weights[answered], float(weights.sum())
 
-    def _find_answered(
-        self, kept: Array, covariances: Array, error: str, quantile: float, targets: Sequence[str]
-    ) -> NDArray[np.bool_]:
-        """(S,) whether what is left still has an answer, refused as a structure without the lost ones would be."""
+    def _find_answered(self, kept: Array, forms: Array) -> NDArray[np.bool_]:
+        """(S,) whether what is left still has an answer, refused as a structure without the lost ones would be.
+
+        forms (T, S) mm: of losses by Pearson's form, the first of nothing.
+        """
         answered = np.asarray((kept @ self.chain.weights.T).min(axis=1) >= fewest_fiducials(self.system))
-        enough = np.flatnonzero(answered)
-        for name in targets:
-            law = error_law(self.models[name], error, quantile)
-            forms, *_ = self._rank(kept[enough], covariances[self.names.index(name), enough], name, law, quantile)
-            whole = self._form(law, name, law.total_covariance, quantile)[0]
-            for s in enough[~(forms < WORSE * whole)]:
-                answered[s] &= not self._find_refusal(kept[s])
-            answered[enough[~(forms < inf)]] = False
+        answered &= (forms < inf).all(axis=0)
+        for s in np.flatnonzero(answered & ~(forms < WORSE * forms[:, :1]).all(axis=0)):
+            answered[s] = not self._find_refusal(kept[s])
         return answered
 
     def _find_refusal(self, kept: Array) -> str:
@@ -232,42 +396,65 @@ class LossSearch:
             return refusal.problems[0].detail
         return ""
 
-    def _rank(
-        self, kept: Array, covariances: Array, name: str, law: ErrorLaw, quantile: float
-    ) -> tuple[Array, Array, Array]:
-        """Pearson's quantile (S,), mm, of each loss at a target, the cumulants (S, 3) and covariances (S, 3, 3)."""
-        model = self.models[name]
-        if self.mean_changes:
-            every = [self.model_without(name, left) for left in kept]
-            total = np.array([covariance(each, law.error) for each in every])
-            means = law.worst.mean_mm + [each.bias_mm(law.error) - model.bias_mm(law.error) for each in every]
-            return *self._form(law, name, total, quantile, means), total
-        to_error = model.tcp_from_localisation if law.error == "tcp" else np.eye(3)
-        other = np.zeros((3, 3))
-        for block in model.blocks:
-            if not block.imaged:
-                gain = model.gain(block, law.error) * block.std
-                other += gain @ gain.T
-        total = to_error @ covariances @ to_error.T + other
-        return *self._form(law, name, total, quantile), total
+    def _find_law(self, name: str, error: str, quantile: float) -> ErrorLaw:
+        return error_law(self.models[name], error, quantile)
 
-    def _form(
-        self, law: ErrorLaw, name: str, total: Array, quantile: float, means: Array | None = None
-    ) -> tuple[Array, Array]:
-        """Pearson's quantile (...), mm, of a target's error with other covariances (..., 3, 3) and means (..., 3), and
-        cumulants (..., 3).
+    def _frame(self, name: str, error: str) -> tuple[Array, Array]:
+        """To the error's frame from con (3, 3), and what moves images together does beyond the images (3, K + 1) mm."""
+        at_flange = self._imaging[1][self.place[name]]
+        if error != "tcp":
+            return np.eye(3), np.zeros_like(at_flange)
+        return self.models[name].tcp_from_localisation, self.models[name].tcp_from_flange @ at_flange
 
-        Manufacturing errors count as Gaussian.
-        """
-        mean = law.worst.mean_mm if means is None else np.moveaxis(means, -1, 0)
-        uniform: list[Array] = []
-        triangular: list[Array] = []
-        for block in self.models[name].blocks:
-            for j, own in enumerate(block.laws):
-                if not block.grouped and own in (Law.UNIFORM, Law.TRIANGULAR):
-                    column = self.models[name].gain(block, law.error)[:, j] * block.half_width[j]
-                    (uniform if own is Law.UNIFORM else triangular).append(column)
-        with np.errstate(all="ignore"):
-            cumulants = square_cumulants(mean, np.moveaxis(total, (-2, -1), (0, 1)), uniform, triangular)
-            form = np.asarray(np.sqrt(pearson_square(*cumulants, float(ndtri(quantile)))))
-        return np.where(np.isfinite(form), form, inf), np.stack(cumulants, axis=-1)
+    def _law_without(self, name: str, error: str, quantile: float, kept: Array) -> tuple[LinearLaw, Array]:
+        """The law at its bias, fiducials with a 0 in kept (N,) lost, and what its bounded sources do (3, q), mm."""
+        imaging, t, model = self._imaging[0], self.place[name], self.models[name]
+        columns, moved = np.zeros((3, imaging.std.size)), np.zeros((3, imaging.shifts.shape[2]))
+        lose_one(imaging, self.chain.weights * kept, t, columns, moved)
+        turn, beyond = self._frame(name, error)
+        moved = turn @ moved + beyond
+        every = self._law(name, error, quantile).columns
+        gain = every.gain.copy()
+        gain[:, self._ways == Way.IMAGES] = turn @ columns
+        gain[:, self._ways == Way.SHARED] = moved[:, :-1]
+        every = every._replace(gain=gain)
+        bounded = every.only((every.kinds == BOUNDED) & (every.half_width > 0))
+        mean = model.bias_mm(error) - model.imaged_bias_mm(error) + moved[:, -1]
+        return law_of(mean, every), bounded.gain * bounded.half_width
+
+    @cached_property
+    def _effects(self) -> list[Effect]:
+        """K: that of each source, in the order of the blocks."""
+        blocks = next(iter(self.models.values())).blocks
+        return [block.effect for block in blocks for _ in block.laws]
+
+    @cached_property
+    def _ways(self) -> NDArray[np.str_]:
+        """(K,) how the gains of each source are found."""
+        return np.array([effect.way for effect in self._effects])
+
+    def _find_rest(self, error: str, quantile: float, targets: tuple[str, ...]) -> Rest:
+        laws = [self._law(name, error, quantile) for name in targets]
+        frames = [self._frame(name, error) for name in targets]
+        gain, ways = np.stack([law.columns.gain for law in laws]), self._ways
+        _, std, half_width, kinds, _ = laws[0].columns
+        behind = ways == Way.LINK
+        uneven = laws[0].columns.wide & ~np.array([effect.grouped for effect in self._effects])
+        scaled = gain[..., behind] * std[behind]
+        models = [self.models[name] for name in targets]
+        return Rest(
+            np.stack([turn for turn, _ in frames]),
+            np.stack([beyond for _, beyond in frames]),
+            std[ways == Way.SHARED],
+            np.stack([law.worst.mean_mm - m.imaged_bias_mm(error) for law, m in zip(laws, models, strict=True)]),
+            scaled @ np.swapaxes(scaled, -1, -2),
+            *columns_in_cumulants(gain[..., uneven] * half_width[uneven], kinds[uneven]),
+        )
+
+    def _rank(self, lost: int, error: str, quantile: float, targets: tuple[str, ...]) -> Ranking:
+        losses, rest = self.losses(lost), self._rest(error, quantile, targets)
+        which = [self.place[name] for name in targets]
+        size = len(which), len(losses.kept)
+        ranking = Ranking(np.empty(size), np.empty((*size, 3)), np.empty((*size, 3, 3)))
+        rank(losses.imaged[which], losses.moved[which], rest, float(ndtri(quantile)), ranking)
+        return ranking

@@ -6,8 +6,10 @@ than that has then ended processes with an illegal instruction, minutes later an
 
 from __future__ import annotations
 
+import os
 import platform
 import re
+import tempfile
 
 import llvmlite.binding as llvm
 
@@ -93,6 +95,21 @@ def features_of(name: str, features: str = "") -> set[str]:
     return {feature for feature, pattern in _WRITTEN_WITH.items() if re.search(pattern, written)}
 
 
+def unknown_to_llvm(name: str, features: str = "") -> list[str]:
+    """Processors and features, as they were given, that LLVM has no idea of; it says so on stderr alone."""
+    with tempfile.TemporaryFile() as said:
+        stderr = os.dup(2)
+        try:
+            os.dup2(said.fileno(), 2)
+            features_of(name, features)
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+        said.seek(0)
+        words = said.read().decode(errors="replace")
+    return list(dict.fromkeys(re.findall(r"'([^']*)' is not a recognized", words)))
+
+
 def features_here() -> set[str]:
     """What this processor and its system have."""
     return {feature for feature, present in llvm.get_host_cpu_features().items() if present}
@@ -121,6 +138,11 @@ def refuse_unusable(*, disabled: bool, name: str | None, features: str | None) -
     if (name is None and features is None) or platform.machine().lower() not in ("x86_64", "amd64"):
         return
     here = llvm.get_host_cpu_name()
+    if unknown := unknown_to_llvm(name or here, features or ""):
+        variable = "NUMBA_CPU_NAME" if name in unknown else "NUMBA_CPU_FEATURES"
+        detail = f"{variable} asks for {', '.join(unknown)}, which LLVM does not know"
+        hint = f"unset {variable}, or name what LLVM knows, such as NUMBA_CPU_NAME=x86-64-v3; this processor is {here}"
+        raise KernelError(Problem("", "unknown-processor", detail, hint))
     missing = sorted(features_of(name or here, features or "") - features_here())
     if missing:
         told = " and ".join(

@@ -27,10 +27,10 @@ from .propagation.linear import Chain, LinearModel
 from .propagation.noise import image_slopes
 from .propagation.nonlinearity import motion_of_images
 from .results import SlipReliability
+from .system import ALL_UNKNOWNS, POSE_UNKNOWNS
 
 LEVEL, POWER = 0.001, 0.80  # of the test of one bead
 BLIND = 1e-9  # of the information of an image coordinate: what is left is nothing
-DLT_UNKNOWNS = 11
 
 
 def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[SlipReliability, ...]:
@@ -63,7 +63,7 @@ def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[Sl
 def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | None]:
     """(2, 2) px^-2 of what a view's residuals say of each fiducial that it sees; None: a direction of which nothing."""
     projection, points = chain.projections[v], chain.points[seen]
-    unknowns = chain.estimation.unknowns or DLT_UNKNOWNS
+    unknowns = chain.estimation.unknowns or ALL_UNKNOWNS
     centre = points.mean(axis=0)
     middle = projection @ np.append(centre, 1.0)
     slopes = np.zeros((len(seen), 2, 11))
@@ -78,9 +78,10 @@ def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | N
     for k, covariance in enumerate(own):
         weight[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.inv(covariance)
     normal = rows.T @ weight @ rows
-    if unknowns == 9:
-        scale = np.linalg.norm(slopes[:, :, 6:9].reshape(-1, 3), axis=0)
-        normal[range(6, 9), range(6, 9)] += chain.estimation.precision[v] / max(noise, 1e-9) ** 2 / scale**2
+    if unknowns < ALL_UNKNOWNS:
+        sought = range(POSE_UNKNOWNS, unknowns)
+        scale = np.linalg.norm(slopes[:, :, sought].reshape(-1, len(sought)), axis=0)
+        normal[sought, sought] += chain.estimation.precision[v, : len(sought)] / max(noise, 1e-9) ** 2 / scale**2
     left = weight - weight @ rows @ np.linalg.solve(normal, rows.T @ weight)
     found: list[Array | None] = []
     for k in range(len(seen)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isinf
 from typing import Any
@@ -13,6 +12,7 @@ from .arrays import Array
 from .budget import budget
 from .contributors import ErrorLaw, error_law, law_of
 from .design import Design, check_design
+from .effects import EFFECTS
 from .errors import OutOfRangeError
 from .estimation.checks import examine
 from .losses import PAIRS_UP_TO, LossSearch
@@ -20,12 +20,11 @@ from .propagation.linear import (
     LinearModel,
     chain_of,
     covariance_block_diagonal,
-    largest_rotation_rad,
     linearise_all,
     linearise_at,
 )
 from .propagation.second_order import refuse_outside_range, second_order_moments
-from .propagation.validity import error_percent, validity
+from .propagation.validity import error_percent, worst_validity
 from .reliability import slip_reliabilities
 from .results import (
     Check,
@@ -44,7 +43,8 @@ from .results import (
     Vector3,
     ViewCheck,
 )
-from .system import Requirement, System, View
+from .sources import digest_of_package
+from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
 from .tail.declared import LawSummary, law_quantile, law_summary
 from .tail.gaussian import norm_quantile
@@ -61,25 +61,14 @@ def not_included(system: System, *, simulated: bool = False, missed: bool = Fals
 
     simulated: of the whole chain, not of its first order; missed: the record says what missed fiducials do.
     """
-    views = system.views
     lines = [
         "an uneven detector, motion during a shot",
-        _leave_out("image distortion that its correction leaves", [v.name for v in views if not v.image_field], views),
-        "" if any(view.motion for view in views) else "motion between the shots",
-        "" if system.temperature else "thermal expansion",
-        "" if system.balls else "the shift of a large ball's centre in its image (0.05 px for 10 mm balls)",
+        *(kind.not_modelled(system) for kind in EFFECTS),
         "fiducials mistaken for one another" + ("" if missed else " or missed"),
         "" if simulated else "products of two random errors (second order)",
         "whatever the design document does not list",
     ]
     return tuple(line for line in lines if line)
-
-
-def _leave_out(what: str, where: Sequence[str], views: Sequence[View]) -> str:
-    """What is not included in some of the views, which are named unless it is all of them."""
-    if not where:
-        return ""
-    return what if len(where) == len(views) else f"{what} ({', '.join(where)})"
 
 
 def score(
@@ -175,13 +164,13 @@ def _losses(
 
 def _loss(search: LossSearch, item: Requirement, lost: int) -> Loss:
     """The worst loss of so many; where each unit has a limit, the one that is worst for all units together."""
-    worst = search.worst(lost, item.error, item.quantile, item.targets)
-    if item.units_fraction is None or worst.model is None:
-        return worst.loss
-    at = error_law(worst.model, item.error, P95)
-    error = ErrorScore(worst.model, at, None, law_summary(at.law, P95, None))
-    risk = error.unit_risk(item.quantile, item.limit_mm, item.units_fraction)
-    return replace(worst.loss, value_mm=risk.value_mm)
+    loss = search.worst(lost, item.error, item.quantile, item.targets)
+    if item.units_fraction is None or loss.value_mm is None:
+        return loss
+    model = search.model_without(loss.target, loss.lost)
+    at = error_law(model, item.error, item.quantile)
+    risk = risk_of_units(model, at, item.quantile, item.limit_mm, item.units_fraction)
+    return replace(loss, value_mm=risk.value_mm)
 
 
 def checked_system(design: Design | System) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:
@@ -193,8 +182,7 @@ def checked_system(design: Design | System) -> tuple[System, tuple[Finding, ...]
 
 def trust_of(system: System, models: dict[str, LinearModel]) -> Validity:
     """The validity of first order at the worst target."""
-    numbers = max((model.nonlinearity for model in models.values()), key=lambda each: each.nu)
-    return validity(numbers, system, max(largest_rotation_rad(model) for model in models.values()))
+    return worst_validity([(model.nonlinearity, model.turns) for model in models.values()], system)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,10 +197,19 @@ class ErrorScore:
     def unit_risk(self, quantile: float, limit_mm: float | None, fraction: float) -> UnitRisk:
         """Installation drawn once per unit, noise, repeatability and load at each shot."""
         at = self.at if quantile == P95 else error_law(self.model, self.at.error, quantile)
-        parts = tuple(zip(self.model.blocks, at.parts, strict=True))
-        installed = law_of(at.worst.mean_mm, [part for block, part in parts if block.per_unit])
-        shot = law_of(np.zeros(3), [part for block, part in parts if not block.per_unit])
-        return unit_risk(installed, shot, quantile, limit_mm, fraction, log2_units=7)
+        return risk_of_units(self.model, at, quantile, limit_mm, fraction)
+
+
+def risk_of_units(
+    model: LinearModel, at: ErrorLaw, quantile: float, limit_mm: float | None, fraction: float
+) -> UnitRisk:
+    """What ``fraction`` of installed units keep their own quantile within, mm, and how many keep a limit (mm).
+
+    Installation drawn once per unit, noise, repeatability and load at each shot; ``at`` is the law of the error.
+    """
+    once = at.columns.per_unit
+    installed, shot = law_of(at.worst.mean_mm, at.columns.only(once)), law_of(np.zeros(3), at.columns.only(~once))
+    return unit_risk(installed, shot, quantile, limit_mm, fraction, log2_units=7)
 
 
 def _score_error(system: System, model: LinearModel, error: str) -> ErrorScore:
@@ -289,7 +286,7 @@ def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
     except OutOfRangeError as error:
         return SecondOrder("refused", error.problems[0].detail)
     index = system.targets.index(model.target)
-    gains = np.hstack([block.tcp * block.std for block in model.blocks])
+    gains = np.hstack([block.scaled("tcp") for block in model.blocks])
     shift, covariance = second_order_moments(lambda z: evaluate(plan, z)[:, index, 0], plan.standard_std, gains)
     return SecondOrder(
         "applied",
@@ -351,6 +348,7 @@ def provenance(
         notes=system.notes,
         not_included=(*not_included(system, simulated=simulated, missed=missed), *_taken_for_exact(system), *also),
         estimator=str(system.estimator),
+        sources_sha256=digest_of_package(),
     )
 
 
@@ -358,8 +356,10 @@ def _taken_for_exact(system: System) -> tuple[str, ...]:
     """What the estimator believes without a doubt that the design states."""
     if not system.estimator.believes_intrinsics:
         return ()
-    exact = [view.name for view in system.views if view.intrinsics_error is None]
-    told = f"errors of focal length and principal point, which the design takes for exact ({', '.join(exact)})"
+    views = zip(system.views, system.believed_errors, strict=True)
+    exact = [view.name for view, error in views if error is None]
+    believed = dict.fromkeys(INTRINSICS_WORDS[name] for name in system.estimator.traits.believes)
+    told = f"errors of {' and '.join(believed)}, which the design takes for exact ({', '.join(exact)})"
     shape = "errors of the pixels' shape (ratio of the focal lengths, skew), which the estimator takes for exact"
     return (told, shape) if exact else (shape,)
 

@@ -26,7 +26,7 @@ _PLAIN = re.compile(rb"\nimport ([^\n]*)")
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class SourceFile:
     """One file, as it was read."""
 
     content: bytes
@@ -42,17 +42,17 @@ def _files(directory: str) -> Iterator[str]:
                 yield from _files(entry.path)
 
 
-def read_sources(root: Path) -> dict[str, Source]:
+def read_sources(root: Path) -> dict[str, SourceFile]:
     """Every Python file below ``root``, by its path with slashes; none where it is no directory (a zip archive)."""
     found = {}
     for path in sorted(_files(str(root))) if root.is_dir() else ():
         with open(path, "rb") as file:
             name = path[len(str(root)) + 1 :].replace(os.sep, "/")
-            found[name] = Source(file.read(), os.fstat(file.fileno()).st_mtime_ns)
+            found[name] = SourceFile(file.read(), os.fstat(file.fileno()).st_mtime_ns)
     return found
 
 
-def digest_of_all(sources: dict[str, Source]) -> str:
+def digest_of_all(sources: dict[str, SourceFile]) -> str:
     """SHA-256 of all of them, names included."""
     total = sha256()
     for name, source in sources.items():
@@ -61,6 +61,12 @@ def digest_of_all(sources: dict[str, Source]) -> str:
 
 
 SOURCES = read_sources(ROOT)
+
+
+@cache
+def digest_of_package() -> str:
+    """SHA-256 of the whole package: versions name what was released, this names the code that computes."""
+    return digest_of_all(SOURCES)
 
 
 @cache

@@ -14,12 +14,13 @@ import numpy as np
 
 from .arrays import Array
 from .design import Design, compile_design, load_design
-from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
+from .design.pointers import Place, locate_numbers, name_of, pointer_of, set_numbers, value_at
 from .errors import Problem, TailstackError, describe_refusal
+from .precision import MAX_TRIALS
 from .results import Provenance, Score, TargetEstimate, TargetScore, Verification
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 from .scoring import provenance, score
-from .verification import MAX_TRIALS, verify
+from .verification import verify
 
 MOST_AXES, MOST_POINTS = 6, 1_000_000
 SIGNIFICANT = 12  # digits of the values of a range: 0.3, not 0.30000000000000004
@@ -38,7 +39,7 @@ class SweepError(TailstackError):
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class VariedNumber:
     """A number of a design document and the values it takes."""
 
     pointer: str
@@ -46,7 +47,7 @@ class Axis:
     values: tuple[float, ...]
 
 
-def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[Axis, ...]:
+def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[VariedNumber, ...]:
     """Axes from ``{"pointer", "values"}`` or ``{"pointer", "start", "stop", "count"}``.
 
     A pointer (RFC 6901) leads to a number of the document as it was written; a step ``*`` stands for every element of
@@ -54,13 +55,13 @@ def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[Axis,
     """
     if not 1 <= len(asked) <= MOST_AXES:
         raise SweepError(Problem("/axes", "axes", f"a sweep has 1 to {MOST_AXES} axes; got {len(asked)}"))
-    axes: list[Axis] = []
+    axes: list[VariedNumber] = []
     for index, entry in enumerate(asked):
         where = f"/axes/{index}"
         pointer = entry.get("pointer")
         if not isinstance(pointer, str):
             raise SweepError(Problem(f"{where}/pointer", "missing-field", "an axis names the number it varies"))
-        axis = Axis(
+        axis = VariedNumber(
             pointer,
             locate_numbers(design.source.data, pointer, f"{where}/pointer", SweepError),
             _values(entry, where),
@@ -76,7 +77,7 @@ def read_axes(design: Design, asked: Sequence[Mapping[str, Any]]) -> tuple[Axis,
     return tuple(axes)
 
 
-def count_points(axes: Sequence[Axis]) -> int:
+def count_points(axes: Sequence[VariedNumber]) -> int:
     """Points of the grid."""
     return prod(len(axis.values) for axis in axes)
 
@@ -93,7 +94,7 @@ class PointCheck:
 
 def sweep(
     design: Design,
-    axes: Sequence[Axis] | Mapping[str, Sequence[float] | Array],
+    axes: Sequence[VariedNumber] | Mapping[str, Sequence[float] | Array],
     *,
     check: Check = "score",
     trials: int | None = None,
@@ -123,14 +124,19 @@ def sweep(
 
 
 def sweep_points(
-    design: Design, axes: Sequence[Axis], numbers: Iterable[int], check: PointCheck, *, threads: int | None = None
+    design: Design,
+    axes: Sequence[VariedNumber],
+    numbers: Iterable[int],
+    check: PointCheck,
+    *,
+    threads: int | None = None,
 ) -> tuple[SweepPoint, ...]:
     """Points of the grid by their numbers, the last axis running fastest."""
     return tuple(_compute_point(design, axes, _values_at(axes, number), check, threads) for number in numbers)
 
 
 def _compute_point(
-    design: Design, axes: Sequence[Axis], values: tuple[float, ...], check: PointCheck, threads: int | None
+    design: Design, axes: Sequence[VariedNumber], values: tuple[float, ...], check: PointCheck, threads: int | None
 ) -> SweepPoint:
     """The design with these values; refused with the reason where it cannot be computed."""
     result: Score | Verification
@@ -146,7 +152,9 @@ def _compute_point(
     return SweepPoint(values, "ok", None, tuple(_target(target) for target in result.targets), result.verdict.status)
 
 
-def assemble_sweep(design: Design, axes: Sequence[Axis], points: Sequence[SweepPoint], check: PointCheck) -> Sweep:
+def assemble_sweep(
+    design: Design, axes: Sequence[VariedNumber], points: Sequence[SweepPoint], check: PointCheck
+) -> Sweep:
     """The record, from all points in their order.  Raises what compiling the design raises."""
     verified = check.kind == "verification"
     return Sweep(
@@ -166,14 +174,19 @@ def _provenance(design: Design, checked: bool) -> Provenance:
     return provenance(system, simulated=checked, missed=checked and bool(system.loss_probability))
 
 
-def _axis(design: Design, axis: Axis) -> SweepAxis:
+def _axis(design: Design, axis: VariedNumber) -> SweepAxis:
     base = {float(value_at(design.source.data, place)) for place in axis.places}
     field = next(str(step) for step in reversed(axis.places[0]) if isinstance(step, str))
     unit = next((unit for ending, unit in UNITS.items() if field.endswith(ending)), "")
-    return SweepAxis(axis.pointer, unit, base.pop() if len(base) == 1 else None, axis.values)
+    name = name_of(design.source.data, axis.pointer)
+    return SweepAxis(axis.pointer, unit, base.pop() if len(base) == 1 else None, axis.values, name)
 
 
 def _target(target: TargetScore | TargetEstimate) -> SweepTarget:
+    if isinstance(target, TargetEstimate):
+        limit = None if target.exceedance is None else target.exceedance.limit_mm
+    else:
+        limit = target.limit_mm
     return SweepTarget(
         name=target.name,
         p95_mm=target.p95_mm,
@@ -181,6 +194,7 @@ def _target(target: TargetScore | TargetEstimate) -> SweepTarget:
         mean_norm_mm=target.mean_norm_mm,
         bias_norm_mm=hypot(*target.bias_mm),
         localisation_p95_mm=target.localisation.p95_mm,
+        limit_mm=limit,
     )
 
 
@@ -220,7 +234,7 @@ def _number(value: Any, where: str) -> float:
     return float(value)
 
 
-def _values_at(axes: Sequence[Axis], number: int) -> tuple[float, ...]:
+def _values_at(axes: Sequence[VariedNumber], number: int) -> tuple[float, ...]:
     values = []
     for axis in reversed(axes):
         number, place = divmod(number, len(axis.values))

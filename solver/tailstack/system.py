@@ -8,17 +8,20 @@ the pivot, followed by the translation (Eqs 11-13 of the paper).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from enum import IntEnum, StrEnum
+from functools import cached_property
 from math import sqrt
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array
 
-# The interfaces of the chain, called here and in every result as in the design document, in the order of the chain
-INTERFACES = ("structure_connector", "connector_flange")
+ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
+
 TORSOR_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
@@ -31,7 +34,11 @@ class Law(StrEnum):
     BOUNDED = "bounded"  # anywhere within +-h
 
 
-STD_PER_HALF_WIDTH = {Law.UNIFORM: 1 / sqrt(3), Law.TRIANGULAR: 1 / sqrt(6), Law.BOUNDED: 0.0}
+def std_per_half_width(law: Law, coverage_factor: float = 1.0) -> float:
+    """Standard deviation of a source in its half-widths; 0 where it has no law.  coverage_factor: of a normal one."""
+    if law is Law.NORMAL:
+        return 1 / coverage_factor
+    return {Law.UNIFORM: 1 / sqrt(3), Law.TRIANGULAR: 1 / sqrt(6), Law.BOUNDED: 0.0}[law]
 
 
 class Reading(StrEnum):
@@ -48,23 +55,19 @@ class RotationForm(StrEnum):
     SMALL_ANGLE = "small_angle"  # I + [omega]x (Eq 13)
 
 
-class Estimator(StrEnum):
-    """What a view's projection is estimated as from its fiducials (``docs/estimators.md``)."""
+class Weighing(IntEnum):
+    """By what a triangulation weighs the two rows of each view."""
 
-    DLT = "dlt"  # eleven unknowns by linear equations (Eqs 2-3)
-    POSE = "pose"  # six: where the view is, its intrinsics taken for exact
-    POSE_WITH_PRIOR = "pose_with_prior"  # nine: focal length and principal point too, known as the prior says
-    REPROJECTION = "reprojection"  # eleven by least squares of the images
+    ALIKE = 0  # the rows of Eq 5 as they are
+    BY_NOISE = 1  # by the inverse of what the noise of the images makes of them
+    BY_IMAGES = 2  # such that the squares of the target's residuals in the images, px, are least
 
-    @property
-    def believes_intrinsics(self) -> bool:
-        """Whether the intrinsics that it is told matter."""
-        return self in (Estimator.POSE, Estimator.POSE_WITH_PRIOR)
 
-    @property
-    def unknowns(self) -> int:
-        """How many numbers of a view it seeks by least squares of the images; 0 for DLT."""
-        return {"dlt": 0, "pose": 6, "pose_with_prior": 9, "reprojection": 11}[self.value]
+class TriangulationTraits(NamedTuple):
+    """What sets a triangulation apart: whoever has to know asks for one of these, and never for its name."""
+
+    weighing: Weighing
+    own_frame: bool  # solved in the fiducials' Hartley frame; otherwise in connector millimetres
 
 
 class Triangulation(StrEnum):
@@ -75,8 +78,95 @@ class Triangulation(StrEnum):
     WEIGHTED = "weighted"  # as normalised, each view's rows by the inverse of what noise makes of them
     REPROJECTION = "reprojection"  # least squares of the target's images, the projections taken for exact
 
+    @property
+    def traits(self) -> TriangulationTraits:
+        """Its row of the table."""
+        return TRIANGULATIONS[self]
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+TRIANGULATIONS = {
+    Triangulation.NORMALISED: TriangulationTraits(Weighing.ALIKE, True),
+    Triangulation.PUBLISHED: TriangulationTraits(Weighing.ALIKE, False),
+    Triangulation.WEIGHTED: TriangulationTraits(Weighing.BY_NOISE, True),
+    Triangulation.REPROJECTION: TriangulationTraits(Weighing.BY_IMAGES, True),
+}
+# Those that differ in their second order only.
+LINEAR = tuple(form for form in Triangulation if form.traits.weighing is Weighing.ALIKE)
+
+INTRINSICS = ("focal", "principal_point_u", "principal_point_v")  # relative, px, px
+INTRINSICS_WORDS = dict(zip(INTRINSICS, ("focal length", "principal point", "principal point"), strict=True))
+POSE_UNKNOWNS, ALL_UNKNOWNS = 6, 11  # of a pose, and of a projection whose scale does not matter
+
+
+class EstimatorTraits(NamedTuple):
+    """What sets an estimator apart: whoever has to know asks for one of these, and never for its name."""
+
+    # Numbers of a view that are sought by least squares of the images.  Six to nine: a pose, then intrinsics in the
+    # order of ``INTRINSICS``; eleven: the entries of the projection; 0: those too, by linear equations
+    unknowns: int
+    believes: tuple[str, ...]  # of ``INTRINSICS``, those whose assumed values matter to it
+    takes_prior: bool  # whether it weighs how well they are known
+    fewest_fiducials: int  # that a view has to see
+    seeks: str
+    needs: str
+    trusted_forms: tuple[Triangulation, ...]  # those that first order was calibrated with
+    trusted_fiducials: tuple[int, int]  # fewest and most that it was calibrated with
+
+    @property
+    def seeks_pose(self) -> bool:
+        """Whether a rotation and a place are sought, and not the entries of a projection."""
+        return POSE_UNKNOWNS <= self.unknowns < ALL_UNKNOWNS
+
+    @property
+    def free_intrinsics(self) -> int:
+        """How many of ``INTRINSICS``, from the first, are sought together with a pose."""
+        return self.unknowns - POSE_UNKNOWNS if self.seeks_pose else 0
+
+
+class Estimator(StrEnum):
+    """What a view's projection is estimated as from its fiducials (``docs/estimators.md``)."""
+
+    DLT = "dlt"  # eleven unknowns by linear equations (Eqs 2-3)
+    POSE = "pose"  # six: where the view is, its intrinsics taken for exact
+    POSE_WITH_PRIOR = "pose_with_prior"  # nine: focal length and principal point too, known as the prior says
+    REPROJECTION = "reprojection"  # eleven by least squares of the images
+
+    @property
+    def traits(self) -> EstimatorTraits:
+        """Its row of the table."""
+        return ESTIMATORS[self]
+
+    @property
+    def believes_intrinsics(self) -> bool:
+        """Whether any of the intrinsics that it assumes matter."""
+        return bool(ESTIMATORS[self].believes)
+
+
+DEFAULT_ESTIMATOR = Estimator.DLT  # of a document that names none
+ESTIMATORS = {  # from the one that knows nothing to the one that knows most
+    Estimator.DLT: EstimatorTraits(
+        0, (), False, 6, "the projection",
+        "nothing: eleven unknowns of each view are taken from six fiducials or more, not in one plane",
+        (*LINEAR, Triangulation.WEIGHTED), (6, 40),
+    ),
+    Estimator.REPROJECTION: EstimatorTraits(
+        11, (), False, 6, "the projection", "nothing, as dlt; its images' residuals are least",
+        (Triangulation.NORMALISED,), (6, 40),
+    ),
+    Estimator.POSE_WITH_PRIOR: EstimatorTraits(
+        9, INTRINSICS, True, 4, "pose and intrinsics",
+        "focal length and principal point of each view, and how well they are known",
+        (Triangulation.NORMALISED, Triangulation.WEIGHTED), (4, 40),
+    ),
+    Estimator.POSE: EstimatorTraits(
+        6, INTRINSICS, False, 4, "the pose",
+        "focal length and principal point of each view, which it takes for exact; four fiducials or more",
+        (*LINEAR, Triangulation.WEIGHTED), (4, 40),
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
 class Sources:
     """k independent scalar error sources that act linearly on a d-vector: ``value = direction @ xi``.
 
@@ -91,16 +181,39 @@ class Sources:
     units: tuple[str, ...]  # native unit of each source: "rad", "mm", "N", "px", "1"
     direction: Array  # (d, k)
 
-    @property
+    @cached_property
     def std(self) -> Array:
         """(k,) standard deviation in native units; 0 for BOUNDED."""
-        each = zip(self.laws, self.half_width.tolist(), self.coverage_factor.tolist(), strict=True)
-        return np.array([h * (1 / c if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]) for law, h, c in each])
+        return self.half_width * self.std_per_half_width
+
+    @property
+    def std_per_half_width(self) -> Array:
+        """(k,) standard deviation in half-widths of each."""
+        return np.array(
+            [std_per_half_width(*each) for each in zip(self.laws, self.coverage_factor.tolist(), strict=True)]
+        )
+
+    @property
+    def spread(self) -> Array:
+        """(k,) how large each is, native units: its standard deviation, or its half-width where it is BOUNDED."""
+        return spread_of(self.laws, self.half_width, self.std)
+
+    @property
+    def bounded(self) -> NDArray[np.bool_]:
+        """(k,) which of them are BOUNDED and wider than 0."""
+        return np.array([law is Law.BOUNDED for law in self.laws], dtype=np.bool_) & (self.half_width > 0)
 
     @property
     def count(self) -> int:
         """k."""
         return len(self.names)
+
+
+def spread_of(laws: tuple[Law, ...], half_width: Array, std: Array) -> Array:
+    """(k,) how large sources of these laws are: their standard deviations, half-widths of those that are BOUNDED."""
+    if Law.BOUNDED not in laws:
+        return std
+    return np.where([law is Law.BOUNDED for law in laws], half_width, std)
 
 
 def no_sources(dimension: int) -> Sources:
@@ -109,83 +222,162 @@ def no_sources(dimension: int) -> Sources:
     return Sources((), (), empty, empty, (), np.zeros((dimension, 0)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Mount:
-    """A rigid installation error: a known bias plus independent sources, about a pivot."""
+class Place(IntEnum):
+    """Where in the chain something acts, and what the rows of its directions are there; in the order of the chain."""
 
-    name: str  # the contributor of the budget: one of INTERFACES, or "hand_eye"
-    pivot_mm: Array  # (3,) in the frame the error acts in (con for the interfaces, tcp for hand-eye)
-    bias: Array  # (6,) rad, mm
-    sources: Sources  # direction is (6, k)
-    label: str = ""  # what the design's author calls it; empty where the design does not say
+    INTRINSICS = 0  # what an estimator takes the intrinsics of a view for, less what they are: ``INTRINSICS``
+    SHOT = 1  # a torsor about a pivot in con: the structure against the target by the time of one view's shot
+    IMAGES = 2  # u and v of the image of each fiducial in one view, then of each target, px
+    BEADS = 3  # x, y and z of each fiducial against where the estimator takes it to be, con of the structure, mm
+    SEAT = 4  # a torsor about a pivot in con: the structure on the connector, T_err1
+    FLANGE = 5  # a torsor about a pivot in con: the connector on the end effector's flange, T_err2
+    CONNECTOR = 6  # x, y and z, con, mm: of what is behind the reconstructed point, at the flange
+    HAND_EYE = 7  # a torsor about a pivot in tcp, after T_tcp_flange
+    TOOL = 8  # x, y and z of the tool centre point, tcp, mm
+
+
+class Drawn(StrEnum):
+    """How often sources take new values."""
+
+    SHOT = "shot"
+    UNIT = "unit"  # once per installed unit
+
+
+class Act(NamedTuple):
+    """What the m parameters of an effect do at one place."""
+
+    place: Place
+    view: str | None  # name of the view; None: all of them
+    direction: ArrayLike | None  # (rows, m) per unit of each parameter; None: the parameters are the rows
+    pivot_mm: ArrayLike = np.zeros(3)  # of a torsor
+
+    def by(self, parameters: ArrayLike) -> ArrayLike:
+        """(rows, ...) of parameters (m, ...), by plain sums: BLAS picks its order of summation by processor, and the
+        tables of the simulation decide digits."""
+        if self.direction is None:
+            return parameters
+        shape = (1,) * (parameters.ndim - 1)
+        return (self.direction.reshape(*self.direction.shape, *shape) * parameters).sum(axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Where the points are that effects act on, as the design states them."""
+
+    projections: Mapping[str, Array]  # (3, 4) con mm -> px, by the name of the view
+    fiducials_mm: ArrayLike  # (N, 3) con
+    aims_mm: ArrayLike  # (T, 3) con: targets
+    imaging: Callable[[Array, ArrayLike], ArrayLike]  # the pinhole projection of points (n, 3): (n, 2) px
 
     @property
-    def title(self) -> str:
-        """What people call it: the label that the author gave it, otherwise the name."""
-        return self.label or self.name
+    def points(self) -> int:
+        """N + T."""
+        return len(self.fiducials_mm) + len(self.aims_mm)
 
-
-INTRINSICS = ("focal", "principal_point_u", "principal_point_v")  # relative, px, px
+    def project(self, view: str) -> ArrayLike:
+        """(N + T, 2) px: images of the fiducials and the targets in a view."""
+        return self.imaging(self.projections[view], np.vstack([self.fiducials_mm, self.aims_mm]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class IntrinsicsError:
-    """How wrong the intrinsics are that an estimator is told: assumed less true, in the order of ``INTRINSICS``.
+class Effect:
+    """Something that the design declares to act in the chain, compiled.
 
-    The focal length is relative and scales both axes and the skew alike.
+    It has m parameters, ``known + sources.direction @ xi``, and what they do is linear in them.  Its class is in
+    ``effects/``.
     """
 
-    bias: Array  # (3,) known and fixed
-    sources: Sources  # direction is (3, k); drawn once per unit
+    name: str  # the contributor of the budget: motion:AP, temperature
+    label: str  # what people call it
+    pointer: str  # of what declares it in the document
+    drawn: Drawn
+    sources: Sources  # direction (m, k)
+    known: Array  # (m,)
 
+    def act(self, scene: Scene) -> tuple[Act, ...]:
+        """What its parameters do, place by place."""
+        raise NotImplementedError
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ImageField:
-    """What is left of an image's distortion after its correction, shared by all that the image shows.
-
-    Source j shifts every image point along ``axis[j]`` by its value, px, times ``x**i y**j`` with the powers of its
-    row: x and y are the nominal place in the image, from its centre and in units of half its diagonal.
-    """
-
-    centre_px: Array  # (2,)
-    half_diagonal_px: float
-    axis: NDArray[np.int64]  # (k,) 0: u, 1: v
-    powers: NDArray[np.int64]  # (k, 2)
-    sources: Sources  # direction is the identity (k, k), px
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Temperature:
-    """Operation at another temperature than that at which the structure was measured: structure and connector grow."""
-
-    difference_k: float  # known
-    sources: Sources  # of the difference about it; none, or one in K with direction (1, 1)
-    structure_per_k: float  # relative
-    connector_per_k: float  # relative
-    seat_mm: Array  # (3,) con: where structure and connector hold each other
-    flange_seat_mm: Array  # (3,) con: where the connector sits on the flange
-    at_pivots: tuple[bool, bool] = (False, False)  # whether the two are the pivots of the interfaces, and go with them
+    def with_seats_at(self, first_pivot_mm: ArrayLike, second_pivot_mm: ArrayLike) -> Self:
+        """The same where the pivots of the interfaces are, in con, if it is these that it hangs on."""
+        return self
 
     @property
-    def connector_mm_per_k(self) -> Array:
-        """(3,) con: how the structure's seat moves away from the flange's."""
-        return np.asarray(self.connector_per_k * (self.seat_mm - self.flange_seat_mm))
+    def places(self) -> tuple[tuple[Place, str | None], ...]:
+        """Where it acts, with the view."""
+        raise NotImplementedError
 
-    def follow(self, first: Mount, second: Mount) -> Temperature:
-        """The same where the interfaces' pivots are, by numbers or symbols, if it is these that seats are at."""
-        return replace(
-            self,
-            seat_mm=first.pivot_mm if self.at_pivots[0] else self.seat_mm,
-            flange_seat_mm=second.pivot_mm if self.at_pivots[1] else self.flange_seat_mm,
-        )
+    def acts_at(self, place: Place, view: str | None = None) -> bool:
+        """Whether it acts at a place; with ``view``, there in that view."""
+        return any(at is place and (view is None or of is None or of == view) for at, of in self.places)
+
+    @property
+    def grouped(self) -> bool:
+        """Whether its sources are all alike, and one line of a budget."""
+        return False
+
+    @property
+    def way(self) -> Way:
+        """How its gains are found."""
+        return Way.SHARED
+
+
+class Way(StrEnum):
+    """How the gains of an effect on the error are found."""
+
+    IMAGES = "images"  # those of ``image_gains``: what images, fiducials or the intrinsics of a view have of their own
+    SHARED = "shared"  # sums of those: what moves the images of all fiducials of a view together
+    LINK = "link"  # by the geometry behind the reconstructed point, where no image counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Balls:
-    """Fiducials are balls, and what an image shows of one is not centred on the image of its centre."""
+class DirectEffect(Effect):
+    """An effect whose parameters are the rows of one place: a torsor, intrinsics, or what each point has of its own."""
 
-    radius_mm: float
-    share: float  # of the shift of the outline's centre that the located point has: 1, or 0.8 for a shadow's centroid
+    place: Place
+    view: str | None
+    pivot_mm: Array = field(default_factory=lambda: np.zeros(3))  # of a torsor
+
+    def act(self, scene: Scene) -> tuple[Act, ...]:
+        return (Act(self.place, self.view, None, self.pivot_mm),)
+
+    @property
+    def places(self) -> tuple[tuple[Place, str | None], ...]:
+        return ((self.place, self.view),)
+
+    @property
+    def grouped(self) -> bool:
+        return self.place in (Place.IMAGES, Place.BEADS)
+
+    @property
+    def way(self) -> Way:
+        if self.place is Place.SHOT:
+            return Way.SHARED
+        return Way.LINK if self.place >= Place.SEAT else Way.IMAGES
+
+
+MOUNTED_AT = {"structure_connector": Place.SEAT, "connector_flange": Place.FLANGE, "hand_eye": Place.HAND_EYE}
+
+
+def mount(name: str, pivot_mm: Array, known: Array, sources: Sources, label: str = "") -> DirectEffect:
+    """A rigid installation error: a known torsor (6,) plus sources (6, k), rad and mm, about a pivot (3,) mm.
+
+    name: one of ``MOUNTED_AT``; label: what the design's author calls it, empty where the design does not say.
+    """
+    pointer = f"/{'execution' if name == 'hand_eye' else 'interfaces'}/{name}"
+    place = MOUNTED_AT[name]
+    return DirectEffect(name, label or name, pointer, Drawn.UNIT, sources, known, place, None, pivot_mm)
+
+
+def execution_of(sources: Sources, known_mm: Array) -> DirectEffect:
+    """What the robot adds at the tool: sources (3, k), at each shot, and what is known (3,) mm, tcp."""
+    return DirectEffect("execution", "execution", "/execution", Drawn.SHOT, sources, known_mm, Place.TOOL, None)
+
+
+def alike(unit: str, law: Law, half_width: Array, coverage_factor: float) -> Sources:
+    """k sources of one law, one along each row of a place, half_width (k,): what points have each of their own."""
+    k = len(half_width)
+    return Sources(("all",) * k, (law,) * k, half_width, np.full(k, coverage_factor), (unit,) * k, np.eye(k))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,9 +391,6 @@ class View:
     image_size_px: tuple[int, int] | None  # (width, height); None: not stated, visibility not checked
     sees: tuple[str, ...] | None = None  # labels of the fiducials that its estimate uses; None: all of them
     intrinsics_prior: tuple[float, float] | None = None  # standard deviations: focal length (relative), centre (px)
-    intrinsics_error: IntrinsicsError | None = None  # of the assumed intrinsics; None: they are exact
-    motion: Mount | None = None  # of the structure against the target by the time of this shot, acts in con
-    image_field: ImageField | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -246,39 +435,80 @@ class System:
     manufacturing_law: Law  # NORMAL, UNIFORM or TRIANGULAR
     manufacturing_half_width_mm: Array  # (N, 3)
     manufacturing_coverage_factor: float  # only meaningful for NORMAL
-    structure_connector: Mount  # seat of the structure on the connector, T_err1, acts in con
-    connector_flange: Mount  # connector on the end effector's flange, T_err2, acts in con
+    structure_connector: DirectEffect  # the mount at ``Place.SEAT``
+    connector_flange: DirectEffect  # the mount at ``Place.FLANGE``
     T_flange_con: Array  # (4, 4) con -> flange, mm
     T_tcp_flange: Array  # (4, 4) flange -> tcp, mm
-    hand_eye: Mount  # acts in tcp, after T_tcp_flange
-    execution_bias_mm: Array  # (3,) tcp: deflection under the nominal load
-    execution: Sources  # direction is (3, k), tcp: repeatability and load
+    hand_eye: DirectEffect  # the mount at ``Place.HAND_EYE``
+    execution: DirectEffect  # at ``Place.TOOL``: repeatability and load; known: the deflection under the nominal load
     targets: tuple[Target, ...]  # regions expanded
     requirements: tuple[Requirement, ...]  # none: nothing is promised
     reading: Reading = Reading.PHYSICAL  # of the structure's installation error
     rotation_form: RotationForm = RotationForm.FULL  # of every torsor
-    estimator: Estimator = Estimator.DLT  # of every view
+    estimator: Estimator = DEFAULT_ESTIMATOR  # of every view
     triangulation: Triangulation = Triangulation.NORMALISED  # of every target
-    temperature: Temperature | None = None
-    balls: Balls | None = None  # None: fiducials are points
+    effects: tuple[Effect, ...] = ()  # whatever else is declared, in the order of ``effects.EFFECTS``
+    fiducial_radius_mm: float | None = None  # None: how large fiducials are is not known
     loss_probability: tuple[float, ...] = ()  # of each fiducial in a shot, in all views at once; (): none is ever lost
     design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
 
     @property
-    def interfaces(self) -> tuple[Mount, Mount]:
+    def interfaces(self) -> tuple[DirectEffect, DirectEffect]:
         """Both interfaces, in the order of the chain."""
         return self.structure_connector, self.connector_flange
 
     @property
-    def common_shifts(self) -> tuple[str, ...]:
-        """Where the document declares what moves the images of all fiducials of a view together, as pointers."""
-        return (
-            *(f"/views/{v}/motion" for v, view in enumerate(self.views) if view.motion),
-            *(f"/views/{v}/image_field" for v, view in enumerate(self.views) if view.image_field),
-            *(("/temperature",) if self.temperature else ()),
-            *(("/fiducials/diameter_mm",) if self.balls else ()),
-        )
+    def mounts(self) -> tuple[DirectEffect, DirectEffect, DirectEffect]:
+        """What is mounted, each a torsor about a pivot, in the order of the chain."""
+        return self.structure_connector, self.connector_flange, self.hand_eye
+
+    @property
+    def links(self) -> tuple[DirectEffect, ...]:
+        """What acts between the reconstructed point and the tool, in the order of the chain."""
+        return *self.mounts, self.execution
+
+    def effects_at(self, place: Place, view: str | None = None) -> tuple[Effect, ...]:
+        """The effects that act at a place; with ``view``, there in that view."""
+        return tuple(effect for effect in self.effects if effect.acts_at(place, view))
+
+    @property
+    def shared_image_errors(self) -> tuple[Effect, ...]:
+        """The effects that move the images of all fiducials of a view together."""
+        return tuple(effect for effect in self.effects if effect.way is Way.SHARED)
+
+    @property
+    def believed_errors(self) -> tuple[DirectEffect | None, ...]:
+        """For each view the error of the intrinsics that its estimate believes; None where there is none."""
+        if not self.estimator.believes_intrinsics:
+            return (None,) * len(self.views)
+        found = (effect for effect in self.effects_at(Place.INTRINSICS) if isinstance(effect, DirectEffect))
+        errors = {effect.view: effect for effect in found}
+        return tuple(errors.get(view.name) for view in self.views)
+
+    @property
+    def errors_of_points(self) -> tuple[DirectEffect, ...]:
+        """Noise of the images, view by view, and manufacturing errors of the fiducials, if there are any: what each
+        point has of its own."""
+        count, found = len(self.fiducials_mm), []
+        for index, view in enumerate(self.views):
+            for of, points, sigma in (("fiducial", count, view.fiducial_noise_px), ("target", 1, view.target_noise_px)):
+                name, pointer = f"{of}_noise:{view.name}", f"/views/{index}/{of}_noise_px"
+                label = name.replace("_", " ").replace(":", ", ")
+                sources = alike("px", Law.NORMAL, np.full(2 * points, sigma), 1.0)
+                known = np.zeros(sources.count)
+                found.append(DirectEffect(name, label, pointer, Drawn.SHOT, sources, known, Place.IMAGES, view.name))
+        if self.manufacturing_std_mm.any():
+            name, label, pointer = "fiducial_manufacturing", "fiducial manufacturing", "/fiducials/manufacturing"
+            wide = self.manufacturing_half_width_mm.ravel()
+            sources = alike("mm", self.manufacturing_law, wide, self.manufacturing_coverage_factor)
+            known = np.zeros(sources.count)
+            found.append(DirectEffect(name, label, pointer, Drawn.UNIT, sources, known, Place.BEADS, None))
+        return tuple(found)
+
+    def scene(self, aims_mm: ArrayLike, imaging: Callable[[Array, ArrayLike], ArrayLike]) -> Scene:
+        """What effects act on: the fiducials and these aims (T, 3), mm, con."""
+        return Scene({view.name: view.projection for view in self.views}, self.fiducials_mm, aims_mm, imaging)
 
     @property
     def projections(self) -> Array:
@@ -299,6 +529,17 @@ class System:
     @property
     def manufacturing_std_mm(self) -> Array:
         """(N, 3) standard deviation of each fiducial coordinate."""
-        law = self.manufacturing_law
-        per = 1 / self.manufacturing_coverage_factor if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]
+        per = std_per_half_width(self.manufacturing_law, self.manufacturing_coverage_factor)
         return self.manufacturing_half_width_mm * per
+
+
+def put_links(system: System, links: Iterable[DirectEffect]) -> System:
+    """The system with these of its links in place of those of the same name; effects stay where they hang."""
+    named: dict[str, Any] = {link.name: link for link in links}
+    return replace(system, **named)
+
+
+def put_mounts(system: System, first: DirectEffect, second: DirectEffect) -> System:
+    """The system with other interfaces, and with the effects that hang on their pivots."""
+    effects = tuple(effect.with_seats_at(first.pivot_mm, second.pivot_mm) for effect in system.effects)
+    return replace(system, structure_connector=first, connector_flange=second, effects=effects)

@@ -37,8 +37,8 @@ from .montecarlo.estimators import (
 from .montecarlo.radial import RANDOMISATIONS, RAYS, LinearChain, RadialEstimate, gains_in_plan_order, radial
 from .montecarlo.shards import Pending, Shard, TrialsTask, draw_shards
 from .montecarlo.simulate import Progress, Run
-from .montecarlo.stopping import CvarQuestion, Question, precision_looks, simulate_to_decision
-from .precision import FINEST_PRECISION, PRECISION
+from .montecarlo.stopping import CvarQuestion, LimitQuestion, precision_looks, simulate_to_decision
+from .precision import FINEST_PRECISION, MAX_TRIALS, PRECISION
 from .propagation.linear import LinearModel, chain_of, linearise_at
 from .results import (
     Check,
@@ -53,17 +53,16 @@ from .results import (
     Verification,
 )
 from .scoring import FRAMES, P95, checked_system, provenance, tightest_limit, trust_of, vector3
-from .system import Estimator, Requirement, System
+from .system import Requirement, System
 from .tail.declared import MixedLaw, law_exceedance, law_quantile
 from .verdict import conclude, decide, judge
 
-MAX_TRIALS = 2**22
 UNITS, SHOTS = 2048, 512  # nested sampling of a per-unit requirement
 UNITS_PER_BATCH = 32
 MOST_DEVIATES = 2**23  # of all rays of a radial estimate: 64 MB
 RADIAL_COMPANION_TRIALS = 2**15  # plain trials beside a radial run: moments, CVaR, worst
 LANES = "structured resection, eight lanes (numba); trials without a proven solution redone by SVD"
-LEAST_SQUARES_LANES = "Gauss-Newton for {}, eight lanes (numba); trials that do not come to rest redone by QR"
+LEAST_SQUARES_LANES = "Gauss-Newton for {}, eight lanes (numba); trials that did not converge are recomputed by QR"
 GAP = 0.03  # first order further than this from the check is remarked
 
 Method = Literal["plain", "radial"]
@@ -130,7 +129,9 @@ class Sampling:
     method: Method = "plain"
     max_trials: int = MAX_TRIALS
     sequential: bool = False  # only until every requirement and question is decided, not to a precision
-    questions: tuple[Question, ...] = ()  # to be decided besides the requirements; not asked where trials are given
+    questions: tuple[
+        LimitQuestion, ...
+    ] = ()  # to be decided besides the requirements; not asked where trials are given
     cvar: tuple[CvarQuestion, ...] = ()
     at_least: int = 0  # trials before which a check that draws to a precision does not stop
 
@@ -359,6 +360,7 @@ class Work:
             plan=self.ready.plans[vertex],
             seed=self.sampling.seed,
             quantile=self.ready.lowest_quantile,
+            quantiles=tuple({quantile for _, _, quantile in self.ready.quantiles}),
             limits=self.ready.limits,
             reprojection=True,
             threads=self.threads,
@@ -534,10 +536,10 @@ def _goals(ready: PreparedDesign, vertex: Vertex) -> list[Goal]:
     return [Goal(*goal) for goal in sorted(wanted)]
 
 
-def _questions(ready: PreparedDesign, vertex: Vertex, sampling: Sampling) -> tuple[Question, ...]:
+def _questions(ready: PreparedDesign, vertex: Vertex, sampling: Sampling) -> tuple[LimitQuestion, ...]:
     """What the run at this vertex has to decide: pooled requirements, and what was asked besides."""
     required = (
-        Question(name, requirement.error, requirement.quantile, requirement.limit_mm)
+        LimitQuestion(name, requirement.error, requirement.quantile, requirement.limit_mm)
         for requirement in ready.system.requirements
         for name in requirement.targets
         if requirement.risk == "pooled"
@@ -650,10 +652,8 @@ def _remark_losses(drawn: DrawnLosses | None) -> tuple[Finding, ...]:
 
 
 def _name_engine(system: System) -> str:
-    sought = {Estimator.POSE: "the pose", Estimator.POSE_WITH_PRIOR: "pose and intrinsics"}
-    if system.estimator is Estimator.DLT:
-        return LANES
-    return LEAST_SQUARES_LANES.format(sought.get(system.estimator, "the projection"))
+    traits = system.estimator.traits
+    return LEAST_SQUARES_LANES.format(traits.seeks) if traits.unknowns else LANES
 
 
 def _estimate_quantile(

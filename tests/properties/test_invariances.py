@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from scenes import execution_sources, mount, random_rigid, random_system, read_only
+from scenes import execution, mount, random_rigid, random_system, read_only
 from tailstack import score, verify
 from tailstack.arrays import Array
-from tailstack.system import Law, Mount, System
+from tailstack.system import DirectEffect, Law, System
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -28,11 +28,11 @@ def well_posed(seed: int, **changes) -> System:
     changes.setdefault("manufacturing_half_width_mm", read_only(np.full((count, 3), 0.05)))
     changes.setdefault("manufacturing_law", Law.NORMAL)
     for name in ("structure_connector", "connector_flange", "hand_eye"):
-        changes.setdefault(name, replace(getattr(system, name), bias=read_only(np.zeros(6))))
+        changes.setdefault(name, replace(getattr(system, name), known=read_only(np.zeros(6))))
     return replace(system, **changes)
 
 
-def moved_mount(there: Mount, transform: Array) -> Mount:
+def moved_mount(there: DirectEffect, transform: Array) -> DirectEffect:
     turn = np.kron(np.eye(2), transform[:3, :3])
     sources = replace(there.sources, direction=read_only(turn @ there.sources.direction))
     return replace(there, pivot_mm=read_only(transform[:3, :3] @ there.pivot_mm + transform[:3, 3]), sources=sources)
@@ -64,11 +64,11 @@ def in_other_units(system: System, factor: float) -> System:
         out[:3, 3] *= factor
         return read_only(out)
 
-    def mount_in(there: Mount) -> Mount:
+    def mount_in(there: DirectEffect) -> DirectEffect:
         scale = np.diag([1, 1, 1, factor, factor, factor])
         sources = replace(there.sources, direction=read_only(scale @ there.sources.direction))
         return replace(
-            there, pivot_mm=read_only(factor * there.pivot_mm), bias=read_only(scale @ there.bias), sources=sources
+            there, pivot_mm=read_only(factor * there.pivot_mm), known=read_only(scale @ there.known), sources=sources
         )
 
     return replace(
@@ -82,8 +82,11 @@ def in_other_units(system: System, factor: float) -> System:
         hand_eye=mount_in(system.hand_eye),
         T_flange_con=pose(system.T_flange_con),
         T_tcp_flange=pose(system.T_tcp_flange),
-        execution_bias_mm=read_only(factor * system.execution_bias_mm),
-        execution=replace(system.execution, direction=read_only(factor * system.execution.direction)),
+        execution=replace(
+            system.execution,
+            known=read_only(factor * system.execution.known),
+            sources=replace(system.execution.sources, direction=read_only(factor * system.execution.sources.direction)),
+        ),
     )
 
 
@@ -93,7 +96,7 @@ def noise_only(system: System) -> System:
     }
     return replace(
         system, **bare, manufacturing_half_width_mm=read_only(np.zeros_like(system.fiducials_mm)),
-        execution_bias_mm=read_only(np.zeros(3)), execution=execution_sources(0.0),
+        execution=execution(0.0),
     )  # fmt: skip
 
 
@@ -166,7 +169,8 @@ def test_one_seed_is_one_answer_for_any_threads(seed, threads):
 @given(seeds, st.floats(1.01, 3.0))
 def test_more_noise_is_never_less_risk(seed, factor):
     """At zero bias every law here is symmetric-unimodal: Anderson's theorem."""
-    system = replace(well_posed(seed), execution_bias_mm=read_only(np.zeros(3)))
+    system = well_posed(seed)
+    system = replace(system, execution=replace(system.execution, known=read_only(np.zeros(3))))
     louder = replace(
         system, views=tuple(replace(v, fiducial_noise_px=factor * v.fiducial_noise_px) for v in system.views)
     )

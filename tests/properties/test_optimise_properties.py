@@ -26,10 +26,10 @@ from tailstack.optimisation.placement import settle
 from tailstack.optimisation.prices import reciprocal
 from tailstack.optimisation.problem import FreeFiducial, FreeHalfWidth
 from tailstack.optimisation.program import build_program
-from tailstack.optimisation.regions import Box, KeepOut, mirror
+from tailstack.optimisation.regions import BoxRegion, KeepOut, mirror
 from tailstack.optimisation.search import Search, explore, objective_for_people, search
 from tailstack.optimisation.terms import estimator_of, terms_of
-from tailstack.system import Law, Mount
+from tailstack.system import DirectEffect, Law
 
 LIMIT_MM = 0.7
 FREE = oracle_problem(8, LIMIT_MM)
@@ -79,7 +79,7 @@ def _times(problem: PlacementProblem, factor: float) -> PlacementProblem:
     """Every length times a factor; pixels and angles as they are.  Costs of shifts are per millimetre."""
     system = problem.system
 
-    def scaled(item: Mount) -> Mount:
+    def scaled(item: DirectEffect) -> DirectEffect:
         size = np.array([factor if unit == "mm" else 1.0 for unit in item.sources.units])
         widths = read_only(item.sources.half_width * size)
         return replace(
@@ -140,14 +140,14 @@ def test_a_looser_limit_never_costs_more() -> None:
 def test_freedom_never_costs(name: str) -> None:
     """property: with a larger box or fewer rules, from the optimum with less freedom or the same starts, no more."""
     free = FREE
-    zone = KeepOut("clamp", Box(np.array([20.0, 20, -20]), np.array([60.0, 60, 20])), 5.0)
+    zone = KeepOut("clamp", BoxRegion(np.array([20.0, 20, -20]), np.array([60.0, 60, 20])), 5.0)
     held = {
         "narrow": replace(free, places=places_in_box(range(8), BOX_MM * 0.8)),
         "ruled": replace(free, min_spacing_mm=40.0, min_projected_spacing_px=100.0, target_clearance_px=300.0),
         "some fixed": replace(free, places=places_in_box((0, 1, 2))),
         "mirrored": replace(
             free,
-            places=tuple(FreeFiducial((2 * k, 2 * k + 1), Box(BOX_MM[0], BOX_MM[1])) for k in range(4)),
+            places=tuple(FreeFiducial((2 * k, 2 * k + 1), BoxRegion(BOX_MM[0], BOX_MM[1])) for k in range(4)),
             symmetry=mirror(np.zeros(3), np.array([1.0, 0, 0])),
         ),
         "kept out": replace(free, keep_out=(zone,)),
@@ -225,7 +225,7 @@ def test_a_rigid_motion_of_the_scene_does_not_matter() -> None:
     turn, shift = motion[:3, :3], motion[:3, 3]
     system = problem.system
 
-    def moved(item: Mount) -> Mount:
+    def moved(item: DirectEffect) -> DirectEffect:
         """Sources of the same axes as before: their torsors turn with the scene."""
         both = np.kron(np.eye(2), turn)
         return replace(

@@ -7,17 +7,20 @@ import os
 import shutil
 import subprocess
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import node
 import pytest
 from postgres import required
-from service_scenes import ROOT
+from service_scenes import EXAMPLES, ROOT
 
 HOME = ROOT / "tests" / "service" / "browser"
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 SECONDS = 180
+USED_SECONDS = 400  # of a scenario on the workbench
+DEMO = (EXAMPLES / "demo.yaml").read_text(encoding="utf-8")
 
 
 class BrowserMissing(Exception):
@@ -33,13 +36,42 @@ def chromium() -> str:
 
 
 def place_script(name: str) -> Path:
-    """A script of ``browser/`` beside the packages that it uses: Node looks for them there.  Raises BrowserMissing."""
+    """A script of ``browser/`` beside those that it imports, below the packages they use: Node looks for them there.
+
+    The folder is named by what the scripts say, so that another checkout's do not take their place.  Raises
+    BrowserMissing.
+    """
     try:
-        place = node.tools(HOME).parent.parent / name
+        packages = node.tools(HOME).parent.parent
     except node.NodeMissing as missing:
         raise BrowserMissing(str(missing)) from None
-    place.write_bytes((HOME / name).read_bytes())
-    return place
+    scripts = {path.name: path.read_bytes() for path in sorted(HOME.glob("*.mjs"))}
+    place = packages / sha256(b"".join(scripts.values())).hexdigest()[:16]
+    place.mkdir(exist_ok=True)
+    for called, content in scripts.items():
+        (place / called).write_bytes(content)
+    return place / name
+
+
+def asked(url: str, scenario: str, design: str = DEMO, **more: Any) -> str:
+    shot = os.environ.get("TAILSTACK_SCREENSHOTS")  # a folder: where pictures of the page are wanted
+    picture = {"shot": f"{shot}/{more.get('name', scenario)}.png"} if shot else {}
+    return json.dumps({
+        "executable": chromium(), "sandbox": os.geteuid() != 0, "url": f"{url}/", "scenario": scenario,
+        "design": design, **picture, **more,
+    })  # fmt: skip
+
+
+def used(url: str, scenario: str, design: str = DEMO, *, script: str = "workbench.mjs", **more: Any) -> dict[str, Any]:
+    """What a scenario of a script in ``browser/`` found on the workbench.  Raises BrowserMissing."""
+    done = subprocess.run(
+        ["node", place_script(script)], input=asked(url, scenario, design, **more), capture_output=True, text=True,
+        timeout=USED_SECONDS,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-3000:]
+    found: dict[str, Any] = json.loads(done.stdout)
+    assert found["watched"]["strangers"] == []  # no request to another host
+    return found
 
 
 def look(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

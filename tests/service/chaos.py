@@ -1,6 +1,7 @@
 """Random kills while jobs are computed; every answer must be that of an undisturbed run, byte for byte.
 
     python tests/service/chaos.py [--kills N] [--database sqlite|postgresql|both] [--engine pool|dask|both] [--seed N]
+    python tests/service/chaos.py --floods [--connections N] [--scores N]
 
 A service (``tailstack serve``) and a worker beside it share one database.  What ends is started again, as a service
 manager would.  Jobs come in until all kills are done, then everything is waited for.  Not all is killed: workers and
@@ -36,12 +37,12 @@ import psutil
 import sqlalchemy as sa
 from dask_cluster import Cluster
 from dask_cluster import installed as dask_installed
+from floods import run_floods
 from postgres import Server, find_binaries
 from worker_scenes import end
 
 from family import die_with_parent
 from optimise_documents import BOX, document
-from tailstack.version import __version__
 from tailstack_service.jobs.store import jobs, results, tables, workers
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
@@ -49,7 +50,7 @@ from tailstack_service.jobs.store.schema import migrate_database, open_database
 from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.perform import perform
-from tailstack_service.processes.interpreter import make_command, make_environment
+from tailstack_service.processes.interpreter import make_command, make_environment, running_code
 from tailstack_service.task import ADVANCE, Task, UnitResult
 
 T = TypeVar("T")
@@ -349,7 +350,7 @@ class Chaos:
             made, _ = self._insist(
                 lambda request=request, number=number: jobs.submit_job(  # type: ignore[misc]
                     self.db, tenant=TENANT, kind=request.kind, request=request.body, design_name="chaos",
-                    solver_version=__version__, request_id=f"chaos-{number}", idempotency_key=str(number),
+                    solver_version=running_code(), request_id=f"chaos-{number}", idempotency_key=str(number),
                     max_queued=10_000,
                 )
             )  # fmt: skip
@@ -453,7 +454,7 @@ class Chaos:
             return None
         children = []
         with suppress(psutil.NoSuchProcess):
-            children = psutil.Process(victim.pid).children()
+            children = psutil.Process(victim.pid).children(recursive=True)  # and what they are forked from
         return (self._leased(victim.id), lambda: _kill(self.random.choice(children).pid)) if children else None
 
     def _restart_database(self) -> tuple[Units, Callable[[], None]] | None:
@@ -527,13 +528,13 @@ class Chaos:
             head += f"Content-Length: {len(body)}\r\n\r\n"
             with ExitStack() as stack:
                 for _ in range(GATES):
-                    connection = stack.enter_context(socket.create_connection((host, int(port)), timeout=60))
+                    connection = stack.enter_context(socket.create_connection((host, int(port)), timeout=300))
                     connection.sendall(head.encode() + body)
                 time.sleep(self.random.uniform(1.0, 2.0))
             begun = time.monotonic()
             self._expect(200, "large gates were abandoned")
             try:
-                small = httpx.post(f"{url}/v1/scores", json={"design": EXAMPLE_DESIGN}, timeout=60.0, trust_env=False)
+                small = httpx.post(f"{url}/v1/scores", json={"design": EXAMPLE_DESIGN}, timeout=300, trust_env=False)
                 told = f"{small.status_code} after {time.monotonic() - begun:.1f} s"
                 answered = small.status_code == 200 and time.monotonic() - begun < ANSWERED_WITHIN_SECONDS
             except httpx.HTTPError as error:
@@ -550,7 +551,7 @@ class Chaos:
         if self.fleet.url is None:
             return None
         with suppress(httpx.HTTPError):
-            return httpx.get(f"{self.fleet.url}/health/ready", timeout=10.0, trust_env=False).status_code
+            return httpx.get(f"{self.fleet.url}/health/ready", timeout=300, trust_env=False).status_code
         return 0
 
     def _expect(self, status: int, state: str) -> None:
@@ -666,9 +667,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--engine", choices=("pool", "dask", "both"), default="both")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the kills (default %(default)s)")
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="of each worker (default %(default)s)")
+    parser.add_argument("--floods", action="store_true", help="no kills: one tenant floods, another's scores are timed")
+    parser.add_argument("--connections", type=int, default=12, metavar="N", help="of a flood (default %(default)s)")
+    parser.add_argument(
+        "--scores", type=int, default=50, metavar="N", help="timed beside a flood (default %(default)s)"
+    )
     parser.add_argument("--logs", type=Path, metavar="DIR", help="keep what the processes say")
     arguments = parser.parse_args(argv)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("chaos: told to stop"))  # by way of every finally
+    if arguments.floods:
+        return 0 if run_floods(arguments.connections, arguments.scores) else 1
     sound = True
     for database, engine in _choices(arguments):
         if engine == "dask" and not dask_installed():

@@ -79,7 +79,7 @@ def full_result(**changes: Any) -> Optimisation:
         "cost_before": 2000.0,
         "cost_after": 1120.0,
         "cost_closed_form": 1101.5,
-        "cost_exact_law": 1107.25,
+        "cost_exact_law": 1227.25,
         "p95_before_mm": 1.144,
         "p95_after_mm": 0.9983,
         "moved": (

@@ -46,6 +46,21 @@ def repository(folder: Path) -> Path:
     return folder
 
 
+def shipped(folder: Path) -> tuple[str, str]:
+    """(address, commit) of a repository that holds what pipelines install of this checkout."""
+    folder.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE", "requirements-core.lock", "docs/glossary.md"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, folder / name)
+    for name in ("solver", "service", "examples"):
+        ignored = shutil.ignore_patterns("__pycache__", "node_modules")
+        shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+    git(folder, "init", "-q")
+    git(folder, "add", "--all")
+    git(folder, "-c", "user.name=t", "-c", "user.email=t@example.com", "commit", "-q", "-m", "shipped")
+    return str(folder), git(folder, "rev-parse", "HEAD").strip()
+
+
 def redate(folder: Path, days: int) -> None:
     waivers = folder / "waivers.yaml"
     text, count = re.subn(
@@ -159,7 +174,8 @@ def interpolated(**given: str) -> dict[str, Any]:
     assert given.keys() <= declared.keys()
     for name, value in given.items():
         assert value in declared[name].get("options", [value])
-    values = {name: given.get(name, entry["default"]) for name, entry in declared.items()}
+    assert {name for name, entry in declared.items() if "default" not in entry} <= given.keys()
+    values = {name: given.get(name, entry.get("default")) for name, entry in declared.items()}
     text = re.sub(r"\$\[\[ inputs\.(\w+) \]\]", lambda found: values[found[1]], body)
     jobs: dict[str, Any] = yaml.safe_load(text)
     return jobs

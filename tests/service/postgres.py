@@ -126,7 +126,7 @@ class Server:
             self.binaries / "initdb", "--pgdata", self.directory / "data", "--username", USER, "--no-sync",
             "--auth", "scram-sha-256", "--pwfile", password_file, "--encoding", "UTF8", "--locale", "C.UTF-8",
         ]  # fmt: skip
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, **self._identity())
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, **self._identity())
         if done.returncode != 0:
             raise RuntimeError(f"initdb failed: {done.stderr or done.stdout}")
         password_file.unlink()
@@ -186,7 +186,7 @@ def find_binaries() -> Path | None:
     )
     configured = shutil.which("pg_config")
     if configured:
-        done = subprocess.run([configured, "--bindir"], capture_output=True, text=True, timeout=20, check=True)
+        done = subprocess.run([configured, "--bindir"], capture_output=True, text=True, timeout=300, check=True)
         candidates.append(Path(done.stdout.strip()))
     found = shutil.which("postgres")
     if found:

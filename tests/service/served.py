@@ -90,7 +90,7 @@ def served(directory: Path, **changes: str) -> Iterator[Served]:
 
 def _await_ready(url: str, process: subprocess.Popen[str], log: Path) -> None:
     deadline = time.monotonic() + READY_SECONDS
-    while httpx.get(url + "/health/ready", timeout=30, trust_env=False).status_code != 200:
+    while httpx.get(url + "/health/ready", timeout=READY_SECONDS, trust_env=False).status_code != 200:
         assert process.poll() is None, log.read_text()
         assert time.monotonic() < deadline, log.read_text()
         time.sleep(0.1)

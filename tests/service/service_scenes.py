@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import re
+import shutil
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,6 +25,19 @@ from tailstack_service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
+
+
+def copy_with_toy(package: Path, folder: Path, toy: str, text: str, table: str, *changes: tuple[str, str]) -> Path:
+    """A copy in ``folder`` of a package's sources with one file more, ``toy``, and changes of the file ``table``."""
+    copied = folder / package.name
+    shutil.copytree(package, copied, ignore=shutil.ignore_patterns("__pycache__"))
+    (copied / toy).write_text(text, encoding="utf-8")
+    listed = (copied / table).read_text(encoding="utf-8")
+    for before, after in changes:
+        assert listed.count(before) == 1
+        listed = listed.replace(before, after)
+    (copied / table).write_text(listed, encoding="utf-8")
+    return folder
 
 
 def small_design(**changes: Any) -> dict[str, Any]:
@@ -63,7 +77,7 @@ def client_with(settings: Settings | None = None, *, worker: bool = False) -> It
     """A client of a service that runs in this process, over a real connection; jobs end only with a worker."""
     with (
         running_service(settings or Settings(worker_processes=1), warm_up=False, worker=worker) as (host, port),
-        httpx.Client(base_url=f"http://{host}:{port}", timeout=120.0, trust_env=False) as client,
+        httpx.Client(base_url=f"http://{host}:{port}", timeout=300, trust_env=False) as client,
     ):
         yield client
 

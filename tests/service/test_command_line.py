@@ -29,7 +29,7 @@ def test_python_m_tailstack_is_the_command_and_hints_say_so() -> None:
     done = subprocess.run(
         [sys.executable, "-P", "-m", "tailstack", "score", "nowhere.yaml"],
         env={"PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}", "PATH": ""},
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 2
     assert done.stderr.startswith("tailstack score: the design document is not valid")
@@ -48,6 +48,7 @@ def test_optimize_is_optimise(call: Any) -> None:
         (["scroe", DEMO], "tailstack: there is no verb 'scroe'; did you mean score?"),
         (["optimse", DEMO], "tailstack: there is no verb 'optimse'; did you mean optimise?"),
         (["zzzzzz"], "tailstack: there is no verb 'zzzzzz'"),
+        (["compare", DEMO, DEMO], "tailstack: there is no verb 'compare'; did you mean report?"),
         (["score", DEMO, "--jsn"], "tailstack score: unrecognized arguments: --jsn; did you mean --json?"),
         (
             ["verify", DEMO, "--trails=5"],

@@ -25,6 +25,8 @@ CASES = [  # the line so far, what is among the offers, what is not
     ("tailstack score d", {"demo.yaml"}, {"data.csv", "draft.txt"}),
     ("tailstack optimise demo.yaml -o d", {"demo.yaml", "draft.txt"}, set()),
     ("tailstack completion ", set(SHELLS), {"tcsh"}),
+    ("tailstack gate demo.yaml --format ", {"sarif", "junit", "json"}, {"demo.yaml", "draft.txt"}),
+    ("tailstack report demo.yaml --format ", {"html", "pdf", "xlsx"}, {"demo.yaml", "draft.txt"}),
 ]
 
 
@@ -60,7 +62,7 @@ def offers(shell: str, script: Path, line: str, room: Path) -> set[str]:
         "zsh": ["zsh", "-f", str(SCRIPTS / "complete.zsh"), str(script.parent), line],
         "fish": ["fish", "--no-config", "-c", f"source {script}; complete -C '{line}'"],
     }[shell]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=room, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=room, timeout=300, check=False)
     return {offer.split("\t")[0] for offer in done.stdout.splitlines()}
 
 

@@ -17,6 +17,7 @@ from dask_cluster import Cluster
 from strange_units import request
 from worker_scenes import LONG, until
 
+from family import forked_of
 from tailstack import load_design
 from tailstack_service.documents import to_json
 from tailstack_service.jobs.alone import compute_job
@@ -24,10 +25,10 @@ from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.operation import Call
 from tailstack_service.operations.registry import OPERATIONS
-from tailstack_service.operations.sent import Sent
+from tailstack_service.operations.request import RawRequest
 from tailstack_service.problems import RequestError
 from tailstack_service.settings import Settings
-from tailstack_service.task import Task
+from tailstack_service.task import Estimated, Task
 
 if TYPE_CHECKING:
     from tailstack_service.jobs.engines.dask import DaskEngine
@@ -40,8 +41,7 @@ def task(do: str = "answer", **options: object) -> Task:
 def children(cluster: Cluster) -> list[psutil.Process]:
     found: list[psutil.Process] = []
     for worker in cluster.workers:
-        with suppress(psutil.NoSuchProcess):
-            found += psutil.Process(worker.pid).children() if worker else []
+        found += forked_of(worker.pid) if worker else []
     return found
 
 
@@ -103,9 +103,11 @@ def test_a_table_of_designs_has_the_same_bytes_when_a_process_is_killed_over_it(
 
     table = {"/views/0/fiducial_noise_px": [0.1 + k / 5000 for k in range(600)]}
     operation = OPERATIONS["batch"]
-    assert operation.receive is not None
-    sent = Sent("json", canonical({"design": EXAMPLE_DESIGN, "table": table}))
-    job = operation.receive(sent, Settings()).job
+    assert operation.body is not None
+    sent = RawRequest("json", canonical({"design": EXAMPLE_DESIGN, "table": table}), as_job=True)
+    read = operation.body.receive(sent, Settings())
+    assert isinstance(read, Estimated)
+    job = read.compute().job
     assert job is not None
     dask_cluster.revive()
     with closing(DaskEngine(Settings(**dask_cluster.settings))) as engine, ThreadPoolExecutor(1) as pool:
@@ -124,7 +126,7 @@ def test_a_kill_stops_the_process_beside_the_dask_worker(dask_cluster: Cluster, 
     while not burners:  # 3 s of computing are no mere start
         burners = [process for process in burning(dask_cluster) if process.cpu_times().user > 3.0]
     engine.kill(future)
-    ended, _ = psutil.wait_procs(burners, timeout=5.0)
+    ended, _ = psutil.wait_procs(burners, timeout=300)
     assert ended == burners
     assert engine.submit(task(), "after").result(LONG).result
 
@@ -159,7 +161,7 @@ def test_a_lost_scheduler_gives_everything_back_and_is_found_again(dask_cluster:
         with pytest.raises(GivenBack):
             future.result(LONG)
     assert engine.capacity == 0
-    psutil.wait_procs(beside, timeout=20.0)  # the Dask workers leave, and nobody computes for nobody
+    psutil.wait_procs(beside, timeout=300)  # the Dask workers leave, and nobody computes for nobody
     assert not [process for process in beside if process.is_running()]
     until(lambda: all(worker and worker.poll() is not None for worker in dask_cluster.workers))
     dask_cluster.revive()
@@ -184,7 +186,7 @@ def test_another_version_on_the_dask_workers_computes_nothing(
 ) -> None:
     from tailstack_service.processes.frames import GivenBack
 
-    monkeypatch.setattr("tailstack_service.jobs.engines.dask.__version__", "0.0.0")
+    monkeypatch.setattr("tailstack_service.jobs.engines.dask.running_code", lambda: "0.0.0")
     with pytest.raises(GivenBack, match=r"the job was claimed by 0\.0\.0"):
         engine.submit(task(), f"version-{os.urandom(3).hex()}").result(LONG)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import served
 from service_scenes import ROOT
 
 from tailstack_service.cli.verbs import verbs
@@ -21,7 +23,7 @@ CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 HTTP = (ROOT / "docs" / "http.md").read_text(encoding="utf-8")
 PAGES = sorted(
     page.relative_to(ROOT)
-    for place in (".", "docs", "docs/*", "openapi", "docker", "examples/*", "tests/data/*")
+    for place in (".", "docs", "docs/*", "openapi", "docker", "examples/*", "tests/data/*", "benchmarks")
     for page in ROOT.glob(f"{place}/*.md")
     if "gate" not in page.parts  # what the gate prints, and no page of ours
 )
@@ -42,6 +44,36 @@ def test_every_path_is_described(path: str) -> None:
 def test_every_problem_is_listed_with_its_status(slug: str) -> None:
     row = next(line for line in HTTP.splitlines() if line.startswith(f"| `{slug}` |"))
     assert str(CATALOGUE[slug].status) in row
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_the_rows_of_a_table_have_the_cells_of_its_header(page: Path) -> None:
+    """A site drops what a row has too many, without a word."""
+    width, wrong = 0, []
+    for number, line in enumerate((ROOT / page).read_text(encoding="utf-8").splitlines(), 1):
+        cells = len(re.findall(r"(?<!\\)\|", re.sub(r"`[^`]*`", "", line))) - 1 if line.startswith("|") else 0
+        if cells and width and cells != width:
+            wrong.append(f"{page}:{number}: {cells} cells below a header of {width}")
+        width = width or cells if cells else 0
+    assert wrong == []
+
+
+def test_the_minute_with_curl_runs_as_it_stands(tmp_path: Path) -> None:
+    """Pasted into a shell, but for the line that starts the service and the address of the one that runs here."""
+    (block,) = re.findall(r"## In one minute\n\n```bash\n(.*?)```", HTTP, re.DOTALL)
+    start, address, *rest = block.splitlines()
+    assert start.startswith("./run serve &")
+    assert address.startswith("api=")
+    with served.served(tmp_path) as service:
+        script = "\n".join(["set -eu", f"api={service.url}", *rest]).replace("@examples/", f"@{ROOT}/examples/")
+        done = subprocess.run(
+            ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+        )
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "accepted.json").read_text())["kind"] == "optimisation"
+    assert "event: state" in done.stdout
+    assert json.loads((tmp_path / "optimum.json").read_text())["schema"] == "tailstack/optimisation/1"
+    assert (tmp_path / "report.html").read_text().lower().startswith("<!doctype html>")
 
 
 def row_of(variable: str) -> list[str]:
@@ -93,7 +125,15 @@ def test_prose_is_wrapped_at_120_characters(page: Path) -> None:
     assert [(number, line) for number, line in prose_of(text) if len(line) > 120] == []
 
 
-HISTORY = ("CHANGELOG.md", "decisions.md")  # they name what is gone, too
+def test_a_decision_has_at_most_fifteen_lines_of_prose_and_stands_in_the_index() -> None:
+    pages = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
+    index = (ROOT / "docs" / "decisions" / "README.md").read_text(encoding="utf-8")
+    lines = {page.name: [line for _, line in prose_of(page.read_text(encoding="utf-8")) if line] for page in pages}
+    assert [name for name, of_page in lines.items() if len(of_page) > 16] == []  # with the title
+    assert re.findall(r"\]\((\d[^)]+)\)", index) == [page.name for page in pages]
+
+
+HISTORY = ("CHANGELOG.md",)  # it names what is gone, too
 A_USERS_OWN = ("designs/", "out/demo/")
 ROOMS = ("", "solver/tailstack", "service/tailstack_service", "solver", "service", "tests", "tests/service")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -57,7 +58,8 @@ def is_outside(address: str) -> bool:
 @pytest.mark.long
 def test_the_site_is_built_without_a_remark_and_holds_every_page(site: Path) -> None:
     pages = {page.relative_to(ROOT) for page in (*ROOT.glob("docs/**/*.md"), ROOT / "CHANGELOG.md")}
-    assert {page for page in pages if not (site / page).with_suffix(".html").is_file()} == set()
+    built = {page: page.with_name("index.html" if page.name == "README.md" else f"{page.stem}.html") for page in pages}
+    assert [page for page in pages if not (site / built[page]).is_file()] == []
     assert "reference structure" in (site / "index.html").read_text(encoding="utf-8")
 
 
@@ -99,19 +101,25 @@ def read_groups() -> dict[str, list[str]]:
     }
 
 
-def test_readme_links_to_the_six_groups_of_the_navigation() -> None:
+def test_the_index_of_pages_has_the_six_groups_of_the_navigation() -> None:
     groups = read_groups()
-    groups["Connect"] = [page for page in groups["Connect"] if not page.startswith("docs/integrations/")]
-    readme = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Read on")[2]
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
     listed = {
-        name: re.findall(r"\]\(([^)]+)\)", text)
-        for name, text in re.findall(r"^\*\*(\w+)\*\* ·(.*?)\n\n", readme, re.M | re.S)
+        name: [os.path.normpath(f"docs/{page}") for page in re.findall(r"^- \[[^]]+\]\(([^)]+)\)$", text, re.M)]
+        for name, text in re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", index, re.M | re.S)
     }
     assert len(listed) == 6
-    assert {**listed, "Learn": ["README.md", *listed["Learn"]]} == groups
+    assert {name: [page for page in pages if page != "docs/README.md"] for name, pages in groups.items()} == listed
 
 
-def test_the_index_of_doors_links_to_every_page_of_a_door() -> None:
+def test_the_readme_has_few_links_and_the_index_of_pages_is_one() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", readme) if not link.startswith("docs/images/")]
+    assert "docs/README.md" in links
+    assert len(links) <= 15
+
+
+def test_the_index_of_integrations_links_to_every_page_of_one() -> None:
     index = (ROOT / "docs" / "integrations.md").read_text(encoding="utf-8")
     pages = [f"docs/integrations/{page.name}" for page in sorted((ROOT / "docs" / "integrations").glob("*.md"))]
     assert [page for page in pages if f"]({page.removeprefix('docs/')})" not in index] == []
@@ -126,6 +134,16 @@ def test_the_index_of_doors_links_to_every_page_of_a_door() -> None:
 def test_the_figures_are_what_their_scripts_draw(name: str) -> None:
     done = run(f"docs/images/make_{name}.py", "--check")
     assert done.returncode == 0, done.stderr
+
+
+def test_the_figure_of_the_demo_is_red_beyond_the_limit_and_calls_seats_by_their_names() -> None:
+    svg = (ROOT / "docs/images/demo.svg").read_text(encoding="utf-8")
+    (limit,) = re.findall(r'<path d="M([\d.]+) [^"]*" stroke="#c0392b" stroke-width="1.5"', svg)
+    bars = re.findall(r'<rect x="([\d.]+)"[^>]* fill="(#\w+)" fill-opacity', svg)
+    assert {colour == "#c0392b" for _, colour in bars} == {True, False}
+    assert all((colour == "#c0392b") == (float(left) > float(limit) - 0.2) for left, colour in bars)
+    design = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text(encoding="utf-8"))
+    assert all(f">{seat['label']}<" in svg for seat in design["interfaces"].values())
 
 
 def test_every_figure_of_the_readme_has_its_script() -> None:

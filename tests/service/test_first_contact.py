@@ -9,10 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from jsonschema import Draft202012Validator
 from service_scenes import commands
 
+from tailstack.design import load_design
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.progress import Progress
+from tailstack_service.schemas import json_schema
 
 
 @pytest.fixture
@@ -203,9 +206,9 @@ def test_doctor_does_not_mind_a_cache_that_nothing_has_to_be_written_to(
     monkeypatch.setattr(kernels, "is_writable", lambda: False)
     monkeypatch.setattr(kernels.TRAFFIC, "unwritable", "/home/nobody cannot be written (Permission denied)")
     monkeypatch.setattr("tailstack_service.cli.doctor.CHECKS", {"compile cache": CHECKS["compile cache"]})
-    monkeypatch.setattr(ahead.Call, "file", lambda _: Path("there"))
+    monkeypatch.setattr(ahead.KernelCall, "file", lambda _: Path("there"))
     assert call("doctor")[:2] == (0, "ok    compile cache  not needed: every kernel is compiled\n")
-    monkeypatch.setattr(ahead.Call, "file", lambda _: None)
+    monkeypatch.setattr(ahead.KernelCall, "file", lambda _: None)
     code, out, _ = call("doctor")
     assert code == 3
     assert " ".join(out.split()) == (
@@ -244,3 +247,96 @@ def test_short_work_says_nothing_of_why(monkeypatch: pytest.MonkeyPatch) -> None
     with Progress("compiling", log) as progress:
         progress.preface = "why"
     assert log.getvalue() == ""
+
+
+# --- files of another kind, and what lies beside a design ---------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "what", "following"),
+    [
+        ("r.pdf", b"%PDF-1.7\n\xe2\xe3\xcf\xd3", "this is a PDF", "tailstack report --verify r.pdf"),
+        ("c.step", b"ISO-10303-21;\nHEADER;", "this is a STEP file", "tailstack convert c.step -o design.yaml"),
+        ("t.xlsx", b"PK\x03\x04\x14\x00", "this is a ZIP archive", "tailstack report --verify t.xlsx"),
+        ("r.html", b"<!doctype html>\n<html>", "this is a web page", "tailstack report --verify r.html"),
+        ("s.json", b'{"$schema": "https://json-schema.org/draft/2020-12/schema"}', "this is a JSON schema",
+         "tailstack init "),
+        ("long.pdf", b"%PDF-1.7\n" + bytes(2_000_000), "this is a PDF", "tailstack report --verify long.pdf"),
+    ],
+    ids=lambda value: value if isinstance(value, str) and value.count(".") == 1 else "",
+)  # fmt: skip
+@pytest.mark.parametrize("verb", ["score", "validate", "optimise"])
+def test_a_file_of_another_kind_is_named_with_its_verb(
+    call: Any, verb: str, file: str, content: bytes, what: str, following: str
+) -> None:
+    Path(file).write_bytes(content)
+    code, _, err = call(verb, file)
+    assert code == 2
+    assert what in err
+    assert "UTF-8" not in err
+    assert "bracket" not in err
+    assert err.splitlines()[-1].startswith(f"next: {following}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said", "unsaid"),
+    [
+        (("convert", "design.yaml", "-o", "out"), "'out' has no known ending", "design document"),
+        (("convert", "design.yaml", "-o", "nodir/out.json"), "there is no directory nodir", "design document"),
+        (("convert", "nope.step", "-o", "x.yaml"), "no such file: nope.step", "tailstack init"),
+        (("gate", "design.yaml", "--policy", "missing.yaml"), "no such file: missing.yaml", "tailstack init"),
+    ],
+    ids=["ending", "folder", "step", "policy"],
+)
+def test_what_is_wrong_beside_the_design_is_not_blamed_on_it(
+    call: Any, arguments: tuple[str, ...], said: str, unsaid: str
+) -> None:
+    code, _, err = call(*arguments)
+    assert code == 2
+    assert said in err
+    assert unsaid not in err
+    assert err.splitlines()[-1] == f"next: tailstack {arguments[0]} --help"
+
+
+def test_validate_answers_in_json_with_a_line_for_each_design(call: Any) -> None:
+    write_changed("law.yaml", "uniform", "unifrom")
+    code, out, err = call("validate", "design.yaml", "law.yaml", "--json")
+    assert code == 2
+    (record,) = [json.loads(line) for line in out.splitlines()]
+    assert (record["schema"], record["valid"]) == ("tailstack/validation/1", True)
+    Draft202012Validator(json_schema("validation")).validate(record)
+    (problem,) = [json.loads(line) for line in err.splitlines()]
+    Draft202012Validator(json_schema("problem")).validate(problem)
+    assert {entry["file"] for entry in problem["errors"]} == {"law.yaml"}
+    assert all("unifrom" in entry["detail"] for entry in problem["errors"])
+
+
+# --- slips that had no cure ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "said"),
+    [
+        (r"position_mm: \[[^]]*\]", "position_mm: [-35, -18]", "needs 3 entries; got a list of 2"),
+        (r"position_mm: \[[^]]*\]", "position_mm: [-35, -18, 1, 4]", "needs 3 entries; got a list of 4"),
+        ("orientation: AP", "orientation: PA", "beam_direction: [0, -1, 0]"),
+        (r"\Z", "\nmodel: {estimator: PnP}\n", "did you mean pose?"),
+        ("limit_mm: [0-9.]+", "limit_deg: 2", "an angle cannot be converted into a length"),
+    ],
+    ids=["short", "long", "PA", "PnP", "angle"],
+)
+def test_a_slip_is_answered_with_what_to_write(call: Any, pattern: str, replacement: str, said: str) -> None:
+    write_changed("slip.yaml", pattern, replacement)
+    code, _, err = call("validate", "slip.yaml")
+    assert code == 2
+    assert said in " ".join(err.split())
+    assert "convert the number" not in err
+    assert "-35.-18" not in err
+
+
+def test_a_flag_of_another_verb_and_a_misspelt_target(call: Any) -> None:
+    assert "it is a flag of tailstack verify" in call("score", "design.yaml", "--precision", "0.01")[2]
+    names = [target.name for target in load_design(Path("design.yaml")).document.targets]
+    code, _, err = call("score", "design.yaml", "--target", names[0][:-1].upper())
+    assert code == 2
+    assert f"did you mean {names[0]}?" in err

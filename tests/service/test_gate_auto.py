@@ -13,8 +13,9 @@ from work_driver import run_job
 from tailstack import load_design, verify
 from tailstack_service.documents import to_json
 from tailstack_service.gate.baseline import ROUNDING_PERCENT
+from tailstack_service.gate.judge import judge
 from tailstack_service.gate.records import GateRecord
-from tailstack_service.gate.request import admit_gate, judge_designs
+from tailstack_service.gate.request import admit_gate, read_gate
 
 CAP = 2**15
 QUICK = {"max_trials": CAP}
@@ -141,9 +142,9 @@ def test_a_job_gives_the_very_record_of_the_sequential_test(p95: float) -> None:
             "seed": 11,
         },
         today=TODAY,
-    )
+    ).content
     outcome, recorded = run_job("gate", request, shuffle=9)
-    here = judge_designs(request)
+    here = judge(read_gate(request))
     assert outcome.answer == to_json(here)
     assert here.designs[0].trials == CAP
     assert {json.loads(unit.spec)["of"] for unit in recorded} >= {0, 1}
@@ -179,7 +180,7 @@ def record_of(*designs: dict[str, Any], **more: Any) -> dict[str, Any]:
 def compared(files: dict[str, dict[str, Any]], base: dict[str, Any], **more: Any) -> GateRecord:
     entries = [{"file": file, "design": design} for file, design in files.items()]
     body = {"designs": entries, "mode": "analytic", "policy": policy(), "baseline": base, **more}
-    return judge_designs(admit_gate(body, today=TODAY))
+    return judge(admit_gate(body, today=TODAY).gate)
 
 
 def test_a_new_design_is_noted_and_held_to_its_limits_alone() -> None:
@@ -261,7 +262,7 @@ def test_limits_stay_absolute_whatever_the_baseline_says() -> None:
 
 def test_a_baseline_of_another_version_is_remarked_at_its_line(tmp_path: Any) -> None:
     from tailstack_service.gate.baseline import read_baseline
-    from tailstack_service.gate.judge import Gate, GateDesign, judge
+    from tailstack_service.gate.judge import Gate, GateDesign
     from tailstack_service.gate.policy import read_policy
 
     base = record_of(limited(3 * P95))

@@ -247,7 +247,7 @@ def test_a_full_stream_leaves_no_pass_in_the_files(folder: Path, which: str) -> 
             [sys.executable, "-m", "tailstack_service.cli.main", "gate", "good.yaml", "--policy=policy.yaml",
              "--mode=analytic", "--format=json=out.json", *wanted],
             env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-            stdout=target, stderr=subprocess.PIPE, text=True, timeout=120, check=False,
+            stdout=target, stderr=subprocess.PIPE, text=True, timeout=300, check=False,
         )  # fmt: skip
     assert ran.returncode == 3
     assert f"cannot write {'to stdout' if which == 'stdout' else '/dev/full'}: No space left on device" in ran.stderr
@@ -262,7 +262,7 @@ def test_a_stdout_that_is_closed_leaves_no_pass_in_the_files(folder: Path) -> No
         ["sh", "-c", '"$0" -m tailstack_service.cli.main "$@" >&-', sys.executable, "gate", "good.yaml",
          "--policy=policy.yaml", "--mode=analytic", "--format=json=out.json", "--format=text"],
         env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-        stderr=subprocess.PIPE, text=True, timeout=120, check=False,
+        stderr=subprocess.PIPE, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert ran.returncode == 3
     assert "cannot write to stdout: it is closed" in ran.stderr
@@ -279,7 +279,7 @@ def test_a_device_that_stands_for_a_file_is_written_to_and_not_replaced(folder: 
             [sys.executable, "-m", "tailstack_service.cli.main", "gate", "good.yaml", "--policy=policy.yaml",
              "--mode=analytic", "--format=text=/dev/stdout"],
             env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-            stdout=log, stderr=subprocess.DEVNULL, timeout=120, check=False,
+            stdout=log, stderr=subprocess.DEVNULL, timeout=300, check=False,
         )  # fmt: skip
     assert ran.returncode == 0
     assert Path("/dev/stdout").is_symlink()

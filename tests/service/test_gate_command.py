@@ -262,7 +262,7 @@ def test_mode_analytic_loads_nothing_heavy(folder: Path) -> None:
         [sys.executable, "-c", code, "gate", "one.yaml", "--policy", "policy.yaml", "--mode", "analytic", *formats,
          "--format=text=out.txt"],
         env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
+        cwd=folder, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert (ran.returncode, ran.stdout) == (0, "[]\n"), ran.stderr
 
@@ -296,6 +296,7 @@ def test_a_report_of_what_another_verb_wrote(folder: Path, capsys: pytest.Captur
     [
         (["one.yaml", "--format", "docx"], "expected html, pdf, xlsx, json"),
         (["one.yaml", "-o", "one.yaml"], "is not a directory"),
+        (["one.yaml", "-o", "new.docx"], "reports are not written as .docx"),
         (["absent.yaml"], "no such file"),
         (["half.json"], "not a whole tailstack/score/1"),
         (["other.json"], "other.json:1:12: /schema: no report is made of"),

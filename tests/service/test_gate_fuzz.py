@@ -15,8 +15,9 @@ from service_scenes import small_design
 
 from tailstack.errors import TailstackError
 from tailstack_service.documents import to_json
+from tailstack_service.gate.judge import judge
 from tailstack_service.gate.records import GateRecord
-from tailstack_service.gate.request import admit_gate, judge_designs
+from tailstack_service.gate.request import admit_gate
 from tailstack_service.schemas import record_of
 
 TODAY = date(2026, 11, 21)
@@ -58,7 +59,7 @@ def whole_request() -> dict[str, Any]:
         "on_inconclusive": "warn",
         "max_regression_percent": 1.0,
     }
-    return {**request, "baseline": json.loads(to_json(judge_designs(admit_gate(request, today=TODAY))))}
+    return {**request, "baseline": json.loads(to_json(judge(admit_gate(request, today=TODAY).gate)))}
 
 
 def paths(node: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
@@ -89,7 +90,7 @@ def bent(request: dict[str, Any], chance: random.Random) -> dict[str, Any]:
 
 def outcome(request: dict[str, Any]) -> GateRecord | TailstackError:
     try:
-        return judge_designs(admit_gate(request, today=TODAY))
+        return judge(admit_gate(request, today=TODAY).gate)
     except TailstackError as error:
         return error
 

@@ -20,8 +20,9 @@ from service_scenes import ROOT, small_design
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.documents import to_json
+from tailstack_service.gate.judge import judge
 from tailstack_service.gate.records import GateRecord
-from tailstack_service.gate.request import admit_gate, judge_designs
+from tailstack_service.gate.request import admit_gate
 
 TODAY = date(2026, 11, 21)
 JUDGING = ("p95", "cvar", "exceedance", "per-unit-yield")
@@ -41,7 +42,7 @@ def design(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
 def gate(files: dict[str, dict[str, Any]], **more: Any) -> GateRecord:
     entries = [{"file": name, "design": content} for name, content in files.items()]
     body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
-    return judge_designs(admit_gate(body, today=TODAY))
+    return judge(admit_gate(body, today=TODAY).gate)
 
 
 def baseline(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
@@ -257,7 +258,8 @@ def test_a_renamed_file_is_compared_by_what_the_design_consists_of() -> None:
     assert gate({"new.yaml": nudged}, baseline=baseline()).exit_code == 1
 
 
-def test_a_design_that_is_found_nowhere_says_so_and_warns_if_one_went() -> None:
+def unlike_any_other() -> dict[str, Any]:
+    """File, name and limit, and every section by something."""
     other = relaxed_and_renamed()
     for point in other["fiducials"]["points"]:
         point["position_mm"][2] -= 3.0
@@ -265,14 +267,49 @@ def test_a_design_that_is_found_nowhere_says_so_and_warns_if_one_went() -> None:
         view["fiducial_noise_px"] = 0.29
     other["targets"][0]["position_mm"][2] += 1.0
     del other["interfaces"]
+    return other
+
+
+def test_a_limit_is_not_got_rid_of_by_changing_everything_a_little() -> None:
+    """File and design renamed, each section moved by 1e-9: a limit of 50 passed with two warnings."""
+    nudged = relaxed_and_renamed()
+    for point in nudged["fiducials"]["points"]:
+        point["position_mm"] = [value + 1e-9 for value in point["position_mm"]]
+    for view in nudged["views"]:
+        view["fiducial_noise_px"] += 1e-9
+    nudged["targets"][0]["position_mm"][2] += 1e-9
+    for changed_design in (nudged, unlike_any_other()):
+        record = gate({"new.yaml": changed_design}, baseline=baseline())
+        assert record.exit_code == 1
+        assert next(finding.severity for finding in of_rule(record, "limit-relaxed")) == "error"
+        (said,) = of_rule(record, "not-compared")
+        assert (said.severity, "compared with guide.yaml" in said.message) == ("note", True)
+
+
+def test_where_one_file_went_and_one_came_it_is_that_one() -> None:
+    """Even with another name of the target: its limit went with it."""
+    other = unlike_any_other()
+    other["targets"][0]["name"] = "probe"
     record = gate({"new.yaml": other}, baseline=baseline())
+    assert record.exit_code == 1
+    assert of_rule(record, "limit-relaxed")
+
+
+def test_a_design_that_is_found_nowhere_says_so_and_warns_if_one_went() -> None:
+    other = unlike_any_other()
+    other["targets"][0]["name"] = "probe"
+    second = design(PROMISE, name="second")
+    for point in second["fiducials"]["points"]:
+        point["position_mm"][0] += 2.0
+    two = json.loads(to_json(gate({"guide.yaml": design(PROMISE), "second.yaml": second})))
+    record = gate({"new.yaml": other}, baseline=two)
     note, said = of_rule(record, "not-compared")
     assert (note.severity, note.file) == ("note", "new.yaml")
     assert "nothing was compared" in note.message
     assert (said.severity, said.file, said.pointer) == ("warning", "baseline", "/designs/0")
-    assert said.message.startswith("guide.yaml: judged in the baseline and not here")
+    assert said.message.startswith("guide.yaml, second.yaml: judged in the baseline and not here")
     assert said.message.endswith("or changed beyond recognition and called new.yaml")
-    assert gate({"new.yaml": other}, baseline=baseline(), fail_level="warning").exit_code == 1
+    assert gate({"new.yaml": other}, baseline=two, fail_level="warning").exit_code == 1
     both = gate({"new.yaml": other, "guide.yaml": design(PROMISE)}, baseline=baseline())
     (said,) = of_rule(both, "not-compared")
     assert (said.severity, said.file) == ("note", "new.yaml"), "nothing went: this one is new"

@@ -18,14 +18,15 @@ from tailstack import load_design, score, verify
 from tailstack.design import design_to_data
 from tailstack.design.plausibility import PLAUSIBILITY
 from tailstack.design.write import data_to_yaml
-from tailstack.errors import DesignError, LimitError, TailstackError
+from tailstack.errors import LimitError, TailstackError
 from tailstack_service.documents import to_json
+from tailstack_service.gate.judge import judge
 from tailstack_service.gate.policy import Implausible
 from tailstack_service.gate.reading import GateError
 from tailstack_service.gate.records import GateFinding, GateRecord
-from tailstack_service.gate.request import admit_gate, judge_designs
+from tailstack_service.gate.request import admit_gate, read_gate
 from tailstack_service.gate.rules import RULES
-from tailstack_service.problems import RequestError
+from tailstack_service.problems import RefusedAt, RequestError
 from tailstack_service.schemas import json_schema
 
 TODAY = date(2026, 11, 21)
@@ -52,7 +53,7 @@ def gate(*designs: dict[str, Any] | str, **more: Any) -> GateRecord:
         for k, design in enumerate(designs)
     ]
     body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
-    return judge_designs(admit_gate(body, today=TODAY))
+    return judge(admit_gate(body, today=TODAY).gate)
 
 
 @pytest.mark.parametrize(
@@ -125,17 +126,17 @@ def test_a_design_that_determines_nothing_leaves_with_3_whatever_the_others_do()
 
 def test_an_invalid_design_is_refused_at_the_door_and_found_by_the_gate() -> None:
     request = {"designs": [{"file": "bad.yaml", "text": "schema: tailstack/design/1\nname: x\nviews: 3\n"}]}
-    with pytest.raises(DesignError) as refused:
+    with pytest.raises(RefusedAt) as refused:
         admit_gate(request, today=TODAY)
     assert any(p.pointer == "/designs/0/text/views" and p.line == 3 for p in refused.value.problems)
-    record = judge_designs({**request, "today": "2026-11-21", "mode": "analytic"})
+    record = judge(read_gate({**request, "today": "2026-11-21", "mode": "analytic"}))
     assert (record.verdict, record.exit_code) == ("not evaluated", 2)
     assert {finding.rule for finding in record.findings} == {"invalid-design"}
     assert any(finding.line == 3 for finding in record.findings)
 
 
 def test_text_is_never_taken_for_a_path() -> None:
-    with pytest.raises(DesignError, match="a mapping of fields"):
+    with pytest.raises(RefusedAt, match="a mapping of fields"):
         admit_gate({"designs": [{"file": "x", "text": "/etc/hostname"}]}, today=TODAY)
 
 
@@ -219,6 +220,21 @@ def test_margin_and_overlap_of_the_views() -> None:
     ).findings
 
 
+def test_beads_that_merge_are_found_whatever_the_policy_asks_for() -> None:
+    """closed form: shadows of 8 mm beads are some 60 px wide before this C-arm; points of no size are 10 px apart."""
+    design = limited(2 * P95)
+    assert not of_rule(gate(design), "overlap")
+    tight = min(view.closest_pair_px for view in score(load_design(design)).views)
+    focal, depth = 1020 / 0.194, 700
+    design["fiducials"]["diameter_mm"] = 1.2 * tight * depth / focal
+    found = of_rule(gate(design, policy=policy({"overlap": {"min_px": 1}})), "overlap")
+    assert found
+    assert found[0].severity == "warning"
+    assert found[0].limit == pytest.approx(1.2 * tight + 3, rel=0.1)
+    said = " ".join(finding.message for finding in score(load_design(design)).verdict.findings)
+    assert "are needed by their size" in said
+
+
 def test_a_process_that_judges_nothing_is_remarked_at_its_pattern() -> None:
     def remarks(*processes: dict[str, Any], **more: Any) -> list[GateFinding]:
         rules = policy({"process-capability": {"processes": list(processes)}, **more.pop("rules", {})}, **more)
@@ -246,11 +262,11 @@ def test_a_process_that_judges_nothing_is_remarked_at_its_pattern() -> None:
     assert remarks(seat, rules={"process-unused": {"severity": "error"}})[0].severity == "error"
     judged_off = {"process-capability": {"severity": "off", "processes": [seat]}}
     assert remarks(seat, rules=judged_off) == [], "a rule that is off has nothing to hold"
-    unread = judge_designs(
+    unread = judge(read_gate(
         {**admit_gate({"designs": [{"file": "d0.yaml", "design": small_design()}], "mode": "analytic",
-                     "policy": policy({"process-capability": {"processes": [seat]}})}, today=TODAY),
+                     "policy": policy({"process-capability": {"processes": [seat]}})}, today=TODAY).content,
          "designs": [{"file": "d0.yaml", "design": small_design()}, {"file": "d1.yaml", "text": "name: x"}]}
-    )  # fmt: skip
+    ))  # fmt: skip
     assert of_rule(unread, "process-unused") == [], "the design that could not be read may have it"
 
 
@@ -359,7 +375,7 @@ def test_the_first_class_that_matches_changes_single_fields() -> None:
     assert [design.verdict for design in record.designs] == ["pass", "pass"]
     assert [finding.severity for finding in of_rule(record, "p95")] == ["warning"]
     given = {"designs": [{"file": "x", "design": plain, "class": "loose"}], "policy": policy(rules, classes=classes)}
-    assert judge_designs(admit_gate({**given, "mode": "analytic"}, today=TODAY)).designs[0].design_class == "loose"
+    assert judge(admit_gate({**given, "mode": "analytic"}, today=TODAY).gate).designs[0].design_class == "loose"
 
 
 def test_a_waiver_suppresses_and_stays_visible() -> None:
@@ -461,9 +477,9 @@ def test_a_job_gives_the_very_record_that_is_computed_here() -> None:
         "policy": policy({"cvar": {"limit_mm": 2 * P95}}, verification={"max_trials": 40_000, "precision": 0.02}),
         "seed": 5,
     }  # fmt: skip
-    request = admit_gate(request, today=TODAY)
+    request = admit_gate(request, today=TODAY).content
     outcome, recorded = run_job("gate", request, shuffle=3)
-    assert outcome.answer == to_json(judge_designs(request))
+    assert outcome.answer == to_json(judge(read_gate(request)))
     assert {json.loads(unit.spec)["of"] for unit in recorded} == {0, 2}
 
 

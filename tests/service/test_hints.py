@@ -22,7 +22,7 @@ from tailstack_service.cli.main import build_parser
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.refusals import NEXT, next_command
 from tailstack_service.names import OTHERS, variable
-from tailstack_service.operations.sent import read_options
+from tailstack_service.operations.request import read_options
 from tailstack_service.operations.study_comparison import ComparisonStudyOptions
 from tailstack_service.problems import CATALOGUE, RequestError
 from tailstack_service.schemas import TITLES, json_schema
@@ -133,6 +133,9 @@ def test_commands_in_texts_exist_with_their_flags() -> None:
     assert wrong == []
 
 
+parser_with = cache(build_parser)  # the same few verbs are advised again and again
+
+
 @pytest.mark.parametrize("verb", verbs())
 def test_the_next_command_can_be_typed(verb: str, tmp_path: Path) -> None:
     """After every class of refusal, for every verb: the command parses as it is printed."""
@@ -149,7 +152,7 @@ def test_the_next_command_can_be_typed(verb: str, tmp_path: Path) -> None:
         if words[-1] == "--help":
             assert words[0] in verbs()
         else:
-            parsed = build_parser(words[0]).parse_args(words)
+            parsed = parser_with(words[0]).parse_args(words)
             assert design in (parsed.design if isinstance(parsed.design, list) else [parsed.design])
 
 

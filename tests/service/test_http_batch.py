@@ -126,9 +126,9 @@ def test_accept_asks_for_another_format(client: httpx.Client) -> None:
 
 @pytest.mark.long
 def test_lines_come_as_they_are_computed(client: httpx.Client) -> None:
-    """More than one unit: the first lines are there before the last are computed."""
+    """More than one unit, as a verdict takes its time: the first lines are there before the last are computed."""
     rows = 300
-    request = {"design": small_design(), "table": {NOISE: [0.3] * rows}, "columns": ["p95_mm"]}
+    request = {"design": small_design(), "table": {NOISE: [0.3] * rows}, "columns": ["verdict"]}
     with client.stream("POST", PATH, json=request, headers={"Accept": "application/x-ndjson"}) as answer:
         assert answer.status_code == 200
         pieces = [piece.count(b"\n") for piece in answer.iter_raw()]
@@ -138,14 +138,15 @@ def test_lines_come_as_they_are_computed(client: httpx.Client) -> None:
 
 @pytest.mark.long
 def test_a_caller_who_leaves_ends_the_work(client: httpx.Client) -> None:
-    """6,000 rows take more than ten seconds of CPU; a second after the caller left nothing computes any more."""
-    request = {"design": small_design(), "table": {NOISE: [0.3] * 6_000}, "columns": ["p95_mm"]}
+    """6,000 verdicts take more than twenty seconds of CPU; what was used once it is quiet is a part of that."""
+    request = {"design": small_design(), "table": {NOISE: [0.3] * 6_000}, "columns": ["verdict"]}
+    used = [children_seconds()]
     with client.stream("POST", PATH, json=request, headers={"Accept": "text/csv"}) as answer:
         assert next(answer.iter_raw())
-    time.sleep(1.5)
-    before = children_seconds()
-    time.sleep(1.0)
-    assert children_seconds() - before < 0.3
+    while len(used) < 3 or used[-1] - used[-2] > 0.1:
+        time.sleep(1.0)
+        used.append(children_seconds())
+    assert used[-1] - used[0] < 10
 
 
 def children_seconds() -> float:

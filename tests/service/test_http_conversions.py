@@ -17,7 +17,7 @@ from service_scenes import check_problem, client_with, small_design
 
 from tailstack.design import load_design
 from tailstack.design.write import data_to_yaml
-from tailstack_service.operations.conversion import BALL
+from tailstack_service.integrations.conversion import BALL
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 

@@ -31,6 +31,20 @@ def test_every_example_scores_as_it_is_answered(client: httpx.Client) -> None:
         assert answer.json()["design_sha256"] == load_design(path).sha256, entry["name"]
 
 
+def test_every_example_is_answered_as_it_was_written(client: httpx.Client) -> None:
+    for entry in client.get("/v1/examples").json()["examples"]:
+        path = EXAMPLES / f"{entry['name'].replace('-', '/', 1)}.yaml"
+        answer = client.get(entry["url"], headers={"Accept": "application/yaml"})
+        assert (answer.headers["content-type"], answer.headers["vary"]) == ("application/yaml", "Accept")
+        design = load_design(answer.text)
+        assert design.sha256 == load_design(path).sha256, entry["name"]
+        assert design.document.fiducials.file is None
+        wanted = [line for line in path.read_text(encoding="utf-8").splitlines() if line.lstrip().startswith("# ")]
+        assert [line for line in answer.text.splitlines() if line.lstrip().startswith("# ")] == wanted[
+            wanted[0].startswith("# yaml-language-server") :
+        ], entry["name"]
+
+
 def test_an_example_says_what_it_shows(client: httpx.Client) -> None:
     words = {entry["name"]: entry["description"] for entry in client.get("/v1/examples").json()["examples"]}
     assert words["gallery-flat_plate"] == "The classic mistake: ten beads on one plate."

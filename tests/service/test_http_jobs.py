@@ -6,6 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -14,22 +15,25 @@ from jsonschema import Draft202012Validator
 from service_scenes import check_problem, client_with, limited, small_design
 from starlette.requests import Request
 
+import tailstack
 from tailstack import load_design, verify
 from tailstack.design.write import data_to_yaml
-from tailstack_service.console.remote import Event, Service, read_events
+from tailstack_service.console.remote import RemoteService, ServerSentEvent, read_events
 from tailstack_service.documents import to_json
 from tailstack_service.http.answers import wait_seconds
+from tailstack_service.processes.interpreter import running_code
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 
-ENDLESS = {"design": small_design(), "trials": 1_000_000_000}  # minutes of computing
+TOO_MANY = {"design": small_design(), "trials": 1_000_000_000}  # of which 0.8 GB of norms would be recorded
+ENDLESS = {"design": small_design(), "trials": 400_000_000}  # minutes of computing
 QUICK: dict[str, Any] = {"design": small_design(), "trials": 3000, "seed": 5}
 UNKNOWN = "01k4z8t5r2w7x3y9v6n1m0q8pc"
 
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[httpx.Client]:
-    settings = Settings(max_trials=1_000_000_000, max_wait_seconds=90.0, worker_processes=1, lease_seconds=1.0)
+    settings = Settings(max_trials=1_000_000_000, max_wait_seconds=600.0, worker_processes=1, lease_seconds=1.0)
     with client_with(settings, worker=True) as client:
         yield client
 
@@ -43,11 +47,11 @@ def idle() -> Iterator[httpx.Client]:
 
 def done(client: httpx.Client, path: str, body: dict[str, Any], **headers: str) -> httpx.Response:
     """A job that is waited for."""
-    return client.post(path, json=body, headers={"Prefer": "wait=90", **headers})
+    return client.post(path, json=body, headers={"Prefer": "wait=600", **headers})
 
 
 def ended(client: httpx.Client, job_id: str) -> dict[str, Any]:
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300
     while (job := client.get(f"/v1/jobs/{job_id}").json())["finished_at"] is None:
         assert time.monotonic() < deadline, job
         time.sleep(0.02)
@@ -78,12 +82,37 @@ def test_a_job_from_acceptance_to_its_result(client: httpx.Client) -> None:
     result = client.get(redirect.headers["location"])
     assert hashlib.sha256(result.content).hexdigest() == finished["result_sha256"]
     assert result.content == to_json(verify(load_design(QUICK["design"]), trials=3000, seed=5))
+    assert (finished["solver_version"], finished["recomputed"]) == (running_code(), None)
+
+
+def test_a_record_names_the_sources_that_computed_it(client: httpx.Client) -> None:
+    """independent: names and contents of the files, hashed here."""
+    total = hashlib.sha256()
+    root = Path(tailstack.__file__).parent
+    for path in sorted(root.rglob("*.py"), key=lambda path: str(path)):
+        content = path.read_bytes()
+        total.update(f"{path.relative_to(root).as_posix()}\0{len(content)}\0".encode() + content)
+    record = done(client, "/v1/verifications", QUICK).json()
+    assert record["provenance"]["sources_sha256"] == total.hexdigest()
+
+
+@pytest.mark.parametrize("allowed", [4_194_304, 1_000_000_000])
+def test_a_check_to_a_precision_is_that_of_the_command_line_whatever_the_operator_allows(allowed: int) -> None:
+    """When the precision is looked at, and so the interval, is the same everywhere."""
+    body = {"design": small_design(), "precision": 0.02, "seed": 3}
+    expected = to_json(verify(load_design(small_design()), precision=0.02, seed=3))
+    settings = Settings(max_trials=allowed, max_wait_seconds=600.0, worker_processes=1)
+    with client_with(settings, worker=True) as client:
+        assert done(client, "/v1/verifications", body).content == expected
+        within = done(client, "/v1/verifications", {**body, "max_trials": 50_000}).json()
+    assert within["max_trials"] == 50_000
+    assert within["targets"][0]["p95_interval_mm"] != json.loads(expected)["targets"][0]["p95_interval_mm"]
 
 
 def test_waiting_gives_the_result_itself(client: httpx.Client) -> None:
     response = done(client, "/v1/verifications", QUICK)
     assert response.status_code == 200
-    assert response.headers["preference-applied"] == "wait=90"
+    assert response.headers["preference-applied"] == "wait=600"
     sha256 = hashlib.sha256(response.content).hexdigest()
     assert response.headers["content-location"] == f"/v1/results/{sha256}"
     assert response.headers["etag"] == f'"{sha256}"'
@@ -129,7 +158,7 @@ def test_a_design_as_yaml_with_options_in_the_query(client: httpx.Client) -> Non
     response = client.post(
         "/v1/verifications?trials=3000&seed=5&method=plain",
         content=data_to_yaml(small_design()),
-        headers={"Content-Type": "application/yaml", "Prefer": "wait=90"},
+        headers={"Content-Type": "application/yaml", "Prefer": "wait=600"},
     )
     assert response.content == done(client, "/v1/verifications", QUICK).content
 
@@ -139,7 +168,7 @@ def test_a_sweep_as_yaml(client: httpx.Client) -> None:
     response = client.post(
         "/v1/sweeps?set=views.AP.fiducial_noise_px=0.1,0.2,0.3",
         content=data_to_yaml(small_design()),
-        headers={"Content-Type": "application/yaml", "Prefer": "wait=90"},
+        headers={"Content-Type": "application/yaml", "Prefer": "wait=600"},
     )
     assert response.status_code == 200, response.text
     assert response.content == done(client, "/v1/sweeps", body).content
@@ -171,9 +200,7 @@ def test_a_wait_is_cut_to_the_limit(said: list[str], granted: int | None) -> Non
 
 @pytest.mark.long
 def test_who_cannot_wait_long_enough_gets_the_job(idle: httpx.Client) -> None:
-    begun = time.monotonic()
     response = idle.post("/v1/verifications", json=QUICK, headers={"Prefer": "respond-async, wait=60"})
-    assert time.monotonic() - begun < 20
     assert (response.status_code, response.headers["preference-applied"]) == (202, "wait=0")
     idle.post(response.json()["links"]["cancel"])
 
@@ -232,7 +259,7 @@ def test_the_queue_of_a_tenant_is_bounded(idle: httpx.Client) -> None:
 
 @pytest.mark.long
 def test_a_tenant_has_so_many_cpu_seconds_an_hour() -> None:
-    settings = Settings(cpu_seconds_per_hour=1e-6, worker_processes=1, max_wait_seconds=90.0)
+    settings = Settings(cpu_seconds_per_hour=1e-6, worker_processes=1, max_wait_seconds=600.0)
     with client_with(settings, worker=True) as client:
         assert done(client, "/v1/verifications", QUICK).status_code == 200
         refused = client.post("/v1/verifications", json=QUICK)
@@ -296,9 +323,9 @@ def test_a_record_is_read_again_only_when_it_has_changed(client: httpx.Client) -
 @pytest.mark.long
 def test_a_running_job_tells_how_far_it_is_and_ends_when_it_is_cancelled(client: httpx.Client) -> None:
     job = client.post("/v1/verifications", json=ENDLESS).json()
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300  # of what is waited for, however slow the machine
     while (record := client.get(job["links"]["self"]).json())["progress"]["units_done"] < 3:
-        assert time.monotonic() < deadline
+        assert time.monotonic() < deadline, record
         time.sleep(0.05)
     assert record["state"] == "running"
     assert 0 < record["progress"]["fraction"] < 1
@@ -311,9 +338,24 @@ def test_a_running_job_tells_how_far_it_is_and_ends_when_it_is_cancelled(client:
         cancelled = client.post(job["links"]["cancel"])
         assert (cancelled.status_code, cancelled.json()["state"]) == (202, "cancelled")
     check_problem(client.get(job["links"]["self"] + "/result"), 409, "cancelled")
-    begun = time.monotonic()
-    assert done(client, "/v1/verifications", {**QUICK, "seed": 99}).status_code == 200
-    assert time.monotonic() - begun < 10  # the only computing process is free again
+    after = client.post("/v1/verifications", json={**QUICK, "seed": 99}).json()
+    assert ended(client, after["id"])["state"] == "succeeded"  # the only computing process is free again
+    left = client.get(job["links"]["self"]).json()["progress"]
+    assert left["units_done"] == cancelled.json()["progress"]["units_done"] < left["units_expected"]
+
+
+def test_norms_that_nobody_could_put_together_are_refused_before_they_are_paid_for(client: httpx.Client) -> None:
+    refused = client.post("/v1/verifications", json=TOO_MANY)
+    check_problem(refused, 422, "limit-exceeded")
+    (error,) = refused.json()["errors"]
+    assert (error["pointer"], error["code"]) == ("/trials", "too-many")
+    assert error["detail"].startswith("0.8 GB of norms would be kept of 1000000000 trials at a target")
+    asked = {"design": small_design(), "precision": 1e-4, "max_trials": 1_000_000_000}
+    assert client.post("/v1/verifications", json=asked).json()["errors"][0]["pointer"] == "/max_trials"
+    most = int(error["detail"].rpartition(" ")[2])  # as many as are said to be possible are
+    job = client.post("/v1/verifications", json={**TOO_MANY, "trials": most})
+    assert job.status_code == 202
+    client.post(job.json()["links"]["cancel"])
 
 
 def test_what_has_ended_cannot_be_cancelled(client: httpx.Client) -> None:
@@ -382,9 +424,9 @@ def test_unknown_results_are_404(idle: httpx.Client, name: str) -> None:
 # --- events ---------------------------------------------------------------------------------------
 
 
-def events_of(client: httpx.Client, job_id: str, **headers: str) -> list[Event]:
+def events_of(client: httpx.Client, job_id: str, **headers: str) -> list[ServerSentEvent]:
     """Every event of a stream that ends by itself."""
-    with client.stream("GET", f"/v1/jobs/{job_id}/events", headers=headers, timeout=60) as response:
+    with client.stream("GET", f"/v1/jobs/{job_id}/events", headers=headers, timeout=300) as response:
         assert response.status_code == 200
         assert response.headers["content-type"] == "text/event-stream"
         return list(read_events(response))
@@ -430,7 +472,7 @@ def test_streams_are_bounded_and_places_come_back(idle: httpx.Client) -> None:
         busy = idle.get(path)
         check_problem(busy, 503, "busy")
         assert int(busy.headers["retry-after"]) > 0
-    deadline = time.monotonic() + 20  # the service notices when it next has something to say
+    deadline = time.monotonic() + 300  # the service notices when it next has something to say
     idle.post(job["links"]["cancel"])
     while (response := idle.get(path)).status_code != 200:
         assert time.monotonic() < deadline, response.text
@@ -440,7 +482,7 @@ def test_streams_are_bounded_and_places_come_back(idle: httpx.Client) -> None:
 
 def test_the_client_of_the_command_line_reads_the_same(client: httpx.Client) -> None:
     job = client.post("/v1/verifications", json={**QUICK, "seed": 13}).json()
-    service = Service(str(client.base_url), key="")
+    service = RemoteService(str(client.base_url), key="")
     followed = list(service.events(job["id"]))
     assert followed == events_of(client, job["id"])
 

@@ -397,7 +397,7 @@ def test_an_announced_flood_is_refused_unread(bounded: httpx.Client) -> None:
     address = (bounded.base_url.host, bounded.base_url.port)
     head = b"POST /v1/scores HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
     head += b"Content-Length: 99999999999\r\n\r\n"
-    with socket.create_connection(address, timeout=10) as connection:
+    with socket.create_connection(address, timeout=300) as connection:
         connection.sendall(head)
         status, rest = read_answer(connection)
     assert status.startswith(b"HTTP/1.1 413 ")
@@ -416,9 +416,51 @@ def test_too_many_fiducials_targets_views(bounded: httpx.Client) -> None:
     check_limit(response, 422, "2", "3", "TAILSTACK_MAX_VIEWS")
 
 
-def test_too_many_trials_and_starts(bounded: httpx.Client) -> None:
+def test_too_many_trials(bounded: httpx.Client) -> None:
     response = bounded.post("/v1/verifications", json={"design": small_design(), "trials": 5001})
     check_limit(response, 422, "5000", "5001", "TAILSTACK_MAX_TRIALS")
+
+
+CHECKED = {"design": small_design(), "precision": 0.05}
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/v1/verifications", CHECKED),
+        ("/v1/reports", CHECKED),
+        ("/v1/comparisons", {"first": small_design(), "second": small_design(), "precision": 0.05}),
+        (
+            "/v1/sweeps",
+            {
+                "design": small_design(),
+                "check": "verification",
+                "axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.2]}],
+            },
+        ),
+    ],
+)
+def test_a_check_that_may_draw_more_than_the_operator_allows_is_refused(
+    bounded: httpx.Client, path: str, body: dict[str, Any]
+) -> None:
+    """Its default is 4,194,304 wherever it is computed; what the refusal says to send is accepted."""
+    response = bounded.post(path, json=body)
+    check_limit(response, 422, "5000", "4194304", "TAILSTACK_MAX_TRIALS")
+    [entry] = response.json()["errors"]
+    assert (entry["pointer"], entry["code"]) == ("/max_trials", "too-many")
+    assert "max_trials: 5000" in entry["hint"]
+    check_limit(bounded.post(path, json={**body, "max_trials": 5001}), 422, "5000", "5001", "TAILSTACK_MAX_TRIALS")
+    assert bounded.post(path, json={**body, "max_trials": 5000}).status_code == 202
+
+
+def test_what_draws_to_no_precision_is_not_held_to_the_default(bounded: httpx.Client) -> None:
+    for body in ({"trials": 5000}, {"method": "radial"}):
+        assert bounded.post("/v1/verifications", json={"design": small_design(), **body}).status_code == 202
+    parts = {"design": small_design(), "parts": ["score"]}
+    assert bounded.post("/v1/reports", json=parts).status_code == 202
+
+
+def test_starts_over_the_limit(bounded: httpx.Client) -> None:
     response = bounded.post("/v1/optimisations", json={"design": small_design(), "starts": 3})
     check_limit(response, 422, "2", "3", "TAILSTACK_MAX_STARTS")
     optimise = {**small_design()["optimise"], "starts": 9}

@@ -31,7 +31,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     secret.write_text(SECRET, encoding="utf-8")
     settings = Settings(
         auth="required", jwt_key_file=str(secret), jwt_algorithm="HS256", jwt_issuer="tests", max_streams=5,
-        max_tenant_streams=2,
+        max_tenant_streams=2, max_wait_seconds=600.0,
     )  # fmt: skip
     with client_with(settings) as client:
         yield client
@@ -62,15 +62,13 @@ def test_one_tenant_cannot_take_all_places(client: httpx.Client) -> None:
         assert document["errors"][0]["detail"] == "2 event streams and waits of one tenant are open, the limit"
         assert "TAILSTACK_MAX_TENANT_STREAMS" in document["errors"][0]["hint"]
         assert int(refused.headers["retry-after"]) > 0
-        begun = time.monotonic()
-        waited = client.post("/v1/verifications", json={**LONG, "seed": 2}, headers={**a, "Prefer": "wait=30"})
-        assert waited.status_code == 202, "a wait is a wish, and has the same places"
-        assert time.monotonic() - begun < 10
+        waited = client.post("/v1/verifications", json={**LONG, "seed": 2}, headers={**a, "Prefer": "wait=600"})
+        assert waited.status_code == 202, "a wait is a wish, and has the same places"  # longer than the client waits
         with streams(client, paths["b"], 2, b), streams(client, paths["c"], 1, c):
             busy = check_problem(client.get(paths["c"], headers=c), 503, "busy")
             assert busy["errors"][0]["detail"] == "5 event streams and waits are open, the limit"
     client.post(jobs["a"]["links"]["cancel"], headers=a)
-    deadline = time.monotonic() + 20  # the service notices when it next has something to say
+    deadline = time.monotonic() + 300  # the service notices when it next has something to say
     while (response := client.get(paths["a"], headers=a)).status_code != 200:
         assert time.monotonic() < deadline, response.text
         time.sleep(0.05)

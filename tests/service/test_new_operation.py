@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,7 +13,7 @@ import httpx
 import jsonschema
 import pytest
 import served
-from service_scenes import ROOT
+from service_scenes import ROOT, copy_with_toy
 
 TOY = '''"""How far apart the fiducials are."""
 
@@ -29,7 +28,7 @@ from pydantic import Field
 
 from tailstack.results import Provenance
 
-from .operation import Again, Call, Operation, Repetition
+from .operation import Call, Operation
 from .options import Options
 
 
@@ -77,10 +76,6 @@ def _document(record: Spacing, sha256: str) -> Any:
     )
 
 
-def _repeat(again: Repetition) -> Again:
-    return Again(_measure(Call(again.designs, SpacingOptions(neighbours=again.record.neighbours))))
-
-
 OPERATION = Operation(
     name="spacing",
     verb="spacing",
@@ -94,7 +89,6 @@ OPERATION = Operation(
     run=_measure,
     text=lambda record: f"closest: {record.distances_mm[0]:.3f} mm\\n",
     document=_document,
-    repeat=_repeat,
 )
 '''
 
@@ -102,16 +96,11 @@ OPERATION = Operation(
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The service's sources with one module more, and one line more in the registry."""
-    folder = tmp_path_factory.mktemp("service")
-    package = folder / "tailstack_service"
-    shutil.copytree(ROOT / "service" / "tailstack_service", package, ignore=shutil.ignore_patterns("__pycache__"))
-    (package / "operations" / "spacing.py").write_text(TOY, encoding="utf-8")
-    registry = package / "operations" / "registry.py"
     line = '    "conversion": "convert",\n'
-    text = registry.read_text(encoding="utf-8")
-    assert text.count(line) == 1
-    registry.write_text(text.replace(line, line + '    "spacing": "spacing",\n'))
-    return folder
+    return copy_with_toy(
+        ROOT / "service" / "tailstack_service", tmp_path_factory.mktemp("service"), "operations/spacing.py", TOY,
+        "operations/registry.py", (line, line + '    "spacing": "spacing",\n'),
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +159,7 @@ def test_its_route_is_in_the_document(variables: dict[str, str]) -> None:
 def test_over_http_it_is_a_job_whose_record_is_that_of_the_command(url: str, variables: dict[str, str]) -> None:
     here = tailstack(variables, "spacing", str(DESIGN), "--neighbours", "2", "--json").rstrip("\n")
     yaml, header = DESIGN.read_bytes(), {"content-type": "application/yaml", "prefer": "wait=60"}
-    with httpx.Client(base_url=url, timeout=120, trust_env=False) as client:
+    with httpx.Client(base_url=url, timeout=300, trust_env=False) as client:
         there = client.post("/v1/spacings", params={"neighbours": 2}, content=yaml, headers=header)
         assert (there.status_code, there.text) == (200, here)
         (job,) = client.get("/v1/jobs", params={"kind": "spacing"}).json()["jobs"]

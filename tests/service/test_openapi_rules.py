@@ -115,7 +115,7 @@ BROKEN: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "answer example": (
         lambda d: operation(d)["responses"]["200"]["content"]["application/json"].pop("example"),
-        f"{ONLY}: response 200: no example (openapi/answers.py writes it)",
+        f"{ONLY}: response 200: no example (python openapi/answers.py URL writes it)",
     ),
     "no success": (
         lambda d: operation(d).update(responses={"422": PROBLEM}), f"{ONLY}: no response for success"

@@ -10,7 +10,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,7 +23,7 @@ import yaml
 from optimisation_scenes import full_result, verification
 from service_scenes import EXAMPLES, ROOT
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from tailstack.design import design_to_data, load_design
 from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Finding, Optimisation
@@ -245,7 +246,8 @@ def test_a_log_gets_its_lines_at_growing_distances() -> None:
 # --- real processes -------------------------------------------------------------------------------
 
 
-def started(directory: Path, progress: str) -> subprocess.Popen[str]:
+@contextmanager
+def started(directory: Path, progress: str) -> Iterator[subprocess.Popen[str]]:
     """A long search, as far as a progress line that says something."""
     path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
     kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
@@ -256,19 +258,20 @@ def started(directory: Path, progress: str) -> subprocess.Popen[str]:
         env={**kept, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
             preexec_fn=die_with_parent,
     )  # fmt: skip
-    assert process.stderr is not None
-    said = ""
-    while progress not in said:
-        said = process.stderr.readline()
-        assert said, "the search ended before it could be stopped"
-    return process
+    with ended(process):
+        assert process.stderr is not None
+        said = ""
+        while progress not in said:
+            said = process.stderr.readline()
+            assert said, "the search ended before it could be stopped"
+        yield process
 
 
 @pytest.mark.long
 def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
-    process = started(tmp_path, ", least cost so far ")
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=120)
+    with started(tmp_path, ", least cost so far ") as process:
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=300)
     assert process.returncode == 130
     assert "Traceback" not in err
     assert STOPPING in err
@@ -281,13 +284,13 @@ def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_second_interrupt_leaves_at_once(tmp_path: Path) -> None:
-    process = started(tmp_path, "optimise: ")
-    assert process.stderr is not None
-    process.send_signal(signal.SIGINT)
-    while STOPPING not in process.stderr.readline():
-        time.sleep(0.001)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    with started(tmp_path, "optimise: ") as process:
+        assert process.stderr is not None
+        process.send_signal(signal.SIGINT)
+        while STOPPING not in process.stderr.readline():
+            time.sleep(0.001)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=300)
     assert process.returncode == 130
     assert out == ""
     assert err.splitlines()[-1] == "tailstack: interrupted"

@@ -3,7 +3,6 @@ template, the pre-commit hook, and the worked example that uses them."""
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import re
@@ -11,7 +10,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import sysconfig
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -24,7 +22,6 @@ from pipeline_scenes import (
     ACTION,
     EXAMPLE,
     SECONDS,
-    SOURCES,
     Ran,
     environment,
     git,
@@ -35,6 +32,7 @@ from pipeline_scenes import (
     repository,
     run_job,
     run_step,
+    shipped,
     step,
     template,
 )
@@ -228,10 +226,11 @@ def test_the_template_is_what_gitlab_reads() -> None:
     declared, body = template()
     validator = jsonschema.Draft7Validator(schema("gitlab-ci"))
     validator.validate({"spec": {"inputs": declared}})
-    validator.validate(interpolated())
+    validator.validate(interpolated(source="https://git.example.com/g/tailstack.git", commit="c" * 40))
     assert set(re.findall(r"inputs\.(\w+)", body)) == declared.keys()
     for entry in declared.values():
-        assert entry["default"] in entry.get("options", [entry["default"]])
+        assert "options" not in entry or entry["default"] in entry["options"]
+    assert {name for name, entry in declared.items() if "default" not in entry} == {"source", "commit"}
     script = "\n".join(next(iter(yaml.safe_load(body).values()))["script"])
     assert "$[[" not in script  # inputs reach the shell as variables
 
@@ -240,11 +239,13 @@ def test_the_template_is_what_gitlab_reads() -> None:
 def test_the_job_gates_and_leaves_its_reports(project: Path, tmp_path: Path) -> None:
     """Installed from this checkout, then again from what the cache kept; the designs that fail fail the job."""
     python = python_with_libraries(tmp_path / "python").parent
+    source, commit = shipped(tmp_path / "shipped")
     given = {
-        "package": str(ROOT), "policy": "policy.yaml", "waivers": "waivers.yaml", "mode": "analytic", "job": "guides",
+        "source": source, "commit": commit, "policy": "policy.yaml", "waivers": "waivers.yaml", "mode": "analytic",
+        "job": "guides",
     }  # fmt: skip
     job = interpolated(**given, designs="pass.yaml w*d.yaml")["guides"]
-    (project / ".tailstack").mkdir()  # the environment that a cache brings, of another package
+    (project / ".tailstack").mkdir()  # the environment that a cache brings, of another commit
     (project / ".tailstack" / "installed").write_text("of before", encoding="utf-8")
     (project / "tailstack-gate").mkdir()
     (project / "tailstack-gate" / "stale").write_text("of before", encoding="utf-8")
@@ -276,22 +277,25 @@ def test_the_job_gates_and_leaves_its_reports(project: Path, tmp_path: Path) -> 
         ({"designs": "nothing/*.yaml"}, 2),
         ({"designs": ""}, 2),
         ({"designs": "pass.yaml", "policy": "no policy.yaml"}, 2),
-        ({"designs": "p?ss.yaml", "package": "tailstack @ file:///nowhere"}, 3),
+        ({"designs": "p?ss.yaml", "source": "/nowhere", "commit": "f" * 40}, 3),
+        ({"designs": "p?ss.yaml", "source": "--upload-pack=touch pwned", "commit": "f" * 40}, 3),
     ],
 )
 def test_a_job_never_passes_what_was_not_judged(
     given: dict[str, str], code: int, project: Path, tmp_path: Path
 ) -> None:
-    """The environment that is there is taken for that of the default package; its command is the checkout's."""
-    job = interpolated(**{"mode": "analytic", **given})["tailstack-gate"]
+    """The environment that is there is taken for that of the commit; its command is the checkout's."""
+    kept = "c" * 40
+    job = interpolated(**{"mode": "analytic", "source": "/nowhere", "commit": kept, **given})["tailstack-gate"]
     python = python_with_libraries(tmp_path / "python")
     made = project / ".tailstack" / "bin"
     made.mkdir(parents=True)
     shutil.copy(python, made / "python")
     version = "Python " + ".".join(map(str, sys.version_info[:3]))
-    stamp = f"{version} {project} {template()[0]['package']['default']}"
+    stamp = f"{version} {project} {kept}"
     (project / ".tailstack" / "installed").write_text(stamp, encoding="utf-8")
     assert run_job(job, project, ["sh", "-e"], python.parent).code == code
+    assert not (project / "pwned").exists()
 
 
 # --- the pre-commit hook --------------------------------------------------------------------------
@@ -301,8 +305,8 @@ def test_the_hook_is_one_that_pre_commit_takes() -> None:
     (hook,) = HOOKS
     assert HOOK_NEEDS <= hook.keys() <= HOOK_KEYS
     assert hook["id"] == "tailstack-gate"
-    assert (hook["language"], hook["pass_filenames"], hook["require_serial"]) == ("python", True, True)
-    assert 'tailstack = "' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")  # what language python installs
+    assert (hook["language"], hook["pass_filenames"], hook["require_serial"]) == ("script", True, True)
+    assert os.access(ROOT / shlex.split(hook["entry"])[0], os.X_OK)
 
 
 @pytest.mark.parametrize(
@@ -332,49 +336,24 @@ def chosen(hook: dict[str, Any], files: list[str]) -> list[str]:
     ]
 
 
-def hooked(project: Path, room: Path, bin_: Path) -> Ran:
-    """``pre-commit run --all-files``: the program itself where it can be imported, else what it would do."""
-    config = project / ".pre-commit-config.yaml"
-    found = importlib.util.find_spec("pre_commit")
-    if found is not None and found.origin is not None:
-        shipped = room / "shipped"
-        if not shipped.exists():
-            shipped.mkdir()
-            for name in (".pre-commit-hooks.yaml", "pyproject.toml", "README.md", "LICENSE"):
-                shutil.copy(ROOT / name, shipped)
-            for name in ("solver", "service", "examples"):
-                shutil.copytree(ROOT / name, shipped / name, ignore=shutil.ignore_patterns("__pycache__"))
-            git(shipped, "init", "-q")
-            git(shipped, "add", "--all")
-            git(shipped, "-c", "user.name=t", "-c", "user.email=t@example.com", "commit", "-q", "-m", "shipped")
-            git(shipped, "tag", f"v{__version__}")
-        text = re.sub(r"repo: \S+", f"repo: {shipped}", config.read_text(encoding="utf-8"))
-        config.write_text(text, encoding="utf-8")
-        git(project, "add", "--all")
-        command = [sys.executable, "-m", "pre_commit", "run", "--all-files", "--verbose"]
-        libraries = os.pathsep.join((SOURCES, sysconfig.get_path("purelib"), str(Path(found.origin).parents[1])))
-        changes = {
-            "PRE_COMMIT_HOME": str(room / "pre-commit"), "PIP_NO_DEPS": "1", "PIP_NO_BUILD_ISOLATION": "0",
-            "PYTHONPATH": libraries,
-        }  # fmt: skip
-    else:
-        (entry,) = yaml.safe_load(config.read_text(encoding="utf-8"))["repos"]
-        (used,) = entry["hooks"]
-        (hook,) = ({**hook, **used} for hook in HOOKS if hook["id"] == used["id"])
-        files = chosen(hook, git(project, "ls-files").splitlines())
-        command = [*shlex.split(hook["entry"]), *hook["args"], *files]
-        changes = {"PATH": os.pathsep.join((str(bin_), os.environ["PATH"]))}
+def hooked(project: Path) -> Ran:
+    """``pre-commit run --all-files``, as pre-commit runs a hook of language script: from its own copy of what ships,
+    in the folder of the designs."""
+    (entry,) = yaml.safe_load((project / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    (used,) = entry["hooks"]
+    (hook,) = ({**hook, **used} for hook in HOOKS if hook["id"] == used["id"])
+    files = chosen(hook, git(project, "ls-files").splitlines())
+    program, *words = shlex.split(hook["entry"])
     done = subprocess.run(
-        command, cwd=project, env=environment(**changes), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True, timeout=SECONDS, encoding="utf-8", check=False,
+        [str(ROOT / program), *words, *hook["args"], *files], cwd=project, env=environment(), stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=SECONDS, encoding="utf-8", check=False,
     )  # fmt: skip
     return Ran(done.returncode, done.stdout)
 
 
 @pytest.mark.long
-def test_the_hook_stops_a_commit_that_fails_and_lets_one_pass(installed: Ran, project: Path, room: Path) -> None:
-    bin_ = Path(installed.outputs["bin"])
-    done = hooked(project, room, bin_)
+def test_the_hook_stops_a_commit_that_fails_and_lets_one_pass(project: Path) -> None:
+    done = hooked(project)
     assert done.code == 1
     assert re.search(r"fail\.yaml:\d+:\d+: error: tip-accuracy", done.said), done.said
     assert "accepted by waivers.yaml" in done.said
@@ -383,7 +362,7 @@ def test_the_hook_stops_a_commit_that_fails_and_lets_one_pass(installed: Ran, pr
     near = (project / "pass.yaml").read_text(encoding="utf-8").replace("limit_mm: 0.8", "limit_mm: 0.55")
     (project / "pass.yaml").write_text(near, encoding="utf-8")
     git(project, "add", "--all")
-    done = hooked(project, room, bin_)
+    done = hooked(project)
     assert done.code == 0, done.said
     assert "inconclusive" in done.said
 
@@ -410,7 +389,8 @@ def test_the_waivers_of_the_example_were_within_their_days() -> None:
 
 
 def test_the_workflows_of_the_example_are_what_their_readers_take() -> None:
-    workflow = yaml.load(WORKFLOW.read_text(encoding="utf-8"), yaml.BaseLoader)  # "on" is no truth value
+    workflow = yaml.safe_load(WORKFLOW.read_text(encoding="utf-8"))
+    workflow["on"] = workflow.pop(True)  # which "on" is in YAML 1.1, and not at GitHub
     jsonschema.Draft7Validator(schema("github-workflows")).validate(workflow)
     pipeline = yaml.safe_load((EXAMPLE / ".gitlab-ci.yml").read_text(encoding="utf-8"))
     jsonschema.Draft7Validator(schema("gitlab-ci")).validate(pipeline)
@@ -447,11 +427,34 @@ def test_what_ships_is_used_with_inputs_that_it_has() -> None:
     assert all(count >= 2 for count in used.values()), used
 
 
-def test_pipelines_name_the_version_that_they_came_with() -> None:
-    everything = [text for text, _ in blocks()] + [(ROOT / "templates" / "gate.yml").read_text(encoding="utf-8"), PAGE]
-    named = [found for text in everything for found in re.findall(r"(?:@v|rev: v|tailstack-v|==)(\d+\.\d+\.\d+)", text)]
-    assert len(named) >= 6
-    assert set(named) == {__version__}
+def test_pipelines_name_commits_and_no_tag_that_is_not_there() -> None:
+    """Whoever copies them says which commit; actions of others are named by the commits of their releases."""
+    texts = [text for text, _ in blocks()] + [(ROOT / "templates" / "gate.yml").read_text(encoding="utf-8"), PAGE]
+    named = {found for text in texts for found in re.findall(r"(?:tailstack(?:/gate)?@|rev: |/raw/)([\w.]+)", text)}
+    assert named == {"COMMIT"}
+    used = [str(entry["uses"]) for _, data in blocks() for entry in mappings(data) if "uses" in entry]
+    others = [each for each in used if "/tailstack@" not in each]
+    assert len(others) >= 8
+    assert all(re.fullmatch(r"[\w-]+/[\w-]+(/[\w-]+)?@[0-9a-f]{40}", each) for each in others), others
+    lines = [line for text in texts for line in text.splitlines() if "uses: " in line and "/tailstack@" not in line]
+    assert all(re.search(r"@[0-9a-f]{40} # v\d+\.\d+\.\d+", line) for line in lines)
+
+
+def test_jobs_are_bounded_and_may_do_no_more_than_they_must() -> None:
+    workflow = yaml.load(WORKFLOW.read_text(encoding="utf-8"), yaml.BaseLoader)
+    assert workflow["permissions"] == {}
+    assert workflow["on"]["push"] == {"branches": ["main"]}  # a pull request is judged once, not twice
+    for job in workflow["jobs"].values():
+        assert int(job["timeout-minutes"]) <= 30
+        assert job["permissions"] == {"contents": "read", "security-events": "write"}
+        (key,) = (step["with"]["key"] for step in job["steps"] if step.get("uses", "").startswith("actions/cache@"))
+        assert "steps.python.outputs.python-version" in key
+    job = interpolated(source="-", commit="c" * 40)["tailstack-gate"]
+    assert (job["timeout"], job["cache"]["key"]) == ("30 minutes", "tailstack-gate-" + "c" * 40)
+    for installs in (job["script"], [entry["run"] for entry in ACTION["runs"]["steps"]]):
+        text = "\n".join(installs)
+        assert text.count("--require-hashes") == 1
+        assert text.count("--no-deps --no-build-isolation") == 1
 
 
 def test_the_steps_have_names_that_people_see() -> None:

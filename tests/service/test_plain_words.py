@@ -19,10 +19,11 @@ from service_scenes import EXAMPLES, ROOT
 
 from family import die_with_parent
 from tailstack.design import load_design
+from tailstack.results.tables import Table
 from tailstack_service.cli.main import main
 from tailstack_service.cli.words import FIRST, read_glossary
 from tailstack_service.operations.rendering import document_of
-from tailstack_service.report.blocks import Bullets, Document, Figure, Paragraph, Table
+from tailstack_service.report.blocks import Bullets, Document, Figure, Paragraph
 
 # What must not be met without --details, and where it went.
 BANNED = {
@@ -115,7 +116,7 @@ def test_the_study_of_the_paper_is_plain(printed: Any) -> None:
     ("arguments", "words"),
     [
         (("score", DEMO), ("first order", "linearisation: good to 1 %. nu = ", "(Eq 16)", "dP95/dh", "sha256")),
-        (("verify", DEMO, "--trials", "20000"), ("eight lanes", "redone by SVD", "FO /", "normalised triangulation")),
+        (("verify", DEMO, "--trials", "20000"), ("eight lanes", "redone by SVD", "estimate /", "normalised")),
         (("optimise", DEMO, "--starts", "1"), ("KKT residual", "lower bound: ", "closed form", "tightening")),
         (("sweep", DEMO, "--set", HALF_WIDTH), ("first order", "|bias|")),
         (("study", "coupling", DEMO, "--trials", "16384"), ("sectioning", "noise gain", "nu = ")),

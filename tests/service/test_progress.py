@@ -19,7 +19,7 @@ import pytest
 from service_scenes import ROOT
 
 from tailstack.design import load_design
-from tailstack_service.console.progress import Progress
+from tailstack_service.console.progress import Progress, say
 from tailstack_service.operations.optimisation import expect, reporter
 from tailstack_service.operations.remaining import RemainingTime
 
@@ -238,6 +238,28 @@ def test_the_width_is_that_of_the_terminal_just_now() -> None:
         for columns in (80, 133):
             fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
             assert progress._columns() == columns - 1
+
+
+def test_what_is_said_meanwhile_does_not_stand_on_the_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal of 80 columns: the line of progress is taken off it before another is written."""
+    import fcntl
+    import struct
+    import termios
+
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    with os.fdopen(master, "rb", buffering=0) as screen, os.fdopen(slave, "w") as stream:
+        monkeypatch.setattr("sys.stderr", stream)
+        monkeypatch.setattr("tailstack_service.console.progress.QUIET_SECONDS", 0.01)
+        with Progress("demo") as progress:
+            progress.report(0, 0, "job 01m82x00000000000000000000: 50 %, unit 2 of 4, about 10 s left, and more")
+            shown = b""
+            while b"left" not in shown:
+                shown += screen.read(4096)
+            say("wrote out/demo/tailstack-design.schema.json")
+            while not re.search(rb"wrote [^\r\n]*\r?\n", shown):
+                shown += screen.read(4096)
+    assert re.search(rb"\r\x1b\[Kwrote out/demo/tailstack-design.schema.json\r?\n", shown), shown
 
 
 def test_a_log_gets_lines_without_bars() -> None:

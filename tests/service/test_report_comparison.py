@@ -21,7 +21,7 @@ from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import document_of, render
 from tailstack_service.problems import RequestError
 from tailstack_service.rendering.verification import verification_text
-from tailstack_service.report.assembling import ReportOptions, compute_report
+from tailstack_service.report.assembling import ReportContents, compute_report
 from tailstack_service.report.changes import MOST, changes_of
 from tailstack_service.report.comparing import FEWEST, compute_comparison, estimate_difference
 from tailstack_service.report.records import Comparison
@@ -45,7 +45,7 @@ def quieter() -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def found() -> Comparison:
     pair = [load_design(data) for data in (limited(0.9), quieter())]
-    return compute_comparison(pair[0], pair[1], ReportOptions(trials=TRIALS, seed=3))
+    return compute_comparison(pair[0], pair[1], ReportContents(trials=TRIALS, seed=3))
 
 
 # --- the interval ---------------------------------------------------------------------------------
@@ -85,7 +85,7 @@ def test_too_few_trials_have_no_interval() -> None:
     with pytest.raises(ValueError, match="one length"):
         estimate_difference(np.ones(FEWEST), np.ones(FEWEST + 1), 0.95, 0.95)
     pair = [load_design(data) for data in (limited(0.9), quieter())]
-    few = compute_comparison(pair[0], pair[1], ReportOptions(trials=500))
+    few = compute_comparison(pair[0], pair[1], ReportContents(trials=500))
     assert few.compared_trials is None
     assert few.differences[0].basis == "first order"
 
@@ -115,7 +115,7 @@ def uneven() -> tuple[list[dict[str, Any]], Comparison]:
     designs = [load_design(data) for data in pair]
     alone = [verify(design, precision=0.02, seed=3).trials for design in designs]
     assert alone[0] < alone[1], alone
-    made = compute_comparison(designs[0], designs[1], ReportOptions(precision=0.02, seed=3))
+    made = compute_comparison(designs[0], designs[1], ReportContents(precision=0.02, seed=3))
     assert [report.verification.trials for report in (made.first, made.second) if report.verification] == [alone[1]] * 2
     return pair, made
 
@@ -154,7 +154,7 @@ def test_a_job_draws_on_as_the_comparison_here_does(uneven: tuple[list[dict[str,
 @pytest.mark.long
 def test_both_scales_have_the_same_axis(uneven: tuple[list[dict[str, Any]], Comparison]) -> None:
     """Designs that are far apart: each picture by itself would end somewhere else."""
-    far = compute_comparison(load_design(limited(0.9)), load_design(limited(3.0)), ReportOptions(trials=500))
+    far = compute_comparison(load_design(limited(0.9)), load_design(limited(3.0)), ReportContents(trials=500))
     for made in (uneven[1], far):
         axes = []
         for figure in document_of("comparison", to_json(made)).figures:
@@ -169,9 +169,9 @@ def test_of_long_checks_the_interval_is_that_of_the_first_trials(monkeypatch: py
     from tailstack_service.report import comparing
 
     pair = [load_design(data) for data in (limited(0.9), quieter())]
-    whole = compute_comparison(pair[0], pair[1], ReportOptions(trials=TRIALS, seed=3))
+    whole = compute_comparison(pair[0], pair[1], ReportContents(trials=TRIALS, seed=3))
     monkeypatch.setattr(comparing, "MOST_COMPARED", 4096)
-    made = compute_comparison(pair[0], pair[1], ReportOptions(trials=TRIALS, seed=3))
+    made = compute_comparison(pair[0], pair[1], ReportContents(trials=TRIALS, seed=3))
     (all_of_them,), (part,) = whole.differences, made.differences
     assert (part.first_p95_mm, part.difference_mm) == (all_of_them.first_p95_mm, all_of_them.difference_mm)
     assert part.interval_mm is not None
@@ -190,7 +190,7 @@ def test_no_two_regions_of_a_page_have_one_name(found: Comparison) -> None:
     design = small_design()
     design["optimise"] |= {"starts": 1, "seed": 5}
     parts = ("score", "verification", "optimisation")
-    report = compute_report(load_design(design), ReportOptions(parts=parts, trials=500))
+    report = compute_report(load_design(design), ReportContents(parts=parts, trials=500))
     for kind, record in (("comparison", found), ("report", report), ("optimisation", report.optimisation)):
         page = render(kind, to_json(record), "html")[0].decode().partition('id="tailstack-record"')[0]
         names = re.findall(r'role="region" aria-label="([^"]*)"', page)
@@ -201,7 +201,7 @@ def test_no_two_regions_of_a_page_have_one_name(found: Comparison) -> None:
 @pytest.mark.long
 def test_a_design_against_itself_differs_by_nothing() -> None:
     design = load_design(limited(0.9))
-    same = compute_comparison(design, design, ReportOptions(trials=TRIALS))
+    same = compute_comparison(design, design, ReportContents(trials=TRIALS))
     assert same.differences[0].difference_mm == 0.0
     assert same.differences[0].conclusion == "not decided"
     assert not same.changes
@@ -225,9 +225,9 @@ def test_designs_without_a_common_target_are_not_compared() -> None:
     other["targets"][0]["name"] = "elsewhere"
     pair = [load_design(data) for data in (limited(0.9), other)]
     with pytest.raises(RequestError, match="no target of the same name"):
-        compute_comparison(pair[0], pair[1], ReportOptions(trials=TRIALS))
+        compute_comparison(pair[0], pair[1], ReportContents(trials=TRIALS))
     with pytest.raises(RequestError, match="optimise them by themselves"):
-        compute_comparison(pair[0], pair[1], ReportOptions(parts=("score", "optimisation")))
+        compute_comparison(pair[0], pair[1], ReportContents(parts=("score", "optimisation")))
 
 
 @pytest.mark.long
@@ -337,7 +337,7 @@ def test_a_design_with_missed_beads_is_reported_and_compared() -> None:
     """By its score, and by a simulation that has them missed: the estimated curve beside its bars is of both."""
     missed = limited(0.9)
     missed["fiducials"]["loss_probability"] = 0.02
-    options = ReportOptions(parts=("score",))
+    options = ReportContents(parts=("score",))
     report = compute_report(load_design(missed), options)
     mixture = report.score.losses[0].mixture
     assert mixture is not None
@@ -346,7 +346,7 @@ def test_a_design_with_missed_beads_is_reported_and_compared() -> None:
     assert f"with each bead missed in 2 % of shots, 95 % of all shots are within {mixture.value_mm:.3f} mm" in page
     assert compute_comparison(load_design(missed), load_design(limited(0.9)), options).differences
     missed["fiducials"]["loss_probability"] = 0.05
-    whole = ReportOptions(trials=TRIALS)
+    whole = ReportContents(trials=TRIALS)
     compared = compute_comparison(load_design(limited(0.9)), load_design(missed), whole)
     assert compared.differences[0].conclusion == "larger"
     drawn = compared.second
@@ -370,4 +370,4 @@ def test_sections_without_a_bound_are_no_difference() -> None:
     missed["fiducials"]["points"] = missed["fiducials"]["points"][:7]
     missed["fiducials"]["loss_probability"] = 0.048
     with pytest.raises(RequestError, match="no answer"):
-        compute_comparison(load_design(limited(0.9)), load_design(missed), ReportOptions(trials=TRIALS))
+        compute_comparison(load_design(limited(0.9)), load_design(missed), ReportContents(trials=TRIALS))

@@ -19,9 +19,11 @@ from service_scenes import EXAMPLES, small_design
 from tailstack import Design, load_design, score
 from tailstack.arrays import Array
 from tailstack.design.pointers import pointer_of
+from tailstack.results.look import LIMIT_COLOUR
 from tailstack.sweeping import read_axes, sweep
 from tailstack_service.operations.layout import lay_out
 from tailstack_service.report.charts import (
+    PHONE,
     Scaled,
     draw_budgets,
     draw_convergence,
@@ -37,8 +39,9 @@ from tailstack_service.report.charts import (
 from tailstack_service.report.half_widths import Judgement, ToleranceCurves, tolerance_curves
 from tailstack_service.report.images import draw_images
 from tailstack_service.report.records import Convergence, ConvergencePoint, Difference, ErrorDistribution
-from tailstack_service.report.scene import Item, Scene, scene_json, scene_of, semi_axes
+from tailstack_service.report.scene import Item, LayoutScene, scene_json, scene_of, semi_axes
 from tailstack_service.report.scene_picture import draw_scene
+from tailstack_service.report.svg import WIDTH
 
 SVG = "{http://www.w3.org/2000/svg}"
 ROUNDING = 0.051  # the page has one decimal
@@ -51,7 +54,7 @@ def example(name: str) -> Design:
     return load_design(EXAMPLES / f"{name}.yaml")
 
 
-def scene(design: Design, before: Design | None = None) -> Scene:
+def scene(design: Design, before: Design | None = None) -> LayoutScene:
     return scene_of(design, score(design), design.name, None if before is None else (before, score(before)), "before")
 
 
@@ -59,7 +62,7 @@ DEMO = example("demo")
 DEMO_SCENE = scene(DEMO)
 
 
-def of(found: Scene, kind: str, look: str) -> list[Item]:
+def of(found: LayoutScene, kind: str, look: str) -> list[Item]:
     return [item for item in found.items if item.kind == kind and item.look == look]
 
 
@@ -284,7 +287,7 @@ def test_a_design_without_errors_has_neither_ellipsoid_nor_magnification() -> No
 # --- the scene on paper ---------------------------------------------------------------------------
 
 
-def near_panel(found: Scene) -> tuple[Array, ElementTree.Element]:
+def near_panel(found: LayoutScene) -> tuple[Array, ElementTree.Element]:
     """(4, 2) the affine map from con to the page of the left panel, fitted to the fiducials' circles."""
     root = check_picture(draw_scene(found))
     at = circles(root, "#0072b2")
@@ -524,6 +527,16 @@ def test_the_dot_is_where_the_design_is_and_the_diamond_where_the_limit_is_met()
     assert "± 0.1 deg; 0 does not meet the limit" in words
 
 
+@pytest.mark.parametrize("fraction", [None, 0.9])
+def test_a_long_target_pushes_no_line_of_the_legend_off_the_page(fraction: float | None) -> None:
+    data = json.loads(json.dumps(DEMO.source.data).replace('"tip"', '"Clivus, the lowest place that is in reach (B)"'))
+    name = data["targets"][0]["name"]
+    found = tolerance_curves(load_design(data), name, Judgement(limit_mm=1.0, units_fraction=fraction), most=3)
+    words = [entry[0] for entry in texts(check_picture(draw_tolerances(found)))]
+    assert "limit 1 mm" in words
+    assert "as it is, " in " ".join(words)
+
+
 def test_two_designs_in_the_same_small_pictures() -> None:
     data = json.loads(json.dumps(DEMO.source.data))
     data["interfaces"]["connector_flange"]["tolerances"]["rx"]["half_width_deg"] = 0.05
@@ -579,7 +592,14 @@ def test_charts_of_errors_are_legible_wherever_the_limit_is(
     check_picture(draw_distribution(distribution("tip", 0.5), 0.87, interval, limit, "d"))
     check_picture(draw_distribution(distribution("tip", 0.5, sampled=False), 0.87, interval, limit, "d"))
     others = (("mean", 0.44), ("CVaR95", 1.02))
-    check_picture(draw_scale(Scaled("tip", 0.87, interval or (0.86, 0.88), limit, others), "s"))
+    for quantile in ("P95", "P95 that 90 % of units keep"):
+        shown = Scaled("tip", 0.87, interval or (0.86, 0.88), limit, others, quantile)
+        for width in (WIDTH, PHONE):
+            root = check_picture(draw_scale(shown, "s", width))
+            value = next(box for box in texts(root) if "0.870" in box[0])
+            lines = [line for line in root.iter(f"{SVG}path") if line.attrib.get("stroke") == LIMIT_COLOUR]
+            assert len(lines) == (limit is not None)
+            assert all(not value[1] < numbers(line.attrib["d"])[0] < value[3] for line in lines)
     points = tuple(
         ConvergencePoint(2**k, 0.87, (0.87 - 1 / 2 ** (k / 2), 0.87 + 1 / 2 ** (k / 2))) for k in range(7, 16)
     )

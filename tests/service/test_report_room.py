@@ -11,7 +11,7 @@ from service_scenes import EXAMPLES, limited, small_design
 
 from tailstack import load_design, score
 from tailstack.design import design_to_data
-from tailstack_service.report.assembling import ReportOptions, compute_report
+from tailstack_service.report.assembling import ReportContents, compute_report
 from tailstack_service.report.chapters.score import what_binds
 from tailstack_service.report.records import Allowance, Report
 
@@ -19,7 +19,7 @@ SEAT = "structure_connector"
 
 
 def reported(design: dict[str, Any]) -> Report:
-    return compute_report(load_design(design), ReportOptions(parts=("score",)))
+    return compute_report(load_design(design), ReportContents(parts=("score",)))
 
 
 def of(report: Report, contributor: str, component: str) -> Allowance:
@@ -92,7 +92,7 @@ def test_another_quantile_and_error_are_judged_by_their_own_requirement() -> Non
 @pytest.mark.long("slicer_markups")
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.stem)
 def test_every_example_has_room_or_a_reason(path: Any) -> None:
-    report = compute_report(load_design(path), ReportOptions(parts=("score",)))
+    report = compute_report(load_design(path), ReportContents(parts=("score",)))
     assert report.allowances
     for entry in report.allowances:
         assert (entry.slack is None) == (entry.status not in ("spare", "too wide"))

@@ -13,12 +13,12 @@ from service_scenes import EXAMPLES
 from tailstack import load_design, score
 from tailstack.arrays import Array
 from tailstack_service import report
-from tailstack_service.report.scene import Scene, scene_json, scene_of
+from tailstack_service.report.scene import LayoutScene, scene_json, scene_of
 from tailstack_service.report.scene_picture import draw_scene
 
 __all__ = ["browser"]
 
-Seen = tuple[list[dict[str, Any]], Scene, Array]  # what each page did, the scene, (N, 3) fiducials
+Seen = tuple[list[dict[str, Any]], LayoutScene, Array]  # what each page did, the scene, (N, 3) fiducials
 
 TEMPLATES = Path(report.__file__).parent / "templates"
 HOSTILE = "</script><img src=x>"
@@ -59,7 +59,7 @@ window.said = () => new Promise((done) => setTimeout(() => done(status()), 400))
 """
 
 
-def demo() -> tuple[Scene, Array]:
+def demo() -> tuple[LayoutScene, Array]:
     data = load_design(EXAMPLES / "demo.yaml").source.data
     data = {**data, "fiducials": {**data["fiducials"], "points": [*data["fiducials"]["points"]]}}
     data["fiducials"]["points"][0] = {**data["fiducials"]["points"][0], "label": HOSTILE}
@@ -67,7 +67,7 @@ def demo() -> tuple[Scene, Array]:
     return scene_of(design, score(design), HOSTILE), np.array(design.fiducials.positions_mm)
 
 
-def page(found: Scene) -> str:
+def page(found: LayoutScene) -> str:
     style = "".join((TEMPLATES / name).read_text(encoding="utf-8") for name in ("report.css", "viewer.css"))
     script = (TEMPLATES / "viewer.js").read_text(encoding="utf-8")
     return (

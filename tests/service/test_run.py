@@ -60,7 +60,7 @@ class Clone:
         path = f"{self.folder / 'tools'}{os.pathsep}/usr/bin{os.pathsep}/bin"
         return subprocess.run(
             [sys.executable, str(self.folder / "run"), *arguments], env={"PATH": path}, capture_output=True, text=True,
-            timeout=60, check=False,
+            timeout=300, check=False,
         )  # fmt: skip
 
     def calls(self) -> list[str]:
@@ -126,3 +126,52 @@ def test_without_uv_it_is_pip(tmp_path: Path, command: str) -> None:
     assert "packages (pip)" in done.stderr
     assert NOISE not in done.stderr
     assert any("-m pip install" in call and "--require-hashes" in call for call in clone.calls())
+
+
+def test_quick_tests_leave_out_what_starts_or_computes_much_and_say_so(tmp_path: Path) -> None:
+    """By hand, of six files; a test of those that are run has its first case alone."""
+    clone = Clone(tmp_path)
+    (tmp_path / "requirements-test.lock").write_text("pytest==1\n")
+    files = {
+        "unit/test_a.py": "def test_one(): pass", "service/test_b.py": "def test_one(): pass",
+        "service/test_c.py": "import subprocess\ndef test_one(): pass\ndef test_two(): pass",
+        "unit/test_optimise_d.py": "def test_one(): pass", "unit/test_study_e.py": "def test_one(): pass",
+        "properties/test_f.py": "async def test_one(): pass",
+    }  # fmt: skip
+    for name, text in files.items():
+        (tmp_path / "tests" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "tests" / name).write_text(text)
+    assert clone.run("tailstack", "version").returncode == 0
+    shutil.copy(tmp_path / "tools" / "python", tmp_path / ".venv" / "bin" / "ruff")
+    done = clone.run("test", "--quick", "-x")
+    assert done.returncode == 0, done.stderr
+    assert clone.calls()[-1].endswith("--first-case tests/service/test_b.py tests/unit/test_a.py -x")
+    assert [call for call in clone.calls() if "check" in call] == ["python check .", "python format --check ."]
+    assert done.stderr.split("run: left out are\n")[1].splitlines() == [
+        "  mypy and the import rules",
+        "  of each other test every case but the first",
+        "  random designs and files: 1 files, 1 tests",
+        "  what starts processes, servers, databases or browsers: 1 files, 2 tests",
+        "  the optimiser: 1 files, 1 tests",
+        "  studies and comparisons: 1 files, 1 tests",
+        "run: all of it: ./run test",
+    ]
+
+
+def test_the_first_case_of_each_test_is_run_where_that_is_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "conftest.py").write_text((ROOT / "tests" / "conftest.py").read_text())
+    text = "import pytest\n@pytest.mark.parametrize('k', [1, 2, 3])\ndef test_a(k): assert k == 1\ndef test_b(): pass\n"
+    (tmp_path / "test_cases.py").write_text(text)
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-p",
+        "no:cacheprovider",
+        "--rootdir",
+        str(tmp_path),
+        "--first-case",
+        ".",
+    ]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert "2 passed, 2 deselected" in done.stdout, done.stdout

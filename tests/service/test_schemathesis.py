@@ -45,7 +45,7 @@ def jobs_and_results(client: httpx.Client) -> tuple[list[str], list[str]]:
         (path, light(example)) for path, _, operation in operations() for example in json_examples(operation).values()
     ]
     (verification,) = [body for path, body in requests if path == "/v1/verifications"]
-    unreachable = {**verification, "trials": None, "precision": 1e-4}
+    unreachable = {**verification, "trials": None, "precision": 1e-4, "max_trials": int(LIMITS["TAILSTACK_MAX_TRIALS"])}
     jobs: list[str] = []
     for path, body in [
         *requests,
@@ -71,7 +71,7 @@ def jobs_and_results(client: httpx.Client) -> tuple[list[str], list[str]]:
 def configuration(service: Served, key: str, directory: Path) -> Path:
     """The configuration file of this run."""
     with httpx.Client(
-        base_url=service.url, headers={"Authorization": f"Bearer {key}"}, timeout=60, trust_env=False
+        base_url=service.url, headers={"Authorization": f"Bearer {key}"}, timeout=300, trust_env=False
     ) as c:
         jobs, results = jobs_and_results(c)
     text = (HERE / "schemathesis.toml").read_text(encoding="utf-8")

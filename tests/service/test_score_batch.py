@@ -6,8 +6,10 @@ import csv
 import io
 import json
 import random
+import re
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from pyarrow import parquet
 from tailstack import load_design, score
 from tailstack.design import design_to_yaml
 from tailstack_service.cli.main import main
+from tailstack_service.console.progress import Progress
 from tailstack_service.problems import RequestError
 from tailstack_service.tables import ENDINGS, read_table
 
@@ -110,7 +113,7 @@ def test_columns_of_other_names_and_the_ones_that_are_asked_for(tmp_path: Path, 
     assert lines[0] == "Variante;Rauschen;p95_mm:tip;verdict;reason"
     assert [line.split(";")[0::3] for line in lines[1:]] == [["A", "fail"], ["B", "fail"]]
     assert "carried along: Variante" in said
-    assert "fiducials.manufacturing is not under a normal law" in said
+    assert "2 rows: 2 in full (a verdict takes how far first order can be trusted, row by row)" in said
 
 
 @pytest.mark.parametrize(
@@ -138,6 +141,69 @@ def test_a_table_that_cannot_be_read_is_refused_where_it_is_wrong(
     assert said in error
     assert (f"table.csv{place}" if place else "") in error
     assert not list(tmp_path.glob("scores*"))
+
+
+def workbook(rows: dict[int, tuple[Any, ...]], dimension: str | None = None) -> io.BytesIO:
+    """A workbook with these rows, which says of its size what is so, or else what it is told to say."""
+    book = openpyxl.Workbook()
+    assert book.active is not None
+    for line, row in rows.items():
+        for column, cell in enumerate(row, 1):
+            book.active.cell(line, column, cell)
+    book.save(content := io.BytesIO())
+    if dimension:
+        told = io.BytesIO()
+        with zipfile.ZipFile(content) as packed, zipfile.ZipFile(told, "w") as packing:
+            for name in packed.namelist():
+                text = re.sub(rb'<dimension ref="[^"]*"', f'<dimension ref="{dimension}"'.encode(), packed.read(name))
+                packing.writestr(name, text)
+        content = told
+    content.seek(0)
+    return content
+
+
+@pytest.mark.parametrize(("first", "next_filled"), [(3, 4), (3, 1026), (3, 1027), (1025, 1026), (1500, 9000)])
+def test_no_row_of_a_sheet_is_lost_behind_empty_ones(first: int, next_filled: int) -> None:
+    rows: dict[int, tuple[Any, ...]] = {1: (AP,)} | dict.fromkeys(range(2, first), (0.3,)) | {next_filled: (0.2,)}
+    with pytest.raises(RequestError, match=f"line {first} is empty, and line {next_filled} below it is not") as refused:
+        list(read_table(workbook(rows), "xlsx").blocks)
+    assert refused.value.problems[0].line == first
+
+
+def test_rows_of_a_sheet_have_the_lines_that_the_sheet_numbers() -> None:
+    rows: dict[int, tuple[Any, ...]] = {1: ("name", AP)} | {line: (f"row {line}", line / 8) for line in range(2, 2501)}
+    rows[2500] = ("row 2500",)
+    table = read_table(workbook(rows | {2600: (None, "")}), "xlsx")  # a cell that was cleared below the table
+    found = [(line, *row) for block in table.blocks for line, *row in zip(block.lines, *block.columns, strict=True)]
+    assert found[:-1] == [(line, f"row {line}", line / 8) for line in range(2, 2500)]
+    assert found[-1] == (2500, "row 2500", None)
+
+
+def test_what_a_workbook_says_of_its_size_hides_no_row() -> None:
+    rows: dict[int, tuple[Any, ...]] = {1: ("name", AP), 2: ("a", 0.25), 3: ("b", 0.5)}
+    table = read_table(workbook(rows, "A1"), "xlsx")
+    assert table.header == ("name", AP)
+    assert [(tuple(block.lines), block.columns) for block in table.blocks] == [((2, 3), (("a", "b"), (0.25, 0.5)))]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (b'{"a": 1', "line 2 is not JSON from column 8 on; got "),
+        (b"{'a': 1}", "line 2 is not JSON from column 2 on; got "),
+        (b'{"a": "\xff"}', "line 2 is not JSON; got "),
+        (b'{"a": ' + b"[" * 100_000, "line 2 is not JSON; got "),
+    ],
+)
+def test_a_line_that_is_not_json_is_refused_in_our_words(text: bytes, words: str) -> None:
+    """Not in those of a parser ("Expecting ',' delimiter: line 1 column 8 (char 7)"), whose line is another one."""
+    with pytest.raises(RequestError) as refused:
+        list(read_table(io.BytesIO(b'{"a": 0}\n' + text + b"\n"), "ndjson").blocks)
+    [problem] = refused.value.problems
+    assert problem.detail.startswith(words)
+    assert len(problem.detail) < 120
+    assert "one object" in (problem.hint or "")
+    assert (problem.code, problem.line) == ("json-syntax", 2)
 
 
 @pytest.mark.parametrize("form", [".csv", ".ndjson", ".xlsx", ".arrow", ".parquet"])
@@ -196,3 +262,21 @@ def test_memory_does_not_grow_with_the_table(tmp_path: Path) -> None:
         peaks.append(int(peak) / 1024)
     assert peaks[1] - peaks[0] < 25  # MB; a row kept in memory as it is written takes 300 bytes: 18 MB more
     assert peaks[1] < 300
+
+
+@pytest.mark.parametrize(("ending", "told"), [(".csv", 3000), (".ndjson", 3000), (".parquet", 3000), (".arrow", 0)])
+def test_while_it_runs_a_table_says_how_far_it_is(
+    ending: str, told: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Slow rows are told some at a time; where a file does not say how many it has, only their number."""
+    monkeypatch.setattr(f"{__name__}.ROWS", ROWS[:2] * 1500)
+    write(tmp_path / f"variants{ending}")
+    told_of: list[tuple[float, float, str]] = []
+    monkeypatch.setattr(Progress, "report", lambda _, *how_far: told_of.append(how_far))
+    command = ["score", DEMO, "--batch", str(tmp_path / f"variants{ending}"), "-o", str(tmp_path / "scores.csv")]
+    assert main(command) == 0
+    assert "3,000 rows: 3,000 compiled" in capsys.readouterr().err
+    assert len(told_of) > 2
+    assert [done for done, _, _ in told_of] == sorted({done for done, _, _ in told_of})
+    assert all(total == (told or done) for done, total, _ in told_of)
+    assert told_of[-1] == (3000, 3000, "3,000 rows")

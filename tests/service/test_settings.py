@@ -150,7 +150,7 @@ def test_a_score_loads_neither_settings_nor_a_client() -> None:
         f"import sys; from tailstack_service.cli.main import main; main(['--help']); main(['score', {str(demo)!r}]);"
         "print(sorted({'httpx', 'httpx_sse', 'pydantic_settings'} & set(sys.modules)), file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert done.stderr.splitlines()[-1] == "[]"
 
 

@@ -87,7 +87,7 @@ def test_equal_answers_are_kept_once_and_belong_to_whoever_has_a_job_with_them(s
     for job in (mine, theirs):
         assert find(store, job).result_sha256 == name
         found = results.read_result(store, job.tenant, name)
-        assert found == results.Result(name, "verification", b'{"same":true}', first)
+        assert found == results.StoredResult(name, "verification", b'{"same":true}', first)
     for absent in ("", "0" * 64, name.upper(), name[:-1], "\0" * 64):
         assert results.read_result(store, "acme", absent) is None
 

@@ -257,7 +257,7 @@ def test_what_is_said_of_restoring_can_be_typed(tmp_path: Path, clock: Clock) ->
         shutil.move(f"{folder / 'killed'}{ending}", f"{file}{ending}")
     stop, _, commands = said.partition("then ")
     assert "stop the service" in stop
-    subprocess.run(["sh", "-e", "-c", commands], check=True, timeout=30)
+    subprocess.run(["sh", "-e", "-c", commands], check=True, timeout=300)
     again = open_database(f"sqlite:///{file}", clock=clock)
     try:
         assert jobs.find_job(again, later.tenant, later.id) is None
@@ -288,7 +288,7 @@ def test_a_backup_of_a_server_can_be_restored(
         subprocess.run(
             [postgres_server.binaries / "pg_restore", "--no-owner", "--exit-on-error", f"--dbname={name}",
              "--host=127.0.0.1", f"--port={postgres_server.port}", "--username=tailstack", target],
-            check=True, timeout=60, env={**os.environ, "PGPASSWORD": postgres_server.password},
+            check=True, timeout=300, env={**os.environ, "PGPASSWORD": postgres_server.password},
         )  # fmt: skip
         check_restored(postgres_server.url(name), made, clock)
     finally:

@@ -38,7 +38,7 @@ def environment() -> dict[str, str]:
 @pytest.mark.parametrize(("snippet", "printed"), SNIPPETS)
 def test_a_snippet_prints_what_the_page_says(snippet: str, printed: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", snippet], cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=120,
+        [sys.executable, "-c", snippet], cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=300,
         check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (0, printed), done.stderr

@@ -13,8 +13,8 @@ import jsonschema
 import pytest
 
 from tailstack_service.cli.main import main
-from tailstack_service.rendering.studies.comparison import comparison_text
-from tailstack_service.report.study_charts import draw_bench
+from tailstack_service.rendering.document import document_text
+from tailstack_service.report.studies.bench import bench_document, draw_bench
 from tailstack_service.schemas import json_schema, record_of
 
 ROOT = Path(__file__).parents[2]
@@ -49,7 +49,7 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     assert len(marks) == len(study.levels) + sum(len(level.quantiles) for level in study.levels)
     eight = replace(study, levels=study.levels[:1] * 8)
     assert "tails of the first 6 of 8 levels" in draw_bench(eight)
-    text = comparison_text(study)
+    text = document_text(bench_document(study, ""))
     assert max(map(len, text.splitlines())) <= 100
     unwrapped = " ".join(text.split())
     assert all(said in unwrapped for said in study.conclusions)
@@ -145,4 +145,4 @@ def test_usage(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["study", "compare", DEMO, "--measurements", str(tmp_path / "none.csv")]) == 2
     assert "none.csv" in capsys.readouterr().err
     assert main(["study", "compare", DEMO, "--measurements", DEMO, "--instrument-sd", "-1"]) == 2
-    assert "0 to 1000 mm" in capsys.readouterr().err
+    assert "at least 0 and at most 1000" in capsys.readouterr().err

@@ -12,9 +12,9 @@ import pytest
 
 from tailstack.studies.coupling import choose_decimals
 from tailstack_service.cli.main import main
+from tailstack_service.rendering.document import document_text
 from tailstack_service.rendering.page import Page, write_on
-from tailstack_service.rendering.studies.coupling import COMPARISONS, coupling_text
-from tailstack_service.report.study_charts import draw_coupling
+from tailstack_service.report.studies.coupling import COMPARISONS, coupling_document, draw_coupling
 from tailstack_service.schemas import json_schema, record_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -62,7 +62,7 @@ def test_first_order_says_what_is_seen_against_the_vector_sum(document: dict) ->
 def test_text_fits_the_page_and_holds_every_ratio(document: dict) -> None:
     study = record_of("study-coupling", document["study"])
     with write_on(Page(100, details=True)):
-        text = coupling_text(study)
+        text = document_text(coupling_document(study, ""))
     assert max(map(len, text.splitlines())) <= 100
     for case in study.cases:
         assert f"{case.p95_together_mm:.4g}" in text
@@ -81,9 +81,10 @@ def test_what_there_is_none_of_is_told(document: dict) -> None:
     cases = tuple(replace(case, target=long, gain=None, noise_rms_biased_mm=None) for case in study.cases)
     bare = replace(study, cases=cases)
     with write_on(Page(100, details=True)):
-        text = coupling_text(bare)
+        text = document_text(coupling_document(bare, ""))
     assert max(map(len, text.splitlines())) <= 100
-    assert text.count("none") >= 2 * len(cases)
+    assert text.count("  none  ") == len(cases)  # gains
+    assert sum(line.endswith("  -") for line in text.splitlines()) == len(cases)  # root mean squares
     figure = draw_coupling(bare)
     assert figure.count("no standard deviation") == len(cases)
     assert figure.count("<circle") == (len(COMPARISONS) - 1) * len(cases)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +17,9 @@ from test_report_figures import check_picture
 from tailstack.design import compile_design, load_design
 from tailstack.studies.linearity import Grid, study_linearity
 from tailstack_service.cli.main import main
+from tailstack_service.rendering.document import document_text
 from tailstack_service.rendering.page import Page, write_on
-from tailstack_service.rendering.studies.linearity import linearity_csv, linearity_text
-from tailstack_service.report.study_charts import draw_linearity
+from tailstack_service.report.studies.linearity import draw_linearity, linearity_csv, linearity_document
 from tailstack_service.schemas import json_schema, record_of
 
 AXES = ["--noise", "0.3,4", "--rotation", "0,2", "--spread", "1,0.4,6", "--count", "8,7", "--trials", "8192"]
@@ -51,9 +52,9 @@ def test_json_is_the_published_record(printed: dict) -> None:
 def test_text_has_every_point_and_its_class(printed: dict) -> None:
     study = record_of("study-linearity", printed["study"])
     with write_on(Page(details=True)):
-        text = linearity_text(study)
+        text = document_text(linearity_document(study, ""))
     assert max(map(len, text.splitlines())) <= 80
-    rows = [line.split() for line in text.splitlines() if line[:1].isdigit() and "fiducials" not in line]
+    rows = [line.split() for line in text.splitlines() if re.match(r"[\d.]+ +[\d.]+ ", line)]
     assert [row[:2] for row in rows] == [
         [f"{spread:g}", f"{noise:g}"] for _ in study.counts for spread in study.spreads for noise in study.noises_px
     ]
@@ -62,7 +63,7 @@ def test_text_has_every_point_and_its_class(printed: dict) -> None:
     assert "refused: " in text
     for line in study.calibration:
         assert f"  {line.points}  " in text
-        assert f"{line.lowest_ratio:.3f} .. {line.highest_ratio:.3f}" in text
+        assert re.search(rf"{line.lowest_ratio:.3f} +{line.highest_ratio:.3f}$", text, re.MULTILINE)
 
 
 def test_many_rotations_stand_below_one_another_on_a_page_of_80_columns(tmp_path: Path) -> None:
@@ -71,7 +72,7 @@ def test_many_rotations_stand_below_one_another_on_a_page_of_80_columns(tmp_path
     study = study_linearity(
         design, Grid(noises_px=(0.5,), rotations_deg=rotations, spreads=(1.0,), counts=(8,)), trials=2**13
     )
-    text = linearity_text(study)
+    text = document_text(linearity_document(study, ""))
     assert max(map(len, text.splitlines())) <= 80
     heads = [line.split()[3:] for line in text.splitlines() if line.startswith("8 fiducials,")]
     assert [float(part) for head in heads for part in head if part != "deg"] == list(rotations)

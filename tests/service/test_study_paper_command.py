@@ -17,8 +17,9 @@ from test_report_figures import check_picture
 from tailstack.studies.paper.published import CELLS
 from tailstack_service.cli.main import main
 from tailstack_service.operations.study_paper import C_ARM, FITTED, scenario
+from tailstack_service.rendering.document import document_text
 from tailstack_service.rendering.page import Page, write_on
-from tailstack_service.rendering.studies.paper import paper_csv, paper_text
+from tailstack_service.report.studies.paper import paper_csv, paper_document
 from tailstack_service.schemas import json_schema, record_of
 
 QUICK = ["--trials", "40000"]
@@ -53,7 +54,7 @@ def test_json_is_the_published_record(printed: dict) -> None:
 def test_text_holds_every_printed_cell_with_its_z(printed: dict) -> None:
     study = record_of("study-paper", printed["study"])
     with write_on(Page(120, details=True)):
-        text = paper_text(study)
+        text = document_text(paper_document(study, ""))
     assert max(map(len, text.splitlines())) <= 120
     lines = text.splitlines()
     for cell in study.geometries[0].cells:
@@ -79,7 +80,7 @@ def test_text_holds_every_printed_cell_with_its_z(printed: dict) -> None:
 def test_text_has_every_cell_of_the_tables(printed: dict) -> None:
     """published: the tables, typed once more by themselves."""
     with write_on(Page(120, details=True)):
-        text = paper_text(record_of("study-paper", printed["study"]))
+        text = document_text(paper_document(record_of("study-paper", printed["study"]), ""))
     lines = text.splitlines()
     heads = {name: next(k for k, line in enumerate(lines) if line.startswith(start)) for name, start in (
         ("S1", "S1: "), ("S2", "S2: "), ("S3", "S3: standard"), ("means", "S3: means"), ("S4", "S4, as"),
@@ -113,7 +114,7 @@ def test_geometries_of_long_similar_names_are_told_apart(printed: dict) -> None:
     study = record_of("study-paper", printed["study"])
     names = [f"C-arm of the left theatre, {'x' * 26}{letter}{'y' * 26}" for letter in "abcdefgh"]
     named = [replace(geometry, name=name) for geometry, name in zip(study.geometries, names, strict=False)]
-    text = "".join(paper_text(replace(study, geometries=tuple(named))).split())
+    text = "".join(document_text(paper_document(replace(study, geometries=tuple(named)), "")).split())
     assert all("".join(geometry.name.split()) in text for geometry in named)
 
 
@@ -191,3 +192,19 @@ def test_refusals(
     assert output.out == ""
     assert said in output.err
     assert "next: tailstack" in output.err
+
+
+def test_the_short_text_has_the_means_of_s3_and_the_bench_of_s4(printed: dict) -> None:
+    """published: S3's means of the Monte Carlo, and S4."""
+    with write_on(Page(80)):
+        lines = document_text(paper_document(record_of("study-paper", printed["study"]), "")).splitlines()
+    assert max(map(len, lines)) <= 80
+    means = next(k for k, line in enumerate(lines) if line.startswith("S3: means"))
+    assert [line.split()[:2] for line in lines[means + 4 : means + 7]] == [
+        ["x", "0.602"],
+        ["y", "0.515"],
+        ["z", "0.221"],
+    ]
+    bench = next(k for k, line in enumerate(lines) if line.startswith("S4, as"))
+    assert lines[bench + 5].split()[:5] == ["L1", "0.551", "0.0046", "0.556", "2.0"]
+    assert not any("first order" in line for line in lines)

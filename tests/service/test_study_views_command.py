@@ -15,7 +15,7 @@ from optimise_documents import document, moving
 from tailstack import load_design
 from tailstack.studies.views import study_views
 from tailstack_service.cli.main import main
-from tailstack_service.report.study_charts import draw_views
+from tailstack_service.report.studies.views import draw_views
 from tailstack_service.schemas import json_schema, record_of
 
 DEMO = str(EXAMPLES / "demo.yaml")

@@ -80,12 +80,12 @@ def test_the_report_of_a_sweep_without_an_answer_is_no_success(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--set", "views.AP.fiducial_noise=0.1:0.2:2"], "did you mean /views/0/fiducial_noise_px"),
+        (["--set", "views.AP.fiducial_noise=0.1:0.2:2"], "did you mean views.AP.fiducial_noise_px?"),
         (["--set", "views.AP.name=1,2"], "is a text"),
         (["--set", "views.AP.fiducial_noise_px"], "PATH=START:STOP:COUNT"),
         (["--set", "views.AP.fiducial_noise_px=0.1:0.2"], "PATH=START:STOP:COUNT"),
         (["--set", "views.AP.fiducial_noise_px=0.1,x"], "PATH=START:STOP:COUNT"),
-        (["--set", "views.AP.fiducial_noise_px=0.1", "--trials", "5000"], "--check verification"),
+        (["--set", "views.AP.fiducial_noise_px=0.1", "--trials", "5000"], "--trials: a score draws no trials"),
         ([], "--set"),
     ],
 )

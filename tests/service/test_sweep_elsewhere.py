@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import threading
-import time
 from contextlib import closing
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,8 +18,9 @@ from service_scenes import client_with, small_design, write_json
 from tailstack.errors import NotConvergedError
 from tailstack_service.cli.main import main
 from tailstack_service.jobs import alone
-from tailstack_service.jobs.alone import RefusedJob, compute_job
+from tailstack_service.jobs.alone import compute_job
 from tailstack_service.jobs.engines.pool import PoolEngine
+from tailstack_service.problems import RefusedAt
 from tailstack_service.processes.frames import Defect
 from tailstack_service.settings import Settings
 
@@ -81,7 +81,7 @@ def test_units_whose_process_dies_are_computed_again_and_then_given_up(tmp_path:
         with pytest.raises(NotConvergedError, match=f"{alone.MOST_DEATHS} processes ended under the same unit"):
             compute_job(engine, "sweep", strange_units.request("die", note=str(tmp_path / "deaths")))
         assert (tmp_path / "deaths").read_text().count('{"unit":0}') == alone.MOST_DEATHS
-        with pytest.raises(RefusedJob, match="nothing fits") as refused:
+        with pytest.raises(RefusedAt, match="nothing fits") as refused:
             compute_job(engine, "sweep", strange_units.request("refuse"))
         assert (refused.value.exit_code, refused.value.slug) == (1, "infeasible")
         with pytest.raises(Defect, match="ArithmeticError"):
@@ -107,13 +107,11 @@ def test_an_engine_without_anything_to_compute_with_is_given_up(monkeypatch: pyt
             return 0
 
     monkeypatch.setattr(alone, "PATIENCE_SECONDS", 0.3)
-    begun = time.monotonic()
     with (
         closing(Empty(1, function=strange_units.FUNCTION)) as engine,
         pytest.raises(NotConvergedError, match="nothing"),
     ):
         compute_job(engine, "sweep", strange_units.request())
-    assert time.monotonic() - begun < 30
 
 
 @pytest.mark.parametrize(
@@ -154,7 +152,7 @@ def figure(design: Path, tmp_path: Path, *axes: str) -> str:
 def test_a_figure_over_one_axis_has_a_mark_for_each_point(design: Path, tmp_path: Path) -> None:
     svg = figure(design, tmp_path, f"{NOISE}=0.1:0.9:5")
     assert svg.count("<circle") >= 5
-    assert "/views/*/fiducial_noise_px, px" in svg
+    assert "views.*.fiducial_noise_px, px" in svg
     assert "as designed" in svg
 
 
@@ -164,7 +162,7 @@ def test_a_figure_over_two_axes_has_a_curve_each_or_is_a_map(design: Path, tmp_p
     assert all(f">{value} deg<" in svg for value in (0.05, 0.1, 0.4))
     many = figure(design, tmp_path, f"{NOISE}=0.1:0.9:8", f"{RZ}=0.05:0.4:7")
     assert many.count("<rect") >= 56
-    assert "up: /views/*/fiducial_noise_px, px" in many
+    assert "up: views.*.fiducial_noise_px, px" in many
 
 
 def test_a_figure_says_what_it_leaves_out(tmp_path: Path) -> None:

@@ -16,11 +16,12 @@ from pathlib import Path
 from statistics import quantiles
 from typing import Any
 
+import generate
 import httpx
 import node
 import pytest
 import yaml
-from browsing import browser, chromium, place_script
+from browsing import DEMO, asked, browser, place_script, used
 from served import COMMAND, Served, served
 from service_scenes import EXAMPLES, ROOT
 
@@ -31,7 +32,6 @@ from tailstack_service.documents import to_json
 
 __all__ = ["browser"]
 
-DEMO = (EXAMPLES / "demo.yaml").read_text(encoding="utf-8")
 SOURCES, BUILT = ROOT / "service" / "workbench", ROOT / "service" / "tailstack_service" / "workbench"
 SECONDS = 400
 SCRIPT = "workbench.mjs"  # the scenarios
@@ -41,27 +41,6 @@ SCRIPT = "workbench.mjs"  # the scenarios
 def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
     with served(tmp_path_factory.mktemp("workbench")) as running:
         yield running
-
-
-def asked(url: str, scenario: str, design: str = DEMO, **more: Any) -> str:
-    shot = os.environ.get("TAILSTACK_SCREENSHOTS")  # a folder: where pictures of the page are wanted
-    picture = {"shot": f"{shot}/{more.get('name', scenario)}.png"} if shot else {}
-    return json.dumps({
-        "executable": chromium(), "sandbox": os.geteuid() != 0, "url": f"{url}/", "scenario": scenario,
-        "design": design, **picture, **more,
-    })  # fmt: skip
-
-
-def used(url: str, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:
-    """What a scenario of ``browser/workbench.mjs`` found.  Raises BrowserMissing."""
-    done = subprocess.run(
-        ["node", place_script(SCRIPT)], input=asked(url, scenario, design, **more), capture_output=True, text=True,
-        timeout=SECONDS,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-3000:]
-    found: dict[str, Any] = json.loads(done.stdout)
-    assert found["watched"]["strangers"] == []  # no request to another host
-    return found
 
 
 def design_with(**changes: Any) -> str:
@@ -177,12 +156,22 @@ def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page
     service: Served,
 ) -> None:
     design = yaml.safe_load(DEMO) | {"name": "from a script"}
-    posted = httpx.post(f"{service.url}/v1/reports", json={"design": design, "trials": 20000}, timeout=60).json()
+    posted = httpx.post(f"{service.url}/v1/reports", json={"design": design, "trials": 20000}, timeout=300).json()
     found = used(service.url, "jobs", job=posted["id"])
     assert "from a script" in found["words"]
     assert {link.rpartition("=")[2] for link in found["links"]} == {"html", "pdf", "xlsx", "json"}
-    assert all(httpx.get(link, timeout=60).status_code == 200 for link in found["links"])
+    assert all(httpx.get(link, timeout=300).status_code == 200 for link in found["links"])
     assert found["sha"] == load_design(design).sha256  # what somebody else computed can be gone on with
+
+
+def test_a_verification_asks_for_what_the_operator_allows(tmp_path: Path, browser: None) -> None:
+    with served(tmp_path, TAILSTACK_MAX_TRIALS="50000") as running:
+        assert httpx.get(f"{running.url}/version", timeout=300).json()["max_trials"] == 50_000
+        found = used(running.url, "verify")
+        (job,) = httpx.get(f"{running.url}/v1/jobs", timeout=300).json()["jobs"]
+        made = httpx.get(f"{running.url}{job['links']['result']}", timeout=300).json()
+    assert made["verification"]["trials"] == made["verification"]["max_trials"] == 50_000
+    assert "50,000 simulated shots" in found["words"]
 
 
 @pytest.mark.long
@@ -213,8 +202,11 @@ def test_what_is_copied_runs_as_it_is(service: Served, tmp_path: Path) -> None:
     steps = yaml.safe_load(found["CI gate"])["jobs"]["gate"]["steps"]
     assert json.loads(run("sh", "-c", found["curl"]))["targets"][0]["p95_mm"] == found["p95"]
     assert float(run(COMMAND[0], "-c", found["Python"])) == found["p95"]
-    assert f"{found['p95']:.3f}" in tailstack(found["command"])
-    assert "tip-accuracy" in tailstack(steps[-1]["run"])
+    scored = " ".join(tailstack(found["command"]).split())
+    assert f"at most {found['p95']:.2f} mm (P95" in scored  # two decimals: good to 1 % of a limit of 1 mm
+    asked = steps[-1]["with"]
+    assert set(asked) <= set(yaml.safe_load((EXAMPLES.parent / "action.yml").read_text(encoding="utf-8"))["inputs"])
+    assert "tip-accuracy" in tailstack(f"tailstack gate {asked['designs']} --mode {asked['mode']}")
 
 
 @pytest.mark.long
@@ -423,7 +415,7 @@ def test_the_built_files_are_those_of_the_sources(tmp_path: Path) -> None:
     shutil.copytree(
         ROOT / "service/tailstack_service/report/templates", tmp_path / "service/tailstack_service/report/templates"
     )
-    shutil.copytree(ROOT / "openapi/typescript", tmp_path / "openapi/typescript")
+    generate.make_typescript(tmp_path / "openapi/typescript")
     (work / "node_modules").symlink_to(modules)
     for command in (["tsc", "--noEmit"], ["vite", "build", "--logLevel", "warn"]):
         done = subprocess.run(

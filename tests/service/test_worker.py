@@ -8,7 +8,10 @@ from __future__ import annotations
 import json
 import logging
 import os
+import shutil
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,10 +23,14 @@ from strange_units import expected_answer, request
 from worker_scenes import TENANT, VERSION, finished, job, prepared_database, submit, until, working
 
 from tailstack.errors import SourcesChangedError
+from tailstack.version import __version__
 from tailstack_service.jobs import worker
 from tailstack_service.jobs.store import events, jobs, queue, results, tables, workers
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.jobs import Job
+from tailstack_service.processes.interpreter import running_code
+
+ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.usefixtures("quiet")
 
@@ -127,7 +134,7 @@ def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_anothe
 ) -> None:
     submitted = submit(db, request(units=2))
     with monkeypatch.context() as before:
-        before.setattr("tailstack_service.processes.interpreter.digest_code", lambda: "of the files that were here")
+        before.setattr("tailstack_service.processes.nursery.digest_code", lambda: "of the files that were here")
         with working(db, expected=SourcesChangedError) as (worker, _):
             until(lambda: worker._failure is not None)
     assert not job(db, submitted).finished
@@ -209,6 +216,43 @@ def test_an_upgrade_computes_anew_and_says_so(db: Database) -> None:
     assert answer(db, ended) == expected_answer(asked)
     (event,) = [e for e in events.read_events(db, TENANT, submitted.id, 0, 100) if e.name == "recomputed"]
     assert event.data == {"from": VERSION, "to": "2.0"}
+
+
+def test_a_code_of_the_same_version_computes_anew_and_says_so(db: Database) -> None:
+    """Two commits may both be called 0.1.0: what a worker calls itself has the sources in it."""
+    asked = request("sleep", units=3, seconds=0.3)
+    submitted = submit(db, asked, solver_version=__version__)
+    with working(db, solver_version=None):
+        ended = finished(db, submitted)
+    assert (ended.solver_version, ended.generation) == (running_code(), 2)
+    assert ended.solver_version.startswith(f"{__version__}+")
+    assert answer(db, ended) == expected_answer(asked)
+    (event,) = [e for e in events.read_events(db, TENANT, submitted.id, 0, 100) if e.name == "recomputed"]
+    assert event.data == {"from": __version__, "to": running_code()}
+
+
+def test_what_a_code_calls_itself_changes_with_any_file_of_it(tmp_path: Path) -> None:
+    """A copy of the sources says the same from another folder, and something else after a comment in one file."""
+    for package in ("solver/tailstack", "service/tailstack_service"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    path = os.pathsep.join([str(tmp_path / "solver"), str(tmp_path / "service")])
+
+    def named() -> str:
+        code = "from tailstack_service.processes.interpreter import running_code; print(running_code())"
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", code], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True,
+            timeout=300, check=True, cwd=tmp_path,
+        )  # fmt: skip
+        return done.stdout.strip()
+
+    assert named() == running_code()
+    for file in ("solver/tailstack/tail/lattice.py", "service/tailstack_service/operations/units/parts.py"):
+        changed = tmp_path / file
+        original = changed.read_bytes()
+        changed.write_bytes(original + b"# patched\n")
+        assert named() != running_code()
+        assert named().startswith(f"{__version__}+")
+        changed.write_bytes(original)
 
 
 @pytest.mark.long

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import psutil
 import strange_units
 
-from family import die_with_parent
+from family import die_with_parent, forked_of
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.jobs.store import jobs
 from tailstack_service.jobs.store.database import Database
@@ -87,7 +87,7 @@ def prepared_database(url: str) -> Iterator[Database]:
 
 @contextmanager
 def working(
-    db: Database, *, solver_version: str = VERSION, expected: type[Exception] | None = None, **changes: Any
+    db: Database, *, solver_version: str | None = VERSION, expected: type[Exception] | None = None, **changes: Any
 ) -> Iterator[tuple[Worker, PoolEngine]]:
     """A worker in a thread of this process; ``expected`` is what its ``run`` has to raise in the end."""
     settings = Settings(**(QUICK | changes))
@@ -157,6 +157,4 @@ def end(process: subprocess.Popen[bytes]) -> None:
 
 
 def computing_processes(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
-    with suppress(psutil.NoSuchProcess):
-        return psutil.Process(process.pid).children()
-    return []
+    return forked_of(process.pid)

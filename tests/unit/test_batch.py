@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import json
 from collections.abc import Iterator
+from itertools import pairwise
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -13,14 +15,14 @@ import pytest
 
 from random_designs import random_design
 from tailstack import load_design, score, score_batch
-from tailstack.batch import COLUMNS, COMPILED, IN_FULL, LINEARISED, Batch
+from tailstack.batch import COLUMNS, COMPILED, IN_FULL, Batch
 from tailstack.errors import TailstackError
 from tailstack.sweeping import SweepError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = load_design(EXAMPLES / "demo.yaml")
 NOISE, BEAD = "/views/0/fiducial_noise_px", "/fiducials/points/2/position_mm/1"
-CLOSE = 1e-9
+CLOSE = 1e-12
 
 
 def of_normal_laws(document: dict[str, Any]) -> dict[str, Any]:
@@ -35,8 +37,17 @@ def of_normal_laws(document: dict[str, Any]) -> dict[str, Any]:
     return changed
 
 
+def of_bounded_seat(document: dict[str, Any]) -> dict[str, Any]:
+    """The document with one tolerance of the second seat bounded."""
+    changed = copy.deepcopy(document)
+    changed["interfaces"]["connector_flange"]["tolerances"]["tz"]["distribution"] = "bounded"
+    return changed
+
+
 NORMAL = load_design(of_normal_laws(DEMO.source.data))
 POSE = load_design({**NORMAL.source.data, "model": {"estimator": "pose"}})
+BOUNDED = load_design(of_bounded_seat(DEMO.source.data))
+PIVOT = "/interfaces/connector_flange/pivot_mm/2"
 
 
 def places_of(node: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -145,10 +156,11 @@ def test_rows_of_random_designs_are_their_scores(seed: int) -> None:
     ("design", "paths", "way"),
     [
         (NORMAL, [BEAD, NOISE, "interfaces.connector_flange.tolerances.rz.half_width_deg"], COMPILED),
-        (NORMAL, ["/interfaces/connector_flange/pivot_mm/2"], LINEARISED),
-        (DEMO, [BEAD], LINEARISED),
+        (NORMAL, [PIVOT, "/targets/0/position_mm/1"], COMPILED),
+        (DEMO, [BEAD, PIVOT, NOISE], COMPILED),
         (NORMAL, ["/views/0/source_isocentre_mm"], IN_FULL),
-        (POSE, [BEAD], IN_FULL),
+        (POSE, [BEAD], COMPILED),
+        (BOUNDED, [BEAD], IN_FULL),
     ],
 )
 def test_a_batch_says_which_way_its_rows_went_and_why(design: Any, paths: list[str], way: str) -> None:
@@ -158,6 +170,91 @@ def test_a_batch_says_which_way_its_rows_went_and_why(design: Any, paths: list[s
     found = compare(design.source.data, [place_of(design, path) for path in paths], rows, COLUMNS[:6])
     assert found.ways[way] == 4
     assert (found.why == "") == (way == COMPILED)
+
+
+def test_all_that_keeps_rows_from_the_fastest_way_is_told_at_once_and_no_more() -> None:
+    """Each reason is taken away by itself; with the last one gone rows are compiled, whatever laws there are."""
+    document = copy.deepcopy(BOUNDED.source.data)
+    document["requirements"].append({"name": "units", "limit_mm": 3.0, "risk": "per_unit", "min_yield": 0.5})
+    declared = {**DEMO.source.data, "requirements": document["requirements"]}
+    pooled = {**declared, "requirements": document["requirements"][:1]}
+    source = "/views/0/source_isocentre_mm"
+    told = [
+        Batch(load_design(each), paths, ("p95_mm", "within_limits", *columns)).why.split("; ")
+        for each, paths, columns in (
+            (document, (BEAD, source), ("verdict",)), (document, (BEAD,), ("verdict",)),
+            (declared, (BEAD,), ("verdict",)), (declared, (BEAD,), ()), (pooled, (BEAD,), ()),
+        )
+    ]  # fmt: skip
+    assert [len(reasons) for reasons in told[:4]] == [4, 3, 2, 1]
+    assert all(set(fewer) < set(more) for more, fewer in pairwise(told[:4]))
+    assert told[4] == [""]
+    words = " ".join(told[0])
+    for named in (source, "connector_flange: bounded", "verdict", "installed unit"):
+        assert named in words
+    places = [place_of(DEMO, path) for path in (NOISE, BEAD)]
+    found = compare(pooled, places, np.array([[0.2, 29.0], [0.31, 28.0]]), COLUMNS[:6])
+    assert found.ways == {COMPILED: 2, IN_FULL: 0}
+
+
+PRIOR = {"focal_rel_sd": 0.01, "principal_point_px_sd": 8.0}
+TURN = {"half_width_deg": 0.02, "distribution": "uniform"}
+OF_VIEW = {
+    "motion": {
+        "pivot_mm": [0, 0, 40],
+        "tolerances": {"rx": TURN, "ty": {"half_width_mm": 0.05, "distribution": "normal"}},
+    },
+    "image_field": {"half_widths_px": [0.2, 0.1], "distribution": "normal"},
+    "intrinsics_error": {"focal": {"bias_rel": 1e-4, "half_width_rel": 2e-4, "distribution": "uniform"}},
+    "detector_tilt": {"about_u": TURN, "bias_about_v_deg": 0.1},
+}
+
+
+def of_every_effect(document: dict[str, Any]) -> dict[str, Any]:
+    """The document with everything else that a design can declare."""
+    changed = copy.deepcopy(document)
+    changed["temperature"] = WARM
+    changed["fiducials"]["diameter_mm"] = 3.0
+    for view in changed["views"]:
+        view.update(json.loads(json.dumps(OF_VIEW)))  # nothing stands in two places
+    return changed
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        {"estimator": "pose"},
+        {"estimator": "pose_with_prior"},
+        {"estimator": "reprojection"},
+        {"triangulation": "weighted"},
+        {"triangulation": "reprojection"},
+        {"installation_reading": "eq18", "rotation": "small_angle"},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("effects", [False, True])
+def test_rows_of_every_estimator_and_effect_are_their_scores(model: dict[str, str], effects: bool) -> None:
+    """independent: the document of each row, written by assignment and scored alone; all numbers that may move do."""
+    document = of_every_effect(DEMO.source.data) if effects else copy.deepcopy(DEMO.source.data)
+    document["model"] = {**document.get("model", {}), **model}
+    if model.get("estimator") == "pose_with_prior":
+        for view in document["views"]:
+            view["intrinsics_prior"] = PRIOR
+    paths = [
+        BEAD, NOISE, PIVOT, "/targets/0/position_mm/1", "/interfaces/structure_connector/pivot_mm/0",
+        "/fiducials/manufacturing/half_width_mm", "/interfaces/connector_flange/tolerances/rx/half_width_deg",
+    ]  # fmt: skip
+    if effects:
+        paths += [
+            "/views/0/motion/tolerances/rx/half_width_deg", "/views/1/image_field/half_widths_px/1",
+            "/views/0/intrinsics_error/focal/half_width_rel", "/views/1/detector_tilt/about_u/half_width_deg",
+            "/temperature/half_width_k",
+        ]  # fmt: skip
+    places = [place_of(DEMO, path) for path in paths]
+    base = np.array([load_number(document, place) for place in places])
+    rows = base + (0.01 * np.abs(base) + 0.01) * np.random.default_rng(5).random((3, len(base)))
+    found = compare(document, places, rows, COLUMNS[:6])
+    assert found.ways == {COMPILED: 3, IN_FULL: 0}
 
 
 WARM = {
@@ -188,6 +285,16 @@ def test_a_number_of_the_execution_or_of_a_warm_seat_is_not_passed_over(design: 
     found = compare(document, [place], rows, COLUMNS[:4])
     assert not found.ways[IN_FULL]
     assert found.columns["p95_mm:tip"][1] != found.columns["p95_mm:tip"][0]
+
+
+def test_a_half_width_whose_half_the_document_refuses_is_a_column_like_any_other() -> None:
+    """The smallest number there is: its half is zero, which no grade may be."""
+    document = copy.deepcopy(load_design(EXAMPLES / "tube_carrier.yaml").source.data)
+    document["optimise"]["tolerances"][0]["grades"][0]["half_width_deg"] = 5e-324
+    found = score_batch(load_design(document), {"optimise.tolerances.0.grades.0.half_width_deg": [0.02, 0.0]})
+    assert found.columns["p95_mm:tip"][0] > 0.0
+    assert not found.reasons[0]
+    assert "half-width above zero" in found.reasons[1]
 
 
 def place_of(design: Any, path: str) -> tuple[Any, ...]:

@@ -134,5 +134,5 @@ def call(*arguments: str) -> subprocess.CompletedProcess[str]:
     """The command without its environment of its own."""
     return subprocess.run(
         [sys.executable, str(BENCHMARKS / "bench.py"), *arguments], capture_output=True, text=True, check=False,
-        timeout=120,
+        timeout=300,
     )  # fmt: skip

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from tailstack.design import load_design
-from tailstack.design.calibration_cages import CageForm, read_cage, write_cage, write_references
 from tailstack.design.fiducial_files import FiducialList, read_fiducials
 from tailstack.design.reading import DEFAULT_LIMITS
 from tailstack.errors import DesignError
+from tailstack.integrations.calibration_cages import CageForm, read_cage, write_cage, write_references
 
 CUBE = Path(__file__).parents[2] / "examples" / "integrations" / "xmalab"
 REF = b"1 circle\n2 square\n3 big cross\n5 triangle\n"

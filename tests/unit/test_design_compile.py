@@ -96,9 +96,7 @@ def test_transforms_and_defaults():
     bare = {key: DEMO[key] for key in ("schema", "name", "views", "targets")}
     bare["fiducials"] = {"points": DEMO["fiducials"]["points"]}
     system = compile_design(load_design(bare))
-    assert (
-        system.structure_connector.sources.count == system.connector_flange.sources.count == system.execution.count == 0
-    )
+    assert all(link.sources.count == 0 for link in system.links)
     assert system.requirements == ()
     assert not system.manufacturing_std_mm.any()
     assert (system.reading, system.rotation_form) == (Reading.PHYSICAL, RotationForm.FULL)
@@ -116,13 +114,11 @@ def test_what_is_known_of_intrinsics_and_how_wrong_it_is():
     }
     system = system_with(views=views, model={"estimator": "pose"})
     assert system.estimator is Estimator.POSE
-    prior, stated = (view.intrinsics_error for view in system.views)
-    assert prior is not None
-    assert stated is not None
+    prior, stated = system.effects
     assert system.views[0].intrinsics_prior == (0.01, 10)
     np.testing.assert_array_equal(prior.sources.std, [0.01, 10, 10])
     np.testing.assert_array_equal(prior.sources.direction, np.eye(3))
-    np.testing.assert_array_equal(stated.bias, [0.02, 4, 5])
+    np.testing.assert_array_equal(stated.known, [0.02, 4, 5])
     assert stated.sources.names == ("focal",)
     assert (stated.sources.laws, stated.sources.half_width.tolist()) == ((Law.UNIFORM,), [0.03])
     assert not any("has no effect" in note for note in system.notes)
@@ -164,11 +160,17 @@ def test_load_and_scatter_become_execution_sources():
                        "load_half_width_n": 2, "distribution": "bounded"},
     }  # fmt: skip
     system = system_with(execution=execution)
-    assert system.execution.names == ("repeatability.x", "repeatability.y", "repeatability.z", "load.x", "load.z")
-    assert system.execution.units == ("mm", "mm", "mm", "N", "N")
-    np.testing.assert_allclose(system.execution_bias_mm, [0.1, 0, 0.0], atol=1e-16)
-    np.testing.assert_array_equal(system.execution.direction[:, 3:], [[0.01, 0], [0, 0], [0.002, 0.005]])
-    np.testing.assert_allclose(system.execution.std[:3], np.array([0.1, 0.2, 0.3]) / np.sqrt(3))
+    assert system.execution.sources.names == (
+        "repeatability.x",
+        "repeatability.y",
+        "repeatability.z",
+        "load.x",
+        "load.z",
+    )
+    assert system.execution.sources.units == ("mm", "mm", "mm", "N", "N")
+    np.testing.assert_allclose(system.execution.known, [0.1, 0, 0.0], atol=1e-16)
+    np.testing.assert_array_equal(system.execution.sources.direction[:, 3:], [[0.01, 0], [0, 0], [0.002, 0.005]])
+    np.testing.assert_allclose(system.execution.sources.std[:3], np.array([0.1, 0.2, 0.3]) / np.sqrt(3))
 
 
 def test_regions_are_expanded_and_named():

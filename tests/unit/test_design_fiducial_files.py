@@ -65,6 +65,7 @@ def test_csv_variants():
         ("label,x_mm,y_cm,z_mm\nA,1,2,3\n", "csv-header", 1),
         ("label,colour,x_mm,y_mm,z_mm\nA,1,2,3,4\n", "csv-header", 1),
         ("label,x_mm,y_mm,z_mm\nA,1,2\n", "csv-row", 2),
+        ("label,x_mm,y_mm,z_mm\nA, left,1,2,3\n", "csv-row", 2),
         ("label,x_mm,y_mm,z_mm\nA,1,2,x\n", "wrong-type", 2),
         ("label,x_mm,y_mm,z_mm\nA,1,2,nan\n", "wrong-type", 2),
         ("label,x_mm,y_mm,z_mm\nA,1,2,1e9\n", "out-of-range", None),
@@ -99,6 +100,14 @@ def test_fcsv_coordinate_systems(header, expected):
 
 def test_fcsv_of_slicer_3_names_its_columns():
     assert read("# columns = label,x,y,z,sel,vis\nA,1,2,3,1,1\n", "b.fcsv").labels == ("A",)
+
+
+def test_a_row_with_a_cell_too_many_is_told_of_the_two_commas_that_make_one():
+    with pytest.raises(DesignError) as caught:
+        read("label,x_mm,y_mm,z_mm\narm, long,1,2,3\n", "b.csv")
+    hint = caught.value.problems[0].hint
+    assert hint == "write decimals with a point; a label that holds a comma stands in double quotes"
+    assert read('label,x_mm,y_mm,z_mm\n"arm, long",1,2,3\n', "b.csv").labels == ("arm, long",)
 
 
 def markups(**changes):

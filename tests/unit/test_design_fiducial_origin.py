@@ -78,6 +78,26 @@ def about_the_file(path, notes):
     return [note for note in notes if name and note.startswith(name)]
 
 
+def test_a_design_that_was_made_to_stand_alone_keeps_all_that_it_says_of_its_fiducials(tmp_path):
+    said = {
+        "manufacturing": {"half_width_mm": 0.05, "distribution": "uniform"},
+        "diameter_mm": 2.5,
+        "image_point": "shadow",
+        "loss_probability": 0.01,
+    }
+    assert said.keys() == type(load_design(DEMO).document.fiducials).model_fields.keys() - {"file", "points", "origin"}
+    (tmp_path / "beads.csv").write_text(FILES["plain.csv"][0], encoding="utf-8")
+    path = tmp_path / "design.yaml"
+    path.write_text(yaml.safe_dump({**DEMO, "fiducials": {"file": "beads.csv", **said}}), encoding="utf-8")
+    design = load_design(path)
+    convert_file(path, tmp_path / "alone.yaml")
+    moved = revise_design(design, Revision(fiducials_mm=np.array(design.fiducials.positions_mm) + 1))
+    for alone in (load_design(tmp_path / "alone.yaml", allow_files=False), moved):
+        section = alone.source.data["fiducials"]
+        assert {name: value for name, value in section.items() if name not in ("points", "origin")} == said
+    assert load_design(tmp_path / "alone.yaml").sha256 == design.sha256
+
+
 def test_a_design_that_was_made_to_stand_alone_says_where_its_points_came_from(written, tmp_path):
     path, said, count = written
     design = load_design(path)

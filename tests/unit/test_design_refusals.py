@@ -109,6 +109,17 @@ def test_refusal_names_place_rule_value_and_cure(path, value, pointer, code, wor
     assert words in str(problem)
 
 
+@pytest.mark.parametrize("name", ["image_feild", "detector_tild"])
+def test_a_misspelt_name_is_no_unit(name):
+    """Only a name that ends in another unit is told to convert its number."""
+    data = changed(("name",), "x")
+    data["views"][0][name] = {}
+    (problem,) = problems_of(data)
+    assert problem.code == "unknown-field"
+    assert "did you mean" in problem.hint
+    assert "convert" not in problem.hint
+
+
 def test_all_problems_come_at_once_and_are_capped():
     data = copy.deepcopy(DATA)
     for point in data["fiducials"]["points"]:

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from tailstack.design import StepReading, StepSelection, read_step
+from tailstack.errors import DesignError
 
 FOLDER = Path(__file__).parents[1] / "data" / "step"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
@@ -68,6 +69,19 @@ def test_balls_are_where_they_were_drawn(name: str) -> None:
         assert list(reading.fiducials.labels) == names
     else:
         assert len(set(reading.fiducials.labels)) == len(names)
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"), [({"diameter_mm": 3.0, "tolerance_mm": 0.1}, True), ({"name": "P*"}, False)]
+)
+def test_balls_that_were_exported_as_free_form_surfaces_are_named(asked: dict[str, Any], told: bool) -> None:
+    """oracle: two spheres of 3 mm and a box of FreeCAD 0.20, the spheres by ``toNurbs()`` before the export."""
+    with pytest.raises(DesignError) as refused:
+        read_step((FOLDER / "free_form.step").read_bytes(), "free_form.step", StepSelection(**asked))
+    (problem,) = refused.value.problems
+    assert ("2 (BEAD_1, BEAD_2) because its faces are free-form surfaces" in problem.detail) == told
+    assert ("export analytic surfaces, not NURBS" in problem.hint) == told
+    assert told or "1 (Plate) because it has no spherical face" in problem.detail
 
 
 @pytest.mark.parametrize("name", FILES)

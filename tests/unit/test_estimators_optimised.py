@@ -8,28 +8,22 @@ import numpy as np
 import pytest
 
 from optimise_scenes import oracle_problem
-from scenes import read_only
+from scenes import read_only, with_intrinsics
 from tailstack.contributors import error_law
 from tailstack.optimisation import PlacementProblem, solve_placement
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.terms import estimator_of, image_parts_at, terms_of
 from tailstack.propagation.linear import linearise
-from tailstack.system import INTRINSICS, Estimator, IntrinsicsError, Law, Sources, Triangulation
+from tailstack.system import Estimator, Triangulation, Way
 from tailstack.tail.declared import law_quantile
 
 
 def problem_of(estimator: Estimator, form: Triangulation = Triangulation.NORMALISED) -> PlacementProblem:
     problem = oracle_problem(8, 0.5)
-    spread = read_only([0.01, 5.0, 5.0])
-    units = ("1", "px", "px")
-    sources = Sources(INTRINSICS, (Law.NORMAL,) * 3, spread, read_only(np.ones(3)), units, read_only(np.eye(3)))
-    error = IntrinsicsError(read_only(np.zeros(3)), sources)
-    views = tuple(
-        replace(v, fiducial_noise_px=0.5 + 0.3 * k, intrinsics_prior=(0.01, 5.0), intrinsics_error=error)
-        for k, v in enumerate(problem.system.views)
-    )
+    views = tuple(replace(v, fiducial_noise_px=0.5 + 0.3 * k) for k, v in enumerate(problem.system.views))
     system = replace(problem.system, estimator=estimator, triangulation=form, views=views)
+    system = with_intrinsics(system, [0.01, 5.0, 5.0], prior=(0.01, 5.0))
     return replace(problem, system=system)
 
 
@@ -46,7 +40,7 @@ def test_symbols_have_the_covariances_of_the_score(estimator, form):
     term, imaging = terms_of(problem, demand), estimator_of(problem.system)
     x = ca.SX.sym("x", 24)
     points = np.array([x[k] for k in range(24)], dtype=object).reshape(8, 3)
-    laid, told = replace(system, fiducials_mm=points), plain(imaging.told_shift_mm)
+    laid, told = replace(system, fiducials_mm=points), plain(imaging.assumed_shift_mm)
     parts = image_parts_at(imaging, term, laid, plain(imaging.projections), told, plain(term.reconstructed.base))
     both = ca.Function("both", [x], [ca.vertcat(*parts[0].ravel(), *parts[1].ravel())])
     here = both(system.fiducials_mm.ravel()).full().reshape(2, 3, 3)
@@ -72,7 +66,7 @@ def test_a_layout_placed_for_the_pose_is_better_for_it_and_its_quantile_is_the_s
     def p95_mm(solution) -> float:
         system = replace(pose.system, fiducials_mm=solution.choice.fiducials_mm)
         model = linearise(system, system.targets[0])
-        kept = tuple(block for block in model.blocks if block.imaged)
+        kept = tuple(block for block in model.blocks if block.effect.way is Way.IMAGES)
         return law_quantile(error_law(replace(model, blocks=kept), "tcp", 0.95).law, 0.95).quantile_mm
 
     assert p95_mm(for_pose) <= p95_mm(for_dlt) * 1.001

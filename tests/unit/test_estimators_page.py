@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from reference_chain import run
-from scenes import cube_fiducials, system_of, with_noise
+from scenes import cube_fiducials, system_of, with_intrinsics, with_noise
 from tailstack import load_design, score
 from tailstack.propagation.linear import linearise
 from tailstack.studies.estimators import study_estimators
-from tailstack.system import INTRINSICS, Estimator, IntrinsicsError, Law, Sources, System, no_sources
+from tailstack.system import Estimator, System
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = " ".join((ROOT / "docs" / "estimators.md").read_text(encoding="utf-8").split())
@@ -22,13 +22,11 @@ PAGE = " ".join((ROOT / "docs" / "estimators.md").read_text(encoding="utf-8").sp
 
 def told(system: System, estimator: Estimator, prior: tuple[float, float] | None, bias: float = 0.0) -> System:
     """Under an estimator that is told so much of the intrinsics, and is wrong by it."""
-    error = None
-    if prior or bias:
-        wide = np.array([prior[0], prior[1], prior[1]]) if prior else np.zeros(0)
-        sources = Sources(INTRINSICS, (Law.NORMAL,) * 3, wide, np.ones(3), ("1", "px", "px"), np.eye(3))
-        error = IntrinsicsError(np.array([bias, 0.0, 0.0]), sources if prior else no_sources(3))
-    views = tuple(replace(view, intrinsics_prior=prior, intrinsics_error=error) for view in system.views)
-    return replace(system, estimator=estimator, views=views)
+    system = replace(system, estimator=estimator)
+    if not (prior or bias):
+        return system
+    wide = [prior[0], prior[1], prior[1]] if prior else (0.0, 0.0, 0.0)
+    return with_intrinsics(system, wide, [bias, 0.0, 0.0], prior=prior)
 
 
 def p95(system: System) -> float:

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from reference_chain import run
-from scenes import cube_fiducials, random_system, read_only, system_of, with_noise
+from scenes import cube_fiducials, random_system, system_of, with_intrinsics, with_noise
 from tailstack.errors import NotConvergedError
 from tailstack.montecarlo import compile_plan, draw, evaluate, run_indices
 from tailstack.montecarlo.radial import gains_in_plan_order
 from tailstack.propagation.linear import linearise
-from tailstack.system import INTRINSICS, Estimator, IntrinsicsError, Law, Sources, System, Triangulation
+from tailstack.system import Estimator, Law, System, Triangulation
 from tailstack.verification import verify
 
 ORACLE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "estimators.json").read_text())
@@ -23,11 +23,7 @@ ORACLE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "estimator
 
 def doubtful(system: System, law: Law = Law.NORMAL) -> System:
     """The system with views that know their intrinsics to 1 % and 5 px and err by as much."""
-    spread, units = read_only([0.01, 5.0, 5.0]), ("1", "px", "px")
-    sources = Sources(INTRINSICS, (law,) * 3, spread, read_only(np.ones(3)), units, read_only(np.eye(3)))
-    error = IntrinsicsError(read_only([0.002, 1.0, -1.0]), sources)
-    views = tuple(replace(v, intrinsics_prior=(0.01, 5.0), intrinsics_error=error) for v in system.views)
-    return replace(system, views=views)
+    return with_intrinsics(system, [0.01, 5.0, 5.0], [0.002, 1.0, -1.0], law, prior=(0.01, 5.0))
 
 
 @pytest.mark.parametrize("form", list(Triangulation))
@@ -86,5 +82,5 @@ def test_a_check_of_a_pose_says_what_ran_and_meets_the_published_interval():
 def test_trials_without_an_estimate_are_refused_and_counted():
     """Noise as large as the structure's image leaves poses that no step settles."""
     far = system_of(cube_fiducials(2), views=with_noise(60.0), estimator=Estimator.POSE)
-    with pytest.raises(NotConvergedError, match="of 64 trials the estimate by pose does not come to rest"):
+    with pytest.raises(NotConvergedError, match="of 64 trials the estimate by pose does not converge"):
         run_indices(compile_plan(far), 1, 0, 64)

@@ -17,7 +17,7 @@ from scenes import cios_system, target
 from tailstack.errors import OutOfRangeError
 from tailstack.montecarlo import ChainPlan, Simulation, compile_plan, simulate
 from tailstack.montecarlo.estimators import cvar_interval, interval_ranks, repeated_interval, repeated_ranks
-from tailstack.montecarlo.stopping import Question, decision_looks, simulate_to_decision
+from tailstack.montecarlo.stopping import LimitQuestion, decision_looks, simulate_to_decision
 
 Counts = np.ndarray
 
@@ -181,7 +181,7 @@ def decisions(chain: tuple[ChainPlan, float], factor: float, runs: int) -> dict[
     plan, p95 = chain
     found = {"kept": 0, "missed": 0, "open": 0, "trials": 0}
     for seed in range(runs):
-        question = Question("tip", "tcp", 0.95, factor * p95)
+        question = LimitQuestion("tip", "tcp", 0.95, factor * p95)
         run = simulate_to_decision(Simulation(plan, seed, threads=1), [question], confidence=CONFIDENCE, max_trials=CAP)
         k = run.looks.index(run.samples.trials)
         ranks = repeated_ranks(run.looks, 0.95, CONFIDENCE)[k]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenes import cube_fiducials, mount, system_of, target, with_noise
+from scenes import cube_fiducials, mount, system_of, target, with_balls, with_noise
 from tailstack.errors import IllPosedError
 from tailstack.estimation.checks import (
     check_geometry,
@@ -262,3 +262,62 @@ def test_verdicts_do_not_depend_on_where_the_frame_lies(seed):
             assert check_geometry(system) == ()
         else:
             assert refused(system).code == expected
+
+
+def outline(projection, centre, radius, count=720):
+    """(count, 2) px: a ball's outline, by the circle in which the cone from the source touches it."""
+    source = camera_centre(projection)
+    axis = centre - source
+    distance = np.linalg.norm(axis)
+    axis = axis / distance
+    across = np.linalg.svd(axis[None])[2][1:]
+    angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    middle = centre - axis * radius**2 / distance
+    size = radius * np.sqrt(1 - (radius / distance) ** 2)
+    rim = middle + size * (np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1])
+    image = np.column_stack([rim, np.ones(count)]) @ projection.T
+    return image[:, :2] / image[:, 2:]
+
+
+@pytest.mark.parametrize("diameter", [2.0, 6.0, 12.0])
+def test_images_of_balls_need_their_size_and_some_background(diameter):
+    """independent: outlines of both balls by the cones that touch them, along the line between their centres; what is
+    needed beside them is 3 px, to 2 % of the shadows."""
+    points = CUBE.copy()
+    points[7] = [30.0, 50.0, -40.0]  # behind F6, which is nearer to the source of the first view
+    points[5] = [24.0, -50.0, -30.0]
+    system = with_balls(system_of(points), diameter / 2)
+    check = check_views(system)[0]
+    assert check.closest_pair == ("F6", "F8")
+    view = system.views[0].projection
+    one, other = (outline(view, point, diameter / 2) for point in (points[5], points[7]))
+    centres = np.column_stack([points[[5, 7]], np.ones(2)]) @ view.T
+    centres = centres[:, :2] / centres[:, 2:]
+    along = (centres[1] - centres[0]) / np.linalg.norm(centres[1] - centres[0])
+    shadows = (one @ along - centres[0] @ along).max() + (centres[1] @ along - other @ along).max()
+    assert check.closest_pair_needs_px == pytest.approx(shadows + 3.0, abs=0.02 * shadows)
+    merged = check.closest_pair_px < check.closest_pair_needs_px
+    found = [each for each in check_geometry(system) if each.rule == "projected-overlap"]
+    assert bool(found) == merged
+    if merged:
+        assert "are needed by their size" in found[0].message
+        assert (found[0].value, found[0].limit) == (check.closest_pair_px, check.closest_pair_needs_px)
+
+
+def test_points_of_no_size_keep_ten_pixels():
+    assert {check.closest_pair_needs_px for check in check_views(system_of(CUBE))} == {10.0}
+
+
+def test_of_balls_the_pair_is_named_that_is_nearest_to_merging():
+    """closed form: two pairs as far apart in the image; the one nearer to the source has the wider shadows."""
+    points = CUBE.copy()
+    near, far = projection_depths(points)
+    points[5], points[4] = [near * 0.04, -50, -20], [near * 0.04 + near * 0.01, -50, -20]
+    points[6], points[7] = [far * 0.04, 50, 10], [far * 0.04 + far * 0.0099, 50, 10]
+    plain, sized = system_of(points), with_balls(system_of(points), 6.0)
+    assert check_views(plain)[0].closest_pair == ("F7", "F8")
+    assert check_views(sized)[0].closest_pair == ("F5", "F6")
+
+
+def projection_depths(points):
+    return points[5] @ [0, 1, 0] + 700, points[7] @ [0, 1, 0] + 700

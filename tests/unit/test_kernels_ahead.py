@@ -94,7 +94,7 @@ def test_every_file_that_a_kernel_reaches_is_in_the_name_of_its_machine_code(mon
     reached = [set(sources.reach(store._file)) for store, _ in stores]
     try:
         for changed in sorted(set().union(*reached)):
-            altered = sources.Source(original[changed].content + b"# changed\n", original[changed].modified_ns)
+            altered = sources.SourceFile(original[changed].content + b"# changed\n", original[changed].modified_ns)
             monkeypatch.setattr(sources, "SOURCES", {**original, changed: altered})
             for cached in caches:
                 cached.cache_clear()
@@ -106,7 +106,7 @@ def test_every_file_that_a_kernel_reaches_is_in_the_name_of_its_machine_code(mon
 
 
 # The second has an expression of whole arrays, whose function numba calls by an address
-FEW = "tail.lattice.balls,tail.declared.end_of"
+FEW = "tail.lattice.balls,tail.lattice.reach_of"
 
 
 @pytest.mark.long

@@ -18,20 +18,19 @@ from scenes import (
     random_system,
     read_only,
     system_of,
+    with_intrinsics,
     with_noise,
     with_systematic,
     with_unseen,
 )
 from tailstack.montecarlo import compile_plan, draw, evaluate, quantile_estimate, run_indices, simulate
 from tailstack.montecarlo.chain import evaluate_plainly
+from tailstack.montecarlo.lane_least_squares import LENGTHS
 from tailstack.system import (
-    INTRINSICS,
     Estimator,
-    IntrinsicsError,
     Law,
     Reading,
     RotationForm,
-    Sources,
     System,
     Triangulation,
 )
@@ -62,13 +61,9 @@ def by(estimator: Estimator, system: System, prior: tuple[float, float] = (0.01,
 def mistaken(system: System, times: float = 1.0) -> System:
     """Views told a focal length that is 0.2 % too long, give or take 1 %, and a principal point wrong by pixels; the
     half-widths that many times as large."""
-    half_width = read_only([times * 0.01, times * 5.0, times * 8.0])
-    sources = Sources(
-        INTRINSICS, (Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR), half_width, read_only([1.0, 2.0, 1.0]),
-        ("1", "px", "px"), read_only(np.eye(3)),
-    )  # fmt: skip
-    error = IntrinsicsError(read_only([0.002, 1.0, -1.0]), sources)
-    return replace(system, views=tuple(replace(view, intrinsics_error=error) for view in system.views))
+    laws = Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR
+    half_widths = [times * 0.01, times * 5.0, times * 8.0]
+    return with_intrinsics(system, half_widths, [0.002, 1.0, -1.0], laws, coverage_factor=[1.0, 2.0, 1.0])
 
 
 def sheared(system: System) -> System:
@@ -223,6 +218,11 @@ def test_digits_of_least_squares_are_those_written_down() -> None:
         digest.update(outcome.errors.tobytes())
         digest.update(outcome.reprojection.tobytes())
     assert digest.hexdigest() == "5de04e2ede219d7e64e0780c4dde89e0d68d2ddece454e5d6508709f6019689c"
+
+
+def test_every_estimator_by_least_squares_has_its_lanes() -> None:
+    """Without them its trials are redone one by one: right, and a hundred times as slow."""
+    assert {len(each) for each in LENGTHS} == {each.traits.unknowns for each in Estimator} - {0}
 
 
 def test_a_check_says_which_engine_ran() -> None:

@@ -205,7 +205,7 @@ SCENES = {
     "5px": cube8_system(views=with_noise(5.0)),
     "bias": cios_system(
         structure_connector=replace(
-            installation("structure_connector", (0, 0, -95.0)), bias=read_only([0.03, 0.02, 0, 1, 2, 0])
+            installation("structure_connector", (0, 0, -95.0)), known=read_only([0.03, 0.02, 0, 1, 2, 0])
         )
     ),
     "uniform and triangular": cios_system(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from scenes import cios_system, cube8_system, execution_sources, mount, read_only
+from scenes import cios_system, cube8_system, execution, mount, read_only
 from tailstack.errors import OutOfRangeError
 from tailstack.montecarlo import compile_plan, draw
 from tailstack.montecarlo.chain import standard_normals
@@ -63,7 +63,7 @@ def xoshiro(s: list[int]) -> int:
 
 def test_words_are_xoshiro_seeded_by_splitmix() -> None:
     """Independent: both generators on Python integers reproduce the uniforms, bit for bit."""
-    system = cube8_system(execution=execution_sources(1.0, Law.UNIFORM))
+    system = cube8_system(execution=execution(1.0, Law.UNIFORM))
     plan = compile_plan(system)
     z = draw(plan, 12345, np.array([0, 7, 123456789]))
     for row, index in enumerate((0, 7, 123456789)):

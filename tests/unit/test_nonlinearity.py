@@ -7,35 +7,57 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenes import cube8_system, cube_fiducials, projection_looking, random_system, system_of, target, with_noise
-from tailstack.estimation.checks import LINEAR
+from scenes import (
+    cube8_system,
+    cube_fiducials,
+    effect_named,
+    mount,
+    projection_looking,
+    random_system,
+    system_of,
+    target,
+    with_effects,
+    with_noise,
+)
+from tailstack.effects.motion import motion
+from tailstack.geometry.rotation import displacement
 from tailstack.geometry.symmetric import eigen_symmetric
 from tailstack.montecarlo.estimators import quantile_estimate
 from tailstack.montecarlo.simulate import simulate
 from tailstack.propagation.linear import covariance, estimator_geometry, linearise
 from tailstack.propagation.nonlinearity import matrix_gains
 from tailstack.scoring import score
-from tailstack.system import Triangulation
+from tailstack.system import LINEAR, Reading, Triangulation
 from tailstack.tail.gaussian import norm_quantile
 
 
 def resected(points, images):
     """(3, 4) by the plain DLT, points about their mean and in units of their size; |p3| = 1."""
     centre, size = points.mean(axis=0), np.ptp(points)
-    rows = []
-    for point, (u, v) in zip((points - centre) / size, images, strict=True):
-        y = np.append(point, 1.0)
-        rows += [np.concatenate([y, 0 * y, -u * y]), np.concatenate([0 * y, y, -v * y])]
-    matrix = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 4)
+    y = np.column_stack([(points - centre) / size, np.ones(len(points))])
+    u, v = images.T[:, :, None]
+    rows = np.block([[y, 0 * y, -u * y], [0 * y, y, -v * y]])
+    matrix = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 4)
     back = np.eye(4) / size
     back[:3, 3], back[3, 3] = -centre / size, 1.0
     matrix = matrix @ back
     return matrix / np.linalg.norm(matrix[2, :3]) * np.sign(matrix[2] @ np.append(centre, 1.0))
 
 
-def seen(matrix, point):
-    x = matrix @ np.append(point, 1.0)
-    return x[:2] / x[2]
+def seen(matrix, points):
+    """Images of a point or of several, (..., 2)."""
+    x = points @ matrix[:, :3].T + matrix[:, 3]
+    return x[..., :2] / x[..., 2:]
+
+
+def moved_by(system, points, pivot, turn, shift):
+    """Points as the estimator assumes them, by a small motion of the structure in con, where it stands at its bias."""
+    first = displacement(system.structure_connector.known, system.structure_connector.pivot_mm)
+    if system.reading is Reading.EQ18:
+        first = displacement(np.zeros(6), np.zeros(3))
+    stands = points @ first.rotation.T + first.shift_mm
+    stands = stands + np.cross(turn, stands - pivot) + shift
+    return (stands - first.shift_mm) @ first.rotation
 
 
 def scene(views, azimuth=0.9, manufactured=True):
@@ -56,7 +78,7 @@ def scene(views, azimuth=0.9, manufactured=True):
 def derivatives(matrices, points, stds_px, function, per_error=None, std_mm=None):
     """(inputs, ...) change of ``function(matrices)`` per standard deviation of each random input of the fiducials, by
     central differences of plain DLTs: image noises of every view, then manufacturing errors."""
-    images = [np.array([seen(m, point) for point in points]) for m in matrices]
+    images = [seen(m, points) for m in matrices]
     step = 0.02e-3
     out = []
     for v in range(len(matrices)):
@@ -75,7 +97,7 @@ def derivatives(matrices, points, stds_px, function, per_error=None, std_mm=None
                 for sign in (1.0, -1.0):
                     moved = points.copy()
                     moved[i] += sign * 0.004 * per_error[:, k]
-                    ends.append(function([resected(points, [seen(m, x) for x in moved]) for m in matrices]))
+                    ends.append(function([resected(points, seen(m, moved)) for m in matrices]))
                 out.append((ends[0] - ends[1]) / 0.008 * std_mm[i, k])
     return np.array(out)
 
@@ -129,17 +151,30 @@ def test_depth_and_crossing_are_what_differences_of_estimates_say(views, azimuth
     assert found.crossing == pytest.approx(np.sqrt((changes**2).sum()), rel=1e-3)
 
 
+MOTION_STD = np.array([2e-3, 1e-3, 3e-3, 0.3, 0.5, 0.2])  # rad and mm
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("form", list(LINEAR))
-@pytest.mark.parametrize(("views", "manufactured"), [(2, False), (2, True), (3, True), (5, False)])
-def test_disagreement_and_gap_are_what_triangulation_by_svd_does_beyond_the_noise_free_rows(views, manufactured, form):
+@pytest.mark.parametrize(
+    ("views", "manufactured", "moving"),
+    [(2, False, False), (2, True, False), (3, True, False), (5, False, False), (2, False, True), (3, True, True)],
+)
+def test_disagreement_and_gap_are_what_triangulation_by_svd_does_beyond_the_noise_free_rows(
+    views, manufactured, moving, form
+):
     """independent and sampled: 3,000 draws of small noise; rows of matrices by plain DLT.  The homogeneous solution by
     SVD against the one that weighs its rows as without noise, which meets depth and crossing but no disagreement.
+    Moving: the fiducials are displaced before each shot but the first, by a motion that both views share nothing of.
     Chance: 3 % of the number (one standard deviation); its scale by the noise is exact."""
     system, matrices, points, aim = scene(views, 0.9, manufactured)
     system = replace(system, triangulation=form)
     _, _, per_error = estimator_geometry(system)
     small = 0.02
+    pivot = np.array([30.0, -80.0, 120.0])
+    if moving:
+        sources = mount("structure_connector", half_width=MOTION_STD).sources
+        system = with_effects(system, *(motion(view.name, pivot, sources) for view in system.views[1:]))
     rng = np.random.default_rng(7)
     origin, unit = points.mean(axis=0), np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean() / 3)
     if form is Triangulation.PUBLISHED:
@@ -163,7 +198,11 @@ def test_disagreement_and_gap_are_what_triangulation_by_svd_does_beyond_the_nois
             moved = points + (small * system.manufacturing_std_mm * rng.standard_normal(points.shape)) @ per_error.T
         estimates, images = [], []
         for m, view in zip(matrices, system.views, strict=True):
-            clean = np.array([seen(m, x) for x in moved])
+            here = moved
+            if effect_named(system, f"motion:{view.name}") is not None:
+                turn, shift = np.split(small * MOTION_STD * rng.standard_normal(6), 2)
+                here = moved_by(system, moved, pivot, turn, shift)
+            clean = seen(m, here)
             estimates.append(
                 resected(points, clean + small * 1e-3 * view.fiducial_noise_px * rng.standard_normal(clean.shape))
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import casadi as ca
@@ -14,12 +15,13 @@ from optimise_documents import document, moving, normal, optimised
 from tailstack import load_design, score
 from tailstack.arrays import Array
 from tailstack.contributors import error_law
+from tailstack.design import compile_design
 from tailstack.errors import DesignError, IllPosedError
 from tailstack.optimisation import PlacementProblem, solve_placement
 from tailstack.optimisation.exact_law import correction_at, evaluate_demand, image_parts
 from tailstack.optimisation.problem import apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, build_program
-from tailstack.optimisation.regions import Box
+from tailstack.optimisation.regions import BoxRegion
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
 from tailstack.optimisation.terms import (
@@ -45,12 +47,18 @@ def field(law: str) -> dict[str, Any]:
     return {"half_widths_px": [0.1, 0.1, 0.3, 0.4], "distribution": law}
 
 
+TILT = {
+    "about_u": {"half_width_deg": 0.4, "distribution": "uniform"},
+    "about_v": {"half_width_deg": 0.3, "distribution": "normal"},
+    "bias_about_v_deg": 0.2,
+}
 EFFECTS: dict[str, Any] = {
     "motion": lambda data: data["views"][1].update(motion=MOTION),
     "image field": lambda data: data["views"][0].update(image_field=field("uniform")),
     "bounded image field": lambda data: data["views"][0].update(
         image_field={"half_widths_px": [0.0, 0.3], "distribution": "bounded"}
     ),
+    "detector tilt": lambda data: data["views"][0].update(detector_tilt=TILT),
     "temperature": lambda data: data.update(temperature=HEAT),
     "balls": lambda data: data["fiducials"].update(diameter_mm=12),
     "known intrinsics": lambda data: data["views"][0].update(
@@ -118,6 +126,22 @@ def p95_mm(problem: PlacementProblem, layout: Array) -> float:
     return law_quantile(error_law(linearise(system, system.targets[0]), "tcp", 0.95).law, 0.95).quantile_mm
 
 
+def shadows_apart(problem: PlacementProblem, places: Array) -> bool:
+    """closed form: whether 3 px are left between the shadows of balls in every view, a shadow's radius being that of
+    the ball times the view's magnification, pixels per mm across the beam at its depth."""
+    radius = problem.system.fiducial_radius_mm
+    for view in problem.system.views:
+        rows = view.projection / np.linalg.norm(view.projection[2, :3])
+        depth = places @ rows[2, :3] + rows[2, 3]
+        images = (places @ rows[:2, :3].T + rows[:2, 3]) / depth[:, None]
+        across = max(np.linalg.norm(row - (row @ rows[2, :3]) * rows[2, :3]) for row in rows[:2, :3])
+        shadows = 0.0 * depth if radius is None else radius * across / depth
+        for i, j in combinations(range(len(places)), 2):
+            if radius is not None and np.linalg.norm(images[i] - images[j]) < shadows[i] + shadows[j] + 3.0:
+                return False
+    return True
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "estimator"), [("motion", "dlt"), ("bounded image field", "dlt"), *((name, "pose") for name in EFFECTS)]
@@ -132,11 +156,11 @@ def test_no_layout_nearby_is_better_than_the_one_that_was_found(name: str, estim
     assert found.worst_ratio == pytest.approx(here, rel=1e-9)  # of a limit of 1 mm
     assert here < p95_mm(problem, problem.system.fiducials_mm)
     box = problem.places[0].region
-    assert isinstance(box, Box)
+    assert isinstance(box, BoxRegion)
     for k in range(100):
         step = 10 ** rng.uniform(-1.3, 0.7) * rng.normal(size=layout.shape) * (rng.random((8, 1)) < 0.4)
         moved = np.clip(layout + step, box.low_mm, box.high_mm)
-        if pdist(moved).min() > 10.0:
+        if pdist(moved).min() > 10.0 and shadows_apart(problem, moved):
             assert p95_mm(problem, moved) > here * (1 - 1e-5), k
 
 
@@ -218,3 +242,26 @@ def test_the_corrected_programme_has_value_and_slopes_of_the_exact_quantile(risk
         along = rng.normal(size=len(x)) * (np.arange(len(x)) < len(x) - 1)
         difference = (exact(x + step * along) - exact(x - step * along)) / (2 * step)
         assert slopes[0] @ along == pytest.approx(difference, rel=rel, abs=rel / 10)
+
+
+def test_shadows_of_beads_are_kept_apart() -> None:
+    """closed form: half of both shadows, diameter times focal length over depth, and 3 px; the distance that is asked
+    for between their middles is less."""
+    data = document(**moving(min_spacing_mm=15.0, min_projected_spacing_px=25.0))
+    apart = []
+    for diameter in (None, 14.0):
+        if diameter is not None:
+            data["fiducials"]["diameter_mm"] = diameter
+        found = optimised(data)
+        system = compile_design(load_design(found.design))
+        worst = np.inf
+        for view in system.views:
+            told = np.column_stack([system.fiducials_mm, np.ones(len(system.fiducials_mm))]) @ view.projection.T
+            focal = np.linalg.norm(np.cross(view.projection[0, :3], view.projection[2, :3]))
+            shadow = 14.0 * focal / told[:, 2]
+            gaps = pdist(told[:, :2] / told[:, 2:])
+            pairs = np.array(list(combinations(range(len(shadow)), 2)))
+            worst = min(worst, (gaps - shadow[pairs].mean(axis=1) - 3.0).min())
+        apart.append(worst)
+    assert apart[0] < -5  # as points their images come nearer than the shadows of such beads allow
+    assert apart[1] > -0.1

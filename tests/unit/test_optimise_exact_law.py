@@ -151,14 +151,6 @@ def _solved(name: str) -> PlacementSolution:
     return solve_placement(OPTIMA[name], starts=2, seed=1, threads=1)
 
 
-def _worst(problem: PlacementProblem, choice: Choice) -> float:
-    """Largest exact quantile over its limit."""
-    return max(
-        evaluate_demand(problem, terms_of(problem, demand), choice).exact_mm / demand.requirement.limit_mm
-        for demand in problem.demands
-    )
-
-
 def _objective(solution: PlacementSolution, x: Array) -> float:
     """Cost (1 / factor when scaling) with the half-widths brought, together, to where the worst exact quantile is that
     of the solution; the worst quantile with the cost brought to its limit where that is least."""
@@ -188,7 +180,7 @@ def _exact_worst(solution: PlacementSolution, choice: Choice) -> float:
         model = linearise(system, demand.target)
         error = demand.requirement.error
         ends = [
-            (model.gain(block, error)[:, j] * block.half_width[j])
+            (block.gain(error)[:, j] * block.half_width[j])
             for block in model.blocks for j, law in enumerate(block.laws) if law is Law.BOUNDED
         ]  # fmt: skip
         signs = np.array(np.meshgrid(*[[1.0, -1.0]] * len(ends))).reshape(len(ends), -1).T if ends else np.zeros((1, 0))

@@ -10,7 +10,7 @@ import pytest
 
 from tailstack import InfeasibleError
 from tailstack.optimisation.grades import choose_grades
-from tailstack.optimisation.prices import Grade, of_grades
+from tailstack.optimisation.prices import PricedGrade, of_grades
 from tailstack.tail.declared import law_quantile, linear_law
 
 
@@ -21,7 +21,7 @@ def random_prices(rng, k, most):
         widths = np.exp(rng.uniform(-4, -0.7, rng.integers(1, most + 1)))
         prices = np.round(rng.uniform(0.5, 2) / widths * rng.uniform(0.7, 1.3, widths.size), 1)
         tables.append(
-            of_grades(tuple(Grade(f"g{j}", *pair) for j, pair in enumerate(zip(widths, prices, strict=True))))
+            of_grades(tuple(PricedGrade(f"g{j}", *pair) for j, pair in enumerate(zip(widths, prices, strict=True))))
         )
     return tables
 
@@ -144,24 +144,24 @@ def test_another_grade_never_costs_more():
     for i in range(4):
         width, price = rng.uniform(0.02, 0.5), rng.uniform(0.5, 20)
         more = [*prices]
-        more[i] = of_grades((*prices[i].grades, Grade("new", width, price)))
+        more[i] = of_grades((*prices[i].grades, PricedGrade("new", width, price)))
         assert choose_grades(more, ratio).cost <= before * (1 + 1e-12)
-    gift = [of_grades((*prices[0].grades, Grade("gift", 0.001, 0.01))), *prices[1:]]
+    gift = [of_grades((*prices[0].grades, PricedGrade("gift", 0.001, 0.01))), *prices[1:]]
     assert choose_grades(gift, ratio).names[0] == "gift"
 
 
 def test_everything_loosest_and_only_one_grade():
     """closed form: within the limit at the loosest grades nothing is searched; free grades cost nothing."""
-    prices = [of_grades((Grade("fine", 0.1, 3.0), Grade("rough", 0.4, 1.0)))] * 3
+    prices = [of_grades((PricedGrade("fine", 0.1, 3.0), PricedGrade("rough", 0.4, 1.0)))] * 3
     found = choose_grades(prices, lambda h: float(h.max()))
     assert (found.names, found.cost, found.proven, found.evaluations) == (("rough",) * 3, 3.0, True, 2)
-    free = choose_grades([of_grades((Grade("as it comes", 0.1, 0.0),))], lambda h: float(h.max()))
+    free = choose_grades([of_grades((PricedGrade("as it comes", 0.1, 0.0),))], lambda h: float(h.max()))
     assert (free.cost, free.lower_bound, free.gap_percent, free.proven) == (0.0, 0.0, 0.0, True)
 
 
 def test_tightest_grades_over_the_limit_are_refused():
     """closed form: the ratio at the tightest grades is in the message."""
-    prices = [of_grades((Grade("fine", 0.1, 3.0), Grade("rough", 0.4, 1.0)))] * 2
+    prices = [of_grades((PricedGrade("fine", 0.1, 3.0), PricedGrade("rough", 0.4, 1.0)))] * 2
     with pytest.raises(InfeasibleError, match=r"is 1\.25 times its limit"):
         choose_grades(prices, lambda h: float(h.sum()) / 0.16)
 
@@ -184,7 +184,7 @@ def test_exact_quantile_of_uniform_tolerances():
     rng = np.random.default_rng(3)
     gains = rng.normal(size=(3, 4))
     prices = [
-        of_grades(tuple(Grade(f"IT{j}", w, 0.3 * (i + 1) / w) for j, w in enumerate(np.geomspace(0.05, 0.4, 4))))
+        of_grades(tuple(PricedGrade(f"IT{j}", w, 0.3 * (i + 1) / w) for j, w in enumerate(np.geomspace(0.05, 0.4, 4))))
         for i in range(4)
     ]
 

@@ -13,7 +13,7 @@ from scenes import cube_fiducials, mount, read_only, target
 from tailstack.errors import InfeasibleError, NotConvergedError
 from tailstack.optimisation import PlacementProblem, solve_placement
 from tailstack.optimisation.problem import Choice, present_choice
-from tailstack.system import Law, Mount, System
+from tailstack.system import DirectEffect, Law, System
 
 
 def _with_shifts(problem: PlacementProblem, bias_mm: float = 0.0, bounded: bool = False) -> PlacementProblem:
@@ -55,7 +55,7 @@ def _least(problem: PlacementProblem) -> Choice:
     return replace(present_choice(problem), half_width=problem.lower)
 
 
-def _scaled(item: Mount, factor: float) -> Mount:
+def _scaled(item: DirectEffect, factor: float) -> DirectEffect:
     return replace(item, sources=replace(item.sources, half_width=read_only(item.sources.half_width * factor)))
 
 

@@ -33,7 +33,7 @@ from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem
 from tailstack.optimisation.certificate import name_binding, price_bounds
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import present_choice
-from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut
+from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law
 from tailstack.tail.declared import law_gradient, law_quantile
@@ -267,7 +267,7 @@ def test_locators_spread_to_their_largest_spacing() -> None:
 # One fiducial free among seven corners of a cube: its region is a line or a surface that can be scanned.
 
 
-def _one_free(region: Box | Ball | Cylinder, **changes: object) -> PlacementProblem:
+def _one_free(region: BoxRegion | Ball | Cylinder, **changes: object) -> PlacementProblem:
     """Least P95 without anything else free; nothing but the region holds the eighth fiducial."""
     problem = oracle_problem(
         8, 1.0, half_widths=(), objective="quantile", places=(FreeFiducial((7,), region),), min_spacing_mm=0.0,
@@ -309,7 +309,7 @@ def test_one_fiducial_on_a_line() -> None:
         ((-80, 0, 0), (80, 0, 0), lambda t: np.array([t, 0.0, 0.0]), (-80, 80)),
         ((20, 20, 0), (20, 20, 80), lambda t: np.array([20.0, 20.0, t]), (0, 80)),
     ):
-        problem = _one_free(Box(np.array(low, dtype=float), np.array(high, dtype=float)))
+        problem = _one_free(BoxRegion(np.array(low, dtype=float), np.array(high, dtype=float)))
         point, quantile = _along(problem, line, a, b)
         _assert_found(solve_placement(problem, starts=2), point, quantile, 0.05)
 
@@ -348,7 +348,7 @@ def test_one_fiducial_in_a_ball_or_shell_goes_to_its_surface(inner: float) -> No
 
 def test_one_fiducial_kept_out_of_its_best_place_stays_at_the_border() -> None:
     """scan: along a segment through a forbidden ball, the better of its two crossings (12 mm and 3 mm of clearance)."""
-    region = Box(np.array([-60.0, 10, 60]), np.array([60.0, 10, 60]))
+    region = BoxRegion(np.array([-60.0, 10, 60]), np.array([60.0, 10, 60]))
     zone = KeepOut("clamp", Ball(np.array([0.0, 10.0, 60.0]), 12.0), 3.0)
     problem = _one_free(region, keep_out=(zone,))
     solution = solve_placement(problem, starts=4)

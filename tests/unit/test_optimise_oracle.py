@@ -27,7 +27,7 @@ def test_the_recorded_optimum_is_reproduced() -> None:
     problem = oracle_problem()
     layout, tau = np.array(ORACLE["X"]), np.deg2rad(ORACLE["tau_deg"])
     term, estimator = terms_of(problem, problem.demands[0]), estimator_of(problem.system)
-    laid, told = replace(problem.system, fiducials_mm=plain(layout)), plain(estimator.told_shift_mm)
+    laid, told = replace(problem.system, fiducials_mm=plain(layout)), plain(estimator.assumed_shift_mm)
     parts = image_parts_at(estimator, term, laid, plain(estimator.projections), told, plain(term.reconstructed_mm))
     images = ImageParts(*(part.astype(float) for part in parts))
     noise, made = images.noise, images.made

@@ -29,13 +29,13 @@ from tailstack.optimisation.exact_law import Correction, closed_form_mm, image_p
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, Program, build_program
-from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut, mirror, turns
+from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, mirror, turns
 from tailstack.optimisation.terms import Mechanics, estimator_of, mechanics_of, terms_of
 from tailstack.propagation.linear import LinearModel, covariance, linearise
 from tailstack.system import Law, Reading, RotationForm
 
 UP = np.array([0.0, 0.0, 1.0])
-LOOSE = Box(np.array([-60.0] * 3), np.array([50.0] * 3))
+LOOSE = BoxRegion(np.array([-60.0] * 3), np.array([50.0] * 3))
 CURVES = (
     Price("power", 2e-6, exponent=2.0), Price("exponential", 3.0, scale=0.05), reciprocal(1e-4),
     Price("exponential", 1.5, scale=0.004),
@@ -49,7 +49,7 @@ def quantile_by_hand_mm(model: LinearModel, error: str, p: float) -> float:
     """
     mean, columns, s = model.bias_mm(error), [], np.zeros((3, 3))
     for block in model.blocks:
-        gain = model.gain(block, error)
+        gain = block.gain(error)
         s += (gain * block.std) @ (gain * block.std).T
         for j, law in enumerate(block.laws):
             if law is not Law.NORMAL and block.contributor != "fiducial_manufacturing":
@@ -99,7 +99,7 @@ PROBLEMS: dict[str, PlacementProblem] = {
         general_problem(8),
         (Ball(np.array([0.0, 0, -20]), 55.0, 30.0), Cylinder(np.array([0.0, 0, -60]), UP, 90.0, 50.0, 20.0), LOOSE),
         keep_out=(
-            KeepOut("clamp", Box(np.array([-20.0, -20, -40]), np.array([30.0, 10, 0])), 3.0),
+            KeepOut("clamp", BoxRegion(np.array([-20.0, -20, -40]), np.array([30.0, 10, 0])), 3.0),
             KeepOut("bolt", Ball(np.array([30.0, 30, -20]), 15.0), 2.0),
         ),
     ),
@@ -273,7 +273,7 @@ def test_gains_are_exactly_affine_in_pivots_and_inverse_spacings(name: str) -> N
             mechanics: Mechanics = mechanics_of(problem, choice)
             model = linearise(apply_choice(problem, choice), demand.target)
             expected = np.vstack([
-                model.gain(block, error).T for block in model.blocks
+                block.gain(error).T for block in model.blocks
                 if "noise" not in block.contributor and block.contributor != "fiducial_manufacturing"
             ])  # fmt: skip
             np.testing.assert_allclose(
@@ -311,7 +311,7 @@ def _images(problem: PlacementProblem, layout: Array) -> list[Array]:
     moved = np.hstack([layout, np.ones((len(layout), 1))])
     if system.reading is Reading.PHYSICAL:
         moved = moved @ torsor_transform(
-            system.structure_connector.bias, system.structure_connector.pivot_mm, system.rotation_form
+            system.structure_connector.known, system.structure_connector.pivot_mm, system.rotation_form
         ).T  # fmt: skip
     for view in system.views:
         image = moved @ view.projection.T
@@ -322,7 +322,7 @@ def _images(problem: PlacementProblem, layout: Array) -> list[Array]:
 @pytest.mark.parametrize("reading", list(Reading))
 def test_geometric_rows_hold_where_the_rules_are_kept(reading: Reading) -> None:
     """brute force: distances, images of the displaced structure, borders and zones, each row by its own number."""
-    zone = KeepOut("clamp", Box(np.array([-20.0, -20, -40]), np.array([30.0, 10, 0])), 3.0)
+    zone = KeepOut("clamp", BoxRegion(np.array([-20.0, -20, -40]), np.array([30.0, 10, 0])), 3.0)
     tube = Cylinder(np.array([0.0, 0, -60]), UP, 90.0, 50.0, 20.0)
     problem = oracle_problem(6)
     biased = mount(

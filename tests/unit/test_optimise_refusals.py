@@ -13,9 +13,9 @@ from scenes import cube_fiducials, mount, read_only, with_noise
 from tailstack.errors import DesignError, InfeasibleError, Problem
 from tailstack.optimisation import PlacementProblem, solve_placement
 from tailstack.optimisation.contradictions import refuse_contradictions
-from tailstack.optimisation.prices import Grade, of_grades
-from tailstack.optimisation.problem import FreeFiducial, FreePivot, FreeSpacing
-from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut, Shape, mirror, turns
+from tailstack.optimisation.prices import PricedGrade, of_grades
+from tailstack.optimisation.problem import FreeFiducial, FreeSpacing, PivotVariable
+from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, Shape, mirror, turns
 
 UP = np.array([0.0, 0.0, 1.0])
 CENTRE_MM = np.array([0.0, 0.0, -40.0])
@@ -49,8 +49,10 @@ def _kept_out(zone: Shape, clearance_mm: float = 0.0) -> dict[str, Any]:
     return {"keep_out": (KeepOut("clamp", zone, clearance_mm, "/optimise/keep_out/0"),)}
 
 
-def _pivot(low: float, high: float) -> FreePivot:
-    return FreePivot("structure_connector", np.array([0.0, low, 0.0]), np.array([0.0, high, 0.0]), "/optimise/pivots/0")
+def _pivot(low: float, high: float) -> PivotVariable:
+    return PivotVariable(
+        "structure_connector", np.array([0.0, low, 0.0]), np.array([0.0, high, 0.0]), "/optimise/pivots/0"
+    )
 
 
 def _spread(low: float, high: float) -> FreeSpacing:
@@ -79,8 +81,8 @@ def test_a_consistent_problem_is_not_refused() -> None:
         (_box(150, -50, -50, 190, 50, 10), "/optimise/box", "outside-view"),
         (_in(Ball(np.array([0.0, 0.0, 350.0]), 40.0)), "/optimise/region", "outside-view"),
         ({"image_margin_px": 800.0}, "/optimise/box", "outside-view"),
-        (_kept_out(Box(BOX_MM[0] - 1, BOX_MM[1] + 1)), "/optimise/box", "kept-out"),
-        (_kept_out(Box(BOX_MM[0] + 1, BOX_MM[1] - 1), 1.1), "/optimise/box", "kept-out"),
+        (_kept_out(BoxRegion(BOX_MM[0] - 1, BOX_MM[1] + 1)), "/optimise/box", "kept-out"),
+        (_kept_out(BoxRegion(BOX_MM[0] + 1, BOX_MM[1] - 1), 1.1), "/optimise/box", "kept-out"),
         (_kept_out(Ball(CENTRE_MM, 87.0)), "/optimise/box", "kept-out"),
         (_kept_out(Cylinder(BASE_MM - UP, UP, 102.0, 71.0)), "/optimise/box", "kept-out"),
         (_in(HALF_TUBE) | _kept_out(Cylinder(BASE_MM, UP, 100.0, 50.0, 46.0), 1.1), "/optimise/region", "kept-out"),
@@ -91,7 +93,7 @@ def test_a_consistent_problem_is_not_refused() -> None:
             "outside-symmetry",
         ),
         (
-            _in(Box(np.array([5.0, 5.0, -90.0]), BOX_MM[1]), group=4) | {"symmetry": turns(np.zeros(3), UP, 4)},
+            _in(BoxRegion(np.array([5.0, 5.0, -90.0]), BOX_MM[1]), group=4) | {"symmetry": turns(np.zeros(3), UP, 4)},
             "/optimise/region",
             "outside-symmetry",
         ),
@@ -130,14 +132,14 @@ def test_contradictions_point_at_their_field(changes: dict[str, Any], pointer: s
         _in(Ball(CENTRE_MM, 699.0)),
         # a corner of the box is 86.6 mm from its centre; the zone covers all but that
         _kept_out(Ball(CENTRE_MM, 86.5)),
-        _kept_out(Box(BOX_MM[0] + 1, BOX_MM[1] - 1), 1.0),
+        _kept_out(BoxRegion(BOX_MM[0] + 1, BOX_MM[1] - 1), 1.0),
         _kept_out(Cylinder(BASE_MM, UP, 100.0, 71.0)),
         _in(HALF_TUBE) | _kept_out(Cylinder(BASE_MM, UP, 100.0, 50.0, 46.0), 0.9),
         _in(HALF_TUBE) | _kept_out(Cylinder(BASE_MM - UP, UP, 102.0, 60.0, 51.0)),
         _in(Ball(CENTRE_MM, 50.0, 45.0)) | _kept_out(Ball(CENTRE_MM, 51.0, 45.5)),
         # the region reaches across the mirror, so a part of it has its copies inside
         _in(Ball(np.array([10.0, 0.0, -40.0]), 40.0), group=2) | {"symmetry": mirror(np.zeros(3), np.eye(3)[0])},
-        _in(Box(np.array([-20.0, -20.0, -90.0]), BOX_MM[1]), group=4) | {"symmetry": turns(np.zeros(3), UP, 4)},
+        _in(BoxRegion(np.array([-20.0, -20.0, -90.0]), BOX_MM[1]), group=4) | {"symmetry": turns(np.zeros(3), UP, 4)},
         {"requirements": (requirement(0.5, risk="per_unit", min_yield=0.95),)},
         {"half_widths": (replace(FIRST, minimum=0.01, maximum=0.01),)},
         {"pivots": (_pivot(4.0, 4.0),)},
@@ -158,7 +160,7 @@ def test_each_region_is_refused_at_its_own_pointer() -> None:
     """Two of three regions are at fault; the others' fiducials do not count towards a packing."""
     places = (
         _in(Ball(CENTRE_MM, 30.0), "/optimise/regions/0", count=4)["places"]
-        + (FreeFiducial((4,), Box(np.ones(3), np.zeros(3)), "/optimise/regions/1"),)
+        + (FreeFiducial((4,), BoxRegion(np.ones(3), np.zeros(3)), "/optimise/regions/1"),)
         + (FreeFiducial((5,), TOO_SMALL, "/optimise/regions/2"), FreeFiducial((6,), TOO_SMALL, "/optimise/regions/2"))
         + (FreeFiducial((7,), Ball(np.array([0.0, 0.0, 350.0]), 5.0), "/optimise/regions/3"),)
     )
@@ -244,7 +246,7 @@ def test_one_factor_must_suit_every_tolerance() -> None:
 
 def test_the_least_possible_cost_is_stated() -> None:
     """closed form: the cheapest grade that the largest half-width holds, and 1 / 0.05236 for 3 degrees."""
-    grades = of_grades((Grade("ground", np.deg2rad(0.1), 70.0), Grade("milled", np.deg2rad(1.0), 30.0)))
+    grades = of_grades((PricedGrade("ground", np.deg2rad(0.1), 70.0), PricedGrade("milled", np.deg2rad(1.0), 30.0)))
     graded = replace(FIRST, minimum=np.deg2rad(0.1), maximum=np.deg2rad(1.0), price=grades)
     problem = oracle_problem(objective="quantile", cost_limit=49.0, half_widths=(graded, free_rotations()[1]))
     assert "49.0986" in _refused(problem).detail

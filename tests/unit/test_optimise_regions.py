@@ -12,14 +12,14 @@ import pytest
 
 from tailstack.arrays import Array
 from tailstack.optimisation import regions
-from tailstack.optimisation.regions import Ball, Box, Cylinder, Isometry, KeepOut, Shape
+from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, Isometry, KeepOut, Shape
 from tailstack.optimisation.symbols import elements
 
 TILTED = np.array([2.0, -1.0, 2.0]) / 3
 BASE_MM = np.array([5.0, -10.0, -40.0])
 SHAPES: dict[str, Shape] = {
-    "box": Box(np.array([-50.0, -20.0, -90.0]), np.array([50.0, 40.0, 10.0])),
-    "flat box": Box(np.array([-50.0, 7.0, -90.0]), np.array([50.0, 7.0, 10.0])),
+    "box": BoxRegion(np.array([-50.0, -20.0, -90.0]), np.array([50.0, 40.0, 10.0])),
+    "flat box": BoxRegion(np.array([-50.0, 7.0, -90.0]), np.array([50.0, 7.0, 10.0])),
     "cylinder": Cylinder(BASE_MM, TILTED, 60.0, 30.0),
     "tube": Cylinder(BASE_MM, TILTED, 60.0, 30.0, 22.0),
     "lateral surface": Cylinder(BASE_MM, TILTED, 60.0, 30.0, 30.0),
@@ -34,7 +34,7 @@ FIVE_SIGMA = 5.0  # a correct sampler fails a check about once in two million
 
 def brute_inside(shape: Shape, points: Array, grown_mm: float = 0.0) -> Any:
     """(M,) by coordinates, cross products and distances; grown outwards (and into a hollow) by a distance per face."""
-    if isinstance(shape, Box):
+    if isinstance(shape, BoxRegion):
         return ((points >= shape.low_mm - grown_mm) & (points <= shape.high_mm + grown_mm)).all(axis=1)
     inside = np.ones(len(points), dtype=bool)
     if isinstance(shape, Ball):
@@ -139,7 +139,7 @@ def test_samples_go_to_the_surface_as_often_as_asked(name: str, freedoms: int) -
     """sampled: a point stays strictly inside with probability 0.4 per coordinate that may go outwards; five sigma."""
     shape = SHAPES[name]
     samples = drawn(shape, 50_000, 0.6)
-    filled = shape if isinstance(shape, Box) else replace(shape, inner_radius_mm=0.0)
+    filled = shape if isinstance(shape, BoxRegion) else replace(shape, inner_radius_mm=0.0)
     inner = brute_inside(filled, samples, -1e-7).mean()
     chance = 0.4**freedoms
     assert abs(inner - chance) <= FIVE_SIGMA * np.sqrt(chance * (1 - chance) / 5e4)
@@ -212,7 +212,7 @@ def test_a_hollow_keeps_the_clearance_too() -> None:
 def test_the_clearest_piece_is_the_face_that_a_point_is_beyond() -> None:
     """closed form: 30 mm beyond each face of a box, and beyond each end and the side of a cylinder."""
     box = SHAPES["box"]
-    assert isinstance(box, Box)
+    assert isinstance(box, BoxRegion)
     middle = (box.low_mm + box.high_mm) / 2
     beyond = np.array([middle] * 6)
     for k in range(3):
@@ -270,11 +270,11 @@ def test_turns_are_the_roots_of_unity(order: int) -> None:
 
 def test_regions_are_the_same_when_their_numbers_are() -> None:
     """closed form: four regions, of which the first and the third are equal."""
-    box = Box(np.zeros(3), np.ones(3))
-    shapes: list[Shape] = [box, Ball(np.zeros(3), 1.0), Box(np.zeros(3), np.ones(3)), Ball(np.zeros(3), 1.0, 0.5)]
+    box = BoxRegion(np.zeros(3), np.ones(3))
+    shapes: list[Shape] = [box, Ball(np.zeros(3), 1.0), BoxRegion(np.zeros(3), np.ones(3)), Ball(np.zeros(3), 1.0, 0.5)]
     found, which = regions.distinct(shapes)
     assert which == (0, 1, 0, 2)
-    assert [type(shape) for shape in found] == [Box, Ball, Ball]
+    assert [type(shape) for shape in found] == [BoxRegion, Ball, Ball]
 
 
 def test_corners_of_a_box() -> None:

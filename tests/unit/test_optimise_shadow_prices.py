@@ -189,7 +189,7 @@ def _per_unit(limit_mm: float, **changes: Any) -> PlacementProblem:
         manufacturing_law=Law.UNIFORM,
         manufacturing_half_width_mm=np.full((8, 3), 0.05),
         structure_connector=replace(
-            problem.system.structure_connector, bias=np.array([0.0, 0.0, 0.0, 0.05, 0.0, 0.03])
+            problem.system.structure_connector, known=np.array([0.0, 0.0, 0.0, 0.05, 0.0, 0.03])
         ),
     )
     wanted = requirement(limit_mm, risk="per_unit", min_yield=0.9, **changes)

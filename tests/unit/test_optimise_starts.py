@@ -13,19 +13,19 @@ from optimise_scenes import BOX_MM, oracle_problem
 from scenes import mount, target
 from tailstack.arrays import Array
 from tailstack.optimisation.problem import FreeFiducial, PlacementProblem
-from tailstack.optimisation.regions import Ball, Box, Cylinder, KeepOut, Shape, contains, mirror, turns
+from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, Shape, contains, mirror, turns
 from tailstack.optimisation.starts import careless_layouts, starting_layouts, textbook_layout
 from tailstack.optimisation.terms import estimator_of, terms_of
 from tailstack.propagation.linear import linearise
 
-BOX = Box(BOX_MM[0], BOX_MM[1])
+BOX = BoxRegion(BOX_MM[0], BOX_MM[1])
 UP = np.array([0.0, 0.0, 1.0])
 BASE_MM = np.array([0.0, 0.0, -90.0])
 TUBE = Cylinder(BASE_MM, UP, 100.0, 50.0, 35.0)
 SPHERE = Ball(np.array([0.0, 0.0, -40.0]), 60.0, 60.0)
-LEFT, RIGHT = Box(BOX.low_mm, np.array([-20.0, 50.0, 10.0])), Ball(np.array([30.0, 0.0, -40.0]), 25.0)
-NOT_SYMMETRIC = Box(BOX.low_mm, np.array([25.0, 50.0, 10.0]))  # only a part of it has its mirror image in it
-CLAMP = KeepOut("clamp", Box(np.array([-10.0, -60.0, -60.0]), np.array([60.0, 0.0, -20.0])), 3.0)
+LEFT, RIGHT = BoxRegion(BOX.low_mm, np.array([-20.0, 50.0, 10.0])), Ball(np.array([30.0, 0.0, -40.0]), 25.0)
+NOT_SYMMETRIC = BoxRegion(BOX.low_mm, np.array([25.0, 50.0, 10.0]))  # only a part of it has its mirror image in it
+CLAMP = KeepOut("clamp", BoxRegion(np.array([-10.0, -60.0, -60.0]), np.array([60.0, 0.0, -20.0])), 3.0)
 ROUNDING = 1e-9
 
 
@@ -87,7 +87,7 @@ def broken_rules(problem: PlacementProblem, layout: Array) -> list[str]:
             if not np.allclose(isometry.rotation @ own[0] + isometry.shift_mm, copy, rtol=0, atol=1e-9):
                 found.append("symmetry")
     for zone in problem.keep_out:
-        assert isinstance(zone.shape, Box)
+        assert isinstance(zone.shape, BoxRegion)
         for point in layout[sorted(free)]:
             beyond = np.maximum(zone.shape.low_mm - point, point - zone.shape.high_mm).max()
             if beyond < zone.clearance_mm - 1e-6:
@@ -144,7 +144,7 @@ def test_the_first_start_is_the_present_layout() -> None:
 def _mean_square(problem: PlacementProblem, layout: Array) -> float:
     """Image noise at the target, mm^2, by the compiled model that the score uses."""
     model = linearise(replace(problem.system, fiducials_mm=layout), problem.targets[0])
-    gains = [model.gain(block, "tcp") * block.std for block in model.blocks if "noise" in block.contributor]
+    gains = [block.scaled("tcp") for block in model.blocks if "noise" in block.contributor]
     return float(sum((gain**2).sum() for gain in gains))
 
 
@@ -263,7 +263,7 @@ def test_a_textbook_layout_that_breaks_a_rule_says_so() -> None:
         PROBLEMS["two regions, one fixed"],
         oracle_problem(28),
         oracle_problem(8, places=places_of(BOX, range(5))),
-        oracle_problem(8, places=places_of(Box(BOX.low_mm, np.array([50.0, 50.0, -90.0])), range(8))),
+        oracle_problem(8, places=places_of(BoxRegion(BOX.low_mm, np.array([50.0, 50.0, -90.0])), range(8))),
         oracle_problem(8, places=places_of(Cylinder(BASE_MM, UP, 0.0, 50.0), range(8))),
         oracle_problem(8, places=()),
     ],

@@ -94,7 +94,7 @@ def test_every_loss_is_a_demand_with_the_covariance_of_what_is_left():
     assert [term.demand.lost for term in terms] == [(), *((label,) for label in problem.system.fiducial_labels)]
     for term in terms:
         laid = replace(problem.system, fiducials_mm=plain(problem.system.fiducials_mm))
-        given = (laid, plain(estimator.projections), plain(estimator.told_shift_mm))
+        given = (laid, plain(estimator.projections), plain(estimator.assumed_shift_mm))
         images = image_parts_at(estimator, term, *given, plain(term.reconstructed_mm))
         rest = [i for i, label in enumerate(problem.system.fiducial_labels) if label not in term.demand.lost]
         system = replace(

@@ -181,6 +181,13 @@ def test_a_view_is_added_below_the_price_that_is_the_difference_of_two_plain_opt
     assert (offer.cost_without, offer.cost_with) == (without, by_hand)
     assert offer.worth == pytest.approx(without - by_hand, rel=1e-12)
     assert found.cost_after == pytest.approx(by_hand + price, rel=1e-12)
+    # What the check's margin costs is what it costs without a price: the price is in both costs.
+    alone = optimised(with_one_more(poor(), offer.beam_direction, offer.up_direction))
+    assert found.cost_exact_law is not None
+    assert alone.cost_exact_law is not None
+    margin = alone.cost_after - alone.cost_exact_law
+    assert 0 < margin < 0.1 * alone.cost_after
+    assert found.cost_after - found.cost_exact_law == pytest.approx(margin, rel=1e-6)
     assert found.verdict_status == "pass"
     views: Any = found.design["views"]
     assert [view["name"] for view in views] == ["AP", "LAT", "OBL"]

@@ -84,6 +84,25 @@ def test_what_an_avx2_processor_has_is_let_pass(
     processor.refuse_unusable(disabled=False, name=name, features=features)
 
 
+@pytest.mark.parametrize(
+    ("name", "features", "words"),
+    [
+        ("znver99", None, "NUMBA_CPU_NAME asks for znver99, which LLVM does not know"),
+        ("native", "", "NUMBA_CPU_NAME asks for native, which"),
+        ("x86-64-v2", "+avx2,+avx99", "NUMBA_CPU_FEATURES asks for .avx99, which LLVM does not know"),
+    ],
+)
+def test_what_llvm_does_not_know_is_refused_and_not_waited_for(
+    capfd: pytest.CaptureFixture[str], name: str, features: str | None, words: str
+) -> None:
+    """Kernels for such a name were never there: a score gave no answer in 90 s."""
+    with pytest.raises(KernelError, match=words) as refused:
+        processor.refuse_unusable(disabled=False, name=name, features=features)
+    assert refused.value.exit_code == 2
+    assert "NUMBA_CPU_NAME=x86-64-v3" in refused.value.problems[0].hint
+    assert capfd.readouterr().err == ""  # what LLVM said of it is in these words
+
+
 def test_plain_python_is_refused() -> None:
     with pytest.raises(KernelError, match="NUMBA_DISABLE_JIT is set"):
         processor.refuse_unusable(disabled=True, name=None, features=None)

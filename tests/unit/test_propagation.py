@@ -22,7 +22,6 @@ from scenes import (
     with_systematic,
     with_unseen,
 )
-from tailstack.estimation.checks import LINEAR
 from tailstack.geometry.rotation import rotation_xyz
 from tailstack.propagation.linear import (
     chain_of,
@@ -33,7 +32,7 @@ from tailstack.propagation.linear import (
     linearise,
 )
 from tailstack.propagation.noise import noise_gains, noise_gains_jit
-from tailstack.system import Estimator, Reading, RotationForm, Triangulation, View
+from tailstack.system import LINEAR, Estimator, Reading, RotationForm, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
 
@@ -81,7 +80,7 @@ def test_known_shifts_are_those_of_the_chain():
     """independent: the chain with and without the known temperature and the balls; second order is 1e-3 of them."""
     system = with_systematic(random_system(np.random.default_rng(5), fiducials=9), known=True)
     aim = system.targets[0]
-    plain = replace(system, temperature=None, balls=None)
+    plain = replace(system, effects=tuple(e for e in system.effects if not e.known.any()))
     model, without = linearise(system, aim), run(plain, aim, {})
     assert [each.contributor for each in model.known] == ["temperature", "ball_images"]
     for error in ("tcp", "localisation"):

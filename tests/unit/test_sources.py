@@ -72,7 +72,7 @@ def test_a_change_of_any_source_that_a_kernel_reaches_changes_its_name(monkeypat
     try:
         for changed in sorted(set().union(*reaches.values())):
             source = original[changed]
-            altered = sources.Source(source.content + b"# changed\n", source.modified_ns)
+            altered = sources.SourceFile(source.content + b"# changed\n", source.modified_ns)
             monkeypatch.setattr(sources, "SOURCES", {**original, changed: altered})
             for cached in (sources.imports_of, sources.reach, sources.digest_of):
                 cached.cache_clear()

@@ -20,12 +20,11 @@ from tailstack.montecarlo import compile_plan, draw
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.studies.bench import levels
 from tailstack.studies.bench.compare import StudyComparison, study_comparison
-from tailstack.studies.bench.explain import Explanation, Scene, explain, sample_law
+from tailstack.studies.bench.explain import Explanation, TargetLevel, explain, sample_law
 from tailstack.studies.bench.file import Group, Measurements
 from tailstack.studies.bench.levels import (
     MOST_REPLICATES,
-    ONCE,
-    Draws,
+    BenchDraws,
     count_benches,
     count_least_benches,
     expect,
@@ -142,7 +141,8 @@ def test_a_bench_shares_what_it_shares() -> None:
     for block in plan.blocks:
         columns = z[:, block.start : block.stop].reshape(2, 12, -1)
         distinct = [len(np.unique(columns[bench], axis=0)) for bench in range(2)]
-        wanted = 1 if block.name in ONCE else 3 if block.name in ("structure_connector", "connector_flange") else 12
+        once = ("fiducial_manufacturing", "hand_eye")
+        wanted = 1 if block.name in once else 3 if block.name in ("structure_connector", "connector_flange") else 12
         assert distinct == [wanted, wanted], block.name
         assert not np.array_equal(columns[0], columns[1])
 
@@ -153,7 +153,7 @@ def test_expected_moments_are_those_of_the_chain() -> None:
     law = expect(linearise(system, system.targets[0]), "tcp", 0.1)
     total = covariance(linearise(system, system.targets[0]), "tcp") + 0.01 * np.eye(3)
     np.testing.assert_allclose(law.unit + law.installation + law.shot, total, rtol=1e-10)
-    errors = simulate_benches(system, 0, "tcp", SIZES, Draws(0, MOST_REPLICATES, instrument_sd_mm=0.1))
+    errors = simulate_benches(system, 0, "tcp", SIZES, BenchDraws(0, MOST_REPLICATES, instrument_sd_mm=0.1))
     found = moments_of(errors, SIZES)
     for sample, predicted in (
         (np.cov(found.mean.T), law.of_mean(SIZES)),
@@ -195,7 +195,7 @@ def test_every_test_has_its_size() -> None:
     """independent, sampled: 400 benches of the plain chain that are as designed.  At 5 % a test of the right size
     refuses 20; fewer than 7 or more than 36 come once in 2000.  Seed 4."""
     system, rng = scene(), np.random.default_rng(4)
-    many = simulate_benches(system, 0, "tcp", SIZES, Draws(0, 999))
+    many = simulate_benches(system, 0, "tcp", SIZES, BenchDraws(0, 999))
     refused: dict[str, int] = {}
     for _ in range(400):
         errors = plain_bench(system, rng, SIZES)
@@ -209,7 +209,7 @@ def test_every_test_has_its_size() -> None:
 def test_a_difference_is_found() -> None:
     """sampled: 40 benches with noise of 1 px instead of 0.5 px; spread refused in at least 36.  Seed 6."""
     system, rng = scene(), np.random.default_rng(6)
-    many = simulate_benches(system, 0, "tcp", SIZES, Draws(0, 999))
+    many = simulate_benches(system, 0, "tcp", SIZES, BenchDraws(0, 999))
     found = [p_values_of(system, plain_bench(system, rng, SIZES, noise=1.0), many)["spread"] < 0.05 for _ in range(40)]
     assert sum(found) >= 36
 
@@ -245,7 +245,7 @@ def test_a_tilt_is_found_and_named() -> None:
     the angle along -y; independent: the bench is the plain chain's, seed 8."""
     tilt = np.deg2rad(0.35)
     seat = scene().connector_flange
-    bent = replace(scene(), connector_flange=replace(seat, bias=np.array([tilt, 0, 0, 0, 0, 0])))
+    bent = replace(scene(), connector_flange=replace(seat, known=np.array([tilt, 0, 0, 0, 0, 0])))
     study = studied(scene(), plain_bench(bent, np.random.default_rng(8), (3,) * 6), (3,) * 6)
     assert study.verdict == "differs"
     level = study.levels[0]
@@ -284,7 +284,7 @@ def test_the_interval_of_a_factor_covers() -> None:
     system, rng, missed = scene(), np.random.default_rng(10), 0
     model = linearise(system, system.targets[0])
     law = expect(model, "tcp", 0.0)
-    base = sample_law(system, 0, "tcp", SIZES, Draws(0, 999))
+    base = sample_law(system, 0, "tcp", SIZES, BenchDraws(0, 999))
     kept = replace(
         base, total=base.total[:499], displacements=(),
         contributions=tuple(
@@ -293,7 +293,7 @@ def test_the_interval_of_a_factor_covers() -> None:
     )  # fmt: skip
     for _ in range(40):
         errors = plain_bench(system, rng, SIZES, noise=0.9)
-        found = explain([Scene("target", SIZES, errors, None, None, law, kept)], 0.05)
+        found = explain([TargetLevel("target", SIZES, errors, None, None, law, kept)], 0.05)
         low, high = found[0].intervals[0] if found[0].intervals else (0.0, 0.0)
         missed += not low <= 1.8 <= high
     assert missed <= 7
@@ -315,7 +315,7 @@ def test_the_interval_of_a_spread_is_that_of_its_scale() -> None:
 def test_the_first_order_benches_have_their_declared_covariances() -> None:
     """closed_form: of every contributor, and of the mean of a bench; 20,000 benches, 4 % of a trace is 4 sigma."""
     system = scene()
-    law = sample_law(system, 0, "tcp", (2, 2), Draws(0, 20_000, instrument_sd_mm=0.1))
+    law = sample_law(system, 0, "tcp", (2, 2), BenchDraws(0, 20_000, instrument_sd_mm=0.1))
     for part in law.contributions:
         drawn = part.errors[:, 0]
         np.testing.assert_allclose(np.cov(drawn.T), part.covariance, atol=0.04 * np.trace(part.covariance))
@@ -420,7 +420,7 @@ def test_bounded_components_are_given_the_benefit_of_the_doubt() -> None:
 def test_norms_say_less_and_say_so() -> None:
     """The sign of a component is not in a norm: its plausible values lie on both sides of zero."""
     bent = replace(
-        scene(), connector_flange=replace(scene().connector_flange, bias=np.array([np.deg2rad(0.5), 0, 0, 0, 0, 0]))
+        scene(), connector_flange=replace(scene().connector_flange, known=np.array([np.deg2rad(0.5), 0, 0, 0, 0, 0]))
     )
     norms = np.linalg.norm(plain_bench(bent, np.random.default_rng(14), (12,)), axis=1)
     study = studied(scene(), norms, (12,))
@@ -482,7 +482,7 @@ def test_a_design_that_predicts_no_spread_is_refused() -> None:
 def test_beyond_first_order_the_chain_itself_is_the_reference() -> None:
     """A small cluster at half a pixel: the linear law is wrong there, and a bench of the chain must still agree."""
     system = broken_system()
-    plan_errors = simulate_benches(system, 0, "tcp", (4,), Draws(99, 4))[3]
+    plan_errors = simulate_benches(system, 0, "tcp", (4,), BenchDraws(99, 4))[3]
     study = studied(system, plan_errors, (4,))
     assert study.validity.expected_error_percent is None
     assert study.verdict == "agrees"

@@ -16,7 +16,7 @@ from tailstack.errors import StudyError
 from tailstack.propagation.linear import linearise
 from tailstack.studies.linearity import (
     Grid,
-    Place,
+    GridPoint,
     apply_place,
     calibrate,
     classify,
@@ -36,7 +36,7 @@ def test_ratio_of_the_cube_over_noise_in_the_published_form(noise_px: float, rat
     """independent: the plain 4x4 triangulation on a 100 mm cube, target 110 mm from its middle, measured by other
     programs: within 0.3 % to 5 px, then -0.5, -1.2 and -4.3 %, each good to some 0.2 %."""
     system = cube8_system(triangulation=Triangulation.PUBLISHED)
-    point = examine_place(system, 0, "tcp", Place(noise_px, 0.0, 1.0, 8), 2**13, 1)
+    point = examine_place(system, 0, "tcp", GridPoint(noise_px, 0.0, 1.0, 8), 2**13, 1)
     low, high = point.ratio_interval
     assert low < point.ratio < high
     assert point.ratio == pytest.approx(ratio, abs=0.003 + 1.2 * (high - low))
@@ -50,7 +50,7 @@ def test_ratio_against_plain_monte_carlo(noise_px: float):
     """sampled: order statistics of 400,000 trials of another seed, no linear model in them; 99 % interval, and ours."""
     system = cube8_system(views=with_noise(noise_px))
     plain = verify(system, trials=400_000, seed=77).targets[0]
-    point = examine_place(system, 0, "tcp", Place(noise_px, 0.0, 1.0, 8), TRIALS, 1)
+    point = examine_place(system, 0, "tcp", GridPoint(noise_px, 0.0, 1.0, 8), TRIALS, 1)
     error = 1.4 * (plain.p95_interval_mm[1] - plain.p95_interval_mm[0]) / 2 / plain.p95_mm
     low, high = point.ratio_interval
     assert low - error <= plain.first_order_ratio <= high + error
@@ -60,7 +60,9 @@ def test_ratio_against_plain_monte_carlo(noise_px: float):
 def test_ratio_over_random_rotations_of_both_interfaces(rotation_deg: float, ratio: float):
     """independent: random rotations of 1, 2 and 5 deg give 1.0008, 1.0020 and 1.0054."""
     second = mount("connector_flange", (0, 0, -145), half_width=[radians(rotation_deg)] * 3 + [0] * 3)
-    point = examine_place(cube8_system(connector_flange=second), 0, "tcp", Place(0.5, rotation_deg, 1.0, 8), TRIALS, 2)
+    point = examine_place(
+        cube8_system(connector_flange=second), 0, "tcp", GridPoint(0.5, rotation_deg, 1.0, 8), TRIALS, 2
+    )
     assert point.ratio == pytest.approx(ratio, abs=0.0015)
 
 
@@ -68,7 +70,7 @@ def test_ratio_over_random_rotations_of_both_interfaces(rotation_deg: float, rat
 def test_a_far_target_of_a_small_cluster_is_plainly_optimistic():
     """sampled: plain Monte Carlo of another seed; beyond the reach of the linearisation it says so."""
     system = broken_system(views=with_noise(2.0))
-    point = examine_place(system, 0, "localisation", Place(2.0, 0.0, 1.0, 7), TRIALS, 3)
+    point = examine_place(system, 0, "localisation", GridPoint(2.0, 0.0, 1.0, 7), TRIALS, 3)
     plain = verify(system, trials=20_000, seed=8).targets[0].localisation
     assert point.ratio == pytest.approx(plain.first_order_ratio, rel=0.15)
     assert point.ratio < 0.4
@@ -83,7 +85,7 @@ def test_a_far_target_of_a_small_cluster_is_plainly_optimistic():
 def test_intervals_hold_what_they_promise():
     """sampled: 40 seeds; the truth is the pooled ratio of all.  Of 95 % intervals at least 33 hold it with probability
     0.9986."""
-    place = Place(4.0, 0.0, 0.5, 8)
+    place = GridPoint(4.0, 0.0, 0.5, 8)
     found = [examine_place(cube8_system(), 0, "localisation", place, 2**13, seed) for seed in range(40)]
     logs = np.log([point.ratio for point in found])
     truth = float(np.exp(logs.mean()))
@@ -116,7 +118,7 @@ def test_second_order_is_that_of_the_score():
     """The same correction by another route: noise alone is Gaussian, so the ratio of Gaussian quantiles is exact."""
     system = cube8_system(views=with_noise(5.0))
     expected = score(system, second_order=True).targets[0].second_order
-    point = examine_place(system, 0, "tcp", Place(5.0, 0.0, 1.0, 8), 2**13, 1)
+    point = examine_place(system, 0, "tcp", GridPoint(5.0, 0.0, 1.0, 8), 2**13, 1)
     assert expected.status == "applied"
     assert point.second_order_p95_mm == pytest.approx(expected.p95_mm, rel=1e-6)
     assert point.first_order_p95_mm == pytest.approx(score(system).targets[0].p95_mm, rel=1e-9)
@@ -128,7 +130,7 @@ def test_second_order_of_the_papers_scenario():
     the spread there."""
     exact = SCENARIO["A"]["exact"]
     system = replace(scene("A", 2.0), triangulation=Triangulation.PUBLISHED)  # in metres: this form depends on units
-    point = examine_place(system, 0, "localisation", Place(2.0, 0.0, 1.0, 8), 2**13, 1)
+    point = examine_place(system, 0, "localisation", GridPoint(2.0, 0.0, 1.0, 8), 2**13, 1)
     assert point.first_order_p95_mm == pytest.approx(exact["P95"], rel=1e-6)
     assert point.second_order_p95_mm == pytest.approx(exact["second_order_P95"], rel=1e-5)
 
@@ -139,7 +141,7 @@ def test_what_a_point_changes_and_what_it_leaves():
     system = cube8_system(
         structure_connector=mount("structure_connector", (0, 0, -95), half_width=half, law=Law.UNIFORM)
     )
-    here = apply_place(system, Place(2.0, 1.5, 0.5, 6))
+    here = apply_place(system, GridPoint(2.0, 1.5, 0.5, 6))
     assert len(here.fiducials_mm) == len(here.fiducial_labels) == 6
     centre = system.fiducials_mm.mean(axis=0)
     kept = np.sort(order_far_apart(system.fiducials_mm)[:6])
@@ -149,7 +151,7 @@ def test_what_a_point_changes_and_what_it_leaves():
     assert sources.names == ("rx", "ry", "rz", "tx", "ty", "tz")
     assert sources.laws == (Law.NORMAL,) * 3 + (Law.UNIFORM,) * 3
     assert sources.std == pytest.approx([radians(1.5)] * 3 + [0.4 / 3**0.5] * 3)
-    still = apply_place(system, Place(2.0, 0.0, 1.0, 8)).structure_connector.sources
+    still = apply_place(system, GridPoint(2.0, 0.0, 1.0, 8)).structure_connector.sources
     assert still.names == ("tx", "ty", "tz")
     assert still.direction == pytest.approx(np.eye(6)[:, 3:])
 
@@ -181,7 +183,7 @@ def test_the_grid_is_whole_and_repeatable():
     for point in first.points:
         if point.status == "ok":
             alone = apply_place(
-                cube8_system(), Place(point.noise_px, point.rotation_deg, point.spread, point.fiducials)
+                cube8_system(), GridPoint(point.noise_px, point.rotation_deg, point.spread, point.fiducials)
             )
             assert point.nu == pytest.approx(linearise(alone, alone.targets[0]).nu, rel=1e-12)
 
@@ -205,7 +207,7 @@ def test_a_locator_keeps_its_shift_and_loses_its_turn():
     first = cube8_system().structure_connector
     for rotation_deg, names in ((0.0, ("A1", "A3")), (2.0, ("rx", "ry", "rz", "A1", "A3"))):
         here = apply_place(
-            cube8_system(structure_connector=replace(first, sources=sources)), Place(1.0, rotation_deg, 1.0, 8)
+            cube8_system(structure_connector=replace(first, sources=sources)), GridPoint(1.0, rotation_deg, 1.0, 8)
         )
         kept = here.structure_connector.sources
         assert kept.names == names
@@ -231,7 +233,7 @@ def test_second_order_is_called_nearer_only_where_the_interval_says_so(
     ratio: float, interval: tuple[float, float], second: float, nearer: bool | None
 ):
     """closed form: Monte Carlo anywhere in the interval, first and second order fixed."""
-    base = examine_place(cube8_system(), 0, "tcp", Place(0.5, 0.0, 1.0, 8), 2**13, 1)
+    base = examine_place(cube8_system(), 0, "tcp", GridPoint(0.5, 0.0, 1.0, 8), 2**13, 1)
     said = write_sentences([replace(base, ratio=ratio, ratio_interval=interval, second_order_ratio=second)])[-1]
     counts = {True: (1, 0, 0), False: (0, 1, 0), None: (0, 0, 1)}[nearer]
     words = "at 1 point: nearer to the simulation than the estimate at {}, farther at {}, open at {}."
@@ -253,7 +255,7 @@ def test_what_is_bounded_and_what_risk_is_read_are_said():
 
 def test_words_and_calibration_count_what_is_there():
     """Counted by hand; what an interval leaves open is neither kept nor broken."""
-    base = examine_place(cube8_system(), 0, "tcp", Place(0.5, 0.0, 1.0, 8), 2**13, 1)
+    base = examine_place(cube8_system(), 0, "tcp", GridPoint(0.5, 0.0, 1.0, 8), 2**13, 1)
     good = replace(base, promise="good to 1 %", promised_percent=1.0)
     bad = replace(base, promise="not valid", promised_percent=None)
     points = [

@@ -26,7 +26,7 @@ from tailstack.propagation.linear import linearise
 from tailstack.propagation.second_order import second_order_moments
 from tailstack.studies.paper.published import CELLS, LEVELS, S3_ANALYTIC, TRIALS, Setting, apply_setting
 from tailstack.studies.paper.reproduce import (
-    Case,
+    PaperGeometry,
     StudyPaper,
     compute_level_ratios,
     estimate,
@@ -64,7 +64,7 @@ def oracle_system(name: str):
 
 @cache
 def study() -> StudyPaper:
-    return study_paper([Case(oracle_system(name), True) for name in "AB"], trials=60_000, seed=5)
+    return study_paper([PaperGeometry(oracle_system(name), True) for name in "AB"], trials=60_000, seed=5)
 
 
 def oracle_name(cell) -> str:
@@ -176,7 +176,7 @@ def test_the_error_at_the_tool_is_the_3d_error_in_both_readings_and_a_second_int
             assert cell.tcp_mm == pytest.approx(cell.value_mm, rel=1e-9, abs=1e-9)
     loose = compile_design(load_design(ROOT / "examples" / "demo.yaml"))
     for reading in Reading:
-        (geometry,) = study_paper([Case(replace(loose, reading=reading), False)], trials=40_000).geometries
+        (geometry,) = study_paper([PaperGeometry(replace(loose, reading=reading), False)], trials=40_000).geometries
         norms = [cell for cell in geometry.cells if cell.table != "S3"]
         assert [cell.tcp_mm for cell in norms] == pytest.approx([cell.value_mm for cell in norms], rel=1e-9, abs=1e-9)
     result = score(loose).targets[0]
@@ -385,7 +385,7 @@ def test_the_means_of_s3_differ_by_less_than_noise_can_tell():
 
 
 def test_same_seed_same_digits_whatever_the_threads():
-    case = [Case(cube8_system(), False)]
+    case = [PaperGeometry(cube8_system(), False)]
     first = study_paper(case, trials=40_000, seed=9, threads=1)
     assert study_paper(case, trials=40_000, seed=9, threads=2) == first
     other = study_paper(case, trials=40_000, seed=10, threads=2)
@@ -399,11 +399,11 @@ def test_what_the_design_has_of_its_own_errors_stays_out():
     loud = compile_design(design)
     quiet = replace(
         loud,
-        structure_connector=replace(loud.structure_connector, bias=read_only(np.zeros(6))),
+        structure_connector=replace(loud.structure_connector, known=read_only(np.zeros(6))),
         manufacturing_half_width_mm=read_only(np.zeros_like(loud.fiducials_mm)),
         requirements=(),
     )
-    found = [study_paper([Case(one, False)], trials=40_000).geometries[0] for one in (loud, quiet)]
+    found = [study_paper([PaperGeometry(one, False)], trials=40_000).geometries[0] for one in (loud, quiet)]
     assert [cell.value_mm for cell in found[0].cells] == [cell.value_mm for cell in found[1].cells]
     at_rest = next(cell for cell in found[0].cells if cell.row == "L2, 0 px")
     assert at_rest.tcp_mm == pytest.approx(at_rest.value_mm, rel=1e-9)  # rigid transforms keep the norm
@@ -412,11 +412,11 @@ def test_what_the_design_has_of_its_own_errors_stays_out():
 @pytest.mark.long
 def test_the_shipped_geometries_give_s1_and_the_counts_that_the_page_states():
     fitted = [
-        Case(compile_design(load_design(ROOT / "examples" / "paper" / f"fitted_{name}.yaml")), True)
+        PaperGeometry(compile_design(load_design(ROOT / "examples" / "paper" / f"fitted_{name}.yaml")), True)
         for name in ("eq18", "physical")
     ]
     other = compile_design(load_design(ROOT / "examples" / "paper" / "c_arm.yaml"))
-    *both, arm = study_paper([*fitted, Case(other, False)]).geometries
+    *both, arm = study_paper([*fitted, PaperGeometry(other, False)]).geometries
     page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
     columns = [{one.name: one.std_mm for one in geometry.factor.propagations} for geometry in both]
     assert " / ".join(f"{value:.3g}" for value in columns[0]["without matrix 2"]) in page
@@ -436,4 +436,4 @@ def test_the_shipped_geometries_give_s1_and_the_counts_that_the_page_states():
 
 def test_too_few_trials_are_refused():
     with pytest.raises(StudyError, match="at least 40000"):
-        study_paper([Case(cube8_system(), False)], trials=2000)
+        study_paper([PaperGeometry(cube8_system(), False)], trials=2000)

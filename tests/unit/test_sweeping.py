@@ -11,9 +11,11 @@ import pytest
 
 from tailstack import load_design, score, verify
 from tailstack.design.pointers import pointer_of
+from tailstack.results.outline import Curves
 from tailstack.sweeping import PointCheck, SweepError, count_points, read_axes, sweep, sweep_points
 
 DEMO = load_design(Path(__file__).parents[2] / "examples" / "demo.yaml")
+SEATED = load_design(Path(__file__).parents[1] / "data" / "designs" / "tibial_plate.yaml")
 NOISE = "/views/0/fiducial_noise_px"
 RZ = "/interfaces/structure_connector/tolerances/rz/half_width_deg"
 
@@ -184,4 +186,38 @@ def test_axes_that_are_refused(axes: list[dict[str, Any]], pointer: str, code: s
 def test_a_refusal_says_what_may_have_been_meant() -> None:
     with pytest.raises(SweepError) as refused:
         read_axes(DEMO, [{"pointer": "/views/0/fiducial_noise", "values": [1.0]}])
-    assert NOISE in refused.value.problems[0].hint
+    assert "did you mean views.AP.fiducial_noise_px?" in refused.value.problems[0].hint
+
+
+@pytest.mark.parametrize(
+    ("path", "hint"),
+    [
+        ("interfaces.structure_connector.locators.A33.half_width_mm",
+         "did you mean interfaces.structure_connector.locators.A3.half_width_mm?"),
+        ("interfaces.structure_connector.locators.A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
+        ("interfaces.nope", "in interfaces there is structure_connector, connector_flange."),
+        ("interfaces.structur_connector.pivot_mm.0", "did you mean interfaces.structure_connector.pivot_mm.0?"),
+    ],
+)  # fmt: skip
+def test_what_was_perhaps_meant_is_said_by_names(path: str, hint: str) -> None:
+    with pytest.raises(SweepError) as refused:
+        sweep(SEATED, {path: [1.0]})
+    assert hint in refused.value.problems[0].hint
+    assert "locators/3" not in refused.value.problems[0].hint
+
+
+def test_an_interface_goes_by_its_label_too() -> None:
+    typed = "interfaces.kinematic connector (3-2-1).locators.A3.half_width_mm"
+    assert pointer_of(SEATED.source.data, typed) == "/interfaces/structure_connector/locators/2/half_width_mm"
+
+
+def test_a_record_names_its_axes_as_people_do_and_holds_the_limits() -> None:
+    found = sweep(SEATED, {"/interfaces/structure_connector/locators/2/half_width_mm": [0.01, 0.05]})
+    (axis,) = found.axes
+    assert axis.name == "interfaces.structure_connector.locators.A3.half_width_mm"
+    assert axis.short == "structure_connector.A3.half_width_mm"
+    assert found.limits() == [(0.6, "limit of entry"), (0.8, "limit of exit")]  # of its file
+    chart = found.outline().chart
+    assert isinstance(chart, Curves)
+    assert chart.across == f"{axis.name}, mm"
+    assert chart.limits == tuple(found.limits())

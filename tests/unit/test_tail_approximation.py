@@ -13,6 +13,7 @@ from scipy import stats
 
 from tailstack.tail.approximation import (
     _moment_at_quantile,
+    columns_in_cumulants,
     pearson_square,
     square_cumulants,
     unit_quantile_squared,
@@ -62,6 +63,21 @@ def test_cumulants_against_quadrature(kind):
     assert c1 == pytest.approx(mean, rel=1e-12)
     assert 2 * c2 == pytest.approx(weight @ (q - mean) ** 2, rel=1e-11)
     assert 8 * c3 == pytest.approx(weight @ (q - mean) ** 3, rel=1e-10)
+
+
+def test_what_columns_add_to_cumulants_is_the_same_for_every_mean_and_covariance():
+    """Independent: each column by itself (held against quadrature above)."""
+    rng = np.random.default_rng(3)
+    columns, kinds = rng.normal(size=(2, 3, 5)), np.array([0, 1, 1, 0, 1])
+    second, third, shape = columns_in_cumulants(columns, kinds)
+    root, mean = rng.normal(size=(3, 3)), rng.normal(size=3)
+    total = root @ root.T
+    for own, by_second, by_third, by_shape in zip(columns, second, third, shape, strict=True):
+        c1, c2, c3 = square_cumulants(mean, total, own[:, kinds == 0].T, own[:, kinds == 1].T)
+        plain = square_cumulants(mean, total)
+        assert (c1, c2) == pytest.approx((plain[0], plain[1] + by_second), rel=1e-12)
+        rest = np.trace(by_shape @ (total + np.outer(mean, mean)))
+        assert c3 == pytest.approx(plain[2] + by_third + rest, rel=1e-12)
 
 
 def test_symbols_and_floats_agree():

@@ -33,6 +33,17 @@ def test_brute_force(mean, columns):
     np.testing.assert_allclose(found.law.mean, law.mean + BOUNDED @ np.array(found.signs))
 
 
+@pytest.mark.parametrize("mean", [(0, 0, 0), (0.3, -0.1, 0.2)])
+def test_brute_force_of_many_vertices_that_are_hard_to_tell_apart(mean):
+    """brute force: seven short components, of whose 128 vertices none can be left out beforehand."""
+    rng = np.random.default_rng(7)
+    law, bounded = linear_law(mean, S, SOURCES), 0.03 * rng.normal(size=(3, 7))
+    found = worst_case(law, bounded, 0.95)
+    every = {s: _at(law, bounded, s).quantile_mm for s in itertools.product((1.0, -1.0), repeat=7)}
+    assert found.quantile.quantile_mm == pytest.approx(max(every.values()), rel=1e-9)
+    assert every[tuple(float(s) for s in found.signs)] == pytest.approx(max(every.values()), rel=1e-9)
+
+
 @pytest.mark.parametrize("columns", [None, SOURCES])
 def test_nothing_inside_the_box_is_worse(columns):
     """The theorem (quasi-convexity) tried on 40 interior and face points."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tailstack.tail.elementary import exponential, sine_and_cosine
+from tailstack.tail.elementary import exponential, share_lost, sine_and_cosine
 
 
 def test_exponential() -> None:
@@ -19,6 +19,12 @@ def test_exponential() -> None:
         assert exponential(float(x)) == pytest.approx(math.exp(x), rel=3e-10)
     assert exponential(-700.0) == exponential(-math.inf) == pytest.approx(math.exp(-64), rel=1e-9)
     assert math.isnan(exponential(math.nan)) or exponential(math.nan) == exponential(-64.0)
+
+
+def test_share_lost() -> None:
+    """However little is lost, and where all is."""
+    for x in [*np.geomspace(1e-300, 700, 2000), 0.0, math.inf]:
+        assert share_lost(float(x)) == pytest.approx(-math.expm1(-x), rel=2e-15, abs=0.0)
 
 
 @pytest.mark.parametrize(

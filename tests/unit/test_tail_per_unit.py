@@ -12,8 +12,10 @@ from tailstack.tail import per_unit
 from tailstack.tail.declared import UNIFORM, LinearLaw, law_cdf, law_quantile, linear_law
 from tailstack.tail.gaussian import norm_quantile
 from tailstack.tail.per_unit import (
+    average_at,
     distance_at,
     draw_units,
+    position_of,
     solve_between,
     unit_coordinates,
     unit_quantile,
@@ -117,6 +119,22 @@ def test_generous_and_impossible_limits():
     unit = linear_law([0.1, 0, 0], NOISE * 10, COLUMNS)
     assert unit_risk(unit, SHOT, 0.95, 100.0).yield_fraction == 1.0
     assert unit_risk(unit, SHOT, 0.95, 0.0).yield_fraction == 0.0
+
+
+@pytest.mark.parametrize(("n", "width"), [(1, 1), (7, 3), (200, 16)])
+def test_averages_of_ranks_are_those_of_a_convolution(n, width):
+    """independent: numpy's convolution with a triangle, and its interpolation."""
+    rng = np.random.default_rng(n)
+    ranked = np.sort(rng.normal(size=n))
+    window = width - np.abs(np.arange(1.0 - width, width))
+    averages, weights = (np.convolve(x, window, "full")[width - 1 :][:n] for x in (ranked, np.ones(n)))
+    averages /= weights
+    for at in (0.0, n - 1.0, *rng.uniform(0, n - 1, 20)):
+        value = np.interp(at, np.arange(n), averages)
+        assert average_at(ranked, width, float(at)) == pytest.approx(value, rel=1e-12)
+        assert position_of(ranked, width, float(value)) == pytest.approx(at, abs=1e-9 * n)
+    assert position_of(ranked, width, averages[-1] + 1.0) == n - 1
+    assert position_of(ranked, width, averages[0] - 1.0) == 0
 
 
 def test_bad_arguments_are_named():

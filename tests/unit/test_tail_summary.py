@@ -176,7 +176,7 @@ def test_p95_without_any_line(seed):
         for line, row in zip(lines_of(model), rows, strict=True):
             covariance, columns, kinds = np.zeros((3, 3)), [], []
             for block in model.blocks:
-                gain = model.gain(block, error)
+                gain = block.gain(error)
                 for j, law in enumerate(block.laws):
                     if block is line.block and j in line.sources:
                         continue

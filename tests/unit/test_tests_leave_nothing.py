@@ -16,7 +16,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from family import die_with_parent
+from family import die_with_parent, ended
 
 CONFTEST = Path(__file__).parents[1] / "conftest.py"
 RUN = Path(__file__).parents[2] / "run"
@@ -88,10 +88,12 @@ def test_a_test_that_leaves_the_process_changed_fails(tmp_path: Path) -> None:
     given = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTEST_"))}
     given |= {"KEPT": "1", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     command = [sys.executable, "-m", "pytest", "-rA", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "."]
-    done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=300, check=False)
     failed = set(re.findall(r"^(?:ERROR|FAILED) test_leaks\.py::test_(\w+)", done.stdout, re.MULTILINE))
     names = set(re.findall(r"^def test_(\w+)", TESTS, re.MULTILINE))
-    assert failed == {name for name in names if not name.startswith("after_")} - {"innocent", "imports_a_library"}, done.stdout
+    assert failed == {name for name in names if not name.startswith("after_")} - {"innocent", "imports_a_library"}, (
+        done.stdout
+    )
     assert "os.environ 'NUMBA_CPU_NAME' was None, is 'x86-64-v4'" in done.stdout
     assert "os.environ 'KEPT' was '1', is None" in done.stdout
     assert "log level of 'library' was 40, is 50" in done.stdout
@@ -121,7 +123,7 @@ def test_what_a_file_of_tests_starts_is_started_once(tmp_path: Path) -> None:
     given |= {"STARTED": str(tmp_path / "started"), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     side_by_side = runpy.run_path(str(RUN))["SIDE_BY_SIDE"]
     command = [sys.executable, "-m", "pytest", "-p", "xdist", "--rootdir", str(tmp_path), *side_by_side, "."]
-    done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=300, check=False)
     assert "16 passed" in done.stdout, done.stdout
     assert sorted((tmp_path / "started").read_text().split()) == ["test_one.py", "test_other.py"]
 
@@ -144,8 +146,44 @@ def test_what_a_killed_test_started_does_not_run_on() -> None:
         assert parent.stdout is not None
         child = psutil.Process(int(parent.stdout.readline()))
         parent.kill()
-    psutil.wait_procs([child], timeout=10)
+    psutil.wait_procs([child], timeout=300)
     assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
+
+
+BACKGROUND = """
+import signal, subprocess, sys
+from family import die_with_parent
+assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+asked = "import signal; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+subprocess.run([sys.executable, "-c", asked], preexec_fn=die_with_parent, check=True)
+"""
+
+
+def test_what_a_test_starts_can_be_interrupted_in_the_background_too() -> None:
+    """A shell without job control starts what ends in & with SIGINT ignored, and its children inherit that."""
+    background = ["sh", "-c", "trap '' INT; exec \"$@\"", "sh", sys.executable, "-c", BACKGROUND]
+    done = subprocess.run(background, cwd=CONFTEST.parent, capture_output=True, text=True, timeout=300, check=False)
+    assert done.stdout == "True\n", done.stderr
+
+
+def test_what_a_failed_test_started_ends_with_it() -> None:
+    """With what that started itself."""
+    idle = "[sys.executable, '-c', 'import time; time.sleep(600)']"
+    family = f"import subprocess, sys, time; child = subprocess.Popen({idle})"
+    with pytest.raises(ZeroDivisionError):  # noqa: PT012, SIM117
+        with ended(
+            subprocess.Popen(
+                [sys.executable, "-c", family + "; print(child.pid, flush=True); time.sleep(600)"],
+                stdout=subprocess.PIPE,
+                text=True,
+                preexec_fn=die_with_parent,
+            )
+        ) as process:
+            assert process.stdout is not None
+            members = [psutil.Process(int(process.stdout.readline())), psutil.Process(process.pid)]
+            1 / 0  # noqa: B018
+    psutil.wait_procs(members, timeout=300)
+    assert not any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in members)
 
 
 @pytest.mark.long

@@ -1,6 +1,6 @@
 """How loose may four tolerances be?  Least cost with P95 within its limit, by OpenMDAO's SLSQP and by tailstack.
 
-``python allocate.py DESIGN`` needs tailstack[optimise] and openmdao.
+``python allocate.py DESIGN`` needs tailstack with its extra optimise, and openmdao.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ NOT_COMPARED: Final = "not compared"
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class AuditCheck:
     """One thing that was looked at."""
 
     what: str  # record, design, pages, numbers, ...
@@ -29,7 +29,7 @@ class Audit:
     title: str
     schema: str
     written_by: str
-    questions: tuple[Question, ...]
+    questions: tuple[AuditCheck, ...]
 
     @property
     def verdict(self) -> Literal["verified", "differs", "not verified"]:

@@ -10,7 +10,7 @@ from tailstack import __version__
 
 from ..operations.rendering import render
 from ..report.errors import PdfUnavailable
-from .findings import DIFFERENT, NOT_COMPARED, SAME, Question
+from .findings import DIFFERENT, NOT_COMPARED, SAME, AuditCheck
 from .holding import ReportFile, sheet_cells, sheet_names, unpack_streams
 
 MOST = 5  # differences that are told
@@ -22,38 +22,38 @@ _PACKED = re.compile(rb"/Length \d+|startxref\n\d+")  # what hangs on how stream
 _PRODUCER = re.compile(rb"/Producer \(([^()]*)\)")
 
 
-def pages_question(held: ReportFile, written_by: str, file: str) -> Question:
+def pages_question(held: ReportFile, written_by: str, file: str) -> AuditCheck:
     """The file against what its record renders to here."""
     if held.form == "json":
         same = held.content.rstrip(b"\n") == held.result.body
         words = "canonical JSON" if same else "JSON that was laid out anew: the hash is of its canonical form"
-        return Question("bytes", "same", words)
+        return AuditCheck("bytes", "same", words)
     if written_by != __version__:
         words = f"written by tailstack {written_by}, this is {__version__}: install that version to compare them"
-        return Question("pages", NOT_COMPARED, words)
+        return AuditCheck("pages", NOT_COMPARED, words)
     try:
         fresh, _ = render(held.result.kind, held.result.body, held.form)
     except PdfUnavailable as error:
-        return Question("pages", NOT_COMPARED, f"PDF cannot be rendered here: {error.problems[0].detail}")
+        return AuditCheck("pages", NOT_COMPARED, f"PDF cannot be rendered here: {error.problems[0].detail}")
     if fresh == held.content:
-        return Question("pages", SAME, f"what the record renders to, byte for byte ({len(fresh):,} bytes)")
+        return AuditCheck("pages", SAME, f"what the record renders to, byte for byte ({len(fresh):,} bytes)")
     if held.form != "xlsx":
         there, here = (_all(_CHARTS, content, _unpacked_streams(content)) for content in (held.content, fresh))
         if there != here:
             drawn = b", ".join(there).decode("latin-1") or "nothing"
             by = b", ".join(here).decode("latin-1") or "nothing"
-            return Question("pages", NOT_COMPARED, f"charts by {drawn}, here by {by}: the same version is needed")
+            return AuditCheck("pages", NOT_COMPARED, f"charts by {drawn}, here by {by}: the same version is needed")
     if held.form == "html":
         return _lines(held.content, fresh)
     return (_cells if held.form == "xlsx" else _streams)(held.content, fresh, file)
 
 
-def _different(details: list[str], count: int, what: str) -> Question:
+def _different(details: list[str], count: int, what: str) -> AuditCheck:
     more = [f"... and {count - MOST} more"] if count > MOST else []
-    return Question("pages", DIFFERENT, f"{count} {what} not what the record renders to", (*details[:MOST], *more))
+    return AuditCheck("pages", DIFFERENT, f"{count} {what} not what the record renders to", (*details[:MOST], *more))
 
 
-def _lines(content: bytes, fresh: bytes) -> Question:
+def _lines(content: bytes, fresh: bytes) -> AuditCheck:
     there, here = (text.decode("utf-8", "replace").split("\n") for text in (content, fresh))
     details = []
     for number, (old, new) in enumerate(zip_longest(there, here, fillvalue="(no line)"), 1):
@@ -65,10 +65,10 @@ def _lines(content: bytes, fresh: bytes) -> Question:
     return _different(details, len(details), "lines are")
 
 
-def _cells(content: bytes, fresh: bytes, file: str) -> Question:
+def _cells(content: bytes, fresh: bytes, file: str) -> AuditCheck:
     there, here = (unpack_streams(book, file) for book in (content, fresh))
     if there == here:
-        return Question("pages", SAME, "what the record renders to, part for part (packed by another zlib)")
+        return AuditCheck("pages", SAME, "what the record renders to, part for part (packed by another zlib)")
     details = []
     for name in dict.fromkeys([*sheet_names(here), *sheet_names(there)]):
         old, new = (sheet_cells(book, name) for book in (there, here))
@@ -86,23 +86,23 @@ def _cells(content: bytes, fresh: bytes, file: str) -> Question:
     return _different([f"part {name}" for name in parts], len(parts), "parts of the spreadsheet are")
 
 
-def _streams(content: bytes, fresh: bytes, file: str) -> Question:
+def _streams(content: bytes, fresh: bytes, file: str) -> AuditCheck:
     there, here = (_unpacked_streams(document) for document in (content, fresh))
     made = [_first(_PRODUCER, document, streams) for document, streams in ((content, there), (fresh, here))]
     if made[0] != made[1]:
         words = f"drawn by {made[0] or 'an unknown program'}, here is {made[1]}: the same version is needed"
-        return Question("pages", NOT_COMPARED, words)
+        return AuditCheck("pages", NOT_COMPARED, words)
     fonts = [sorted(set(_all(_FONT, document, streams))) for document, streams in ((content, there), (fresh, here))]
     families = [{font.partition(b"+")[2] for font in found} for found in fonts]
     if families[0] != families[1]:
         names = [", ".join(sorted(name.decode("latin-1") for name in family)) for family in families]
-        return Question("pages", NOT_COMPARED, f"set in {names[0]}, here in {names[1]}: the same fonts are needed")
+        return AuditCheck("pages", NOT_COMPARED, f"set in {names[0]}, here in {names[1]}: the same fonts are needed")
     between = [_STREAM.sub(b"stream", document) for document in (content, fresh)]
     if there == here and between[0] == between[1]:
-        return Question("pages", SAME, "what the record renders to, stream for stream (packed by another zlib)")
+        return AuditCheck("pages", SAME, "what the record renders to, stream for stream (packed by another zlib)")
     if there[:-1] == here[:-1] and _PACKED.sub(b"", between[0]) == _PACKED.sub(b"", between[1]):
         words = "the same, but packed by another zlib: its table of places, the last stream, cannot be compared"
-        return Question("pages", NOT_COMPARED, words)
+        return AuditCheck("pages", NOT_COMPARED, words)
     count = sum(a != b for a, b in zip_longest(there, here))
     return _different([], max(count, 1), "parts of the PDF are")
 

@@ -19,7 +19,7 @@ from ..operations.operation import HeldDesign, Progress, Repetition
 from ..operations.reading import ReadResult
 from ..operations.registry import OPERATIONS
 from ..problems import RequestError
-from .findings import DIFFERENT, SAME, Audit, Question
+from .findings import DIFFERENT, SAME, Audit, AuditCheck
 from .holding import read_report
 from .pages import pages_question
 
@@ -52,7 +52,7 @@ def audit(
     designs = tuple(load_design(each.data, allow_files=False) for each in holds)
     if not fast:
         _check_effort(result, (*(() if given is None else (given,)), *designs), most or Effort())
-    questions = [Question("record", SAME, f"SHA-256 {hashlib.sha256(result.body).hexdigest()}")]
+    questions = [AuditCheck("record", SAME, f"SHA-256 {hashlib.sha256(result.body).hexdigest()}")]
     questions += [_design_question(*pair) for pair in zip(holds, designs, strict=True) if pair[0].stated_sha256]
     provenance = _provenance(result)
     written_by = provenance.tailstack_version
@@ -73,11 +73,11 @@ def _provenance(result: ReadResult) -> Any:
     return getattr(record, "provenance", record)
 
 
-def _design_question(each: HeldDesign, design: Design) -> Question:
+def _design_question(each: HeldDesign, design: Design) -> AuditCheck:
     if design.sha256 == each.stated_sha256:
-        return Question(each.name, SAME, f"SHA-256 {design.sha256}")
+        return AuditCheck(each.name, SAME, f"SHA-256 {design.sha256}")
     detail = f"its SHA-256 is {design.sha256}; the record says {each.stated_sha256}"
-    return Question(each.name, DIFFERENT, detail)
+    return AuditCheck(each.name, DIFFERENT, detail)
 
 
 def _same_design(stated: str, given: Design) -> Design:
@@ -93,44 +93,49 @@ def _same_design(stated: str, given: Design) -> Design:
 
 def _number_questions(
     result: ReadResult, designs: tuple[Design, ...], fast: bool, progress: Progress | None, written_by: str
-) -> list[Question]:
+) -> list[AuditCheck]:
     """Raises RequestError where the design is missing that the numbers are computed from."""
     operation = OPERATIONS[result.kind]
-    if operation.repeat is None:
+    if not operation.can_repeat(result.record):
         if fast:
-            return [Question("numbers", "trusted", "not computed again: the record does not hold its design")]
+            return [AuditCheck("numbers", "trusted", "not computed again: the record does not hold its design")]
         detail = f"the numbers of a {result.kind} are computed again by tailstack {operation.verb}, from what it was of"
         raise RequestError(Problem("", "not-recomputed", detail, "add --fast: hash and pages only"))
     if not designs and operation.needs_design:
         if fast:
-            return [Question("numbers", "trusted", "not computed again: the record does not hold its design")]
+            return [AuditCheck("numbers", "trusted", "not computed again: the record does not hold its design")]
         detail = f"a {result.kind} does not hold its design, so its numbers cannot be computed again"
         hint = "tailstack report --verify FILE DESIGN, or --fast: hash and pages only"
         raise RequestError(Problem("", "missing-design", detail, hint))
-    again = operation.repeat(Repetition(result.record, designs, fast, progress))
+    again = operation.compute_again(Repetition(result.record, designs, fast, progress))
     questions = [_compare(result.record, plain(again.record), written_by)]
     if again.trusted:
-        questions.append(Question("taken on trust", "trusted", f"{again.trusted} (--fast)"))
+        questions.append(AuditCheck("taken on trust", "trusted", f"{again.trusted} (--fast)"))
     return questions
 
 
-def _compare(recorded: Any, computed: Any, written_by: str) -> Question:
-    pairs = list(values(plain(recorded), computed))
-    apart = [pair for pair in pairs if not pair.close and not _is_version(pair)]
+def _compare(recorded: Any, computed: Any, written_by: str) -> AuditCheck:
+    every = list(values(plain(recorded), computed))
+    pairs = [pair for pair in every if not _is_version(pair)]
+    apart = [pair for pair in pairs if not pair.close]
     exact = sum(pair.same for pair in pairs)
     if not apart:
         digits = "to the last digit" if exact == len(pairs) else f"{exact:,} to the last digit, all to {CLOSE:g}"
-        return Question("numbers", SAME, f"{len(pairs):,} values computed again: the same, {digits}")
-    other = "" if written_by == __version__ else f" (by tailstack {__version__}, which is not the one that wrote them)"
+        return AuditCheck("numbers", SAME, f"{len(pairs):,} values computed again: the same, {digits}")
+    other = ""
+    if written_by != __version__:
+        other = f" (by tailstack {__version__}, which is not the one that wrote them)"
+    elif any(_is_version(pair) and not pair.same and pair.recorded is not None for pair in every):
+        other = f" (by other sources of tailstack {__version__} than those that wrote them)"
     listed = [pair.words for pair in apart[:MOST]]
     more = [f"... and {len(apart) - MOST} more"] if len(apart) > MOST else []
     words = f"{len(apart):,} of {len(pairs):,} values are not what is computed again{other}"
-    return Question("numbers", DIFFERENT, words, (*listed, *more))
+    return AuditCheck("numbers", DIFFERENT, words, (*listed, *more))
 
 
 def _is_version(pair: Value) -> bool:
-    """The version that computes is another one by nature."""
-    return pair.pointer.endswith("/provenance/tailstack_version")
+    """The code that computes is another one by nature."""
+    return pair.pointer.endswith(("/provenance/tailstack_version", "/provenance/sources_sha256"))
 
 
 def _check_effort(result: ReadResult, designs: tuple[Design, ...], most: Effort) -> None:

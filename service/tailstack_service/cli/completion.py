@@ -31,12 +31,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Answer:
     import shtab
 
+    from ..operations.rendering import FORMATS as REPORT_FORMATS
+    from .gate import FORMATS as GATE_FORMATS
     from .main import build_parser
 
     parser = build_parser(name=INSTALLED)  # that is what is completed, whatever this command was called by
     for action in list_actions(parser):
         words = set(re.findall(r"[A-Z]+", str(action.metavar)))
-        if words & OF_DOCUMENTS:
+        if "--format" in action.option_strings:
+            action.choices = GATE_FORMATS if "FORMAT" in words else REPORT_FORMATS
+        elif words & OF_DOCUMENTS:
             action.complete = shtab.glob(*DOCUMENTS)  # type: ignore[attr-defined]
         elif words & OF_FILES:
             action.complete = shtab.FILE  # type: ignore[attr-defined]

@@ -21,7 +21,7 @@ from ..examples import example_folder
 from ..rendering.jobs import advance_text
 
 if TYPE_CHECKING:
-    from ..console.remote import Service
+    from ..console.remote import RemoteService
 
 HELP = "the whole main job on a real design, over HTTP"
 
@@ -29,7 +29,7 @@ NAME = "demo.yaml"
 PRECISION = 0.005
 READY_SECONDS = 600.0  # a slow machine compiles for a while
 FIRST_WORD_SECONDS, WORD_SECONDS = 3.0, 20.0
-FIRST_TIME = "a minute or two the first time on a machine; later runs read them from a cache"
+FIRST_TIME = "about two minutes the first time on a machine, several on a busy one; later runs read them from a cache"
 REPORT_SECONDS = 60.0
 ANNOUNCE_SECONDS = 1.0  # between lines of progress
 
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design.write import data_to_yaml
 
     from ..console.progress import Progress
-    from ..console.remote import Service
+    from ..console.remote import RemoteService
     from ..http.server import running_service
     from ..logs import log_to_stderr
     from ..rendering.demo import before_after_text, chapter, summary_text
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         nullcontext() if arguments.full else progress,
         running_service(default_settings(), worker=True, worker_log=output / "worker.log") as (host, port),
     ):
-        service = Service(f"http://{host}:{port}", key="")
+        service = RemoteService(f"http://{host}:{port}", key="")
         wait_until_ready(service, announce)
         announce(f"first estimate: POST {service.url}/v1/scores")
         body = service.ask("POST", "/v1/scores", {"design": design}).content
@@ -109,7 +109,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         body, result = run_job(service, "/v1/optimisations", {"design": design}, announce)
         optimised = read_record("optimisation", body)
         save("optimisation.json", body)
-        write_document(output / "optimised.yaml", data_to_yaml(optimised.design))
+        write_document(output / "optimised.yaml", data_to_yaml(optimised.design), tell=arguments.full)
         show("Optimised: layout and rotational tolerances", optimisation_text(optimised))
 
         announce("checking the better one: POST /v1/scores and /v1/verifications")
@@ -130,7 +130,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     return Answer(closing, exit_code_of(after.verdict))
 
 
-def wait_until_ready(service: Service, announce: Callable[[str], None], seconds: float = READY_SECONDS) -> None:
+def wait_until_ready(service: RemoteService, announce: Callable[[str], None], seconds: float = READY_SECONDS) -> None:
     """Poll readiness; the first run on a machine compiles the kernels.  Raises RemoteError."""
     from ..console.remote import RemoteError
 
@@ -152,7 +152,9 @@ def wait_until_ready(service: Service, announce: Callable[[str], None], seconds:
         time.sleep(0.05)
 
 
-def run_job(service: Service, path: str, request: dict[str, Any], announce: Callable[[str], None]) -> tuple[bytes, str]:
+def run_job(
+    service: RemoteService, path: str, request: dict[str, Any], announce: Callable[[str], None]
+) -> tuple[bytes, str]:
     """The result of a job and its path, its progress announced on the way.  Raises RemoteError if it fails."""
     job = service.ask_record("POST", path, request)
     announced_at = time.monotonic()

@@ -40,7 +40,9 @@ def run(arguments: argparse.Namespace) -> Answer:
         except Exception as error:  # a doctor reports every ailment
             first = str(error).splitlines()[0] if str(error) else ""
             mark, words, code = "FAIL", f"{type(error).__name__}: {first}", NOT_EVALUATED
+        words, _, command = words.partition("\n")  # a command is copied: its line is not folded
         lines.append(wrap(words, first=f"{mark:<6}{name:<15}", indent=" " * 21) + "\n")
+        lines += [f"{' ' * 21}{command}\n"] if command else []
     return Answer("".join(lines), code)
 
 
@@ -67,7 +69,9 @@ def _versions() -> str:
 def _extras() -> str:
     """What of tailstack is left out here."""
     missing = missing_extras()
-    return f"not installed: {', '.join(missing)} ({install_command(*missing)})" if missing else "all installed"
+    if not missing:
+        return "all installed"
+    return f"not installed: {', '.join(missing)}; for all of them:\n{install_command(*missing)}"
 
 
 def _processor() -> str:

@@ -6,7 +6,6 @@ What is printed stands alone: fiducials that the example has in a file of their 
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
 import sys
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ from ..console.editors import write_document
 from ..console.files import replace_file, writable
 from ..console.parser import suggest
 from ..console.program import program
-from ..examples import example_folder, list_example_designs, list_examples
+from ..examples import example_folder, list_example_designs, list_examples, write_example
 from ..problems import RequestError
 
 HELP = "print or write an example design; without a name, their list"
@@ -50,20 +49,9 @@ def run(arguments: argparse.Namespace) -> Answer:
             detail = f"{name} is a folder of files"
             raise RequestError(Problem("", "option-missing", detail, f"tailstack example {name} -o {name}"))
         return Answer(_write_folder(source, Path(arguments.output), force=arguments.force))
-    design = designs[name].path
     if arguments.output is None:
-        return Answer(_alone(design).encode())
-    return Answer(_write_design(design, Path(arguments.output), force=arguments.force))
-
-
-def _alone(path: Path) -> str:
-    """The author's text with the fiducials of a file written into it, and without the line for editors."""
-    from tailstack.design import design_to_data, load_design
-    from tailstack.design.yaml_text import revise_yaml
-
-    text = re.sub(r"^# yaml-language-server:.*\n", "", path.read_text(encoding="utf-8"))
-    design = load_design(path)
-    return revise_yaml(text, design_to_data(design, inline=False), design_to_data(design))
+        return Answer(write_example(name).encode())
+    return Answer(_write_design(designs[name].path, Path(arguments.output), force=arguments.force))
 
 
 def _write_design(source: Path, target: Path, *, force: bool) -> str:

@@ -17,8 +17,10 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
 from ..console.answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer, write_out
 from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
-from ..console.arguments import add_details, read_design, read_number
+from ..console.arguments import add_details, read_design
+from ..console.flags import add_flags, fill_defaults
 from ..console.progress import Progress
+from ..gate.asked import GateRequest
 from ..problems import RequestError
 
 if TYPE_CHECKING:
@@ -35,29 +37,16 @@ if TYPE_CHECKING:
 HELP = "designs against a policy, for a pipeline: findings and an exit code"
 
 FORMATS = ("text", "json", "baseline", "sarif", "junit", "github", "gitlab", "markdown")
-MODES = ("analytic", "verify", "auto")
 WILD = "*?["
 LONGEST_NAME = 400
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("design", metavar="DESIGN", nargs="*", help="design documents, or patterns like 'parts/*.yaml'")
-    parser.add_argument("--policy", metavar="FILE", help="rules and limits (default: the designs' own requirements)")
-    parser.add_argument(
-        "--mode", choices=MODES, default="auto",
-        help="analytic: estimate. verify: simulate (Monte Carlo). auto (default): simulate near a limit",
-    )  # fmt: skip
-    parser.add_argument(
-        "--fail-level", choices=("error", "warning"), default="error", help="findings that fail (default %(default)s)"
+    add_flags(
+        parser, GateRequest, "policy", "mode", "fail_level", "on_inconclusive", "baseline", "max_regression_percent"
     )
-    parser.add_argument(
-        "--on-inconclusive", choices=("fail", "warn"), help="what an open question counts as (default: exit code 4)"
-    )
-    parser.add_argument("--baseline", metavar="FILE", help="record of an earlier gate (--format baseline=FILE)")
-    parser.add_argument(
-        "--max-regression", type=_percent, metavar="PCT", help="allowed rise of P95 over the baseline (default: policy)"
-    )
-    parser.add_argument("--waivers", metavar="FILE", help="findings that are accepted for now")
+    add_flags(parser, GateRequest)
     parser.add_argument(
         "--format", type=_format, action="append", metavar="FORMAT[=FILE]",
         help=f"{', '.join(FORMATS)}; several may be given, all but one with a file (default text)",
@@ -75,15 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _percent(text: str) -> float:
-    value = read_number(text.strip().removesuffix("%"))
-    if value is None:
-        raise argparse.ArgumentTypeError(f"expected a number of per cent; got {text!r}")
-    if not 0 <= value <= 1_000_000:
-        raise argparse.ArgumentTypeError(f"expected 0 or more per cent; got {text}")
-    return float(value)
-
-
 def _format(text: str) -> tuple[str, str | None]:
     name, equals, file = text.partition("=")
     if name not in FORMATS or (equals and not file):
@@ -94,6 +74,7 @@ def _format(text: str) -> tuple[str, str | None]:
 def run(arguments: argparse.Namespace) -> Answer:
     if arguments.explain is not None:
         return Answer(_explain(arguments.explain), PASS)
+    fill_defaults(GateRequest, arguments)
 
     from ..console.refusals import problem_text
     from ..gate.text import summarise
@@ -155,7 +136,7 @@ def _make_record(
             raise RequestError([Problem("", "bad-output", detail) for detail in wrong])
         if unwritable:
             raise OutputError([replace(problem, file=None) for problem in unwritable])
-        if arguments.max_regression is not None and arguments.baseline is None:
+        if arguments.max_regression_percent is not None and arguments.baseline is None:
             detail = "--max-regression: without a baseline nothing is compared"
             raise RequestError(Problem("", "unused-option", detail, "--baseline FILE, or leave it out"))
         designs = _list_files(arguments.design, matches)
@@ -263,7 +244,7 @@ def _read_gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
         today=day,
         fail_level=arguments.fail_level,
         on_inconclusive=arguments.on_inconclusive,
-        max_regression_percent=arguments.max_regression,
+        max_regression_percent=arguments.max_regression_percent,
         present=() if baseline is None else _list_present(baseline.record, files),
     )
 

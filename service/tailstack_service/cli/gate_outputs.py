@@ -199,7 +199,7 @@ def record_unfinished(
         seed=0,
         fail_level=arguments.fail_level,
         on_inconclusive=arguments.on_inconclusive,
-        max_regression_percent=arguments.max_regression,
+        max_regression_percent=arguments.max_regression_percent,
         findings=tuple(_make_finding(rule, problem, files) for problem in problems),
         designs=tuple(record_unread(file) for file in files),
         provenance=GateProvenance(

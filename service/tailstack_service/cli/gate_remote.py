@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from tailstack.design import Design, design_to_data
-from tailstack.design.reading import Source
+from tailstack.design.reading import DocumentSource
 from tailstack.design.refusals import place
 from tailstack.errors import Problem
 
@@ -27,11 +27,11 @@ _POINT = re.compile(r"/fiducials/points(/\d+.*)?")
 def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
     """The record as it would have been computed here.  Raises RemoteError, also for an answer that is no record."""
 
-    from ..console.remote import RemoteError, Service, compute_remotely
+    from ..console.remote import RemoteError, RemoteService, compute_remotely
     from ..schemas import read_record
 
     request = write_request(gate)
-    service = Service(url)
+    service = RemoteService(url)
     if not request["designs"]:  # there is nothing to ask
         return conclude(gate, score_designs(gate), [None] * len(gate.designs))
     try:
@@ -97,7 +97,7 @@ def _place_here(finding: GateFinding, gate: Gate) -> GateFinding:
     return finding
 
 
-def _find_line(finding: GateFinding, file: str, source: Source) -> GateFinding:
+def _find_line(finding: GateFinding, file: str, source: DocumentSource) -> GateFinding:
     here = place(Problem(finding.pointer, finding.rule, ""), source)
     return replace(finding, file=file, line=here.line, column=here.column)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -117,9 +117,9 @@ def run(arguments: argparse.Namespace) -> Answer:
     text = design_text(read_wishes(arguments, ask=sys.stdin is not None and sys.stdin.isatty() and not arguments.yes))
     try:
         check_design(load_design(text))  # refused before anything is written
-    except TailstackError:
+    except TailstackError as error:  # nobody has the text whose lines it tells
         print("note: --size-mm, --target and the lengths of the C-arm decide what the views show", file=sys.stderr)
-        raise
+        raise RequestError([replace(p, file=None, line=None, column=None) for p in error.problems]) from error
     if to_stdout:
         return Answer(text.encode())
     write_document(Path(arguments.file), text)

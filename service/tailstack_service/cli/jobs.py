@@ -18,7 +18,7 @@ from ..job_document import KINDS, State
 from ..rendering.jobs import advance_text, job_text, jobs_text
 
 if TYPE_CHECKING:
-    from ..console.remote import Service
+    from ..console.remote import RemoteService
 
 HELP = "jobs of a running service: list, show, follow, cancel"
 PAGE = 200
@@ -46,11 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..console.remote import RemoteError, Service
+    from ..console.remote import RemoteError, RemoteService
     from ..settings import refuse_unknown
 
     refuse_unknown(os.environ)
-    service = Service(arguments.url)
+    service = RemoteService(arguments.url)
     try:
         return ACTIONS[arguments.action](service, arguments)
     except RemoteError as error:
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         raise
 
 
-def _list(service: Service, arguments: argparse.Namespace) -> Answer:
+def _list(service: RemoteService, arguments: argparse.Namespace) -> Answer:
     query = {"limit": min(arguments.limit, PAGE), "state": arguments.state, "kind": arguments.kind}
     path: str | None = "/v1/jobs?" + urlencode({name: value for name, value in query.items() if value is not None})
     records: list[dict[str, Any]] = []
@@ -88,15 +88,15 @@ def _path(arguments: argparse.Namespace) -> str:
     return "/v1/jobs/" + quote(arguments.id, safe="")
 
 
-def _show(service: Service, arguments: argparse.Namespace) -> Answer:
+def _show(service: RemoteService, arguments: argparse.Namespace) -> Answer:
     return _record(service.ask_record("GET", _path(arguments)), arguments)
 
 
-def _cancel(service: Service, arguments: argparse.Namespace) -> Answer:
+def _cancel(service: RemoteService, arguments: argparse.Namespace) -> Answer:
     return _record(service.ask_record("POST", _path(arguments) + "/cancel"), arguments)
 
 
-def _follow(service: Service, arguments: argparse.Namespace) -> Answer:
+def _follow(service: RemoteService, arguments: argparse.Namespace) -> Answer:
     """Exit code 0 when the job has succeeded, that of its problem when it failed, 3 when it was cancelled."""
     from ..console.remote import EXIT_CODE
 
@@ -114,7 +114,7 @@ def _follow(service: Service, arguments: argparse.Namespace) -> Answer:
     return _record(record, arguments, EXIT_CODE.get(slug, NOT_EVALUATED))
 
 
-ACTIONS: dict[str, Callable[[Service, argparse.Namespace], Answer]] = {
+ACTIONS: dict[str, Callable[[RemoteService, argparse.Namespace], Answer]] = {
     "list": _list,
     "show": _show,
     "follow": _follow,

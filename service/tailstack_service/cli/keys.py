@@ -15,7 +15,7 @@ from ..console.answer import Answer
 from ..console.arguments import add_database, read_settings, whole
 from ..console.program import program
 from ..problems import RequestError
-from ..rendering.tables import table
+from ..rendering.tables import draw_table
 
 if TYPE_CHECKING:
     from ..jobs.store.database import Database
@@ -88,7 +88,7 @@ def _list(db: Database, arguments: argparse.Namespace) -> Answer:
         (key.id, key.tenant, key.name, " ".join(key.scopes), _day(key.created_at), _day(key.expires_at), state)
         for key, state in keys
     ]
-    return Answer(table(("id", "tenant", "name", "scopes", "created", "expires", "state"), rows, left=7) + "\n")
+    return Answer(draw_table(("id", "tenant", "name", "scopes", "created", "expires", "state"), rows, left=7) + "\n")
 
 
 def _revoke(db: Database, arguments: argparse.Namespace) -> Answer:
@@ -117,7 +117,7 @@ def _log(db: Database, arguments: argparse.Namespace) -> Answer:
         (moment(entry.at), entry.actor, entry.action, entry.tenant, entry.subject, _describe_detail(entry.detail))
         for entry in entries
     ]
-    return Answer(table(("at", "who", "what", "tenant", "which", "detail"), rows, left=6) + "\n" if rows else "")
+    return Answer(draw_table(("at", "who", "what", "tenant", "which", "detail"), rows, left=6) + "\n" if rows else "")
 
 
 def _describe_detail(detail: dict[str, Any]) -> str:

@@ -19,7 +19,8 @@ from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
 from ..console.answer import write_out as _write
 from ..console.parser import Parser, refuse_verb
 from ..console.program import INSTALLED, know_verbs, program
-from .verbs import OWN, SPELLINGS, verbs
+from ..operations.registry import OPERATIONS
+from .verbs import OWN, SPELLINGS, module_of, verbs
 
 EPILOG = """\
 exit codes: 0 pass · 1 the design fails · 2 bad input or usage · 3 could not evaluate · 4 inconclusive · 130 interrupted
@@ -43,10 +44,11 @@ def build_parser(verb: str | None = None, name: str | None = None) -> argparse.A
     parser.add_argument(
         "-V", "--version", action="version", version=f"{INSTALLED} {__version__}", help="print the version"
     )
+    Parser.find_verbs = staticmethod(find_verbs_with)
     parsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser)
     for one in verbs() if verb is None else (verb,):
         if one in OWN:
-            module = import_module(f"tailstack_service.cli.{one.replace('-', '_')}")
+            module = import_module(module_of(one))
             own = parsers.add_parser(
                 one,
                 help=module.HELP,
@@ -61,6 +63,15 @@ def build_parser(verb: str | None = None, name: str | None = None) -> argparse.A
 
             add_verb(parsers, one)
     return parser
+
+
+def find_verbs_with(flag: str) -> list[str]:
+    """Verbs of operations that have this flag for an option."""
+    from ..console.flags import list_options  # which loads pydantic
+
+    found = ((one.verb, each) for one in OPERATIONS.values() for each in list_options(one.options))
+    has = (verb for verb, each in found if each.has_flag and each.spelling == flag)
+    return list(dict.fromkeys(has))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

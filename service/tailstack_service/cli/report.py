@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from tailstack.errors import DesignError, Problem
 from tailstack.extras import require_extras
-from tailstack.precision import FINEST_PRECISION
 
 from ..console.answer import FAIL, NOT_EVALUATED, PASS, Answer
-from ..console.arguments import number, whole
+from ..console.arguments import whole
 from ..console.files import replace_file
+from ..console.flags import add_flags
 from ..console.progress import Progress
 from ..operations.registry import OPERATIONS
+from ..operations.report import ReportOptions
 from ..problems import RequestError
-from .operation import LIMITS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,14 +25,13 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
     from ..operations.reading import ReadResult
-    from ..report.assembling import ReportOptions
+    from ..report.assembling import ReportContents as Parts
     from ..report.records import Comparison, Report
 
 HELP = "tolerance-budget report: HTML, PDF, spreadsheet, JSON"
 
 FORMATS = ("html", "pdf", "xlsx", "json")
-PARTS = ("score", "verification", "optimisation")
-OF_A_DESIGN = ("parts", "trials", "precision", "max_trials", "seed", "starts")
+OF_A_DESIGN = (*ReportOptions.model_fields, "starts")
 BOUNDS = ("max_trials", "starts")  # with --verify: the most that is computed again
 MOST_BYTES = 200_000_000  # of a file that is verified
 
@@ -50,20 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="DIR|FILE",
         help="directory for the files (default: this one), or the file, whose ending is then the format",
     )  # fmt: skip
-    parser.add_argument(
-        "--parts", type=_list_type(PARTS), metavar="LIST",
-        help="of a design: score, verification, optimisation (default score,verification)",
-    )  # fmt: skip
-    size = parser.add_mutually_exclusive_group()
-    size.add_argument("--trials", type=whole(1), metavar="N", help="of a design: trials of its check")
-    size.add_argument(
-        "--precision",
-        type=number({"ge": FINEST_PRECISION, "lt": 1}),
-        metavar="REL",
-        help="of a design: see tailstack verify",
-    )
-    parser.add_argument("--max-trials", type=whole(1000), metavar="N", help=LIMITS["max_trials"])
-    parser.add_argument("--seed", type=whole(0, 2**63 - 1), metavar="N", help="of a design: seed of its check (0)")
+    add_flags(parser, ReportOptions, "parts")
+    add_flags(parser, ReportOptions)
     parser.add_argument("--starts", type=whole(1, 10_000), metavar="N", help="of a design: starts of the optimiser")
     parser.add_argument(
         "--verify", action="store_true",
@@ -133,7 +120,7 @@ def _stem(name: str) -> str:
 def _render(kind: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
     from ..operations.rendering import render_all
 
-    with Progress("report"):
+    with Progress("drawing the report"):  # its own phase, with a count of its own
         return render_all(kind, body, forms)
 
 
@@ -165,10 +152,10 @@ def _page(given: bytes | Path) -> bytes | None:
     return given if form_of(given[:64]) != "json" else None
 
 
-def _options(arguments: argparse.Namespace) -> ReportOptions:
+def _options(arguments: argparse.Namespace) -> Parts:
     from ..report.assembling import options_of
 
-    return options_of({name: getattr(arguments, name) for name in OF_A_DESIGN})
+    return options_of({**ReportOptions.of_flags(arguments).model_dump(), "starts": arguments.starts})
 
 
 def _design(given: bytes | Path) -> Design:
@@ -251,8 +238,12 @@ def _file(name: str | None, forms: Sequence[str] | None) -> Path | None:
     """The file that -o names by its ending; None where it names a directory.  Raises RequestError."""
     path = Path(name or "")
     form = path.suffix[1:].lower()
-    if form not in FORMATS or path.is_dir():
+    if path.is_dir() or not (2 <= len(form) <= 5 and form.isalpha()) or (form not in FORMATS and path.exists()):
         return None
+    if form not in FORMATS:
+        known = ", ".join(f".{each}" for each in FORMATS)
+        _refuse("unknown-format", f"-o {name}: reports are not written as .{form}",
+                f"a file that ends in {known}; for a directory of that name make it first")  # fmt: skip
     if forms and tuple(forms) != (form,):
         _refuse("format-mismatch", f"-o {name} is one file, of {form}; --format asks for {', '.join(forms)}",
                 "give a directory with -o, or leave --format out")  # fmt: skip

@@ -1,4 +1,4 @@
-"""The verbs: those of operations, and those that have a module here."""
+"""The verbs: those of operations, and those that have a module of their own."""
 
 from __future__ import annotations
 
@@ -10,7 +10,14 @@ LAST = (
     "version",
 )  # fmt: skip
 SPELLINGS = {"optimize": "optimise"}  # of verbs, accepted as well
-OWN = frozenset({*FIRST, *LAST, "gate", "report"})  # modules of this package: gate and report take more than a design
+# Verbs with a module of their own (gate and report take more than a design); it is in this package, if not said here
+ELSEWHERE = {"mcp": "tailstack_service.integrations.mcp"}
+OWN = frozenset({*FIRST, *LAST, "gate", "report"})
+
+
+def module_of(verb: str) -> str:
+    """The module of a verb of its own."""
+    return ELSEWHERE.get(verb, f"{__package__}.{verb.replace('-', '_')}")
 
 
 @cache

@@ -23,7 +23,7 @@ FIRST = "First words"  # heading of the section that is printed by itself
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
+class GlossaryTerm:
     """A term of the glossary."""
 
     term: str
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     return Answer("\n".join(lines) + "\n")
 
 
-def _find(words: list[Word], name: str) -> Word:
+def _find(words: list[GlossaryTerm], name: str) -> GlossaryTerm:
     from difflib import get_close_matches
 
     terms = {word.term.lower(): word for word in words}
@@ -60,7 +60,7 @@ def _find(words: list[Word], name: str) -> Word:
     raise RequestError(Problem("", "unknown-word", f"the glossary has no word {name!r}", hint))
 
 
-def read_glossary() -> list[Word]:
+def read_glossary() -> list[GlossaryTerm]:
     """Its words in their order: from the installed wheel, or from ``docs/`` in a checkout."""
     shipped = files("tailstack_service.cli").joinpath(NAME)
     if shipped.is_file():
@@ -71,5 +71,5 @@ def read_glossary() -> list[Word]:
     for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
         title, _, body = section.partition("\n")
         for term, meaning in re.findall(r"^- \*\*(.+?)\*\*: (.+?)(?=\n- |\n\n|\Z)", body, re.MULTILINE | re.DOTALL):
-            words.append(Word(term, re.sub(r"[*`]", "", " ".join(meaning.split())), title.strip()))
+            words.append(GlossaryTerm(term, re.sub(r"[*`]", "", " ".join(meaning.split())), title.strip()))
     return words

@@ -17,7 +17,7 @@ from ..rendering.tables import wrap
 from .progress import Progress
 
 if TYPE_CHECKING:
-    from tailstack.ahead import Call
+    from tailstack.ahead import KernelCall
 
 # What a verb computes, by the names of tailstack.ahead; every other verb may compute everything
 _COMPUTATIONS: dict[str, tuple[str, ...]] = {
@@ -52,42 +52,46 @@ def compile_for(verbs: Iterable[str]) -> int:
 class CompilationProgress(Progress):
     """How many kernels are compiled, of how many, and how long the rest takes."""
 
-    def __init__(self, calls: Sequence[Call], processes: int, reason: str, stream: TextIO | None = None) -> None:
+    def __init__(self, calls: Sequence[KernelCall], processes: int, reason: str, stream: TextIO | None = None) -> None:
         super().__init__("compiling kernels, once on this machine", stream)
         self.preface = wrap(reason, first="kernels are compiled: ", indent="  ") if reason else ""
-        self._calls, self._processes = calls, processes
+        self._calls = calls
         self._count, self._seconds_done, self._seconds_begun, self._began = 0, 0.0, 0.0, time.monotonic()
+        self._total = sum(call.seconds for call in calls)
+        self._estimate, self._estimated_at = self._total / processes, 0.0  # seconds left, and when that was said
 
-    def begin(self, call: Call) -> None:
+    def begin(self, call: KernelCall) -> None:
         """One of them is being compiled."""
         self._seconds_begun += call.seconds
 
-    def note(self, call: Call) -> None:
+    def note(self, call: KernelCall) -> None:
         """One of them is compiled."""
         self._count += 1
         self._seconds_done += call.seconds
         self._seconds_begun -= call.seconds
-
-    def _seconds_left(self) -> float:
-        """By the pace so far, with what is begun taken for half done.
-
-        Before the first is done, by the pace of the machine on which the table was made, for as long as that can be.
-        """
-        total, elapsed = sum(call.seconds for call in self._calls), time.monotonic() - self._began
+        self._estimated_at = time.monotonic() - self._began
         done = self._seconds_done + 0.5 * self._seconds_begun
-        if self._count == 0:
-            done = min(elapsed * self._processes, 0.9 * self._seconds_begun)
-        return (total - done) * elapsed / done if done else total / self._processes
+        self._estimate = (self._total - done) * self._estimated_at / done
+
+    def _seconds_left(self) -> float | None:
+        """By the pace when a kernel was last done, with what was begun taken for half done.
+
+        Before the first is done, by the pace of the machine on which the table was made.  It never rises while one
+        waits: None once less time is left of it than what is not begun yet takes.
+        """
+        waiting = self._total - self._seconds_done - self._seconds_begun
+        left = self._estimate - (time.monotonic() - self._began - self._estimated_at)
+        least = self._estimate * waiting / (self._total - self._seconds_done) if self._seconds_begun else 0.0
+        return left if left > least else None
 
     def line(self) -> str:
         """One line of progress as it stands."""
-        parts = [f"{self.what}: {self._count} of {len(self._calls)}"]
-        if self._count < len(self._calls):
-            parts.append(f"about {max(1.0, self._seconds_left()):.0f} s")
-        return ", ".join(parts)
+        said = f"{self.what}: {self._count} of {len(self._calls)}"
+        left = self._seconds_left() if self._count < len(self._calls) else None
+        return said if left is None else f"{said}, about {max(1.0, left):.0f} s"
 
 
-def _compile(calls: Sequence[Call]) -> None:
+def _compile(calls: Sequence[KernelCall]) -> None:
     """In processes of their own, each with the next of the calls until none is left, the slowest first."""
     from tailstack import kernels
     from tailstack.cores import usable_cores
@@ -99,7 +103,7 @@ def _compile(calls: Sequence[Call]) -> None:
         _lent.append(place)
         kernels.lend_directory(Path(place.name))
         environment["NUMBA_CACHE_DIR"] = place.name
-    waiting: SimpleQueue[Call] = SimpleQueue()
+    waiting: SimpleQueue[KernelCall] = SimpleQueue()
     for call in calls:
         waiting.put(call)
     count = min(usable_cores(), len(calls))
@@ -113,7 +117,7 @@ def _compile(calls: Sequence[Call]) -> None:
             thread.join()
 
 
-def _feed(waiting: SimpleQueue[Call], environment: dict[str, str], progress: CompilationProgress) -> None:
+def _feed(waiting: SimpleQueue[KernelCall], environment: dict[str, str], progress: CompilationProgress) -> None:
     """One process, for as long as there are calls.  What is left when it breaks down is compiled where it is called."""
     from tailstack.ahead import EVERY
 

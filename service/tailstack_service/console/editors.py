@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from tailstack.json_text import write_json
 
 from ..drafts import published_schema
 from .files import is_stream, replace_file
+from .progress import say
 
 HEAD = "# yaml-language-server: $schema="
 _HEAD_LINE = re.compile(r"^# yaml-language-server:.*\n", re.MULTILINE)
@@ -32,19 +32,19 @@ def schema_text(schema: dict[str, Any]) -> str:
     return write_json(schema, indent=2) + "\n"
 
 
-def write_document(path: Path, text: str) -> None:
+def write_document(path: Path, text: str, *, tell: bool = True) -> None:
     """Write a design, a policy or waivers as the user's own file.  Raises OSError, and then leaves what was there.
 
     YAML gets a head line with the nearest schema of its kind, in its folder or above it, up to the root of the
-    repository; where there is none, the schema is put beside it and stderr says so.
+    repository; where there is none, the schema is put beside it and stderr says so, unless nobody is to be told.
     """
     kind = _KIND.search(text) if path.suffix.lower() in (".yaml", ".yml") else None
     if kind is not None and not is_stream(str(path)):
-        text = HEAD + _place_schema(path, kind[1]) + "\n" + _HEAD_LINE.sub("", text, count=1)
+        text = HEAD + _place_schema(path, kind[1], tell) + "\n" + _HEAD_LINE.sub("", text, count=1)
     replace_file(path, text)
 
 
-def _place_schema(document: Path, kind: str) -> str:
+def _place_schema(document: Path, kind: str, tell: bool) -> str:
     """Where the schema is, seen from a document's folder.  Raises OSError."""
     folder = Path(os.path.realpath(document)).parent  # a link is written where it leads
     name = schema_file(kind)
@@ -55,7 +55,8 @@ def _place_schema(document: Path, kind: str) -> str:
             break
     beside = document.parent / name
     replace_file(folder / name, schema_text(published_schema(kind, _schema_of(kind), "7")))
-    print(f"wrote {beside}, with which editors complete and check YAML (docs/editors.md)", file=sys.stderr)
+    if tell:
+        say(f"wrote {beside}, with which editors complete and check YAML (docs/editors.md)")
     return name
 
 

@@ -98,11 +98,14 @@ def replace_file(path: Path, content: str | bytes) -> None:
 def writable(name: str, endings: tuple[str, ...]) -> Path:
     """A path for a new file, refused before the work and not after it.  Raises RequestError."""
     path = Path(name)
-    if path.suffix.lower() not in endings:
+    if not path.name.lower().endswith(endings):
         hint = f"known: {', '.join(endings)}"
         raise RequestError(Problem("", "unknown-format", f"{name!r} has no known ending", hint))
-    if not path.parent.is_dir() or path.is_dir():
-        raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no such directory, or a directory"))
+    if path.is_dir():
+        raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: it is a directory", "name a file"))
+    if not path.parent.is_dir():
+        detail = f"cannot write {name}: there is no directory {path.parent}"
+        raise RequestError(Problem("", "file-unwritable", detail, "make it first, or name another"))
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise RequestError(Problem("", "file-unwritable", f"cannot write {name}: no permission in its directory"))
     return path

@@ -6,11 +6,11 @@ import argparse
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from tailstack.cures import ask_meant
+from tailstack.cures import ask_meant, find_nearest
 
 from .answer import BAD_INPUT
 from .program import program, spell_commands
@@ -20,6 +20,8 @@ DOCUMENTS = (".yaml", ".yml", ".json")
 
 class Parser(argparse.ArgumentParser):
     """Usage errors name what was perhaps meant and the next command, and leave with the code for bad input."""
+
+    find_verbs: Callable[[str], list[str]] = staticmethod(lambda flag: [])  # that have a flag
 
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"{self.prog}: {message}\nnext: {self.prog} --help\n")
@@ -42,7 +44,10 @@ class Parser(argparse.ArgumentParser):
         flags = [flag for action in self._actions for flag in action.option_strings]
         for word in rest:
             if word.startswith("-"):
-                return text + suggest(word.partition("=")[0], (flag for flag in flags if flag.startswith("--")))
+                flag = word.partition("=")[0]
+                meant = suggest(flag, (flag for flag in flags if flag.startswith("--")))
+                others = [] if meant else self.find_verbs(flag)
+                return text + (f"; it is a flag of {program()} {others[0]}" if others else meant)
         return text
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -72,5 +77,6 @@ def refuse_verb(word: str, rest: Sequence[str], verbs: Sequence[str]) -> int:
         following = f"{here} {verb} {word}   (all verbs: {here} --help)"
     else:
         detail = f"there is no verb {word!r}{suggest(word, verbs)}"
+        following = f"{here} {' '.join([*find_nearest(word, verbs), '--help'])}"
     print(f"{here}: {detail}\nnext: {following}", file=sys.stderr)
     return BAD_INPUT

@@ -20,13 +20,22 @@ PACE_SECONDS, PACE_FRACTION = 1.0, 0.1  # between reports, or done by the first,
 OVERDUE = 0.3  # what took so much longer than was thought still takes that part of it, at least
 
 
+def say(text: str) -> None:
+    """A line on stderr, in place of the line of progress, which comes again below it."""
+    with Progress.writing:
+        for progress in Progress.open_now:
+            progress.erase()
+        print(text, file=sys.stderr, flush=True)
+
+
 class Progress:
     """``with Progress("verify") as progress: progress.report(done, total)``; a thread writes the line.
 
     One inside another speaks alone until it ends.
     """
 
-    _open: ClassVar[list[Progress]] = []  # the innermost last
+    open_now: ClassVar[list[Progress]] = []  # the innermost last
+    writing: ClassVar[threading.RLock] = threading.RLock()  # held by whoever writes on stderr
 
     def __init__(self, what: str, stream: TextIO | None = None, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.what = what
@@ -107,7 +116,7 @@ class Progress:
         return head + on * full + off * (width - full) + tail
 
     def __enter__(self) -> Self:
-        self._open.append(self)
+        self.open_now.append(self)
         self._thread.start()
         return self
 
@@ -116,7 +125,11 @@ class Progress:
     ) -> None:
         self._done.set()
         self._thread.join()
-        self._open.remove(self)
+        self.open_now.remove(self)
+        self.erase()
+
+    def erase(self) -> None:
+        """Take the line of progress off the terminal."""
         if self._shown and self._terminal:
             self._write("\r\x1b[K")
 
@@ -135,12 +148,13 @@ class Progress:
     def _tick(self) -> None:
         wait = QUIET_SECONDS
         while not self._done.wait(wait):
-            if self._open and self._open[-1] is not self:
+            if self.open_now and self.open_now[-1] is not self:
                 continue
-            if self.preface and not self._shown:
-                self._write(self.preface + "\n")
-            self._shown = True
-            self._write(f"\r{self.bar(self._columns())}\x1b[K" if self._terminal else self.line() + "\n")
+            with self.writing:
+                if self.preface and not self._shown:
+                    self._write(self.preface + "\n")
+                self._shown = True
+                self._write(f"\r{self.bar(self._columns())}\x1b[K" if self._terminal else self.line() + "\n")
             wait = TERMINAL_EVERY if self._terminal else min(2 * wait, LOG_EVERY)
 
     def _write(self, text: str) -> None:

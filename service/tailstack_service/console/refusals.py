@@ -29,6 +29,13 @@ NEXT = {
     "invalid-request": "tailstack {verb} --help",
 }
 
+# By what a file is that was given as a design
+NEXT_OF_FILE = {
+    "step-file": "tailstack convert {file} -o design.yaml",
+    "report-file": "tailstack report --verify {file}",
+    "schema-file": "tailstack init   (makes a first design; tailstack example prints others)",
+}
+
 # validate does not look at what the optimiser is asked for, and has itself just been called
 SAME_AGAIN = "mend it, then tailstack {verb} {file}   (all rules: tailstack schema design)"
 NO_DESIGN = "tailstack init   (makes a first design; tailstack example prints others)"
@@ -66,8 +73,14 @@ def next_command(error: TailstackError, arguments: argparse.Namespace) -> str:
     file = getattr(arguments, "design", None) or "DESIGN"
     file = file[0] if isinstance(file, list) else file
     command = NEXT.get(error.slug, "tailstack {verb} --help")
-    if any(problem.code == "file-not-found" and not problem.pointer for problem in error.problems):
-        command = NO_DESIGN
+    codes = {problem.code for problem in error.problems if not problem.pointer}
+    if of_kind := [NEXT_OF_FILE[code] for code in codes if code in NEXT_OF_FILE]:
+        command = of_kind[0]
+    elif "file-not-found" in codes:  # of a design: what lies beside one is named on purpose
+        given = getattr(arguments, "design", None) or []
+        designs = [given] if isinstance(given, str) else given
+        is_design = arguments.verb != "convert" and any(problem.file in designs for problem in error.problems)
+        command = NO_DESIGN if is_design else "tailstack {verb} --help"
     elif error.slug == "invalid-design" and arguments.verb in ("optimise", "validate"):
         command = SAME_AGAIN
     elif arguments.verb == "convert" and not file.endswith((".yaml", ".yml", ".json")):

@@ -55,7 +55,7 @@ class RemoteError(TailstackError):
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class ServerSentEvent:
     """One server-sent event."""
 
     id: str
@@ -63,7 +63,7 @@ class Event:
     data: dict[str, Any]
 
 
-class Service:
+class RemoteService:
     """A service at a URL; the key comes from TAILSTACK_KEY and is never shown.  Raises RemoteError for a bad URL.
 
     Without a URL it is that of TAILSTACK_URL, otherwise the one that ``tailstack serve`` has on this machine.
@@ -119,7 +119,7 @@ class Service:
             problem = Problem("", "unreachable", detail, hint)
             raise RemoteError("unreachable", "The service cannot be reached", 0, (problem,)) from None
 
-    def events(self, job_id: str, *, patience: float = 60.0) -> Iterator[Event]:
+    def events(self, job_id: str, *, patience: float = 60.0) -> Iterator[ServerSentEvent]:
         """What happens to a job, from its first event to its last; a stream that breaks is taken up where it ended.
 
         Raises RemoteError when the service refuses, or does not come back within ``patience`` seconds.
@@ -163,11 +163,11 @@ def _bad_request(code: str, detail: str, hint: str) -> RemoteError:
     return RemoteError("invalid-request", "The request is not valid", 400, (Problem("", code, detail, hint),))
 
 
-def read_events(answer: httpx.Response) -> Iterator[Event]:
+def read_events(answer: httpx.Response) -> Iterator[ServerSentEvent]:
     """Events of a stream, those with data.  One that is cut off by the end is dropped."""
     for event in EventSource(answer).iter_sse():
         if event.data:
-            yield Event(event.id, event.event, event.json())
+            yield ServerSentEvent(event.id, event.event, event.json())
 
 
 def read_record(answer: httpx.Response) -> dict[str, Any]:
@@ -191,7 +191,7 @@ def read_refusal(status: int, content: bytes) -> RemoteError:
         return RemoteError("unexpected-answer", "The service gave an unexpected answer", status, (problem,))
 
 
-def compute_remotely(service: Service, path: str, request: dict[str, Any], progress: Progress) -> bytes:
+def compute_remotely(service: RemoteService, path: str, request: dict[str, Any], progress: Progress) -> bytes:
     """The document that a service makes of a request.  Ctrl-C cancels the job.  Raises RemoteError."""
     reply = service.ask("POST", path, request, seconds=SENDING_SECONDS)
     if reply.status_code != 202:
@@ -214,7 +214,7 @@ def compute_remotely(service: Service, path: str, request: dict[str, Any], progr
     return body
 
 
-def _cancel(service: Service, place: str) -> None:
+def _cancel(service: RemoteService, place: str) -> None:
     """Nobody waits for the job any more."""
     try:
         service.ask("POST", place + "/cancel", seconds=5.0)

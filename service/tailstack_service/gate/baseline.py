@@ -41,15 +41,20 @@ class GateBaseline(GateInput):
         """The design of the baseline that this one was.
 
         That of its file; or, of those whose file is not ``present`` any more, the only one of its content, of the most
-        sections in common (the fiducials, or three), or of its name.
+        sections in common (the fiducials, or three), of its name, or with a target of the same name.  Where one file
+        went and one came, it is that one, whatever was changed: a limit is not got rid of by a rename.
         """
         designs = [entry for entry in self.record.designs if entry.targets]
         gone = [entry for entry in designs if entry.file not in present]
+        came = set(present) - {entry.file for entry in self.record.designs}
+        named = {target.name for target in design.document.targets}
         searches: tuple[Callable[[], list[GatedDesign]], ...] = (
             lambda: [entry for entry in designs if entry.file == file],
             lambda: [entry for entry in gone if entry.sha256 == design.sha256],
             lambda: _choose_most_alike(gone, set(hash_sections(design))),
             lambda: [entry for entry in gone if entry.name == design.name],
+            lambda: [entry for entry in gone if named & {target.name for target in entry.targets}],
+            lambda: gone if len(came) == 1 else [],  # taken only if one went
         )
         return next((entries[0] for search in searches if len(entries := search()) == 1), None)
 

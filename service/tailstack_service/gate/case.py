@@ -24,7 +24,7 @@ MOST_NAMES = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class LimitComparison:
     """A requirement at one target, and the number that was held against it."""
 
     requirement: GateRequirement
@@ -40,7 +40,7 @@ class Case:
     rules: Rules
     score: Score
     verification: Verification | None
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[LimitComparison, ...]
     targets: tuple[GateTarget, ...]
     requirements: tuple[GateRequirement, ...]  # of the design and of the policy, judged or not
     not_judged: tuple[Unjudged, ...]
@@ -122,7 +122,7 @@ def list_requirements(
 
 def compare_numbers(
     score: Score, verification: Verification | None, requirements: Mapping[str, GateRequirement], looks: int = 1
-) -> tuple[Comparison, ...]:
+) -> tuple[LimitComparison, ...]:
     """Every number with its limit and status; Monte Carlo where it was drawn.  Rules that are off judge nothing.
 
     requirements: of :func:`list_requirements`.  looks: that the check was planned with.
@@ -136,7 +136,7 @@ def compare_numbers(
         if requirement.severity != "off":
             own = requirement.confidence if check.risk == "per_unit" else largest
             rate = None if verification is None else _error_rate(own)
-            comparisons.append(Comparison(requirement, _make_number(requirement, check, rate)))
+            comparisons.append(LimitComparison(requirement, _make_number(requirement, check, rate)))
     for requirement in requirements.values():
         if requirement.rule == "cvar" and requirement.severity != "off":
             comparisons += _compare_cvar(score, verification, requirement, looks)
@@ -160,7 +160,7 @@ def _make_number(requirement: GateRequirement, check: Check, rate: float | None)
 
 def _compare_cvar(
     score: Score, verification: Verification | None, requirement: GateRequirement, looks: int
-) -> list[Comparison]:
+) -> list[LimitComparison]:
     estimates: list[tuple[str, float, tuple[float, float]]] = []
     confidence, limit = requirement.confidence, requirement.limit_mm
     if verification is None:
@@ -181,7 +181,7 @@ def _compare_cvar(
         interval = (low, high if high != float("inf") else None)
         status = decide((low, high), limit)
         number = GateNumber("cvar", "cvar", name, "mm", value, interval, limit, status, rate, "CVaR95")
-        comparisons.append(Comparison(requirement, number))
+        comparisons.append(LimitComparison(requirement, number))
     return comparisons
 
 
@@ -221,7 +221,7 @@ def bound_yield(fraction: float) -> float:
 
 def list_unjudged(
     requirements: Iterable[GateRequirement],
-    comparisons: Iterable[Comparison],
+    comparisons: Iterable[LimitComparison],
     targets: Sequence[str],
     design_class: str | None,
 ) -> tuple[Unjudged, ...]:

@@ -10,13 +10,15 @@ from typing import get_args
 
 from tailstack.cures import ask_meant
 from tailstack.design import Design
-from tailstack.design.document import Interface, Tolerances
+from tailstack.design.document import Interface
+from tailstack.fields import INTERFACES
 from tailstack.results import ERRORS, Score, headline_of
-from tailstack.system import INTERFACES
+from tailstack.results.digits import count_decimals, in_percent
+from tailstack.tolerances import Tolerances
 
-from ..rendering.score import shares_of
-from ..rendering.sentences import trust_sentence
-from .case import Case, Comparison, bound_yield
+from ..rendering.score import sources_of
+from ..rendering.sentences import error_of, trust_sentence
+from .case import Case, LimitComparison, bound_yield
 from .policy import GatePolicy, Implausible, Process
 from .reading import Remark
 
@@ -72,7 +74,7 @@ def find_first_order_gaps(case: Case) -> list[Remark]:
     return remarks
 
 
-def _make_remark(case: Case, comparison: Comparison, hint: str) -> Remark:
+def _make_remark(case: Case, comparison: LimitComparison, hint: str) -> Remark:
     number = comparison.number
     message = f"{number.requirement}, target {number.target}: {_describe_number(comparison)}"
     if hint:
@@ -90,24 +92,26 @@ def _make_remark(case: Case, comparison: Comparison, hint: str) -> Remark:
     )  # fmt: skip
 
 
-def _describe_number(comparison: Comparison) -> str:
+def _describe_number(comparison: LimitComparison) -> str:
     number, requirement = comparison.number, comparison.requirement
     assert number.value_mm is not None  # or it would be of an earlier version's record
     low, high = number.interval_mm or (number.value_mm, None)
-    ends = f"(between {low:.4g} and {'an unknown end' if high is None else f'{high:.4g}'})"
+    decimals = count_decimals(number.limit_mm or number.value_mm, error_of(number.value_mm, (low, high)))
+    ends = f"(between {low:.{decimals}f} and {'an unknown end' if high is None else f'{high:.{decimals}f}'})"
+    found = f"{number.value_mm:.{decimals}f} mm {ends}"
     quantile = f"P{100 * requirement.quantile:g}"
     if number.unit == "fraction":
         value = headline_of(requirement.quantile, number.limit, ERRORS[requirement.error])
-        good = f"{number.value:.2%} of installed units are good, {number.limit:.2%} required"
-        return f"{value} is {number.value_mm:.4g} mm {ends}, limit {number.limit_mm:g} mm: {good}"
+        good = f"{in_percent(number.value, 2)} of installed units are good, {100 * number.limit:g} % required"
+        return f"{value} is {found}, limit {number.limit_mm:g} mm: {good}"
     if number.rule == "exceedance":
         asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit:g} mm"
-        return f"{asked}: {quantile} is {number.value:.4g} mm {ends}"
+        return f"{asked}: {quantile} is {found}"
     what = "the mean of the worst 5 % (CVaR95)" if number.rule == "cvar" else quantile
-    return f"{what} of {ERRORS[requirement.error]} is {number.value:.4g} mm {ends}, limit {number.limit:g} mm"
+    return f"{what} of {ERRORS[requirement.error]} is {found}, limit {number.limit:g} mm"
 
 
-def _point_at_limit(case: Case, comparison: Comparison) -> str:
+def _point_at_limit(case: Case, comparison: LimitComparison) -> str:
     """The limit in the design; for a limit of the policy, the target that misses it."""
     if comparison.requirement.origin == "design":
         names = [requirement.name for requirement in case.design.document.requirements]
@@ -126,14 +130,11 @@ def point_at_target(case: Case, index: int) -> str:
 
 
 def name_largest_share(score: Score, target: str, error: str) -> str:
-    """The component with the largest share of an error's variance at a target, in words; "" when nothing varies."""
-    shares = [share for entry in score.targets if entry.name == target for share in shares_of(entry, error)]
-    if not shares or shares[0][1] <= 0:
+    """The source with the largest share of an error's variance at a target, in words; "" when nothing varies."""
+    sources = [source for entry in score.targets if entry.name == target for source in sources_of(entry, error)]
+    if not sources or sources[0].share <= 0:
         return ""
-    first, share = shares[0]
-    component = "" if first.component == "all" else f".{first.component}"
-    width = "" if first.half_width is None else f" (half-width {first.half_width:.3g} {first.unit})"
-    return f"{first.name}{component}{width}, {share:.0%} of the variance"
+    return f"{sources[0].name}, {in_percent(sources[0].share)} of the variance"
 
 
 def find_weaknesses(case: Case) -> list[Remark]:
@@ -260,19 +261,20 @@ def find_narrow_margins(case: Case) -> list[Remark]:
 
 def find_close_images(case: Case) -> list[Remark]:
     """Rule overlap: images of two fiducials may not be told apart."""
-    least = case.rules.overlap.min_px
-    labels = case.design.fiducials.labels
-    return [
-        Remark(
-            point_at_fiducial(case.design, labels.index(view.closest_pair[1])),
-            f"view {view.view}: the images of {view.closest_pair[0]} and {view.closest_pair[1]} are "
-            f"{view.closest_pair_px:.1f} px apart, at least {least:g} px are required to tell them apart",
-            view.closest_pair_px,
-            least,
-        )
-        for view in case.score.views
-        if view.closest_pair_px < least and view.closest_pair[1] in labels
-    ]
+    labels, sized = case.design.fiducials.labels, case.design.document.fiducials.diameter_mm is not None
+    remarks = []
+    for view in case.score.views:
+        least = case.rules.overlap.min_px
+        if sized:  # their size may ask for more than the policy does
+            least = max(least, round(view.closest_pair_needs_px, 1))
+        if view.closest_pair_px < least and view.closest_pair[1] in labels:
+            message = (
+                f"view {view.view}: the images of {view.closest_pair[0]} and {view.closest_pair[1]} are "
+                f"{view.closest_pair_px:.1f} px apart, at least {least:g} px are required to tell them apart"
+            )
+            pointer = point_at_fiducial(case.design, labels.index(view.closest_pair[1]))
+            remarks.append(Remark(pointer, message, view.closest_pair_px, least))
+    return remarks
 
 
 def find_tight_tolerances(case: Case) -> list[Remark]:

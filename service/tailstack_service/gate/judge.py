@@ -20,6 +20,7 @@ from tailstack.results import Score, Verification
 from tailstack.scoring import score, vector3
 from tailstack.version import __version__
 
+from .asked import Fold, Level, Mode
 from .baseline import GateBaseline, find_missing_designs, find_other_version, hash_sections
 from .case import (
     Case,
@@ -35,7 +36,6 @@ from .policy import GatePolicy, Rules, find_weak_classes
 from .reading import GateInput, Remark, make_finding, place_finding
 from .records import (
     WORST_FIRST,
-    Fold,
     GatedDesign,
     GateFinding,
     GateProvenance,
@@ -43,8 +43,6 @@ from .records import (
     GateRequirement,
     GateTarget,
     GateVerdict,
-    Level,
-    Mode,
     counts,
     record_unread,
 )
@@ -133,17 +131,28 @@ def score_designs(gate: Gate) -> tuple[ScoredDesign, ...]:
     return tuple(_score_design(gate, entry) for entry in gate.designs)
 
 
+def rules_of(gate: Gate, entry: GateDesign) -> tuple[str | None, Rules]:
+    """The class of a design that was read, and the rules that it is held to."""
+    assert entry.design is not None
+    name = gate.policy.choose_class(entry.file, entry.design.name, entry.design_class)
+    return name, gate.policy.merge_rules(name)
+
+
+def judges_losses(rules: Rules) -> bool:
+    """Whether a score under these rules looks for the worst loss of fiducials."""
+    return rules.survives_loss.lost is not None
+
+
 def _score_design(gate: Gate, entry: GateDesign) -> ScoredDesign:
     if entry.design is None:
         return ScoredDesign(entry, entry.design_class, gate.policy.document.rules, refusal=entry.refusal)
-    name = gate.policy.choose_class(entry.file, entry.design.name, entry.design_class)
-    rules = gate.policy.merge_rules(name)
+    name, rules = rules_of(gate, entry)
     limits = list_policy_limits(entry.design, rules)
     try:
         limited = add_policy_limits(entry.design, limits)
         first_order = score(
             limited,
-            losses=rules.survives_loss.lost is not None,
+            losses=judges_losses(rules),
             reliability=rules.reliability.max_effect_mm is not None,
         )
     except TailstackError as error:
@@ -156,7 +165,7 @@ def limit_design(gate: Gate, index: int) -> Design:
     """A design with the policy's limits among its requirements, without its score.  Raises DesignError, LimitError."""
     entry = gate.designs[index]
     assert entry.design is not None
-    rules = gate.policy.merge_rules(gate.policy.choose_class(entry.file, entry.design.name, entry.design_class))
+    _, rules = rules_of(gate, entry)
     return add_policy_limits(entry.design, list_policy_limits(entry.design, rules))
 
 
@@ -183,11 +192,11 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
         if not near and ((_trust_first_order(scored.score) and not missed) or not numbers):
             return None
 
-    from tailstack.montecarlo.stopping import CvarQuestion, Question
+    from tailstack.montecarlo.stopping import CvarQuestion, LimitQuestion
     from tailstack.verification import Sampling
 
     questions = [
-        Question(check.target, check.error, check.quantile, value)
+        LimitQuestion(check.target, check.error, check.quantile, value)
         for check in scored.score.verdict.checks
         if check.risk == "pooled"
         for value in waived_up_to(scored.requirements[check.requirement].rule, check.target)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from tailstack.design.fields import Length, Name, Record, refusal
+from tailstack.design.plausibility import PLAUSIBILITY
+from tailstack.fields import Length, Name, Record, refusal
 from tailstack.precision import FINEST_PRECISION
 
 from .reading import GateInput, Given, Remark, hash_content, read_document
@@ -50,7 +51,7 @@ class _NoteRule(Record):
     severity: Severity = Field(default="note", description=_WEIGHT, examples=["note"])
 
 
-class Rule(_WarningRule):
+class PlainRule(_WarningRule):
     """A rule without limits."""
 
 
@@ -116,18 +117,10 @@ class ConditioningRule(_WarningRule):
     """How well the layout determines the projections and the target."""
 
 
-Implausible = Literal[
-    "structure-size",
-    "source-distance",
-    "angle-in-radians",
-    "half-width-too-fine",
-    "half-width-too-wide",
-    "noise-too-small",
-    "ball-size",
-    "share-in-percent",
-    "expansion-too-small",
-    "no-lever-arm",
-]
+if TYPE_CHECKING:
+    Implausible = str
+else:
+    Implausible = Literal[tuple(PLAUSIBILITY)]
 
 
 class PlausibilityRule(_WarningRule):
@@ -300,15 +293,15 @@ class Rules(Record):
     process_unused: UnusedProcessRule = Field(default_factory=UnusedProcessRule)
     regression: RegressionRule = Field(default_factory=RegressionRule)
     limit_relaxed: RelaxedRule = Field(default_factory=RelaxedRule)
-    not_compared: Rule = Field(default_factory=Rule)
+    not_compared: PlainRule = Field(default_factory=PlainRule)
     not_judged: UnjudgedRule = Field(default_factory=UnjudgedRule)
-    class_relaxed: Rule = Field(default_factory=Rule)
+    class_relaxed: PlainRule = Field(default_factory=PlainRule)
     class_by_name: ClassNameRule = Field(default_factory=ClassNameRule)
     inconclusive: InconclusiveRule = Field(default_factory=InconclusiveRule)
     waiver_expired: ExpiredRule = Field(default_factory=ExpiredRule)
     waiver_unused: UnusedRule = Field(default_factory=UnusedRule)
     waiver_wide: WideWaiverRule = Field(default_factory=WideWaiverRule)
-    model_version: Rule = Field(default_factory=Rule)
+    model_version: PlainRule = Field(default_factory=PlainRule)
 
 
 class DesignClass(Record):
@@ -332,7 +325,7 @@ class DesignClass(Record):
     rules: Rules = Field(default_factory=Rules, description="What differs from the policy's rules.")
 
 
-class Check(Record):
+class SimulationSettings(Record):
     """How Monte Carlo is drawn."""
 
     precision: Annotated[float, Field(ge=FINEST_PRECISION, le=0.5)] = Field(
@@ -360,8 +353,8 @@ class Policy(Record):
     classes: Annotated[list[DesignClass], Field(max_length=100)] = Field(
         default=[], description="Designs with rules of their own; the first class that matches counts."
     )
-    verification: Check = Field(
-        default_factory=Check, description="How Monte Carlo is drawn, in modes verify and auto."
+    verification: SimulationSettings = Field(
+        default_factory=SimulationSettings, description="How Monte Carlo is drawn, in modes verify and auto."
     )
     guard_band_percent: Percent = Field(
         default=10.0,

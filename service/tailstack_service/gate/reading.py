@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from tailstack.design.loading import read_source
-from tailstack.design.reading import DEFAULT_LIMITS, Source, show
+from tailstack.design.reading import DEFAULT_LIMITS, DocumentSource, show
 from tailstack.design.refusals import place, refuse
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.json_text import write_json
@@ -40,14 +40,14 @@ class GateError(TailstackError):
 class GateInput:
     """A document that a gate was given beside its designs, and where it came from."""
 
-    source: Source
+    source: DocumentSource
     file: str  # how findings call it
     sha256: str
 
 
 def read_document(
     given: Given, model: type[_Document], schema: str, prefix: str, hint: str
-) -> tuple[Source, _Document]:
+) -> tuple[DocumentSource, _Document]:
     """A document of one schema from a path, text or data.  Raises GateError.
 
     prefix: pointer to the document inside the request that it came in.  hint: what to do about an empty document.
@@ -59,7 +59,7 @@ def read_document(
         raise GateError(add_prefix(refuse(error, source, LIMITS, model).problems, prefix)) from None
 
 
-def read_data(given: Given, schema: str, prefix: str, hint: str) -> Source:
+def read_data(given: Given, schema: str, prefix: str, hint: str) -> DocumentSource:
     """Plain data that says it follows ``schema``.  Raises GateError."""
     try:
         source = read_source(given, limits=LIMITS)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from tailstack.design import Design
 from tailstack.results import Severity, Vector3
-from tailstack.results.outline import Bar, Bars, Column, Outline, Table, row_of, table
+from tailstack.results.outline import Bar, Bars, Frame, Outline, frame, row_of
 from tailstack.results.record import Result
+from tailstack.results.tables import PAPER, Cell, Column, On, Table, tabulate
+from tailstack.results.verdicts import name_basis
+
+from .asked import Fold, Level, Mode
 
 GateVerdict = Literal["pass", "fail", "inconclusive", "not evaluated"]
 WORST_FIRST: tuple[GateVerdict, ...] = ("not evaluated", "fail", "inconclusive", "pass")
-Mode = Literal["analytic", "verify", "auto"]
-Level = Literal["error", "warning"]
-Fold = Literal["fail", "warn"]
 Basis = Literal["first order", "Monte Carlo", "none"]
 
 
@@ -204,7 +206,7 @@ class GateProvenance:
     """Errors that no number here includes."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class GateRecord(Result):
     """Designs held to a policy."""
 
@@ -234,17 +236,8 @@ class GateRecord(Result):
     def outline(self) -> Outline:
         """The designs with their verdicts, and what was found."""
         designs = [row_of(design, largest_p95_mm=find_largest_p95(design)) for design in self.designs]
-        findings = table(
-            GateFinding, "findings", "Findings", self.findings,
-            Column("severity", "severity"), Column("rule", "rule"), Column("file", "file"), Column("line", "line"),
-            Column("message", "finding"), Column("suppressed_by", "accepted by"),
-        )  # fmt: skip
         numbers = [row_of(entry, file=design.file) for design in self.designs for entry in design.numbers]
         targets = [row_of(entry, file=design.file) for design in self.designs for entry in design.targets]
-        shown = (
-            Column("verdict", "verdict"), Column("file", "file"), Column("name", "design"), Column("basis", "basis"),
-            Column("largest_p95_mm", "largest P95, mm", 3),
-        )  # fmt: skip
         counted = sum(counts(entry, self.fail_level) for entry in self.findings)
         judged = f"{len(self.designs)} design{'' if len(self.designs) == 1 else 's'}"
         drawn = [(design, p95) for design in self.designs if (p95 := find_largest_p95(design)) is not None]
@@ -254,10 +247,10 @@ class GateRecord(Result):
             self.verdict,
             f"{judged}, {counted} of {len(self.findings)} findings count; exit code {self.exit_code}.",
             (
-                Table("designs", "Designs", tuple(designs), shown),
-                findings,
-                Table("numbers", "Numbers held against limits", tuple(numbers)),
-                Table("targets", "Errors at the targets", tuple(targets)),
+                Frame("designs", tuple(designs), shown=designs_table(self)),
+                frame(GateFinding, "findings", self.findings, findings_table("Findings", "Findings", self.findings)),
+                Frame("numbers", tuple(numbers)),
+                Frame("targets", tuple(targets)),
             ),
             Bars(
                 "Largest P95 of each design",
@@ -265,6 +258,79 @@ class GateRecord(Result):
                 tuple(Bar(design.file, p95, limit=_p95_limit(design)) for design, p95 in drawn),
             ),
         )
+
+
+MOST_ROWS = 200  # of a page
+
+
+def designs_table(record: GateRecord) -> Table:
+    """Every design with its verdict."""
+    columns = (
+        Column("File", of=lambda design: design.file),
+        Column("Design", of=lambda design: design.name or "could not be read"),
+        Column("Class", on=PAPER, of=lambda design: design.design_class or ""),
+        Column("Basis", of=lambda design: name_basis(design.basis)),
+        Column("Trials", "", "whole", on=PAPER, of=lambda design: design.trials),
+        Column("Largest P95", "mm", "fixed", 4, of=find_largest_p95),
+        Column("Verdict", kind="status", of=lambda design: design.verdict),
+    )
+    return tabulate("Designs", "Designs", columns, record.designs)
+
+
+def numbers_table(record: GateRecord) -> Table:
+    """Numbers that were held against limits."""
+
+    def end(place: int) -> Callable[[Any], Cell]:
+        return lambda row: None if row[1].interval_mm is None else row[1].interval_mm[place]
+
+    columns = (
+        Column("File", of=lambda row: row[0]),
+        Column("Requirement", of=lambda row: row[1].requirement),
+        Column("Rule", on=On.SHEET, of=lambda row: row[1].rule),
+        Column("Target", of=lambda row: row[1].target),
+        Column("What", of=lambda row: row[1].headline),
+        Column("Value", "mm", "fixed", 4, of=lambda row: row[1].value_mm),
+        Column("From", "mm", "fixed", 4, of=end(0)),
+        Column("To", "mm", "fixed", 4, of=end(1)),
+        Column("Limit", "mm", "significant", 4, of=lambda row: row[1].limit_mm),
+        Column("Margin", "mm", "signed", of=lambda row: row[1].margin_mm),
+        Column("Yield", "%", "percent", 2, of=lambda row: row[1].value if row[1].unit == "fraction" else None),
+        Column("Required", "%", "percent", 2, of=lambda row: row[1].limit if row[1].unit == "fraction" else None),
+        Column("Status", kind="status", of=lambda row: row[1].status),
+    )
+    numbers = [(design.file, number) for design in record.designs for number in design.numbers]
+    return tabulate("Numbers", "Numbers that were held against limits", columns, numbers, most=MOST_ROWS)
+
+
+def unjudged_table(record: GateRecord) -> Table:
+    """What nothing was held against."""
+    columns = (
+        Column("File", of=lambda row: row[0]),
+        Column("Requirement", of=lambda row: row[1].requirement or ""),
+        Column("Target", of=lambda row: row[1].target),
+        Column("Reason", of=lambda row: row[1].reason),
+    )
+    unjudged = [(design.file, entry) for design in record.designs for entry in design.not_judged]
+    return tabulate("Not judged", "What nothing was held against", columns, unjudged, most=MOST_ROWS)
+
+
+def findings_table(name: str, caption: str, findings: Sequence[GateFinding]) -> Table:
+    """Findings at their places."""
+
+    def place(finding: GateFinding) -> str:
+        at = f":{finding.line}:{finding.column}" if finding.line else f"#{finding.pointer}"
+        return finding.file + at
+
+    columns = (
+        Column("Severity", kind="status", of=lambda finding: finding.severity),
+        Column("Rule", of=lambda finding: finding.rule),
+        Column("Place", of=place),
+        Column("Finding", of=lambda finding: finding.message),
+        Column("Value", "", "significant", 4, PAPER, of=lambda finding: finding.value),
+        Column("Limit", "", "significant", 4, PAPER, of=lambda finding: finding.limit),
+        Column("Accepted by", of=lambda finding: finding.suppressed_by or ""),
+    )
+    return tabulate(name, caption, columns, findings, most=MOST_ROWS)
 
 
 def _p95_limit(design: GatedDesign) -> float | None:

@@ -2,85 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import date
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import ValidationError
 
 from tailstack.design import load_design
-from tailstack.design.fields import Name, Record, refusal
-from tailstack.design.reading import DEFAULT_LIMITS, Limits, Source
+from tailstack.design.reading import DEFAULT_LIMITS, DocumentSource, Limits
 from tailstack.design.refusals import refuse
 from tailstack.errors import DesignError, LimitError, Problem
 
-from ..problems import RequestError
+from ..problems import RefusedAt, RequestError
+from .asked import GateRequest, GateRequestDesign
 from .baseline import read_baseline
-from .judge import Gate, GateDesign, choose_seed, judge
+from .judge import Gate, GateDesign, choose_seed
 from .policy import read_policy
-from .records import Fold, GateRecord, Level, Mode
 from .waivers import read_waivers
 
 # What a service was set to admit was held to its limits at the door; here only what no setting can exceed is refused.
 WIDEST_LIMITS = replace(DEFAULT_LIMITS, document_bytes=100_000_000)
 
 
-FileName = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$")]
+@dataclass(frozen=True, slots=True)
+class AdmittedGate:
+    """A request that was read and checked through."""
 
+    content: dict[str, Any]  # complete: what a job keeps and :func:`read_gate` takes
+    gate: Gate
 
-class GateRequestDesign(Record):
-    """One design of a gate."""
-
-    file: FileName = Field(
-        description="What findings call it; the policy's patterns see this name.", examples=["designs/guide.yaml"]
-    )
-    design: dict[str, Any] | None = Field(default=None, description="The design document. Either this or text.")
-    text: str | None = Field(
-        default=None, description="The design document as YAML or JSON text: findings then have line and column."
-    )
-    class_: Name | None = Field(
-        default=None, alias="class", description="Class of the policy. Absent: the policy's patterns decide."
-    )
-
-    @model_validator(mode="after")
-    def _one(self) -> GateRequestDesign:
-        if (self.design is None) == (self.text is None):
-            raise refusal("one-of", "give exactly one of design and text")
-        return self
-
-
-class GateRequest(Record):
-    """Body of ``POST /v1/gates``."""
-
-    designs: Annotated[list[GateRequestDesign], Field(min_length=1)] = Field(description="The designs to judge.")
-    policy: dict[str, Any] | None = Field(
-        default=None, description="The policy (schema policy). Absent: the designs' own requirements, default rules."
-    )
-    waivers: dict[str, Any] | None = Field(default=None, description="Waivers (schema waivers).")
-    baseline: dict[str, Any] | None = Field(default=None, description="The answer of an earlier gate (schema gate).")
-    present: Annotated[list[FileName], Field(max_length=10_000)] | None = Field(
-        default=None,
-        description="Files of the baseline that are still there and not among these designs. A design of the baseline "
-        "whose file is neither here nor judged may be one of these designs under another name.",
-        examples=[["designs/other.yaml"]],
-    )
-    mode: Mode = Field(
-        default="auto",
-        description="analytic: first order, answered at once. verify: Monte Carlo for every design. auto: Monte Carlo "
-        "where first order is near a limit.",
-        examples=["analytic"],
-    )
-    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = Field(
-        default=None, description="Seed. Absent: the baseline's, else the policy's."
-    )
-    today: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")] | None = Field(
-        default=None, description="Day by which waivers are judged, YYYY-MM-DD. Absent: the service's, UTC."
-    )
-    fail_level: Level = Field(default="error", description="Findings of this severity fail the gate.")
-    on_inconclusive: Fold | None = Field(default=None, description="What an open question counts as. Absent: 4.")
-    max_regression_percent: Annotated[float, Field(ge=0, le=1e6)] | None = Field(
-        default=None, description="Allowed rise of P95 over the baseline. Absent: the policy's."
-    )
+    @property
+    def terms(self) -> dict[str, Any]:
+        """By what it is judged, as plain data: what an auditor has to know to have changed."""
+        policy, waivers = self.gate.policy, self.gate.waivers
+        return {
+            "policy_sha256": policy.sha256,
+            "policy_name": policy.document.name,
+            "waivers_sha256": None if waivers is None else waivers.sha256,
+            **{name: self.content[name] for name in ("fail_level", "on_inconclusive", "max_regression_percent")},
+        }
 
 
 def admit_gate(
@@ -90,12 +50,12 @@ def admit_gate(
     limits: Limits = DEFAULT_LIMITS,
     max_designs: int = 1000,
     max_trials: int | None = None,
-) -> dict[str, Any]:
-    """A request, checked through and complete: what a job keeps and :func:`judge_designs` takes.
+) -> AdmittedGate:
+    """A request, read once.
 
     data: the body as plain data.  today: used where the request names no day.  max_trials: the most that a policy may
     ask for.  Policy, waivers, baseline and every design are read strictly.  Raises RequestError, GateError,
-    DesignError or LimitError, pointers into the body.
+    or RefusedAt for a design, pointers into the body.
     """
     request = _read_request(data, limits)
     if len(request.designs) > max_designs:
@@ -119,21 +79,8 @@ def admit_gate(
         if entry.refusal is not None:
             field = "text" if request.designs[index].design is None else "design"
             at = f"/designs/{index}/{field}"
-            raise type(entry.refusal)([replace(p, pointer=at + p.pointer) for p in entry.refusal.problems])
-    return {**complete, "seed": gate.seed}
-
-
-def list_terms(data: dict[str, Any]) -> dict[str, Any]:
-    """By what an admitted request is judged, as plain data: what an auditor has to know to have changed."""
-    policy = read_policy(data["policy"], prefix="/policy")
-    waivers = data["waivers"]
-    day = _read_day(data["today"])
-    return {
-        "policy_sha256": policy.sha256,
-        "policy_name": policy.document.name,
-        "waivers_sha256": None if waivers is None else read_waivers(waivers, day, prefix="/waivers").sha256,
-        **{name: data[name] for name in ("fail_level", "on_inconclusive", "max_regression_percent")},
-    }
+            raise RefusedAt.place(entry.refusal, at)
+    return AdmittedGate({**complete, "seed": gate.seed}, gate)
 
 
 def read_gate(data: dict[str, Any], limits: Limits = WIDEST_LIMITS) -> Gate:
@@ -167,19 +114,11 @@ def read_gate(data: dict[str, Any], limits: Limits = WIDEST_LIMITS) -> Gate:
     )
 
 
-def judge_designs(data: dict[str, Any]) -> GateRecord:
-    """The record of an admitted request, Monte Carlo included, computed here and now.
-
-    The same record as the job's; in mode analytic a matter of milliseconds.  Raises RequestError, GateError.
-    """
-    return judge(read_gate(data))
-
-
 def _read_request(data: Any, limits: Limits) -> GateRequest:
     try:
         return GateRequest.model_validate(data)
     except ValidationError as error:
-        raise RequestError(refuse(error, Source(data, None, None), limits, GateRequest).problems) from None
+        raise RequestError(refuse(error, DocumentSource(data, None, None), limits, GateRequest).problems) from None
 
 
 def _read_day(text: str | None) -> date:

@@ -218,8 +218,8 @@ What to do: move the isocentre or the source; a longer source_isocentre_mm widen
 
 Policy: severity, min_margin_px. Waiver: min_value in px.""",
     "overlap": """\
-In some view the images of two fiducials are closer than `min_px`. A segmentation may merge or swap them, which no
-number of tailstack includes.
+In some view the images of two fiducials are closer than `min_px`, or than their diameter asks for where the design
+gives it: half of both shadows and 3 px. A segmentation may merge or swap them, which no number of tailstack includes.
 
 What to do: move one of the two across the ray that joins them.
 

@@ -9,10 +9,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+from tailstack.results.digits import count_decimals, decimal, percent, signed_decimal, stated
+from tailstack.results.verdicts import name_basis
+
 from ..rendering.alike import gather_alike, list_others, name_field, name_rule
 from ..rendering.page import current, write_on
-from ..rendering.sentences import name_basis
-from ..rendering.tables import decimal, number, paint, percent, signed_decimal, table, visible, wrap
+from ..rendering.sentences import error_of
+from ..rendering.tables import draw_table, paint, visible, wrap
 from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, find_largest_p95, split_findings
 
 _MARKUP = re.compile(r"([\\`*_{}\[\]<>()#+!|~$@&])")
@@ -111,22 +114,35 @@ def choose_numbers(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, st
 
 def _write_table(numbers: tuple[GateNumber, ...]) -> str:
     """What decided, in mm, and of a yield the fraction of units beside it."""
-    rows = [_write_row(entry, target) for entry, target in choose_numbers(numbers)]
+    decimals = _decimals_of(numbers)
+    rows = [_write_row(entry, target, decimals) for entry, target in choose_numbers(numbers)]
     known = current().details and any(row[YIELD] != "-" for row in rows)
     titles = [title for title in rows[0] if title != YIELD or known]
-    return table(titles, [[row[title] for title in titles] for row in rows], left=3)
+    return draw_table(titles, [[row[title] for title in titles] for row in rows], left=3, above=True)
 
 
-def _write_row(entry: GateNumber, target: str) -> dict[str, str]:
+def _decimals_of(numbers: Sequence[GateNumber]) -> int:
+    """Decimals of the lengths of a design that was judged."""
+    asked = [
+        count_decimals(entry.limit_mm, error_of(entry.value_mm, entry.interval_mm or (0.0, None)))
+        for entry in numbers
+        if entry.limit_mm and entry.value_mm is not None
+    ]
+    return max(asked, default=3)
+
+
+def _write_row(entry: GateNumber, target: str, decimals: int) -> dict[str, str]:
     low_mm, high_mm = entry.interval_mm or (None, None)
     return {
         "require-\nment": entry.requirement,
         "target": target,
         "rule": entry.rule,
-        "value\nmm": number(entry.value_mm),
-        "between\nmm": "-" if entry.interval_mm is None else f"{decimal(low_mm, 3)} .. {decimal(high_mm, 3)}",
-        "limit\nmm": number(entry.limit_mm),
-        "to spare\nmm": signed_decimal(entry.margin_mm),
+        "value\nmm": decimal(entry.value_mm, decimals),
+        "between\nmm": "-"
+        if entry.interval_mm is None
+        else f"{decimal(low_mm, decimals)} .. {decimal(high_mm, decimals)}",
+        "limit\nmm": stated(entry.limit_mm, decimals),
+        "to spare\nmm": signed_decimal(entry.margin_mm, decimals),
         YIELD: percent(entry.value) if entry.unit == "fraction" else "-",
         "status": entry.status,
     }
@@ -176,7 +192,7 @@ def render_markdown(record: GateRecord) -> str:
     ]
     for design in record.designs:
         p95_mm = find_largest_p95(design)
-        largest = "–" if p95_mm is None else number(p95_mm)
+        largest = "–" if p95_mm is None else decimal(p95_mm, _decimals_of(design.numbers))
         verdict = f"{_MARK[design.verdict]} {design.verdict}"
         basis = name_basis(design.basis) + (f", {design.trials:,} trials" if design.trials is not None else "")
         lines.append(f"| {escape_markdown(design.file)} | {verdict} | {largest} | {basis} |")
@@ -198,7 +214,11 @@ def _write_markdown_numbers(record: GateRecord) -> list[str]:
     rows = [(design, *entry) for design in record.designs for entry in choose_numbers(design.numbers)]
     for design, entry, target in rows[:MOST_ROWS]:
         texts = " | ".join(escape_markdown(text) for text in (design.file, entry.requirement, target, entry.headline))
-        values = " | ".join((number(entry.value_mm), number(entry.limit_mm), signed_decimal(entry.margin_mm)))
+        decimals = _decimals_of(design.numbers)
+        values = " | ".join((
+            decimal(entry.value_mm, decimals), stated(entry.limit_mm, decimals),
+            signed_decimal(entry.margin_mm, decimals),
+        ))  # fmt: skip
         lines.append(f"| {texts} | {values} | {_MARK[entry.status]} {entry.status} |")
     if len(rows) > MOST_ROWS:
         lines.append(f"| | | | {len(rows) - MOST_ROWS} more are in the record | | | | |")

@@ -13,10 +13,10 @@ from pydantic import BeforeValidator, Field, field_validator
 
 from tailstack.cures import ask_meant
 from tailstack.design.document import without_null
-from tailstack.design.fields import Name, Record, refusal
 from tailstack.design.reading import show
 from tailstack.design.refusals import place
 from tailstack.errors import Problem
+from tailstack.fields import Name, Record, refusal
 
 from .case import Case
 from .policy import Patterns, WideWaiverRule

@@ -30,6 +30,7 @@ from .origins import read_origins
 
 log = logging.getLogger("tailstack.service")
 LOCAL_TENANT = "local"
+TOKEN_TENANT = "token:"  # before the tenant of a token, which whoever issues it names; no tenant of a key has a colon
 KEY_PREFIX = "tsk_"
 KEY_SECONDS = 5.0  # a revoked key works no longer than this
 LARGEST_MEMORY = 10_000  # keys
@@ -75,11 +76,12 @@ class Access:
         self._tokens = read_token_settings(settings)
         self._known: dict[bytes, tuple[float, Caller]] = {}
 
-    def check_address(self, method: str, headers: Mapping[bytes, bytes]) -> None:
+    def check_address(self, method: str, headers: Mapping[bytes, bytes], scheme: str = "http") -> None:
         """Refuse what a web page could have sent to a service without authentication.
 
         A page can make a browser call loopback under a name of its own (DNS rebinding), which shows in Host, or
-        from its own origin, which shows in Origin and in Sec-Fetch-Site.  Raises TransportError 421 and 403.
+        from its own origin, which shows in Origin and in Sec-Fetch-Site.  ``scheme``: of the request; a page of this
+        very host and port under another one is another's.  Raises TransportError 421 and 403.
         """
         if self.required:
             return
@@ -90,7 +92,7 @@ class Access:
             raise TransportError("wrong-host", Problem("", "wrong-host", detail, hint))
         if method in SAFE_METHODS or origin in self._origins:
             return
-        if origin is not None and not _is_own_origin(origin, host or b""):
+        if origin is not None and not _is_own_origin(origin, scheme, host or b""):
             raise _origin_error(f"a page of {origin.decode('latin-1')[:80]!r}")
         site = headers.get(b"sec-fetch-site", b"none").strip().lower()
         if site not in OWN_SITES:
@@ -180,9 +182,10 @@ def _origin_error(who: str) -> TransportError:
     return TransportError("forbidden", Problem("", "foreign-origin", detail, "call the service from a program"))
 
 
-def _is_own_origin(origin: bytes, host: bytes) -> bool:
+def _is_own_origin(origin: bytes, scheme: str, host: bytes) -> bool:
     try:
-        return urlsplit(origin.decode("latin-1")).netloc.lower() == host.decode("latin-1").lower() != ""
+        parts = urlsplit(origin.decode("latin-1"))
+        return parts.scheme == scheme and parts.netloc.lower() == host.decode("latin-1").lower() != ""
     except ValueError:
         return False
 
@@ -225,7 +228,7 @@ class Tokens:
         tenant = claims.get("tenant", claims.get("sub"))
         if not isinstance(tenant, str) or not 1 <= len(tenant) <= 128 or not tenant.isprintable():
             raise credential_error("the JSON Web Token names no tenant: it needs the claim tenant, or sub")
-        return Caller(tenant, _scopes(claims), f"token of {tenant}")
+        return Caller(TOKEN_TENANT + tenant, _scopes(claims), f"token of {tenant}")
 
     def _key(self, name: object) -> Any:
         """The key that the token names; one that is alone needs no name."""

@@ -88,3 +88,12 @@ def matches_tag(request: Request, tag: str) -> bool:
     """Whether If-None-Match holds the entity tag (weak comparison, RFC 9110, 13.1.2)."""
     tags = ",".join(request.headers.getlist("if-none-match")).strip()
     return tags == "*" or any(entry["opaque"] == tag for entry in _TAG.finditer(tags))
+
+
+def takes(request: Request, header: str, wanted: str) -> bool:
+    """Whether a list of what a client takes names this, and not with the weight 0 (RFC 9110, 12.4.2)."""
+    for part in ",".join(request.headers.getlist(header)).lower().split(","):
+        name, _, weight = part.partition(";")
+        if name.strip() == wanted:
+            return weight.replace(" ", "").rstrip("0.") != "q="
+    return False

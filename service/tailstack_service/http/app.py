@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from importlib import import_module
 from types import FrameType
 from typing import Any
 
@@ -26,13 +27,13 @@ from tailstack.errors import Problem, TailstackError
 from ..jobs.store import audit, designs, keys
 from ..problems import TransportError
 from ..settings import Settings, load_settings
-from . import events, information, jobs, pages, posting, umbridge
+from . import events, information, jobs, pages, posting
 from .access import Access
+from .compute_pool import ComputePool, stopping_error
 from .kept_designs import KeptDesigns
 from .metrics import NO_ROUTE, Metrics
 from .openapi import document
 from .origins import Origins, read_origins
-from .places import Places, stopping_error
 from .problems import CLIENT_LEFT, HANDLERS, defect_error, refusal_response
 from .service import Service, Storage
 
@@ -47,7 +48,7 @@ ROUTERS = (
     jobs.result_router,
     information.router,
     pages.router,
-    umbridge.router,
+    import_module("tailstack_service.integrations.umbridge").router,  # which imports of here what it needs
 )
 
 
@@ -94,7 +95,15 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
         access=Access(settings, find_key, record_use),
         metrics=Metrics(),
         kept_designs=KeptDesigns(read_design, keep_designs, off=settings.max_kept_designs == 0),
-        places=Places(settings.short_workers, settings.max_waiting, settings.max_seconds, stopping, warm=warm_up),
+        pool=ComputePool(
+            settings.short_workers,
+            settings.max_waiting,
+            settings.max_seconds,
+            stopping,
+            warm=warm_up,
+            most_bytes=settings.max_process_bytes,
+            hang_seconds=settings.hang_seconds,
+        ),
     )
     app.add_middleware(Refusals, service=app.state.service)
     origins = read_origins(settings)
@@ -116,11 +125,11 @@ class _Application(FastAPI):
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     service: Service = app.state.service
     with listen(service.stopping):
-        service.places.begin()
+        service.pool.begin()
         try:
             yield
         finally:
-            await service.places.close()
+            await service.pool.close()
             await service.kept_designs.close()
             await asyncio.to_thread(service.storage.close)
 
@@ -265,7 +274,7 @@ class Refusals:
     def _check(self, request: Request, headers: dict[bytes, bytes]) -> None:
         if b"transfer-encoding" in headers and b"content-length" in headers:
             raise _two_lengths_error()
-        self.service.access.check_address(request.method, headers)
+        self.service.access.check_address(request.method, headers, request.scope.get("scheme", "http"))
 
 
 def _first_headers(scope: Scope) -> dict[bytes, bytes]:

@@ -10,7 +10,7 @@ from starlette.requests import Request
 from tailstack.errors import LimitError, Problem, TailstackError
 
 from ..names import variable
-from ..operations.sent import Sent, refuse_query
+from ..operations.request import RawRequest, refuse_query
 from ..problems import MalformedError, TransportError
 from .service import service_of
 
@@ -21,25 +21,20 @@ DRAINED = 8_000_000  # bytes of an over-long body that are read and dropped, so 
 
 
 def strict_body(
-    *,
-    yaml: bool = True,
-    raw: tuple[str, ...] = (),
-    raw_limit: str = "max_body_bytes",
-    hint: str = "options go into the body, beside the design",
-) -> Callable[[Request], Awaitable[Sent]]:
+    *, yaml: bool = True, raw: tuple[str, ...] = (), hint: str = "options go into the body, beside the design"
+) -> Callable[[Request], Awaitable[RawRequest]]:
     """The dependency of an operation that reads a body: JSON, and YAML or ``raw`` where it takes them.
 
-    ``raw_limit``: the setting of how long what is in ``raw`` may be.
     ``hint``: what to do about a query parameter beside a JSON body, where there are none.
     """
 
-    async def sent(request: Request) -> Sent:
+    async def sent(request: Request) -> RawRequest:
         form = _form(request, yaml=yaml, raw=raw)
-        body = await read_body(request, raw_limit if form in raw else "max_body_bytes")
+        body = await read_body(request, "max_step_bytes" if form in raw else "max_body_bytes")
         query = tuple(request.query_params.multi_items())
         if form == "json":
             refuse_query(query, (), hint)
-        return Sent(form, body, query)
+        return RawRequest(form, body, query)
 
     return sent
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from ..operations.sent import refuse_query
+from ..operations.request import refuse_query
 from .access import Caller
 from .service import Service, service_of
 

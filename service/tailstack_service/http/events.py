@@ -17,7 +17,7 @@ from ..jobs.store.events import Event, read_events
 from ..jobs.store.jobs import Job
 from ..logs import moment
 from ..names import variable
-from ..operations.sent import single
+from ..operations.request import single
 from ..problems import RequestError, TransportError
 from ..task import ENDED
 from .dependencies import Needs, TheService, query

@@ -19,16 +19,16 @@ from tailstack.json_text import write_json
 
 from ..documents import to_json
 from ..drafts import DRAFTS
-from ..examples import list_example_designs, read_example
+from ..examples import list_example_designs, read_example, write_example
 from ..jobs.store.workers import check_readiness
-from ..operations.sent import single
+from ..operations.request import single
 from ..problems import CATALOGUE, ProblemType, RequestError, TransportError
 from ..schemas import RECORDS, TITLES, json_schema
-from .answers import JSON, record_response
+from .answers import JSON, record_response, takes
+from .compute_pool import Warmth
 from .dependencies import Needs, TheService
 from .metrics import CONTENT_TYPE, FRESH_SECONDS
-from .openapi import extra, media_types, query_parameter, reference, response_of
-from .places import Warmth
+from .openapi import YAML, extra, media_types, query_parameter, reference, response_of
 
 log = logging.getLogger("tailstack.service")
 router = APIRouter(tags=["information"], default_response_class=Response)
@@ -79,6 +79,8 @@ class Version:
     """Version of Python that runs it."""
     documents: tuple[str, ...]
     """Value of the field `schema` of each document that this version reads and writes."""
+    max_trials: int
+    """Trials that one check may draw here; one that may draw more is refused (the operator's TAILSTACK_MAX_TRIALS)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,8 +186,8 @@ async def readiness(service: TheService) -> Response:
         log.warning("not ready, for want of the database: %s", error, extra={"action": "database-not-ready"})
         workers = None
     document = Readiness(
-        status="stopping" if service.stopping.is_set() else service.places.warmth,
-        kernels=service.places.warmth,
+        status="stopping" if service.stopping.is_set() else service.pool.readiness,
+        kernels=service.pool.warmth,
         database="not ready" if workers is None else "ready",
         workers=workers or 0,
     )
@@ -221,13 +223,14 @@ async def metrics(service: TheService) -> Response:
 @router.get(
     "/version",
     operation_id="get_version",
-    summary="Version and documents",
-    description="Of the service, and which documents it reads and writes.",
+    summary="Version, documents and the limit of trials",
+    description="Of the service, which documents it reads and writes, and how many trials a check may draw.",
     responses={200: response_of("Version and documents.", media_types(JSON, reference("schemas", "Version")))},
     openapi_extra=extra(),
 )
-async def version() -> Response:
-    return record_response(Version(__version__, platform.python_version(), DOCUMENTS))
+async def version(service: TheService) -> Response:
+    most = service.settings.max_trials
+    return record_response(Version(__version__, platform.python_version(), DOCUMENTS, most))
 
 
 @router.get(
@@ -308,15 +311,24 @@ async def examples() -> Response:
     "/v1/examples/{name}",
     operation_id="get_example",
     summary="A design to begin with",
-    description="It stands alone: fiducials that the example has in a file of their own are in it.",
-    responses={200: response_of("The design.", media_types(JSON, reference("schemas", "Design")))},
+    description="It stands alone: fiducials that the example has in a file of their own are in it. Accept: "
+    "application/yaml has it as its author wrote it, with the comments.",
+    responses={
+        200: response_of(
+            "The design.",
+            media_types(JSON, reference("schemas", "Design")) | media_types(YAML, {"type": "string"}),
+            Vary="VaryAccept",
+        )
+    },
     openapi_extra=extra(_path_parameter("name", "Name of an example.", "demo"), problems=(404,)),
 )
 async def example(request: Request) -> Response:
     name, known = request.path_params["name"], await asyncio.to_thread(list_example_designs)
     if name not in known:
         raise _unknown_name_error(f"no example is called {name[:60]!r}", f"one of {', '.join(known)}")
-    return Response(await asyncio.to_thread(lambda: write_json(read_example(name))), media_type=JSON)
+    commented = takes(request, "accept", YAML)
+    write = (lambda: write_example(name)) if commented else (lambda: write_json(read_example(name)))
+    return Response(await asyncio.to_thread(write), headers={"Vary": "Accept"}, media_type=YAML if commented else JSON)
 
 
 @router.get(

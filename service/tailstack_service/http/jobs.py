@@ -23,11 +23,11 @@ from ..jobs.store import results as stored_results
 from ..jobs.store.database import Database
 from ..jobs.store.events import estimate_eta_seconds, read_events
 from ..jobs.store.jobs import Job
-from ..jobs.store.results import Result
+from ..jobs.store.results import StoredResult
 from ..jobs.store.tables import STATES
 from ..operations.effort import LONG
 from ..operations.rendering import FORMATS, MEDIA_TYPES, render
-from ..operations.sent import single
+from ..operations.request import single
 from ..problems import RequestError, TransportError
 from .answers import JSON, path_of, record_response, tagged_response
 from .dependencies import Needs, TheService, query
@@ -271,7 +271,7 @@ result_router = APIRouter(tags=["results"], dependencies=[Depends(Needs("read"))
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable", "Vary": "Authorization"}
 
 
-async def find_result(request: Request) -> Result:
+async def find_result(request: Request) -> StoredResult:
     """The result in the path, if a job of the caller's tenant came to it.  Raises TransportError 404."""
     sha256 = request.path_params["sha256"]
     result = await service_of(request).storage.run(stored_results.read_result, request.state.caller.tenant, sha256)
@@ -280,7 +280,7 @@ async def find_result(request: Request) -> Result:
     return result
 
 
-def result_response(request: Request, result: Result, headers: dict[str, str] | None = None) -> Response:
+def result_response(request: Request, result: StoredResult, headers: dict[str, str] | None = None) -> Response:
     """A result as it was recorded, byte for byte."""
     return tagged_response(request, result.body, JSON, {**FOR_EVER, **(headers or {})}, result.sha256)
 
@@ -328,7 +328,7 @@ async def get_report(request: Request, service: TheService) -> Response:
         raise RequestError(Problem("/format", "unknown-value", detail))
     result = await find_result(request)
     call = partial(render, result.schema_name, result.body, form)
-    body, media_type = await service.places.run(request, call, LONG if form != "json" else 0.0)
+    body, media_type = await service.pool.run(request, call, LONG if form != "json" else 0.0)
     headers = {
         "Cache-Control": "private, no-cache",
         "Content-Disposition": f'inline; filename="tailstack-{result.sha256[:12]}.{form}"',

@@ -1,14 +1,12 @@
 """The OpenAPI 3.1 document: FastAPI's own, of the routes as they are declared, with one overlay.
 
 Bodies are read by our own strict reader, so their schemas are given by the routes; the overlay adds the published
-schemas, what every answer has (a request id, the problems that can come) and examples.
+schemas, what every answer has (a request id, the problems that can come) and examples of requests.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, FastAPI
@@ -18,8 +16,8 @@ from fastapi.routing import APIRoute
 from tailstack import __version__
 from tailstack.json_text import write_json
 
+from ..console.flags import list_options
 from ..documents import record_json_schema
-from ..operations.conversion import BALL, BEADS, STEP_MEDIA
 from ..operations.example import EXAMPLE_DESIGN
 from ..operations.operation import Operation
 from ..operations.patches import NAMED, PATCH
@@ -30,8 +28,6 @@ from .dependencies import Needs
 from .problems import PROBLEM
 
 JSON, YAML = "application/json", "application/yaml"
-ANSWERS = Path(__file__).with_name("example_answers")  # written by openapi/answers.py, of a running service
-ANSWERED = frozenset(path.stem for path in ANSWERS.glob("*.json"))  # operations whose 200 is shown so
 RETRIED = frozenset({409, 429, 503})
 EXAMPLE_ID = "01k4z8t5r2w7x3y9v6n1m0q8pc"
 EXAMPLE_SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
@@ -204,7 +200,7 @@ def describe(operation: Operation) -> dict[str, Any]:
     problems = {*BODY_PROBLEMS, *(() if operation.immediate else (429,)), *((404,) if _takes_parts(operation) else ())}
     return {
         "summary": operation.summary,
-        "description": operation.description + ("" if operation.immediate or operation.at_once else BECOMES_A_JOB),
+        "description": operation.description + ("" if operation.immediate or _at_once(operation) else BECOMES_A_JOB),
         "responses": answers,
         "openapi_extra": extra(*own, *_query_parameters(operation), body=_body(operation), problems=sorted(problems)),
     }
@@ -212,7 +208,12 @@ def describe(operation: Operation) -> dict[str, Any]:
 
 def _takes_parts(operation: Operation) -> bool:
     """Whether the design may be named by its hash, and patched."""
-    return operation.request is None and tuple(operation.designs) == ("design",)
+    return tuple(operation.designs) == ("design",)
+
+
+def _at_once(operation: Operation) -> str:
+    """When it is answered at once, although it can become a job."""
+    return "" if operation.body is None else operation.body.at_once
 
 
 def component(name: str) -> str:
@@ -231,8 +232,9 @@ def _body(operation: Operation) -> dict[str, Any]:
     content = media_types(JSON, reference("schemas", name), name)
     if operation.yaml:
         content |= media_types(YAML, reference("schemas", "Design"), "DesignAsYaml")
-    for media in operation.media:
-        content |= _file(media, TABLES.get(media) if operation.answers else "Step" if media in STEP_MEDIA else "Csv")
+    for media in operation.body.media if operation.body is not None else ():
+        sample = operation.body.samples.get(media) if operation.body is not None else None
+        content |= _file(media, TABLES.get(media) if sample is None else sample.name)
     return content
 
 
@@ -241,7 +243,7 @@ TABLES = {"text/csv": "Variants", "application/x-ndjson": "VariantLines"}  # exa
 
 def _file(media: str, example: str | None) -> dict[str, Any]:
     """A file as a body: text, or bytes."""
-    text = media.startswith("text/") or media in TABLES or media in STEP_MEDIA
+    text = media.startswith("text/") or media in TABLES or example is not None
     bytewise = {"format": "binary", "contentMediaType": media}
     return media_types(media, {"type": "string", **({} if text else bytewise)}, example)
 
@@ -253,7 +255,7 @@ def _answers_at_once(operation: Operation) -> dict[int | str, Any]:
 
 
 def _job_answers(operation: Operation) -> dict[int | str, Any]:
-    at_once = operation.at_once
+    at_once = _at_once(operation)
     in_time = f"{at_once}, or with Prefer: wait in time" if at_once else "with Prefer: wait, in time"
     done = response_of(
         f"{operation.summary}: {in_time}.", media_types(JSON, reference("schemas", component(operation.name))),
@@ -275,22 +277,19 @@ def _job_answers(operation: Operation) -> dict[int | str, Any]:
 
 def _query_parameters(operation: Operation) -> list[dict[str, Any]]:
     """What a body that is no JSON takes from the query."""
-    if operation.query:
-        assert operation.query_schemas is not None
-        described = operation.query_schemas()
-        when = "Not with a JSON body." if operation.media else "Only with a YAML body."
-        return [_query_parameter(name, described[name], when) for name in operation.query]
-    if not operation.yaml or not operation.designs:
+    if operation.body is not None:
+        when = "Not with a JSON body." if operation.body.media else "Only with a YAML body."
+        return [_query_parameter(name, schema, when) for name, schema in operation.body.query().items()]
+    if not operation.yaml:
         return []
-    renamed = {option: name for name, option in operation.options.in_query().items()}
+    described = operation.options.model_json_schema().get("properties", {})
     made = []
-    for option, described in operation.options.model_json_schema().get("properties", {}).items():
-        if option in renamed:
-            words = f"Only with a YAML body. {described.get('description', '')}".strip()
-            schema = {"type": "array", "items": operation.options.query_item(option)}
-            made.append(query_parameter(renamed[option], schema, words))
+    for option in list_options(operation.options):
+        if option.listed:
+            words = f"Only with a YAML body. {described[option.name].get('description', '')}".strip()
+            made.append(query_parameter(option.query_name, {"type": "array", "items": option.text_schema()}, words))
         else:
-            made.append(_query_parameter(option, described))
+            made.append(_query_parameter(option.name, described[option.name]))
     return made
 
 
@@ -358,30 +357,23 @@ def document(routers: Sequence[APIRouter], records: Sequence[type]) -> dict[str,
 
 
 def openapi_json(app: FastAPI) -> bytes:
-    """The document as it is committed."""
+    """The document as it is printed."""
     return (write_json(app.openapi(), indent=1) + "\n").encode()
 
 
 def _complete(described: dict[str, Any], route: APIRoute, method: str) -> None:
-    """What every route has: the problems that can come, the id of the request, an example, the scope."""
+    """What every route has: the problems that can come, the id of the request, the scope."""
     scope = next((one.dependency.scope for one in route.dependencies if isinstance(one.dependency, Needs)), None)
     statuses = {421, 500, *described.pop(PROBLEMS, ()), *((401, 403) if scope else ())}
     if method == "POST":
         statuses.add(403)  # a page of another site, where there is no authentication
     responses = described["responses"]
-    content = responses.get("200", {}).get("content", {}).get(JSON)
-    shown = SHOWN_BY.get(str(route.operation_id), route.operation_id)
-    if content is not None and shown in ANSWERED:
-        content.setdefault("examples", {"example": reference("examples", str(shown))})
     for response in responses.values():
         response["headers"] = {"X-Request-ID": reference("headers", "RequestId"), **response.get("headers", {})}
     for status in sorted(statuses):
         responses[str(status)] = reference("responses", f"Problem{status}")
     described["responses"] = dict(sorted(responses.items()))
     described["security"] = [{"bearer": [scope]}] if scope else []
-
-
-SHOWN_BY = {"get_result": "create_verification", "get_report": "create_verification"}
 
 
 # --- its components ---------------------------------------------------------------------------------------
@@ -430,10 +422,7 @@ def _schemas(records: Sequence[type]) -> dict[str, Any]:
     for name in ("design", *OPERATIONS, "job", "jobs", "problem"):
         made.add(component(name), json_schema(name))
     for operation in OPERATIONS.values():
-        if operation.request is None:
-            made.add(request_name(operation), _request_schema(operation))
-        else:
-            made.add(request_name(operation), operation.request().model_json_schema(by_alias=True))
+        made.add(request_name(operation), _request_schema(operation))
     made.add("DesignPatch", dict(PATCH_SCHEMA))
     made.add("JobEvent", _job_event())
     for record in records:
@@ -457,7 +446,10 @@ PARTS = {
 
 
 def _request_schema(operation: Operation) -> dict[str, Any]:
-    """The schema of a request: designs, each with what it is, beside the options."""
+    """The schema of a request: designs, each with what it is, beside the options, unless it has a model of its own."""
+    if operation.body is not None and operation.body.request is not None:
+        own: dict[str, Any] = operation.body.request.model_json_schema(by_alias=True)
+        return own
     schema = operation.options.model_json_schema()
     designs = {
         field: {**reference("schemas", "Design"), "description": words} for field, words in operation.designs.items()
@@ -476,7 +468,7 @@ def _job_event() -> dict[str, Any]:
     words = (
         "job (its id) and at (RFC 3339); with state: state, and result_sha256 or problem; with progress: units_done, "
     )
-    words += "units_expected, note, eta_seconds; with recomputed, after an upgrade of the solver: from and to."
+    words += "units_expected, note, eta_seconds; with recomputed, where another code took the job over: from and to."
     data = {"type": "string", "contentMediaType": "application/json", "description": words}
     properties: dict[str, Any] = {
         "id": {"type": "string", "pattern": "^[0-9]+$", "description": "Counts the events of a job from 1."},
@@ -521,7 +513,7 @@ _JOB: dict[str, Any] = {
     "created_at": "2026-01-31T12:00:00.000Z",
     "started_at": "2026-01-31T12:00:00.120Z",
     "finished_at": None,
-    "solver_version": "0.4.0",
+    "solver_version": "0.4.0+5d1f0c9be2a7",
     "recomputed": None,
     "cpu_seconds": 0.31,
     "progress": {
@@ -546,7 +538,7 @@ _JOB_EVENT = {
 
 
 def _examples() -> dict[str, Any]:
-    """A request for every operation, and answers where they are small."""
+    """A request for every operation, and a job; openapi/answers.py adds what operations answer."""
     made: dict[str, Any] = {}
     for operation in OPERATIONS.values():
         design = {"design": EXAMPLE_DESIGN} if tuple(operation.designs) == ("design",) else {}
@@ -557,14 +549,12 @@ def _examples() -> dict[str, Any]:
         "summary": "Two designs, a line each",
         "value": '{"/views/0/fiducial_noise_px": 0.1}\n{"/views/0/fiducial_noise_px": 0.2}\n',
     }
-    made["Csv"] = {"summary": "The file itself", "value": BEADS}
-    made["Step"] = {"summary": "A STEP file with one ball", "value": BALL}
+    bodies = [operation.body for operation in OPERATIONS.values() if operation.body is not None]
+    for sample in (sample for body in bodies for sample in body.samples.values()):
+        made[sample.name] = {"summary": sample.summary, "value": sample.text}
     made["DesignAsYaml"] = {"summary": "The design itself", "value": EXAMPLE_DESIGN}
     made["Job"] = {"summary": "A job that runs", "value": _JOB}
     page = {"schema": "tailstack/jobs/1", "jobs": [_JOB], "next": None}
     made["JobPage"] = {"summary": "A page of one", "value": page}
     made["JobEvent"] = {"summary": "A job gets on", "value": _JOB_EVENT}
-    for operation_id in sorted(ANSWERED):
-        value = json.loads((ANSWERS / f"{operation_id}.json").read_text(encoding="utf-8"))
-        made[operation_id] = {"summary": "As a service answered the example of the request", "value": value}
     return made

@@ -19,7 +19,7 @@ from tailstack import __version__
 from tailstack.errors import Problem
 
 from ..problems import TransportError
-from .answers import JSON, matches_tag, record_response
+from .answers import JSON, matches_tag, record_response, takes
 from .dependencies import query
 from .openapi import extra, media_types, reference, response_of
 
@@ -112,21 +112,12 @@ async def send_file(request: Request, folder: Path, name: str, caching: str, pol
             "Vary": "Accept, Accept-Encoding",
         }
     body, tag = file.body, file.tag
-    if file.packed is not None and _takes(request, "accept-encoding", "gzip"):
+    if file.packed is not None and takes(request, "accept-encoding", "gzip"):
         body, tag, headers["Content-Encoding"] = file.packed, f"{file.tag}-gzip", "gzip"
     headers["ETag"] = f'"{tag}"'
     if matches_tag(request, tag):
         return Response(b"", 304, headers)
     return Response(body, 200, headers, file.media_type)
-
-
-def _takes(request: Request, header: str, wanted: str) -> bool:
-    """Whether a list of what a client takes names this, and not with the weight 0 (RFC 9110, 12.4.2)."""
-    for part in ",".join(request.headers.getlist(header)).lower().split(","):
-        name, _, weight = part.partition(";")
-        if name.strip() == wanted:
-            return weight.replace(" ", "").rstrip("0.") != "q="
-    return False
 
 
 @router.get(
@@ -151,7 +142,7 @@ def _takes(request: Request, header: str, wanted: str) -> bool:
     openapi_extra=extra(problems=(422,)),
 )
 async def index(request: Request) -> Response:
-    if not _takes(request, "accept", "text/html"):
+    if not takes(request, "accept", "text/html"):
         return record_response(Index(__version__, LINKS), headers={"Vary": "Accept"})
     if "index.html" in await asyncio.to_thread(read_files, WORKBENCH):
         return await send_file(request, WORKBENCH, "index.html", CURRENT, POLICY)

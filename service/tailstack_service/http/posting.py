@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import StreamingResponse
 
-from tailstack import __version__
 from tailstack.errors import LimitError, Problem
 
 from ..jobs.store import jobs as stored
@@ -23,11 +22,13 @@ from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
 from ..names import variable
+from ..operations.effort import reading_seconds
 from ..operations.operation import JobRequest, Operation, Pieces, Reception
 from ..operations.patches import NAMED
 from ..operations.registry import OPERATIONS
-from ..operations.sent import Sent
+from ..operations.request import DesignReferenceUnresolved, RawRequest
 from ..problems import TransportError
+from ..processes.interpreter import running_code
 from ..tables import MEDIA_TYPES
 from ..task import UnitResult
 from . import computations
@@ -50,23 +51,26 @@ router = APIRouter(tags=["computations"], dependencies=[Depends(Needs("compute")
 
 def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
     """The endpoint of an operation: its answer at once, or a job."""
-    body = Depends(
-        strict_body(yaml=operation.yaml, raw=operation.media, raw_limit=operation.media_limit, hint=operation.hint)
-    )
+    own = operation.body
+    beside = "design" if len(operation.designs) == 1 else "designs"
+    hint = f"options go into the body, beside the {beside}" if own is None else own.hint
+    body = Depends(strict_body(yaml=operation.yaml, raw=() if own is None else own.media, hint=hint))
 
-    async def create(request: Request, service: TheService, sent: Sent = body) -> Response:
+    async def create(request: Request, service: TheService, sent: RawRequest = body) -> Response:
         key = None if operation.immediate else idempotency_key(request)
-        if operation.kernels:
-            await service.places.wait_until_warm(service.settings.warm_up_seconds)
-        found = await _receive(request, operation, sent)
-        if found.base_sha256 is not None:
-            base = await find_base(request, found.base_sha256)
-            found = await _receive(request, operation, replace(sent, base=base))
+        if own is None or own.kernels:
+            await service.pool.wait_until_warm(service.settings.warm_up_seconds)
+        sent = replace(sent, as_job=bool(operation.answers) and asks_for_job(request))
+        try:
+            found = await _receive(request, operation, sent)
+        except DesignReferenceUnresolved as unresolved:
+            sent = replace(sent, base=await find_base(request, unresolved.sha256))
+            found = await _receive(request, operation, sent)
         service.kept_designs.keep(request.state.caller.tenant, found.designs)
         if found.terms is not None:
             await note_policy(request, dict(found.terms))
-        if found.pieces is not None and found.job is not None and not asks_for_job(request):
-            return await _send_pieces(request, found.job, found.pieces)
+        if found.pieces is not None:
+            return await _send_pieces(request, sent, found.pieces)
         if found.job is not None:
             return await submit(request, found.job, key)
         return Response(found.answer, media_type=JSON)
@@ -74,10 +78,12 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
     return create
 
 
-async def _receive(request: Request, operation: Operation, sent: Sent) -> Reception:
+async def _receive(request: Request, operation: Operation, sent: RawRequest) -> Reception:
     service = service_of(request)
     call = partial(computations.receive, operation.name, sent, service.settings)
-    return await service.places.run(request, call, operation.seconds(sent))
+    seconds = reading_seconds if operation.body is None else operation.body.reading_seconds
+    found: Reception = await service.pool.run(request, call, seconds(sent))
+    return found
 
 
 async def find_base(request: Request, sha256: str) -> bytes:
@@ -103,8 +109,8 @@ for _operation in OPERATIONS.values():
 # --- a job that is answered at once, unit by unit -----------------------------------------------------
 
 
-async def _send_pieces(request: Request, posted: JobRequest, pieces: Pieces) -> Response:
-    """The units of a job, computed one after the other for a caller who waits.
+async def _send_pieces(request: Request, sent: RawRequest, pieces: Pieces) -> Response:
+    """The units of what could be a job, computed one after the other for a caller who waits.
 
     Lines are sent as they are computed, the next unit when the one before it is on its way; every other format when it
     is complete.  A caller who leaves ends it.  Raises LimitError for more than is computed at once, and, before the
@@ -118,10 +124,11 @@ async def _send_pieces(request: Request, posted: JobRequest, pieces: Pieces) -> 
     form = _answer_form(request, pieces.form)
 
     async def compute(function: Callable[..., T], *arguments: object, **named: object) -> T:
-        call = partial(function, posted.kind, posted.content, *arguments, **named)
-        return await service.places.run(request, call, pieces.unit_seconds)
+        call = partial(function, sent, service.settings, *arguments, **named)
+        found: T = await service.pool.run(request, call, pieces.unit_seconds)
+        return found
 
-    specs = await compute(computations.plan_pieces)
+    specs = pieces.specs
     if form not in STREAMED:
         units = [
             UnitResult(index, spec, await compute(computations.compute_unit, spec)) for index, spec in enumerate(specs)
@@ -156,7 +163,7 @@ async def submit(request: Request, posted: JobRequest, key: str | None) -> Respo
     await _hold_to_budget(service, tenant)
     job, new = await service.storage.write(
         stored.submit_job, tenant=tenant, kind=posted.kind, request=posted.content, design_name=posted.design_name,
-        solver_version=__version__, request_id=request.state.request_id, idempotency_key=key,
+        solver_version=running_code(), request_id=request.state.request_id, idempotency_key=key,
         max_queued=settings.max_queued_jobs,
     )  # fmt: skip
     if new:

@@ -14,11 +14,10 @@ from tailstack.errors import Problem, TailstackError
 
 from ..documents import to_json
 from ..jobs.store.errors import DamagedStore, StoreError, StoreUnavailable
-from ..operations.sent import Placed
 from ..problems import ProblemDocument, TransportError, problem_document
 from .answers import path_of
 from .body import BodyTooLarge
-from .places import CallerLeft
+from .compute_pool import CallerLeft
 
 log = logging.getLogger("tailstack.service")
 PROBLEM = "application/problem+json"
@@ -28,11 +27,9 @@ MOST_STEPS, LONGEST_STEP = 8, 20  # of an unknown path that is compared with the
 CLIENT_LEFT = 499  # for the log: nobody reads the answer
 
 
-def problem_response(
-    error: TailstackError, *, instance: str, request_id: str, status: int | None = None, prefix: str = ""
-) -> Response:
+def problem_response(error: TailstackError, *, instance: str, request_id: str, status: int | None = None) -> Response:
     """A refusal as application/problem+json."""
-    document = problem_document(error, instance=instance, request_id=request_id, status=status, prefix=prefix)
+    document = problem_document(error, instance=instance, request_id=request_id, status=status)
     headers = error.headers if isinstance(error, TransportError) else None
     return document_response(document, headers)
 
@@ -42,14 +39,13 @@ def document_response(document: ProblemDocument, headers: Mapping[str, str] | No
     return Response(to_json(document), document.status, headers, PROBLEM)
 
 
-def refusal_response(request: Request, error: TailstackError | Placed) -> Response:
+def refusal_response(request: Request, error: TailstackError) -> Response:
     """The answer to a request that is refused."""
-    refusal, prefix = (error.error, error.prefix) if isinstance(error, Placed) else (error, "")
     request_id = request.state.request_id
-    if isinstance(refusal, StoreUnavailable | StoreError) and not isinstance(refusal, DamagedStore):
-        refusal = _hide_address(request_id, refusal)
-    status = 413 if isinstance(refusal, BodyTooLarge) else None
-    response = problem_response(refusal, instance=path_of(request), request_id=request_id, status=status, prefix=prefix)
+    if isinstance(error, StoreUnavailable | StoreError) and not isinstance(error, DamagedStore):
+        error = _hide_address(request_id, error)
+    status = 413 if isinstance(error, BodyTooLarge) else None
+    response = problem_response(error, instance=path_of(request), request_id=request_id, status=status)
     if response.status_code in (429, 503):
         response.headers.setdefault("Retry-After", str(STORE_RETRY_SECONDS))
     return response
@@ -107,7 +103,6 @@ def _name_route(request: Request, path: str) -> str:
 
 HANDLERS: dict[int | type[Exception], Callable[[Request, Any], Any]] = {
     TailstackError: _answer_refusal,
-    Placed: _answer_refusal,
     CallerLeft: _answer_nobody,
     HTTPException: _answer_unrouted,
 }

@@ -45,7 +45,7 @@ SHARED_COUNTERS = "PROMETHEUS_MULTIPROC_DIR"  # prometheus_client reads it when 
 
 
 def bind(host: str, port: int, settings: Settings) -> socket.socket:
-    """A listening socket.  Raises RequestError for an address that others can reach while nobody is asked who he is."""
+    """A listening socket.  Raises RequestError for a public address without authentication."""
     if settings.auth != "required" and not is_loopback(host):
         raise RequestError(
             Problem(
@@ -125,11 +125,11 @@ class _Family:
     """The child processes of a service."""
 
     def __init__(self, settings: Settings, worker: bool, log: IO[bytes] | None = None) -> None:
-        self.children: list[Child] = []
+        self.children: list[RestartedProcess] = []
         if worker:
             from ..jobs.process import start_worker_process
 
-            self.children.append(Child("worker", lambda: start_worker_process(settings, log)))
+            self.children.append(RestartedProcess("worker", lambda: start_worker_process(settings, log)))
 
     def stop_with(self, stopping: threading.Event) -> None:
         """Tell them to end as soon as the event is set, while this process is still busy ending itself."""
@@ -259,7 +259,7 @@ def running_service(
         yield bound.getsockname()[:2]
 
 
-class Child:
+class RestartedProcess:
     """A child process that is started again, more and more slowly, whenever it ends.  ``start`` makes the Popen.
 
     The child holds the other end of its stdin and ends with it, so that it never outlives this process.

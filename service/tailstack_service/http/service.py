@@ -21,9 +21,9 @@ from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.schema import open_database
 from ..settings import Settings
 from .access import Access
+from .compute_pool import ComputePool
 from .kept_designs import KeptDesigns
 from .metrics import Metrics
-from .places import Places
 
 Seat = Literal["seated", "share taken", "all taken"]
 log = logging.getLogger("tailstack.service")
@@ -136,7 +136,7 @@ class Service:
     access: Access
     metrics: Metrics
     kept_designs: KeptDesigns
-    places: Places  # for what is computed while the caller waits
+    pool: ComputePool  # for what is computed while the caller waits
     seats: Counter[str] = field(default_factory=Counter)  # taken by streams and waits, by tenant; the event loop's own
 
     def seat(self, tenant: str) -> Seat:

@@ -8,7 +8,6 @@ import uuid
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from typing import Any
 
 from tailstack.errors import (
     DesignError,
@@ -21,7 +20,7 @@ from tailstack.errors import (
     TailstackError,
 )
 
-from ..problems import RequestError
+from ..problems import RefusedAt, RequestError
 from ..processes.frames import Died, GivenBack
 from ..task import ADVANCE, Outcome, Task, UnitResult
 from .engines.engine import Engine
@@ -39,20 +38,11 @@ EXIT_CODES = {
 Report = Callable[[int, int], None]
 
 
-class RefusedJob(TailstackError):
-    """The problem document of a job that was refused, as an exception."""
-
-    def __init__(self, document: dict[str, Any], exit_code: int) -> None:
-        optional = {"file": None, "line": None, "column": None}
-        super().__init__([Problem(**{**optional, **entry}) for entry in document["errors"]])
-        self.slug, self.title, self.exit_code = document["type"].rpartition("/")[2], document["title"], exit_code
-
-
 def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None = None) -> bytes:
     """The answer of a job, as its service would record it.
 
     request: canonical JSON.  ``report(done, expected)`` after every unit.  A unit whose process dies is computed again,
-    up to ``MOST_DEATHS`` times.  Raises RefusedJob, and NotConvergedError where the engine has nothing to compute with
+    up to ``MOST_DEATHS`` times.  Raises RefusedAt, and NotConvergedError where the engine has nothing to compute with
     or a unit takes every process with it.
     """
     results: list[UnitResult] = []
@@ -75,7 +65,7 @@ def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None
 def _compute_units(engine: Engine, tasks: list[Task], report: Callable[[int], None]) -> list[Outcome]:
     """Outcomes in the order of their tasks; twice as many are under way as can be computed side by side.
 
-    Raises RefusedJob for the first that is a refusal, NotConvergedError, Defect.
+    Raises RefusedAt for the first that is a refusal, NotConvergedError, Defect.
     """
     prefix = uuid.uuid4().hex
     waiting = deque(range(len(tasks)))
@@ -125,6 +115,9 @@ def _stuck_error(detail: str) -> NotConvergedError:
     return NotConvergedError(Problem("", "engine", detail, "look at the engine, or leave --engine out"))
 
 
-def _read_refusal(content: bytes) -> RefusedJob:
+def _read_refusal(content: bytes) -> RefusedAt:
+    """The problem document of a job that was refused, as an exception."""
     document = json.loads(content)
-    return RefusedJob(document, EXIT_CODES.get(document["type"].rpartition("/")[2], TailstackError.exit_code))
+    slug = document["type"].rpartition("/")[2]
+    problems = [Problem(**{"file": None, "line": None, "column": None, **entry}) for entry in document["errors"]]
+    return RefusedAt(problems, slug, document["title"], EXIT_CODES.get(slug, TailstackError.exit_code))

@@ -19,7 +19,6 @@ from types import FrameType
 from typing import IO, Any
 
 from tailstack.errors import TailstackError
-from tailstack.version import __version__
 
 from ..processes.frames import PERFORM
 from ..processes.interpreter import make_command, make_environment
@@ -45,7 +44,7 @@ PURGE_ENDING_SECONDS = 1.0
 
 
 def run_worker(
-    settings: Settings, *, with_parent: bool = False, function: str = PERFORM, solver_version: str = __version__
+    settings: Settings, *, with_parent: bool = False, function: str = PERFORM, solver_version: str | None = None
 ) -> int:
     """Work until SIGTERM or SIGINT; the number of the signal that ended it, 0 if the parent's end did.
 

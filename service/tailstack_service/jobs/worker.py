@@ -21,10 +21,10 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from tailstack.errors import LimitError, Problem, SourcesChangedError
-from tailstack.version import __version__
 
 from ..problems import TransportError
 from ..processes.frames import Died, GivenBack, OutOfDate
+from ..processes.interpreter import running_code
 from ..settings import Settings
 from ..task import Outcome, Task
 from .engines.engine import Engine
@@ -151,10 +151,10 @@ class Worker:
     The engine is closed by ``run``; the database is the caller's.
     """
 
-    def __init__(self, db: Database, engine: Engine, settings: Settings, *, solver_version: str = __version__) -> None:
+    def __init__(self, db: Database, engine: Engine, settings: Settings, *, solver_version: str | None = None) -> None:
         self.id = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(3)}"
         self._db = db.endable().within(TRANSACTION_SECONDS)
-        self._engine, self._settings, self._version = engine, settings, solver_version
+        self._engine, self._settings, self._version = engine, settings, solver_version or running_code()
         self._computations: dict[str, Computation] = {}  # by key of the claim; each access is atomic
         self._arrivals: SimpleQueue[Computation | Ending | None] = SimpleQueue()
         self._endings: deque[Ending] = deque()

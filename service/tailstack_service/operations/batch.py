@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from io import BytesIO
 from math import isfinite
 from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
@@ -22,15 +23,18 @@ from tailstack.results.batch import ScoredTable
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import read_design, whole
 from ..console.files import write_in_place
+from ..console.flags import NO_FLAG, Flag, add_flags, list_options
 from ..console.progress import Progress
 from ..names import variable
 from ..problems import RequestError
-from ..rendering.tables import table, wrap
+from ..rendering.tables import draw_table, wrap
 from ..rendering.verdict import heading, join_blocks, provenance_text
-from ..tables import MEDIA_TYPES, WRITERS, Block, Format, Table, format_of, read_table
+from ..tables import MEDIA_TYPES, WRITERS, Format, TableReader, format_of, read_table
+from ..task import Estimated
+from ..unpacking import ColumnBlock
 from .content import canonical
-from .effort import admission_seconds
-from .operation import Call, JobRequest, LateImport, Operation, Pieces, Reception
+from .effort import score_seconds, size_of
+from .operation import Body, Call, JobRequest, LateImport, More, Operation, Pieces, Reception
 from .options import Options
 from .patches import NAMED, SHA256
 
@@ -39,24 +43,32 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
     from ..settings import Settings
-    from ..tables import Column
-    from .sent import Query, Sent
+    from ..unpacking import Column
+    from .request import Query, RawRequest, Request
 
 ColumnName = Literal[
     "p95_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "value_mm", "within_limits", "verdict"
 ]
 
 
+TABLE = "a table of designs"  # heading of flags
+COLUMNS = Flag(
+    "what is added: p95_mm, mean_norm_mm, bias_norm_mm, localisation_p95_mm, value_mm (of each requirement), "
+    "within_limits, verdict (much slower); default the first three and within_limits",
+    metavar="A,B", heading=TABLE,
+)  # fmt: skip
+
+
 class BatchOptions(Options):
     """A table of numbers of the design, and what is wanted of each row."""
 
-    table: Annotated[dict[str, list[float]], Field(min_length=1, max_length=2_000)] = Field(
+    table: Annotated[dict[str, list[float]], Field(min_length=1, max_length=2_000), NO_FLAG] = Field(
         description="Columns by the number of the design that they give, in the unit of its field: a JSON pointer, "
         "/views/0/fiducial_noise_px, or a path of names, views.AP.fiducial_noise_px; * stands for every element. All "
         "have one length.",
         examples=[{"/views/0/fiducial_noise_px": [0.1, 0.2, 0.4]}],
     )
-    columns: Annotated[list[ColumnName], Field(min_length=1)] = Field(
+    columns: Annotated[list[ColumnName], Field(min_length=1), COLUMNS] = Field(
         ["p95_mm", "mean_norm_mm", "bias_norm_mm", "within_limits"],
         description="What is wanted: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of each target; "
         "value_mm, the quantile that each requirement limits; within_limits (yes, no), whether all of these are within "
@@ -69,7 +81,7 @@ class TableScores:
     """A table whose rows are scored as it is read."""
 
     batch: Batch
-    table: Table
+    table: TableReader
     places: tuple[int, ...]  # of the column of each pointer
     rows: int = field(default=0, init=False)
     refused: int = field(default=0, init=False)
@@ -90,11 +102,15 @@ class TableScores:
         import numpy as np
 
         waiting: deque[tuple[Column, ...]] = deque()
+        together = rows_a_unit(self.batch)  # so that what takes long says how far it is
 
         def read() -> Iterator[Any]:
             for block in self.table.blocks:
-                waiting.append(block.columns)
-                yield np.array([self.table.read_numbers(block, place) for place in self.places]).T
+                numbers = np.array([self.table.read_numbers(block, place) for place in self.places]).T
+                for first in range(0, len(numbers), together):
+                    span = slice(first, first + together)
+                    waiting.append(tuple(column[span] for column in block.columns))
+                    yield numbers[span]
 
         for found in self.batch.score_blocks(read(), threads):
             self.rows += len(found.reasons)
@@ -122,7 +138,7 @@ def hold_numbers(header: Sequence[str], places: Sequence[int]) -> tuple[bool, ..
 
 
 def score_table(
-    design: Design, table: Table, settings: Sequence[tuple[str, str]], columns: Sequence[str] | None
+    design: Design, table: TableReader, settings: Sequence[tuple[str, str]], columns: Sequence[str] | None
 ) -> TableScores:
     """``settings``: path and column of the table; without them, the columns that are called like paths: ``/a/0/b``, or
     with a dot.  Raises RequestError, SweepError.
@@ -154,7 +170,7 @@ def score_table(
 
 def add_batch_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of ``score`` for a table of designs."""
-    group = parser.add_argument_group("a table of designs")
+    group = parser.add_argument_group(TABLE)
     group.add_argument(
         "--batch", metavar="TABLE", help="score the design once for each row of a table (.csv, .ndjson, .xlsx, .arrow, "
         ".parquet; - reads CSV from stdin): columns called by JSON pointers or paths give numbers of it, the others go "
@@ -164,11 +180,7 @@ def add_batch_arguments(parser: argparse.ArgumentParser) -> None:
         "--set", dest="settings", action="append", metavar="PATH=COLUMN", type=_setting, default=[],
         help="the column that gives a number of the design, where it is not called like it; once for each",
     )  # fmt: skip
-    group.add_argument(
-        "--columns", metavar="A,B", help="what is added: p95_mm, mean_norm_mm, bias_norm_mm, localisation_p95_mm, "
-        "value_mm (of each requirement), within_limits, verdict (much slower); default the first three and "
-        "within_limits",
-    )  # fmt: skip
+    add_flags(parser, BatchOptions)
     group.add_argument("-o", "--output", metavar="FILE", help="a table; its ending decides the format (default stdout)")
     group.add_argument("--threads", type=whole(1, 256), metavar="N", help="threads; the answer does not depend on it")
 
@@ -180,13 +192,14 @@ def _setting(text: str) -> tuple[str, str]:
     return path, column
 
 
-def refuse_beside_batch(arguments: argparse.Namespace) -> None:
-    """Flags that mean nothing together.  Raises RequestError."""
-    alone = {"--set": arguments.settings, "--columns": arguments.columns, "-o": arguments.output,
-             "--threads": arguments.threads}  # fmt: skip
-    single = {"--json": arguments.json, "--second-order": arguments.second_order, "--target": arguments.target}
+def refuse_beside_batch(arguments: argparse.Namespace, options: type[Options]) -> None:
+    """Flags that mean nothing together; ``options``: of a score without a table.  Raises RequestError."""
+    alone = {"--set": arguments.settings or None, "-o": arguments.output, "--threads": arguments.threads}
+    single = {"--json": arguments.json or None, "--target": arguments.target}
+    for flags, kind in ((alone, BatchOptions), (single, options)):
+        flags |= {each.spelling: getattr(arguments, each.name) for each in list_options(kind) if each.has_flag}
     for flag, value in (alone if arguments.batch is None else single).items():
-        if value:
+        if value is not None:
             said = "is of --batch TABLE, which is not there" if arguments.batch is None else "is not of --batch"
             raise RequestError(Problem("", "unused-option", f"{flag} {said}", "leave it out"))
 
@@ -204,10 +217,9 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
     if arguments.output is None and target not in ("csv", "ndjson"):
         detail = f"a table as {target} is not written to stdout"
         raise RequestError(Problem("", "no-output", detail, "name a file: -o scores." + target))
-    columns = None if arguments.columns is None else [part.strip() for part in arguments.columns.split(",")]
     with ExitStack() as stack:
         stream = sys.stdin.buffer if name == "-" else stack.enter_context(open(name, "rb"))
-        scores = score_table(design, read_table(stream, form, name), arguments.settings, columns)
+        scores = score_table(design, read_table(stream, form, name), arguments.settings, arguments.columns)
         begun = time.monotonic()
         progress = stack.enter_context(Progress("score"))
         if arguments.output is None:
@@ -224,7 +236,7 @@ def _write(scores: TableScores, stream: IO[bytes], form: Format, threads: int | 
     writer = WRITERS[form](stream, scores.header, scores.numbers, scores.table.delimiter)
     for columns in scores.blocks(threads):
         writer.write(columns)
-        progress.report(0, 0, f"{scores.rows:,} rows")
+        progress.report(scores.rows, max(scores.table.rows, scores.rows), f"{scores.rows:,} rows")
     writer.close()
     stream.flush()
 
@@ -232,8 +244,10 @@ def _write(scores: TableScores, stream: IO[bytes], form: Format, threads: int | 
 # --- over HTTP --------------------------------------------------------------------------------------
 
 MOST_ROWS = 10_000_000  # of a call in Python, which has them in memory anyway
-SECONDS_A_ROW = {"compiled": 3e-5, "linearised": 4e-3, "in full": 0.03}  # and target, on a slow core
-ROWS_A_UNIT = {"compiled": 4096, "linearised": 128, "in full": 32}
+READING_BYTES = 500_000_000  # of memory that may be needed to read a table
+SECONDS_A_ROW = {"compiled": 3e-5, "in full": 0.03}  # and target, on a slow core
+SECONDS_ON_LATTICE, SECONDS_TOGETHER = 6e-4, 1e-3  # more, under other laws than normal, and where images move together
+SECONDS_A_UNIT, ROWS_A_UNIT = 0.5, (32, 4096)
 QUERY = {
     NAMED: {
         "type": "string", "pattern": "^[0-9a-f]{64}$",
@@ -247,40 +261,115 @@ QUERY = {
 }  # fmt: skip
 
 
-def receive(sent: Sent, settings: Settings) -> Reception:
-    """A table that is read whole and can be scored.  Raises RequestError, LimitError, MalformedError, Placed."""
-    from tailstack.design.reading import Source
+def row_seconds(batch: Batch) -> float:
+    """How long a row takes, about."""
+    more = SECONDS_ON_LATTICE * batch.on_lattice + SECONDS_TOGETHER * batch.moves_together
+    return (SECONDS_A_ROW[batch.way] + more) * len(batch.system.targets)
 
-    from .sent import BaseNeeded, Request, load, read_request
 
-    form: Format | Literal["json"] = "json"
+def rows_a_unit(batch: Batch) -> int:
+    """How many rows are computed in one go."""
+    least, most = ROWS_A_UNIT
+    return min(max(int(SECONDS_A_UNIT / row_seconds(batch)), least), most)
+
+
+def receive(sent: RawRequest, settings: Settings) -> Reception | Estimated:
+    """A table whose design was read.  Raises what ``_open`` raises."""
+    opened = _open(sent, settings)
+    return Estimated(score_seconds([size_of(opened.request.design)], losses=False), partial(_receive, sent, settings))
+
+
+def _receive(sent: RawRequest, settings: Settings) -> Reception:
+    """A table that is read whole and can be scored.  Raises RequestError, LimitError, MalformedError, RefusedAt."""
+    from .perform import plan
+
+    found = read_sent(sent, settings)
+    if sent.as_job:
+        return Reception(job=JobRequest("batch", canonical(found.content), found.name), designs=found.nameable)
+    step = plan("batch", found.content, ())
+    assert isinstance(step, More)
+    pieces = Pieces(found.form, found.rows * found.row_seconds, found.rows_a_unit * found.row_seconds, step.specs)
+    return Reception(pieces=pieces, designs=found.nameable)
+
+
+@dataclass(frozen=True, slots=True)
+class SentTable:
+    """A table that was sent, read whole."""
+
+    content: dict[str, Any]  # of the job that it could be
+    name: str  # of the design
+    form: Format | Literal["json"]
+    rows: int
+    row_seconds: float
+    rows_a_unit: int
+    nameable: tuple[tuple[str, bytes], ...]
+
+
+@lru_cache(maxsize=2)
+def read_sent(sent: RawRequest, settings: Settings) -> SentTable:
+    """The last ones are kept: units of a table come to a process one after the other.
+
+    Raises what ``receive`` raises.
+    """
+    from ..processes.memory import memory_within
+
     try:
-        if sent.form == "json":
-            request = read_request(sent, OPERATION, settings)
-            table = _table_of(request.options.table)
-            given = [(name, name) for name in table.header]
-            columns: Sequence[str] | None = request.options.columns
-        else:
-            name, given, columns = _read_query(sent.query)
-            if sent.base is None:
-                raise BaseNeeded(name)
-            design = load(Source(json.loads(sent.base), None, None), settings, "")
-            request = Request(None, (design,), {}, ("",), False)
-            sent_as = next(each for each, media in MEDIA_TYPES.items() if media == sent.form)
-            form, table = sent_as, read_table(BytesIO(sent.body), sent_as)
-    except BaseNeeded as needed:
-        return Reception(base_sha256=needed.sha256)
+        with memory_within(READING_BYTES):
+            return _read_sent(sent, settings)
+    except MemoryError:
+        detail = f"reading this table takes more than {READING_BYTES} bytes of memory"
+        raise LimitError(Problem("", "too-large", detail, "leave columns out, or send fewer rows")) from None
+
+
+@dataclass(frozen=True, slots=True)
+class _Opened:
+    """A table that was sent, before it is read: its design, and what is wanted of which column."""
+
+    request: Request
+    given: list[tuple[str, str]] | None  # None: every column
+    columns: Sequence[str] | None
+    form: Format | Literal["json"]
+
+
+@lru_cache(maxsize=1)
+def _open(sent: RawRequest, settings: Settings) -> _Opened:
+    """Kept, because ``receive`` opens what is then read.
+
+    Raises RequestError, LimitError, MalformedError, RefusedAt, DesignReferenceUnresolved.
+    """
+    from tailstack.design.reading import DocumentSource
+
+    from .request import DesignReferenceUnresolved, Request, load, read_request
+
+    if sent.form == "json":
+        request = read_request(sent, OPERATION, settings)
+        return _Opened(request, None, request.options.columns, "json")
+    name, given, columns = _read_query(sent.query)
+    if sent.base is None:
+        raise DesignReferenceUnresolved(name)
+    design = load(DocumentSource(json.loads(sent.base), None, None), settings, "")
+    form = next(each for each, media in MEDIA_TYPES.items() if media == sent.form)
+    return _Opened(Request(None, (design,), {}, ("",), False), given, columns, form)
+
+
+def _read_sent(sent: RawRequest, settings: Settings) -> SentTable:
+    opened = _open(sent, settings)
+    request, given, form = opened.request, opened.given, opened.form
+    if form == "json":
+        table = _table_of(request.options.table)
+    else:
+        table = read_table(BytesIO(sent.body), form, most_bytes=settings.max_table_bytes)
+    given = [(name, name) for name in table.header] if given is None else given
     try:
-        scores = score_table(request.design, table, given, columns)
+        scores = score_table(request.design, table, given, opened.columns)
     except (DesignError, IllPosedError) as error:
         raise request.place(error) from None
     cells = _read_cells(scores, settings.max_batch_rows)
-    way = scores.batch.way
-    seconds = SECONDS_A_ROW[way] * len(scores.batch.system.targets)
-    return Reception(
-        job=JobRequest("batch", _content(scores, cells), request.design.name),
-        pieces=Pieces(form, len(cells[0]) * seconds, ROWS_A_UNIT[way] * seconds),
-        designs=request.nameable if form == "json" and request.partial is None else (),
+    batch = scores.batch
+    nameable = request.nameable if form == "json" and request.partial is None else ()
+    content = json.loads(_content(scores, cells))
+    return SentTable(
+        content, request.design.name, form, len(cells[0]), row_seconds(batch), rows_a_unit(batch), nameable
     )
 
 
@@ -307,7 +396,7 @@ def _content(scores: TableScores, cells: list[list[Any]]) -> bytes:
     batch = scores.batch
     return canonical({
         "design": batch.design.source.data, "header": scores.table.header, "cells": cells, "places": scores.places,
-        "pointers": batch.pointers, "columns": batch.columns, "rows_a_unit": ROWS_A_UNIT[batch.way],
+        "pointers": batch.pointers, "columns": batch.columns, "rows_a_unit": rows_a_unit(batch),
     })  # fmt: skip
 
 
@@ -317,18 +406,20 @@ def _plain(cell: Any) -> float | str | None:
     return str(cell)
 
 
-def _table_of(columns: Mapping[str, Sequence[float]]) -> Table:
+def _table_of(columns: Mapping[str, Sequence[float]]) -> TableReader:
     """Raises RequestError for columns of unequal length."""
     lengths = {name: len(cells) for name, cells in columns.items()}
     if len(set(lengths.values())) != 1:
         said = ", ".join(f"{name} has {length}" for name, length in list(lengths.items())[:6])
         raise RequestError(Problem("/table", "ragged", f"columns have one length; {said}", "one number for each row"))
-    return Table(tuple(columns), iter([Block(range(1, 1 + max(lengths.values())), tuple(columns.values()))]))
+    return TableReader(
+        tuple(columns), iter([ColumnBlock(range(1, 1 + max(lengths.values())), tuple(columns.values()))])
+    )
 
 
 def _read_query(query: Query) -> tuple[str, list[tuple[str, str]], list[str] | None]:
     """The design's hash, the columns that are set, and those that are wanted.  Raises RequestError."""
-    from .sent import refuse_query, single
+    from .request import refuse_query, single
 
     refuse_query(query, tuple(QUERY))
     name = single(query, NAMED)
@@ -363,7 +454,7 @@ def _text(record: ScoredTable) -> str:
     refused = f"{record.refused:,} rows could not be scored; the column reason says why." if record.refused else ""
     return join_blocks(
         heading(record.provenance, f"{record.rows:,} designs of a table, each estimated.", "first order"),
-        table(["row", *names], shown),
+        draw_table(["row", *names], shown),
         "\n".join(wrap(part) for part in (more, refused) if part),
         provenance_text(record.provenance),
     )
@@ -390,16 +481,13 @@ OPERATION = Operation(
     record=lambda: ScoredTable,
     run=_run,
     cut=True,
-    receive=receive,
-    media=tuple(MEDIA_TYPES.values()),
-    media_limit="max_step_bytes",
-    answers=tuple(MEDIA_TYPES.values()),
-    query=tuple(QUERY),
-    query_schemas=lambda: QUERY,
-    hint="table and columns go into the body, beside the design",
-    yaml=False,
-    at_once="unless Prefer asks for a job",
-    seconds=admission_seconds,
+    body=Body(
+        receive=receive,
+        query=lambda: QUERY,
+        media=tuple(MEDIA_TYPES.values()),
+        hint="table and columns go into the body, beside the design",
+        at_once="unless Prefer asks for a job",
+    ),
     text=_text,
     document=LateImport("..report.chapters.batch", "batch_document"),
     exit_code=lambda record: NOT_EVALUATED if record.refused else PASS,

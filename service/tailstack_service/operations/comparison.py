@@ -10,15 +10,16 @@ from pydantic import Field
 from tailstack.errors import DesignError, Problem
 
 from ..console.answer import EXIT_CODE
+from ..problems import RefusedAt
 from ..report.records import Comparison
 from .example import EXAMPLE_DESIGN
 from .operation import Again, Call, Demand, HeldDesign, LateImport, Operation, Repetition
-from .options import CheckOptions, within
+from .options import CheckOptions, within_trials
 from .report import demand_of, parts_of
 
 if TYPE_CHECKING:
     from ..settings import Settings
-    from .sent import Request
+    from .request import Request
 
 SIDES = {"first": "The design that is compared with.", "second": "The design whose changes are looked at."}
 
@@ -35,18 +36,17 @@ def _compare(call: Call) -> Comparison:
     from ..report.assembling import options_of
     from ..report.comparing import compute_comparison
 
-    options = options_of({**call.options.model_dump(), **call.limits})
+    options = options_of(call.options.model_dump())
     first, second = call.designs
     return compute_comparison(first, second, options, progress=call.progress)
 
 
 def _check(request: Request, settings: Settings) -> None:
-    """Both designs determine an answer, and share a target.  Raises Placed, LimitError."""
+    """Both designs determine an answer, and share a target.  Raises RefusedAt, LimitError."""
     from tailstack.design import check_design
 
-    from .sent import Placed
-
-    within(request.options.trials, "max_trials", settings, "/trials")
+    if "verification" in request.options.parts:
+        within_trials(request.options.trials, request.options.max_trials, settings, request.designs)
     names = []
     for which in range(len(SIDES)):
         system, _, _ = request.refuse_by(check_design, which)
@@ -54,7 +54,7 @@ def _check(request: Request, settings: Settings) -> None:
     if not names[0] & names[1]:
         detail = "the two designs have no target of the same name: there is nothing to compare"
         problem = Problem("/targets", "no-common-target", detail, "give the targets the same names")
-        raise Placed(DesignError(problem), "/second")
+        raise RefusedAt.place(DesignError(problem), "/second")
 
 
 def _hold(record: Comparison) -> tuple[HeldDesign, ...]:
@@ -100,10 +100,7 @@ OPERATION = Operation(
     example_title="The same structure with quieter images",
     record=lambda: Comparison,
     run=_compare,
-    limits=("max_trials",),
     cut=True,
-    yaml=False,
-    hint="options go into the body, beside the designs",
     check=_check,
     document=LateImport("..report.chapters.comparison", "comparison_document"),
     exit_code=lambda record: EXIT_CODE[record.headline.status],

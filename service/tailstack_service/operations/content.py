@@ -7,19 +7,10 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from tailstack.errors import TailstackError
 from tailstack.json_text import write_json
 
 if TYPE_CHECKING:
     from tailstack.design import Design
-
-
-class Refused(Exception):
-    """A refusal with the pointer to what it is about inside the request, where that is not ``/design``."""
-
-    def __init__(self, error: TailstackError, prefix: str = "") -> None:
-        super().__init__(str(error))
-        self.error, self.prefix = error, prefix
 
 
 def canonical(data: Any) -> bytes:

@@ -1,117 +1,85 @@
-"""How long a computation will take, from the size of what was sent: fiducials, views and targets.
+"""How long a computation will take: reading from the bytes that came, the rest from what was read.
 
-The figures were measured on one core of a virtual machine (AMD EPYC, AVX-512).  They need not be right, only tell what
-takes milliseconds from what takes seconds: what is expected to be quick and is not begins anew among the long ones.
+Nothing that a caller writes makes it shorter: a body is as long as it is, and sizes are those of the designs as they
+were read, by the process that read them.  The figures were measured on one core of a virtual machine (AMD EPYC,
+AVX-512).  They need not be right, only tell what takes milliseconds from what takes seconds.
 """
 
 from __future__ import annotations
 
-import json
-import re
-from typing import TYPE_CHECKING, Any
-
-from .patches import merge
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from .sent import Sent
+    from tailstack.design import Design
 
-LOOKED_AT = 100_000  # bytes of JSON that are looked into; a longer body takes long whatever is in it
-REGION_TARGETS = 27  # as many as a box of three by three by three
-LONG = 60.0  # seconds, of what is not looked into
-BYTE_SECONDS = 0.3e-6  # for reading and checking a document
-TARGETS_IN_YAML = re.compile(rb"^targets:(.*?)(?=^[^\s#-]|\Z)", re.MULTILINE | re.DOTALL)
+    from .request import RawRequest
 
-Size = tuple[int, int, int]  # fiducials, views, targets
+LONG = 60.0  # seconds, of what nobody can say before it is done
+# s for reading and checking a byte.  Honest JSON takes 0.3e-6, YAML 1.2e-6; what is wrong everywhere, ten times that
+BYTE_SECONDS = {"json": 0.5e-6, "yaml": 1.5e-6, "text/csv": 5e-6, "text/plain": 5e-6, "application/x-ndjson": 5e-6}
+TEXT_BYTE_SECONDS = 5e-6  # of JSON that holds documents as texts, which are read as YAML
 
 
-def score_seconds(sizes: list[Size], *, second_order: bool = False) -> float:
+class Size(NamedTuple):
+    """What a design holds."""
+
+    fiducials: int
+    views: int
+    targets: int  # with regions expanded
+    judged: int = 0  # targets of all requirements together: of each the losses of fiducials are looked for; 0: of none
+    missed: bool = False  # fiducials are missed with a probability: the law of every loss is put together, too
+
+    @property
+    def losses(self) -> int:
+        """Ways to lose none, one or two fiducials that are looked at."""
+        from tailstack.losses import PAIRS_UP_TO
+
+        pairs = self.fiducials * (self.fiducials - 1) // 2 if self.fiducials <= PAIRS_UP_TO else 0
+        return 1 + self.fiducials + pairs
+
+
+def reading_seconds(sent: RawRequest) -> float:
+    """For reading and checking what was sent.  Of what is packed nobody knows before it is unpacked."""
+    rate = BYTE_SECONDS.get(sent.form)
+    return LONG if rate is None else rate * len(sent.body)
+
+
+def text_reading_seconds(sent: RawRequest) -> float:
+    """The same for bodies that hold documents as texts."""
+    return max(reading_seconds(sent), TEXT_BYTE_SECONDS * len(sent.body))
+
+
+def size_of(design: Design) -> Size:
+    """What a design holds."""
+    from tailstack.design.compile import expand_target
+
+    document = design.document
+    samples = {target.name: len(expand_target(target)) for target in document.targets}
+    targets = sum(samples.values())
+    judged = sum(
+        targets if item.targets == "all" else sum(samples.get(name, 1) for name in item.targets)
+        for item in document.requirements
+    )
+    own = [point.loss_probability for point in document.fiducials.points or ()]
+    missed = any((document.fiducials.loss_probability, *own))
+    return Size(len(design.fiducials.labels), len(document.views), targets, judged or targets, missed)
+
+
+GAIN_SECONDS = 1e-7  # of one fiducial in one view, with one loss, at one target
+LAW_SECONDS = 7e-4  # of one exact law with a loss
+ASKED = 3  # such laws for each requirement and target, until the worst loss is known: one to ten
+
+
+def score_seconds(sizes: Iterable[Size], *, second_order: bool = False, losses: bool = True) -> float:
     """Of one core, for scores of designs of these sizes."""
     seconds = 0.0
-    for fiducials, views, targets in sizes:
+    for size in sizes:
+        fiducials, views, targets, judged, missed = size
         seconds += 0.004 + 0.0005 * fiducials + 0.0035 * targets * (1 + fiducials * views / 200)
+        if losses and judged:
+            seconds += GAIN_SECONDS * targets * size.losses * views * fiducials
+            seconds += LAW_SECONDS * judged * (ASKED + (size.losses if missed else 0))
         if second_order:
             seconds += 2e-5 * (targets * fiducials * views) ** 2
     return seconds
-
-
-def reading_seconds(sent: Sent) -> float:
-    """For reading and checking what was sent, whatever it is."""
-    return BYTE_SECONDS * len(sent.body)
-
-
-def admission_seconds(sent: Sent) -> float:
-    """For the check of what becomes a job, the optimiser's included: less than a score takes."""
-    sizes = sizes_of(sent)
-    return reading_seconds(sent) + (LONG if sizes is None else score_seconds(sizes))
-
-
-def score_reception_seconds(sent: Sent) -> float:
-    """For a score that is answered at once."""
-    sizes = sizes_of(sent)
-    scoring = LONG if sizes is None else score_seconds(sizes, second_order=asks_second_order(sent))
-    return reading_seconds(sent) + scoring
-
-
-def gate_seconds(sent: Sent) -> float:
-    """For a gate to first order; for the admission of one that becomes a job."""
-    at_once = b"analytic" in sent.body if sent.form == "json" else ("mode", "analytic") in sent.query
-    if not at_once:
-        return reading_seconds(sent)
-    sizes = sizes_of(sent)
-    return reading_seconds(sent) + (LONG if sizes is None else 1.5 * score_seconds(sizes))
-
-
-def sizes_of(sent: Sent) -> list[Size] | None:
-    """Sizes of the designs in a body, as far as it can be read; None if it is too long to be looked into."""
-    if len(sent.body) > LOOKED_AT:
-        return None
-    if sent.form != "json":
-        return [_size_of_text(sent.body)]
-    try:
-        data = json.loads(sent.body)
-    except (ValueError, RecursionError):
-        return []  # it will be refused
-    if not isinstance(data, dict):
-        return []
-    found = [_apply_patch(data, sent.base), data.get("first"), data.get("second")]
-    for entry in _list(data.get("designs")):
-        if isinstance(entry, dict):
-            found += [entry.get("design"), entry.get("text")]
-    return [_size_of_text(one.encode(errors="replace")) if isinstance(one, str) else _size(one)
-            for one in found if isinstance(one, dict | str)]  # fmt: skip
-
-
-def _apply_patch(data: dict[str, Any], base: bytes | None) -> Any:
-    """The design of a body, its patch applied; ``base`` is the one that it names by its hash."""
-    design = data.get("design") if base is None else json.loads(base)
-    patch = data.get("patch")
-    return merge(design, patch) if isinstance(design, dict) and isinstance(patch, dict) else design
-
-
-def asks_second_order(sent: Sent) -> bool:
-    """Whether second order is asked for, in the body or the query."""
-    if sent.form == "json":
-        return b"second_order" in sent.body
-    return any(name == "second_order" for name, _ in sent.query)
-
-
-def _size(design: dict[str, Any]) -> Size:
-    fiducials = design.get("fiducials")
-    points = _list(fiducials.get("points")) if isinstance(fiducials, dict) else []
-    targets = sum(REGION_TARGETS if isinstance(one, dict) and "region" in one else 1
-                  for one in _list(design.get("targets")))  # fmt: skip
-    return len(points), len(_list(design.get("views"))), targets
-
-
-def _size_of_text(text: bytes) -> Size:
-    """A design as YAML, by its words: reading it would take as long as computing it."""
-    points, views = text.count(b"position_mm"), text.count(b"fiducial_noise_px")
-    section = TARGETS_IN_YAML.search(text)
-    if section is None:  # not in the usual form: each point may be a target
-        return points, views, points
-    targets = section[1].count(b"position_mm")
-    return points - targets, views, targets + REGION_TARGETS * section[1].count(b"region")
-
-
-def _list(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else []

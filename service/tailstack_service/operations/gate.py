@@ -4,29 +4,33 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import TailstackError
 
+from ..gate.asked import GateRequest
+from ..task import Estimated
 from .content import canonical
-from .effort import gate_seconds
+from .effort import score_seconds, size_of, text_reading_seconds
 from .example import EXAMPLE_DESIGN
-from .operation import Call, JobRequest, LateImport, Operation, Reception
+from .operation import Body, Call, JobRequest, LateImport, Operation, Reception
 from .options import Options
 
 if TYPE_CHECKING:
+    from ..gate.judge import Gate
     from ..gate.records import GateRecord
     from ..settings import Settings
-    from .sent import Query, Sent
+    from .request import Query, RawRequest
 
 QUERY = ("mode", "seed", "fail_level", "on_inconclusive")  # what a single design as YAML can be asked with
 FILE = "design.yaml"  # what findings call such a design
 TEXT = "/designs/0/text"  # where it stands in the request that the body and the query make
 
 
-def _receive(sent: Sent, settings: Settings) -> Reception:
-    """The record of an analytic gate, or a job.  Raises what ``gate.request.admit_gate`` raises."""
-    from .sent import parse_json, refuse_query
+def _receive(sent: RawRequest, settings: Settings) -> Reception | Estimated:
+    """An analytic gate that was read, or a job.  Raises what ``gate.request.admit_gate`` raises."""
+    from .request import parse_json, refuse_query
 
     if sent.form == "json":
         return _admit(parse_json(sent.body, settings), settings)
@@ -40,8 +44,7 @@ def _receive(sent: Sent, settings: Settings) -> Reception:
 
 def _request_of_one(body: bytes, query: Query) -> dict[str, Any]:
     """The request that a YAML body and the query stand for."""
-    from ..gate.request import GateRequest
-    from .sent import from_text, single
+    from .request import from_text, single
 
     data: dict[str, Any] = {"designs": [{"file": FILE, "text": body.decode("utf-8", "surrogateescape")}]}
     properties = GateRequest.model_json_schema()["properties"]
@@ -52,31 +55,45 @@ def _request_of_one(body: bytes, query: Query) -> dict[str, Any]:
     return data
 
 
-def _admit(data: dict[str, Any], settings: Settings) -> Reception:
-    from ..documents import to_json
-    from ..gate.request import admit_gate, judge_designs, list_terms
-    from .sent import limits_of
+def _admit(data: dict[str, Any], settings: Settings) -> Reception | Estimated:
+    from ..gate.judge import judges_losses, rules_of
+    from ..gate.request import admit_gate
+    from .request import limits_of
 
-    complete = admit_gate(
+    admitted = admit_gate(
         data,
         today=datetime.now(UTC).date(),
         limits=limits_of(settings),
         max_designs=settings.max_gate_designs,
         max_trials=settings.max_trials,
     )
-    terms = list_terms(complete)
-    if complete["mode"] == "analytic":
-        return Reception(answer=to_json(judge_designs(complete)), terms=terms)
+    complete, gate, terms = admitted.content, admitted.gate, admitted.terms
+    if gate.mode == "analytic":
+        seconds = sum(
+            score_seconds([size_of(entry.design)], losses=judges_losses(rules_of(gate, entry)[1]))
+            for entry in gate.designs
+            if entry.design is not None
+        )
+        return Estimated(1.5 * seconds, partial(_answer, gate, terms))
     count = len(complete["designs"])
     name = complete["designs"][0]["file"] + (f" and {count - 1} more" if count > 1 else "")
     return Reception(job=JobRequest("gate", canonical(complete), name), terms=terms)
 
 
-_REQUEST = LateImport("..gate.request", "GateRequest")
+def _answer(gate: Gate, terms: dict[str, Any]) -> Reception:
+    from ..documents import to_json
+    from ..gate.judge import judge
+
+    return Reception(answer=to_json(judge(gate)), terms=terms)
 
 
 def _judge(call: Call) -> GateRecord:
     raise NotImplementedError("a gate is received with its policy, not as a design")
+
+
+def _query() -> dict[str, Any]:
+    properties = GateRequest.model_json_schema()["properties"]
+    return {name: properties[name] for name in QUERY}
 
 
 OPERATION = Operation(
@@ -113,13 +130,13 @@ OPERATION = Operation(
     record=LateImport("..gate.records", "GateRecord").load,
     run=_judge,
     cut=True,
-    receive=_receive,
-    hint="options go into the body, beside the designs",
-    at_once="mode analytic",
-    seconds=gate_seconds,
-    request=_REQUEST.load,
-    query=QUERY,
-    query_schemas=lambda: _REQUEST.load().model_json_schema()["properties"],
+    body=Body(
+        receive=_receive,
+        query=_query,
+        request=GateRequest,
+        at_once="mode analytic",
+        reading_seconds=text_reading_seconds,
+    ),
     example_title="One design under a policy, first order, with one finding accepted for now",
     document=LateImport("..report.chapters.gate", "gate_document"),
     exit_code=lambda record: int(record.exit_code),

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field
 
 from tailstack.errors import IllPosedError
 from tailstack.results import Provenance
+from tailstack.results.digits import decimal
+from tailstack.results.record import Published
 
-from ..rendering.tables import decimal, table, visible
-from .effort import score_reception_seconds
-from .operation import Again, Operation
+from ..rendering.tables import draw_table, visible
+from .operation import Operation
 from .options import Options
 
 if TYPE_CHECKING:
@@ -32,6 +33,10 @@ class LayoutOptions(Options):
     """What is wanted besides positions and images."""
 
     scene: bool = Field(False, description="Add the scene in space, with the errors of a score.")
+
+    @classmethod
+    def of_record(cls, record: Any, **others: Any) -> Self | None:
+        return super().of_record(record, scene=record.scene is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +85,8 @@ class ImagedView:
     """Images of the targets."""
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
+@dataclass(frozen=True, slots=True, repr=False)
+class Layout(Published):
     """Where fiducials and targets are, in space and in every image."""
 
     schema: Literal["tailstack/layout/1"]
@@ -197,7 +202,7 @@ def _text(record: Layout) -> str:
              "not used" if not point.used else "" if point.inside else "outside"]
             for point in (*view.fiducials, *view.targets)
         ]  # fmt: skip
-        lines += ["", table([f"view {visible(view.view)}, {size}", "u, px", "v, px", ""], rows)]
+        lines += ["", draw_table([f"view {visible(view.view)}, {size}", "u, px", "v, px", ""], rows)]
     return "\n".join(lines) + "\n"
 
 
@@ -213,7 +218,5 @@ OPERATION = Operation(
     record=lambda: Layout,
     run=lambda call: lay_out(call.design, scene=call.options.scene),
     immediate=True,
-    seconds=score_reception_seconds,
     text=_text,
-    repeat=lambda again: Again(lay_out(again.designs[0], scene=again.record.scene is not None)),
 )

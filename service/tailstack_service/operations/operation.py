@@ -8,18 +8,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from ..console.answer import PASS
-from .effort import admission_seconds
+from ..console.flags import list_options
+from .effort import reading_seconds
 from .options import Options
 
 if TYPE_CHECKING:
     import argparse
+
+    from pydantic import BaseModel
 
     from tailstack.design import Design
 
     from ..console.answer import Answer
     from ..report.blocks import Document
     from ..settings import Settings
-    from .sent import Request, Sent
+    from ..task import Estimated
+    from .request import RawRequest, Request
 
 Progress = Callable[[float, float], None]  # done, of how much
 
@@ -30,7 +34,6 @@ class Call:
 
     designs: tuple[Design, ...]
     options: Any  # of the operation's class of options
-    limits: Mapping[str, int] = field(default_factory=dict)  # by name: settings that shape the answer
     threads: int | None = None  # None: as many as there are cores; the answer does not depend on it
     progress: Progress | None = None
 
@@ -49,30 +52,33 @@ class JobRequest:
     """A request that was checked and can become a job."""
 
     kind: str  # name of the operation
-    content: bytes  # canonical JSON: designs, options and limits
+    content: bytes  # canonical JSON: designs and options
     design_name: str
     bare_design: bool = False  # the body was the design itself, so pointers of refusals start inside it
 
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """A job that can as well be answered at once, its units one after the other, as they are computed."""
+    """What could be a job, answered at once: its units one after the other, as they are computed.
+
+    Each is computed from what was sent, so that a table never passes through the process that answers.
+    """
 
     form: str  # in which it is answered, if nothing else is asked for
     seconds: float  # expected, of all units
     unit_seconds: float  # and of one
+    specs: tuple[bytes, ...]  # of the units
 
 
 @dataclass(frozen=True, slots=True)
 class Reception:
-    """What a request came to: its answer, or a job; or the design that it names by its hash, to be looked up."""
+    """What a request came to: its answer, or a job."""
 
     answer: bytes | None = None
     job: JobRequest | None = None
-    pieces: Pieces | None = None  # of the job, if nobody asks for one
+    pieces: Pieces | None = None  # instead of the job, if nobody asks for one
     terms: Mapping[str, Any] | None = None  # by which it was judged, for the audit log
     designs: tuple[tuple[str, bytes], ...] = ()  # SHA-256 and JSON of those that later requests may name
-    base_sha256: str | None = None
 
 
 # --- as a job: units that are computed side by side and recorded -----------------------------------------
@@ -136,6 +142,12 @@ class Demand:
     starts: int = 0
     starts_at: str = ""
     checks: int = 1  # how often the units of per-unit requirements are drawn
+    trusted: str = ""  # what is not drawn again without Monte Carlo, in words; then the record is believed
+
+    @classmethod
+    def of_cases(cls, trials: int, cases: int, trusted: str) -> Demand:
+        """So many trials of each of so many cases; 0: nothing is drawn."""
+        return cls(trials=trials * cases, trials_at="/trials", checks=0, trusted=trusted if trials else "")
 
 
 # --- the operation itself -------------------------------------------------------------------------------
@@ -154,6 +166,42 @@ class LateImport:
 
     def __call__(self, *arguments: Any) -> Any:
         return self.load()(*arguments)
+
+
+@dataclass(frozen=True, slots=True)
+class ExampleBody:
+    """An example of a body that is a file: text."""
+
+    name: str  # in the OpenAPI document
+    summary: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Body:
+    """What is sent to an operation otherwise than as designs and options, and how it is received."""
+
+    receive: Callable[[RawRequest, Settings], Reception | Estimated]
+    query: Callable[[], Mapping[str, Any]]  # JSON Schemas, by name, of what stands beside a body that is no JSON
+    request: type[BaseModel] | None = None  # the model of a body in JSON; None: designs and options
+    media: tuple[str, ...] = ()  # what it can be besides JSON and YAML
+    samples: Mapping[str, ExampleBody] = field(default_factory=dict)  # of those
+    hint: str = "options go into the body, beside the designs"  # about a query beside a JSON body
+    at_once: str = ""  # when it is answered at once, although it can become a job
+    kernels: bool = True  # it needs compiled kernels
+    reading_seconds: Callable[[RawRequest], float] = reading_seconds  # expected, until it is read
+
+
+@dataclass(frozen=True, slots=True)
+class TextOf:
+    """The text of a record: its document, written for a terminal."""
+
+    document: LateImport
+
+    def __call__(self, record: Any) -> str:
+        from ..rendering.document import document_text
+
+        return document_text(self.document(record, ""))
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,25 +246,12 @@ class Operation:
     run: Callable[[Call], Any]  # gives the record; raises TailstackError
     designs: Mapping[str, str] = field(default_factory=lambda: {"design": "The design document."})  # field, meaning
     needs_design: bool = True
-    limits: tuple[str, ...] = ()  # settings that shape the answer: they become part of a job's content
     immediate: bool = False  # answered at once over HTTP: it takes milliseconds
     cut: bool = False  # its job is cut into units, by plan() and compute() of units/NAME.py; or is one unit, ``run``
 
     # How it is received over HTTP
-    check: Callable[[Request, Settings], None] = check_nothing  # raises Placed, RequestError, LimitError
-    prepare: Callable[..., dict[str, Any]] = lambda options, *designs: dict(options.model_dump())  # as a job keeps them
-    receive: Callable[[Sent, Settings], Reception] | None = None  # where a body is not designs beside options
-    request: Callable[[], type[Any]] | None = None  # gives the model of such a body
-    media: tuple[str, ...] = ()  # what such a body can be besides JSON and YAML
-    media_limit: str = "max_body_bytes"  # setting of how long it may be
-    answers: tuple[str, ...] = ()  # media types of its answer at once besides JSON, where Accept asks for them
-    yaml: bool = True  # a design as YAML, with options in the query
-    query: tuple[str, ...] = ()  # what such a body takes from the query
-    query_schemas: Callable[[], Mapping[str, Any]] | None = None  # by name; with ``query``
-    hint: str = "options go into the body, beside the design"  # about a query beside a JSON body
-    at_once: str = ""  # when it is answered at once, although it can become a job
-    kernels: bool = True  # it needs compiled kernels
-    seconds: Callable[[Sent], float] = admission_seconds  # expected, of its reception
+    check: Callable[[Request, Settings], None] = check_nothing  # raises RefusedAt, RequestError, LimitError
+    body: Body | None = None  # None: the designs, and the options beside them or in the query
 
     # What becomes of its record
     text: Callable[[Any], str] | None = None  # for people, on the page that rendering.page.current() gives
@@ -224,8 +259,34 @@ class Operation:
     exit_code: Callable[[Any], int] = pass_always
     hold: Callable[[Any], tuple[HeldDesign, ...]] = lambda record: ()
     demand: Callable[[Any], Demand] = lambda record: Demand()
-    repeat: Callable[[Repetition], Again] | None = None
+    repeat: Callable[[Repetition], Again] | None = None  # None: by the options, where the record states all of them
 
     # How it is typed
     command: Command | None = None  # None: DESIGN and a flag for each option
     threads: bool = False  # --threads
+
+    @property
+    def yaml(self) -> bool:
+        """Whether a body can be YAML: the design, with options in the query; without designs it is read as it is."""
+        if not self.designs:
+            return True
+        typed = all(each.in_query for each in list_options(self.options) if each.field.is_required())
+        return typed and self.needs_design and tuple(self.designs) == ("design",)
+
+    @property
+    def answers(self) -> tuple[str, ...]:
+        """Media types of an answer besides JSON, where Accept asks for them: a table comes back in any of its own."""
+        return () if self.body is None or self.immediate else self.body.media
+
+    def can_repeat(self, record: Any) -> bool:
+        """Whether a record can be computed again from itself and its designs."""
+        return self.repeat is not None or bool(self.designs and self.options.of_record(record))
+
+    def compute_again(self, again: Repetition) -> Again:
+        """The record anew; what is not drawn again is taken as it is recorded."""
+        if self.repeat is not None:
+            return self.repeat(again)
+        if again.fast and (trusted := self.demand(again.record).trusted):
+            return Again(again.record, trusted)
+        options = self.options.of_record(again.record)
+        return Again(self.run(Call(again.designs, options, progress=again.progress)))

@@ -19,21 +19,22 @@ from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Optimisation
 
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
-from ..console.arguments import add_design, read_design, whole
+from ..console.arguments import add_design, read_design
+from ..console.flags import Flag, add_flags, read_flags
 from ..console.program import program
 from ..console.progress import Progress
 from ..problems import RequestError
 from ..rendering.verdict import findings_text
 from .operation import Again, Call, Command, Demand, HeldDesign, LateImport, Operation, Repetition
-from .options import Options, Seed, within
+from .options import Count, Options, Seed, within
 from .remaining import RemainingTime
 
 if TYPE_CHECKING:
     from tailstack.design import Design
 
     from ..settings import Settings
+    from .request import Request
     from .revision import Places
-    from .sent import Request
 
 # What the steps of a stage are called, where its own name says too little
 STAGES = {"view": "aim of the views", "layout": "starting layout", "point": "starting point", "polish": "polishing",
@@ -44,8 +45,10 @@ STOPPING = "stopping: checking the best design found so far; press Ctrl-C again 
 class OptimisationOptions(Options):
     """Where the search begins."""
 
-    seed: Seed | None = Field(None, description="Seed of the starts; absent: optimise/seed of the design.")
-    starts: Annotated[int, Field(ge=1)] | None = Field(
+    seed: Annotated[Seed | None, Flag("seed (default: the design's)")] = Field(
+        None, description="Seed of the starts; absent: optimise/seed of the design."
+    )
+    starts: Annotated[Count | None, Flag("starting layouts (default: the design's)")] = Field(
         None, description="Number of starts; absent: optimise/starts of the design."
     )
 
@@ -77,13 +80,13 @@ def _share(design: Design, progress: Callable[[float, float], None]) -> Callable
 
 
 def _check(request: Request, settings: Settings) -> None:
-    """An ``optimise`` section without contradictions that can change anything.  Raises Placed, LimitError."""
+    """An ``optimise`` section without contradictions that can change anything.  Raises RefusedAt, LimitError."""
     within(request.options.starts, "max_starts", settings, "/starts")
     check_freedom(request, settings, starts_of_design=request.options.starts is None)
 
 
 def check_freedom(request: Request, settings: Settings, *, starts_of_design: bool) -> None:
-    """A design that the optimiser can change.  Raises Placed."""
+    """A design that the optimiser can change.  Raises RefusedAt."""
     from tailstack.design import check_design
     from tailstack.optimisation import influence
 
@@ -105,7 +108,7 @@ def _repeat(again: Repetition) -> Again:
     record: Optimisation = again.record
     proof, (new, before) = record.certificate, again.designs
     if not again.fast:
-        return Again(_optimise(Call((before,), OptimisationOptions(seed=proof.seed, starts=proof.starts))))
+        return Again(_optimise(Call((before,), OptimisationOptions.of_record(proof))))
     from tailstack.verification import prepare
 
     first = prepare(new, sampled=False).first_order_mm
@@ -133,8 +136,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="instead of DESIGN: the last result that -o did not write",
     )
     parser.add_argument("--picture", metavar="FILE", help="draw the layout before and after (.svg)")
-    parser.add_argument("--seed", type=whole(0, 2**63 - 1), metavar="N", help="seed (default: the design's)")
-    parser.add_argument("--starts", type=whole(1, 256), metavar="N", help="starting layouts (default: the design's)")
+    add_flags(parser, OptimisationOptions)
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
@@ -180,7 +182,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
 def _refuse_mixture(arguments: argparse.Namespace) -> None:
     """A design or the last result.  Raises RequestError."""
     if arguments.last == (arguments.design is not None) or (
-        arguments.last and (arguments.seed is not None or arguments.starts is not None)
+        arguments.last and read_flags(OptimisationOptions, arguments)
     ):
         detail = "give a DESIGN to optimise, or --last without a design, --seed and --starts"
         raise RequestError(Problem("", "one-of", detail, "tailstack optimise --last -o NEW.yaml"))
@@ -194,6 +196,8 @@ def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tu
     from ..console.refusals import report_error
     from .revision import refuse_unasked_points
 
+    options = OptimisationOptions.of_flags(arguments)
+
     if known := findings_text(influence(design)):
         print(known, file=sys.stderr, flush=True)
     wanted = design.document.optimise
@@ -203,8 +207,8 @@ def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tu
         try:
             result = optimise(
                 design,
-                seed=arguments.seed,
-                starts=arguments.starts,
+                seed=options.seed,
+                starts=options.starts,
                 progress=reporter(progress, wanted.goal, expect(design)),
                 stop=stop.ask,
             )

@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+import argparse
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from tailstack.cures import ask_meant
 from tailstack.errors import LimitError, Problem
-from tailstack.precision import FINEST_PRECISION
+from tailstack.precision import FINEST_PRECISION, MAX_TRIALS
 
+from ..console.flags import Flag, list_options, read_flags
 from ..names import variable
 from ..problems import RequestError
+from .effort import Size, score_seconds, size_of
 
 if TYPE_CHECKING:
+    from tailstack.design import Design
+
     from ..settings import Settings
-    from .sent import Request
+    from .request import Request
 
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
+Count = Annotated[int, Field(ge=1)]
+MostTrials = Annotated[
+    int,
+    Field(
+        ge=100,
+        description="Without trials: stop after so many, whatever the precision by then. It sets when the precision is "
+        "looked at, so the intervals.",
+    ),
+]
 
 
 class Options(BaseModel):
@@ -27,21 +43,43 @@ class Options(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
 
     exclusive: ClassVar[tuple[str, ...]] = ()  # of these, one at most
+    flags: ClassVar[Mapping[str, Flag]] = {}  # of options that are inherited, in place of what stands beside them
 
     @classmethod
-    def in_query(cls) -> dict[str, str]:
-        """Options that the query gives under another name and may repeat: name in the query, option."""
-        return {}
+    def of_flags(cls, arguments: argparse.Namespace) -> Self:
+        """As they were typed.  Raises RequestError, which calls an option by its flag."""
+        from .request import read_options
+
+        spelling = {option.name: option.spelling for option in list_options(cls)}
+        try:
+            return read_options(cls, read_flags(cls, arguments), ())
+        except RequestError as error:
+            said = [(problem, spelling.get(problem.pointer.split("/", 2)[1])) for problem in error.problems]
+            raise RequestError(
+                [replace(p, pointer="", detail=f"{flag}: {p.detail}") if flag else p for p, flag in said]
+            ) from None
 
     @classmethod
-    def from_query(cls, option: str, given: list[str]) -> Any:
-        """The value of such an option.  Raises RequestError."""
-        raise NotImplementedError(option)
+    def of_record(cls, record: Any, **others: Any) -> Self | None:
+        """Those that a record was computed with: its fields of the same names, but for ``others``.
 
-    @classmethod
-    def query_item(cls, option: str) -> dict[str, Any]:
-        """The JSON Schema of such an option, given once."""
-        return {"type": "string"}
+        None: it does not state all of them.  Raises RequestError for what no option can be.
+        """
+        from .request import read_options
+
+        names = cls.model_fields.keys() - others.keys()
+        if not all(hasattr(record, name) for name in names):
+            return None
+        stated = {name: getattr(record, name) for name in names} | others
+        return read_options(cls, {k: list(v) if isinstance(v, tuple) else v for k, v in stated.items()}, ())
+
+    def keep(self, *designs: Design) -> dict[str, Any]:
+        """As a job keeps them."""
+        return dict(self.model_dump())
+
+    def seconds(self, sizes: Iterable[Size]) -> float:
+        """Expected for designs of these sizes, until they are answered or a job: a score takes more than a check."""
+        return score_seconds(sizes, losses=False)
 
 
 class CheckOptions(Options):
@@ -49,12 +87,13 @@ class CheckOptions(Options):
 
     exclusive = ("trials", "precision")
 
-    trials: Annotated[int, Field(ge=1)] | None = Field(
+    trials: Count | None = Field(
         None, description="Number of trials. Either this or precision; neither: the solver's own precision."
     )
     precision: Annotated[float, Field(ge=FINEST_PRECISION, lt=1)] | None = Field(
         None, description="Half-width of the confidence interval of P95, relative, at which sampling stops."
     )
+    max_trials: MostTrials = MAX_TRIALS
     seed: Seed = Field(0, description="Seed; one seed is one answer, whatever workers and threads.")
 
     @model_validator(mode="after")
@@ -65,7 +104,7 @@ class CheckOptions(Options):
 
 
 def check_trials(request: Request, settings: Settings) -> None:
-    """Trials within the limit, designs that determine an answer.  Raises Placed, LimitError."""
+    """Trials of each case within the limit, designs that determine an answer.  Raises RefusedAt, LimitError."""
     from tailstack.design import check_design
 
     within(request.options.trials, "max_trials", settings, "/trials")
@@ -73,11 +112,42 @@ def check_trials(request: Request, settings: Settings) -> None:
         request.refuse_by(check_design, which)
 
 
+TRIAL_BYTES = 0.85  # some, that a job records of a trial at a target: the largest norms of its parts
+READ_BYTES = 2.5  # of memory for each where they are put together: as they come, unpacked, joined (0.5, measured)
+WARM_BYTES = 350e6  # of memory that a warm process has, as its limit counts
+
+
+def within_trials(trials: int | None, max_trials: int, settings: Settings, designs: Sequence[Design]) -> None:
+    """Refuse a check that may draw more than the operator allows, or than its parts can be put together of.
+
+    The limit never ends a check: where the precision is looked at is part of the answer, and an operator's number would
+    move it.  Raises LimitError.
+    """
+    within(trials, "max_trials", settings, "/trials")
+    if trials is None and max_trials > settings.max_trials:
+        most = settings.max_trials
+        detail = f"at most {most} trials are drawn for a check; up to {max_trials} may be drawn for this one"
+        hint = f"send max_trials: {most}, or trials; or start the service with a higher {variable('max_trials')}"
+        raise LimitError(Problem("/max_trials", "too-many", detail, hint))
+    drawn, at = (max_trials, "/max_trials") if trials is None else (trials, "/trials")
+    targets = max(size_of(design).targets for design in designs)
+    kept = TRIAL_BYTES * drawn * targets
+    if settings.max_process_bytes and READ_BYTES * kept > settings.max_process_bytes - WARM_BYTES:
+        most = int((settings.max_process_bytes - WARM_BYTES) / (READ_BYTES * TRIAL_BYTES * targets))
+        at_each = "a target" if targets == 1 else f"{targets} targets"
+        detail = f"{kept / 1e9:.1f} GB of norms would be kept of {drawn} trials at {at_each}; "
+        detail += f"a computing process here can put together those of {max(most, 0)}"
+        hint = (
+            f"ask for fewer, run tailstack verify, or start the service with a higher {variable('max_process_bytes')}"
+        )
+        raise LimitError(Problem(at, "too-many", detail, hint))
+
+
 def refuse_unknown_target(name: str | None, names: Sequence[str], pointer: str = "") -> None:
     """Raises RequestError for a target that the design does not have; None: no target was named."""
     if name is not None and name not in names:
         detail = f"no target is called {name!r}; there are {', '.join(names[:20])}"
-        raise RequestError(Problem(pointer, "unknown-target", detail))
+        raise RequestError(Problem(pointer, "unknown-target", detail, ask_meant(name, names)))
 
 
 def within(value: int | None, setting: str, settings: Settings, pointer: str) -> None:

@@ -11,9 +11,9 @@ from typing import Any
 from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
 
-from ..problems import problem_document
+from ..problems import RefusedAt, problem_document
+from ..processes.memory import memory_error
 from ..task import ADVANCE, Outcome, Task, UnitResult
-from .content import Refused
 from .operation import More, Step
 from .registry import OPERATIONS
 
@@ -22,7 +22,7 @@ def plan(kind: str, request: dict[str, Any], results: tuple[UnitResult, ...]) ->
     """More units, or the record, by what is recorded so far.
 
     A pure function: it is asked again after every round, and after a kill, and says the same each time.  Raises
-    TailstackError for a request that is refused, ``Refused`` where that is not about ``/design``.
+    TailstackError for a request that is refused, ``RefusedAt`` where that is not about ``/design``.
     """
     step: Step = _units(kind).plan(request, results)
     return step
@@ -52,10 +52,10 @@ def perform(task: Task) -> Outcome:
     try:
         with name_missing_extra():
             outcome = _perform(task)
-    except Refused as refused:
-        outcome = _refusal(refused.error, refused.prefix)
     except TailstackError as error:
-        outcome = _refusal(error, "/design")
+        outcome = _refusal(RefusedAt.place(error, "/design"))
+    except MemoryError:
+        outcome = _refusal(memory_error())
     return replace(outcome, cpu_seconds=time.process_time() - begun)
 
 
@@ -69,7 +69,7 @@ def _perform(task: Task) -> Outcome:
     return Outcome(0.0, answer=step.answer)
 
 
-def _refusal(error: TailstackError, prefix: str) -> Outcome:
+def _refusal(error: TailstackError) -> Outcome:
     from ..documents import to_json
 
-    return Outcome(0.0, problem=to_json(problem_document(error, instance="", prefix=prefix)))
+    return Outcome(0.0, problem=to_json(problem_document(error, instance="")))

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from tailstack.design.loading import read_source
-from tailstack.design.reading import Source, show
+from tailstack.design.reading import DocumentSource, show
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import DesignError, LimitError, Problem
 from tailstack.results.older import in_words_of_today
@@ -38,7 +38,7 @@ class ReadResult:
     body: bytes  # canonical JSON: what a report is made of, and what its hash is of
 
 
-def read_document(given: bytes | Path | Mapping[str, Any], file: str) -> ReadResult | Source:
+def read_document(given: bytes | Path | Mapping[str, Any], file: str) -> ReadResult | DocumentSource:
     """A result, or what is to be read as a design.  Raises RequestError, LimitError."""
     try:
         source = read_source(given, limits=LIMITS)
@@ -51,7 +51,7 @@ def read_document(given: bytes | Path | Mapping[str, Any], file: str) -> ReadRes
     return result_of(source, schema, file)
 
 
-def result_of(source: Source, schema: str, file: str) -> ReadResult:
+def result_of(source: DocumentSource, schema: str, file: str) -> ReadResult:
     """The result in plain data.  Raises RequestError that says at which field, and in which line if that is known."""
     kind = schema.removeprefix(SCHEMA).partition("/")[0]
     if kind not in list_reported_names() or schema != f"{SCHEMA}{kind}/1":

@@ -30,6 +30,8 @@ VERB_OF = {
     "conversion": "convert",
 }
 
+ELSEWHERE = {"conversion": "tailstack_service.integrations.conversion"}  # modules that are not in this package
+
 # Verbs that are families: their members are operations whose verbs begin with them
 FAMILIES = {"study": "studies: the paper's tables, reach of the estimate, coupling, estimators, views, measurements"}
 
@@ -40,7 +42,8 @@ class _Registry(Mapping[str, "Operation"]):
     def __getitem__(self, name: str) -> Operation:
         if name not in VERB_OF:
             raise KeyError(name)
-        operation: Operation = import_module(f"{__package__}.{name.replace('-', '_')}").OPERATION
+        module = ELSEWHERE.get(name, f"{__package__}.{name.replace('-', '_')}")
+        operation: Operation = import_module(module).OPERATION
         return operation
 
     def __iter__(self) -> Iterator[str]:

@@ -2,29 +2,44 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from tailstack.precision import MAX_TRIALS
+
 from ..console.answer import EXIT_CODE
+from ..console.flags import Flag
 from ..report.records import Report, Reproduction
 from .operation import Again, Call, Demand, HeldDesign, LateImport, Operation, Repetition
 from .optimisation import check_freedom
-from .options import CheckOptions, within
+from .options import CheckOptions, within_trials
 
 if TYPE_CHECKING:
-    from ..report.assembling import ReportOptions as Parts
+    from ..report.assembling import ReportContents as Parts
     from ..settings import Settings
-    from .sent import Request
+    from .request import Request
 
 Part = Literal["score", "verification", "optimisation"]
+
+
+PARTS = Flag(
+    "of a design: score, verification, optimisation (default score,verification)", metavar="LIST", in_query="part"
+)
 
 
 class ReportOptions(CheckOptions):
     """What a report holds, and how much is sampled."""
 
-    parts: Annotated[list[Part], Field(min_length=1, max_length=3)] = Field(
+    flags: ClassVar = {
+        "trials": Flag("of a design: trials of its check"),
+        "precision": Flag("of a design: see tailstack verify", metavar="REL"),
+        "max_trials": Flag("of a design: stop its check after so many"),
+        "seed": Flag("of a design: seed of its check"),
+    }
+
+    parts: Annotated[list[Part], Field(min_length=1, max_length=3), PARTS] = Field(
         ["score", "verification"],
         description="What the record holds, each once; optimisation: before and after.",
         examples=[["score", "verification"]],
@@ -37,31 +52,20 @@ class ReportOptions(CheckOptions):
             raise PydanticCustomError("given-twice", f"each part is named once; got {named}", {"at": "/parts"})
         return self
 
-    @classmethod
-    def in_query(cls) -> dict[str, str]:
-        return {"part": "parts"}
-
-    @classmethod
-    def query_item(cls, option: str) -> dict[str, Any]:
-        return {"type": "string", "enum": list(get_args(Part))}
-
-    @classmethod
-    def from_query(cls, option: str, given: list[str]) -> Any:
-        return given
-
 
 def _report(call: Call) -> Report:
     from ..report.assembling import compute_report, options_of
 
-    options = options_of({**call.options.model_dump(), **call.limits})
+    options = options_of(call.options.model_dump())
     return compute_report(call.design, options, progress=call.progress)
 
 
 def _check(request: Request, settings: Settings) -> None:
-    """What its parts need.  Raises Placed, LimitError."""
+    """What its parts need.  Raises RefusedAt, LimitError."""
     from tailstack.design import check_design
 
-    within(request.options.trials, "max_trials", settings, "/trials")
+    if "verification" in request.options.parts:
+        within_trials(request.options.trials, request.options.max_trials, settings, request.designs)
     if "optimisation" in request.options.parts:
         check_freedom(request, settings, starts_of_design=True)
     else:
@@ -70,8 +74,6 @@ def _check(request: Request, settings: Settings) -> None:
 
 def demand_of(made: Reproduction, at: str) -> Demand:
     """How much the reproduction of a report asks for."""
-    from tailstack.verification import MAX_TRIALS
-
     starts = (made.starts or 0) if "optimisation" in made.parts else 0
     if "verification" not in made.parts:
         return Demand(starts=starts, starts_at=f"{at}/starts", checks=0)
@@ -113,7 +115,6 @@ OPERATION = Operation(
     example={"parts": ["score", "verification"], "precision": 0.01, "seed": 7},
     record=lambda: Report,
     run=_report,
-    limits=("max_trials",),
     cut=True,
     check=_check,
     document=LateImport("..report.chapters.report", "report_document"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
+from typing import Annotated, Any, Self
 
 from pydantic import Field
 
@@ -10,9 +12,10 @@ from tailstack.results import Score
 
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_design, read_design
+from ..console.flags import Flag, add_flags
 from .batch import add_batch_arguments, refuse_beside_batch, run_batch
-from .effort import score_reception_seconds
-from .operation import Again, Call, Command, LateImport, Operation, Repetition
+from .effort import Size, score_seconds
+from .operation import Call, Command, LateImport, Operation
 from .options import Options, refuse_unknown_target
 
 
@@ -20,12 +23,24 @@ class ScoreOptions(Options):
     """How a score is computed."""
 
     second_order: bool = Field(False, description="Add the second-order correction where it holds.")
-    reliability: bool = Field(
+    reliability: Annotated[bool, Flag("add the smallest slip of each image that would be noticed")] = Field(
         False, description="Add the smallest slip of each fiducial's image that its residuals give away."
     )
-    losses: bool = Field(
+    losses: Annotated[bool, Flag("do not look for the worst loss of fiducials")] = Field(
         True, description="Look for the worst loss of one fiducial and of two. Without it, a score takes a third less."
     )
+
+    @classmethod
+    def of_record(cls, record: Any, **others: Any) -> Self | None:
+        return super().of_record(
+            record,
+            second_order=any(target.second_order.status != "not requested" for target in record.targets),
+            reliability=bool(record.reliability),
+            losses=bool(record.losses),
+        )
+
+    def seconds(self, sizes: Iterable[Size]) -> float:
+        return score_seconds(sizes, second_order=self.second_order, losses=self.losses)
 
 
 def _score(call: Call) -> Score:
@@ -35,32 +50,18 @@ def _score(call: Call) -> Score:
     return score(call.design, second_order=options.second_order, losses=options.losses, reliability=options.reliability)
 
 
-def _repeat(again: Repetition) -> Again:
-    from tailstack.scoring import score
-
-    second_order = any(target.second_order.status != "not requested" for target in again.record.targets)
-    losses, reliability = bool(again.record.losses), bool(again.record.reliability)
-    return Again(score(again.designs[0], second_order=second_order, losses=losses, reliability=reliability))
-
-
 # --- the command ------------------------------------------------------------------------------------------
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser)
-    parser.add_argument("--second-order", action="store_true", help="add the second-order correction where it holds")
-    parser.add_argument(
-        "--reliability", action="store_true", help="add the smallest slip of each image that would be noticed"
-    )
-    parser.add_argument(
-        "--no-losses", dest="losses", action="store_false", help="do not look for the worst loss of fiducials"
-    )
+    add_flags(parser, ScoreOptions)
     parser.add_argument("--target", metavar="NAME", help="target whose budget is shown (default: the largest P95)")
     add_batch_arguments(parser)
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
-    refuse_beside_batch(arguments)
+    refuse_beside_batch(arguments, ScoreOptions)
     if arguments.batch is not None:
         return run_batch(arguments)
     design = read_design(arguments.design)  # bad input is refused before the solver is loaded
@@ -68,14 +69,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from ..documents import to_json
     from ..rendering.score import score_text
 
-    record = _score(
-        Call(
-            (design,),
-            ScoreOptions(
-                second_order=arguments.second_order, losses=arguments.losses, reliability=arguments.reliability
-            ),
-        )
-    )
+    record = _score(Call((design,), ScoreOptions.of_flags(arguments)))
     refuse_unknown_target(arguments.target, [target.name for target in record.targets])
     code = exit_code_of(record.verdict)
     if arguments.json:
@@ -97,10 +91,8 @@ OPERATION = Operation(
     record=lambda: Score,
     run=_score,
     immediate=True,
-    seconds=score_reception_seconds,
     text=LateImport("..rendering.score", "score_text"),
     document=LateImport("..report.chapters.score", "score_document"),
     exit_code=lambda record: exit_code_of(record.verdict),
-    repeat=_repeat,
     command=Command(_add_arguments, _run),
 )

@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from ..console.answer import FAIL, INCONCLUSIVE, PASS, Answer
-from ..console.arguments import add_design, read_design, whole
+from ..console.arguments import add_design, read_design
 from ..console.files import writable_figure, write_figure
+from ..console.flags import NO_FLAG, Flag, add_flags
 from ..console.progress import Progress
-from .operation import Call, Command, LateImport, Operation
+from .operation import Call, Command, LateImport, Operation, TextOf
 from .options import Options, Seed
 
 if TYPE_CHECKING:
@@ -29,28 +30,35 @@ if TYPE_CHECKING:
     from tailstack.studies.bench.file import Measurements
 
     from ..settings import Settings
-    from .sent import Request
+    from .request import Request
 
 
 EXIT_CODE = {"agrees": PASS, "differs": FAIL, "not testable": INCONCLUSIVE}
 MEASUREMENTS = "level,error_mm\nL0,0.31\nL0,0.28\nL0,0.35\nL0,0.30\n"
 
 
+MEASURED = Flag("what was measured (.csv)", metavar="FILE", of_file=True)
+INSTRUMENT = Flag(
+    "standard deviation of the measuring instrument, mm per coordinate (default 0: taken as exact)",
+    name="instrument-sd", metavar="MM",
+)  # fmt: skip
+
+
 class ComparisonStudyOptions(Options):
     """What was measured, and with what."""
 
-    measurements: Annotated[str, Field(min_length=1)] = Field(
+    measurements: Annotated[str, Field(min_length=1), MEASURED] = Field(
         description="The measurements, as CSV whose header names quantity and unit (docs/studies.md).",
         examples=[MEASUREMENTS],
     )
-    name: Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$")] = Field(
+    name: Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$"), NO_FLAG] = Field(
         "measurements.csv", description="What the record calls the measurements."
     )
     error: Literal["tcp", "localisation"] = Field("tcp", description="Which error was measured.")
-    instrument_sd_mm: Annotated[float, Field(ge=0, le=1000)] = Field(
+    instrument_sd_mm: Annotated[float, Field(ge=0, le=1000), INSTRUMENT] = Field(
         0.0, description="Standard deviation of the measuring instrument, mm per coordinate; 0: taken as exact."
     )
-    seed: Seed = Field(0, description="Seed of the prediction.")
+    seed: Annotated[Seed, Flag("seed")] = Field(0, description="Seed of the prediction.")
 
 
 def _read(design: Design, content: Path | bytes, name: str | None = None) -> Measurements:
@@ -82,7 +90,7 @@ def _study(call: Call) -> StudyComparison:
 
 
 def _check(request: Request, settings: Settings) -> None:
-    """A design that determines an answer, measurements that can be read.  Raises Placed, MeasurementError."""
+    """A design that determines an answer, measurements that can be read.  Raises RefusedAt, MeasurementError."""
     from tailstack.design import check_design
 
     request.refuse_by(check_design)
@@ -91,45 +99,20 @@ def _check(request: Request, settings: Settings) -> None:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser)
-    parser.add_argument("--measurements", required=True, metavar="FILE", help="what was measured (.csv)")
-    parser.add_argument(
-        "--error", choices=("tcp", "localisation"), default="tcp", help="which error was measured (default %(default)s)"
-    )
-    parser.add_argument(
-        "--instrument-sd", dest="instrument_sd_mm", type=_length, default=0.0, metavar="MM",
-        help="standard deviation of the measuring instrument, mm per coordinate (default 0: taken as exact)",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
+    add_flags(parser, ComparisonStudyOptions)
     parser.add_argument("--figure", metavar="FILE", help="draw means and Q-Q plots (.svg)")
-    parser.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
-
-
-def _length(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected a length in mm; got {text!r}") from None
-    if not 0 <= value <= 1000:
-        raise argparse.ArgumentTypeError(f"expected 0 to 1000 mm; got {text}")
-    return value
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)
 
     from ..documents import to_json
-    from ..rendering.studies.comparison import comparison_text
-    from ..report.study_charts import draw_bench
+    from ..rendering.document import document_text
+    from ..report.studies.bench import bench_document, draw_bench
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     measured = _read(design, Path(arguments.measurements))
-    options = ComparisonStudyOptions(
-        name=arguments.measurements,
-        measurements="-",  # they are read from the file, so that refusals name it
-        error=arguments.error,
-        instrument_sd_mm=arguments.instrument_sd_mm,
-        seed=arguments.seed,
-    )
+    options = ComparisonStudyOptions.of_flags(arguments)  # whose measurements are the name of the file
     with Progress("study compare") as progress:
         call = Call((design,), options, threads=arguments.threads, progress=progress.report)
         result = _compare(call, measured)
@@ -138,9 +121,10 @@ def _run(arguments: argparse.Namespace) -> Answer:
     code = EXIT_CODE[result.verdict]
     if arguments.json:
         return Answer(to_json(result), code)
-    return Answer(comparison_text(result), code)
+    return Answer(document_text(bench_document(result, "")), code)
 
 
+DOCUMENT = LateImport("..report.studies.bench", "bench_document")
 OPERATION = Operation(
     name="study-comparison",
     verb="study compare",
@@ -154,9 +138,8 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.bench.compare", "StudyComparison").load,
     run=_study,
     check=_check,
-    yaml=False,
-    text=LateImport("..rendering.studies.comparison", "comparison_text"),
-    document=LateImport("..report.chapters.studies", "bench_document"),
+    text=TextOf(DOCUMENT),
+    document=DOCUMENT,
     exit_code=lambda record: EXIT_CODE[record.verdict],
     command=Command(_add_arguments, _run),
     threads=True,

@@ -7,18 +7,16 @@ As designed and at fixed installation errors of the structure, in both readings:
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field
 
-from tailstack.errors import Problem
-
 from ..console.answer import Answer
-from ..console.arguments import add_design, read_design, whole
+from ..console.arguments import add_design, read_design
 from ..console.files import writable_figure, write_figure
+from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
-from ..problems import RequestError
-from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
+from .operation import Call, Command, Demand, LateImport, Operation, TextOf
 from .options import Options, Seed, check_trials, refuse_unknown_target
 
 if TYPE_CHECKING:
@@ -39,31 +37,44 @@ class InstallationLevel(Options):
     )
 
 
+def _parse_level(text: str) -> dict[str, float]:
+    try:
+        rotation, translation = (float(part) for part in text.split(","))
+        if not (abs(rotation) <= 45 and abs(translation) <= 1000):
+            raise ValueError
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"expected DEG,MM like 1,2 (at most 45 deg and 1000 mm); got {text!r}"
+        ) from None
+    return {"rotation_deg": rotation, "translation_mm": translation}
+
+
+LEVELS = Flag(
+    "a fixed installation error: DEG about each axis through the pivot, MM along (1, 1, 1); may be repeated "
+    "(default 1,2 and 2,5)",
+    name="level", metavar="DEG,MM", parse=_parse_level, repeats=True, in_query="level",
+)  # fmt: skip
+TRIALS = Flag("trials of each case (default 262144; fewer with many targets or an unusual model)")
+
+
 class CouplingOptions(Options):
     """Which installation errors, and how each case is sampled."""
 
-    levels: Annotated[list[InstallationLevel], Field(min_length=1, max_length=50)] | None = Field(
+    levels: Annotated[Annotated[list[InstallationLevel], Field(min_length=1, max_length=50)] | None, LEVELS] = Field(
         None,
         description="Fixed installation errors beside the design as it is; absent: 1 deg, 2 mm and 2 deg, 5 mm.",
         examples=[[{"rotation_deg": 1.0, "translation_mm": 2.0}]],
     )
     error: Literal["tcp", "localisation"] = Field("tcp", description="Which error.")
-    trials: Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] | None = Field(
+    trials: Annotated[Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] | None, TRIALS] = Field(
         None, description="Trials of each case; absent: 262144, fewer with many targets."
     )
-    seed: Seed = Field(0, description="Seed of every case.")
+    seed: Annotated[Seed, Flag("seed")] = Field(0, description="Seed of every case.")
 
     @classmethod
-    def in_query(cls) -> dict[str, str]:
-        return {"level": "levels"}
-
-    @classmethod
-    def from_query(cls, option: str, given: list[str]) -> Any:
-        try:
-            pairs = [_level(text) for text in given]
-        except argparse.ArgumentTypeError as error:
-            raise RequestError(Problem("/level", "bad-parameter", str(error), "for example level=1,2")) from None
-        return [{"rotation_deg": rotation, "translation_mm": translation} for rotation, translation in pairs]
+    def of_record(cls, record: Any, **others: Any) -> Self | None:
+        levels = dict.fromkeys((c.rotation_deg, c.translation_mm) for c in record.cases if c.rotation_deg is not None)
+        return super().of_record(record, levels=[{"rotation_deg": r, "translation_mm": t} for r, t in levels])
 
 
 def _study(call: Call) -> StudyCoupling:
@@ -82,50 +93,12 @@ def _study(call: Call) -> StudyCoupling:
     )
 
 
-def _repeat(again: Repetition) -> Again:
-    record: StudyCoupling = again.record
-    if again.fast:
-        return Again(record, "Monte Carlo of every case")
-    levels = dict.fromkeys((c.rotation_deg, c.translation_mm) for c in record.cases if c.rotation_deg is not None)
-    options = CouplingOptions(
-        levels=[InstallationLevel.model_validate({"rotation_deg": r, "translation_mm": t}) for r, t in levels],
-        error=record.error,
-        trials=record.trials,
-        seed=record.seed,
-    )
-    return Again(_study(Call(again.designs, options, progress=again.progress)))
-
-
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser)
-    parser.add_argument(
-        "--trials", type=whole(LEAST_TRIALS, MOST_TRIALS), metavar="N",
-        help="trials of each case (default 262144; fewer with many targets or an unusual model)",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
-    parser.add_argument(
-        "--level", dest="levels", action="append", type=_level, metavar="DEG,MM",
-        help="a fixed installation error: DEG about each axis through the pivot, MM along (1, 1, 1); may be repeated "
-        "(default 1,2 and 2,5)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--error", choices=("tcp", "localisation"), default="tcp", help="which error (default %(default)s)"
-    )
+    add_flags(parser, CouplingOptions, "trials", "seed")
+    add_flags(parser, CouplingOptions)
     parser.add_argument("--target", metavar="NAME", help="target that is shown (default: the largest P95)")
     parser.add_argument("--figure", metavar="FILE", help="draw the ratios (.svg)")
-    parser.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
-
-
-def _level(text: str) -> tuple[float, float]:
-    try:
-        rotation, translation = (float(part) for part in text.split(","))
-        if not (abs(rotation) <= 45 and abs(translation) <= 1000):
-            raise ValueError
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"expected DEG,MM like 1,2 (at most 45 deg and 1000 mm); got {text!r}"
-        ) from None
-    return rotation, translation
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
@@ -134,28 +107,23 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import compile_design
 
     from ..documents import to_json
-    from ..rendering.studies.coupling import coupling_text
-    from ..report.study_charts import draw_coupling
+    from ..rendering.document import document_text
+    from ..report.studies.coupling import coupling_document, draw_coupling
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     names = [target.name for target in compile_design(design).targets]
     refuse_unknown_target(arguments.target, names)
-    pairs = arguments.levels or ()
-    options = CouplingOptions(
-        levels=[InstallationLevel(rotation_deg=rot, translation_mm=move) for rot, move in pairs] or None,
-        error=arguments.error,
-        trials=arguments.trials,
-        seed=arguments.seed,
-    )
+    options = CouplingOptions.of_flags(arguments)
     with Progress("study coupling") as progress:
         result = _study(Call((design,), options, threads=arguments.threads, progress=progress.report))
     if figure is not None:
         write_figure(figure, draw_coupling(result, arguments.target))
     if arguments.json:
         return Answer(to_json(result))
-    return Answer(coupling_text(result, arguments.target))
+    return Answer(document_text(coupling_document(result, "", arguments.target)))
 
 
+DOCUMENT = LateImport("..report.studies.coupling", "coupling_document")
 OPERATION = Operation(
     name="study-coupling",
     verb="study coupling",
@@ -169,10 +137,9 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.coupling", "StudyCoupling").load,
     run=_study,
     check=check_trials,
-    text=LateImport("..rendering.studies.coupling", "coupling_text"),
-    document=LateImport("..report.chapters.studies", "coupling_document"),
-    demand=lambda record: Demand(trials=record.trials * len(record.cases), trials_at="/trials", checks=0),
-    repeat=_repeat,
+    text=TextOf(DOCUMENT),
+    document=DOCUMENT,
+    demand=lambda record: Demand.of_cases(record.trials, len(record.cases), "Monte Carlo of every case"),
     command=Command(_add_arguments, _run),
     threads=True,
 )

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field
 
-from .operation import Again, Call, Demand, LateImport, Operation, Repetition
+from .operation import Call, Demand, LateImport, Operation, TextOf
 from .options import Options, Seed, within
 
 if TYPE_CHECKING:
-    from tailstack.studies.estimators import EstimatorCase, StudyEstimators
+    from tailstack.studies.estimators import StudyEstimators
 
     from ..settings import Settings
-    from .sent import Request
+    from .request import Request
 
 LEAST_TRIALS, MOST_TRIALS = 1024, 2**22  # of each estimator
-HEADER = ("estimator", "P95\nmm", "if exact\nmm", "simulated\nmm", "as good at\nmm")
 
 
 class EstimatorOptions(Options):
@@ -32,6 +31,10 @@ class EstimatorOptions(Options):
         None, description="Trials of a simulation under each estimator; absent: first order alone."
     )
     seed: Seed = Field(0, description="Seed of the simulations.")
+
+    @classmethod
+    def of_record(cls, record: Any, **others: Any) -> Self | None:
+        return super().of_record(record, trials=record.trials or None)
 
 
 def _study(call: Call) -> StudyEstimators:
@@ -50,100 +53,14 @@ def _study(call: Call) -> StudyEstimators:
 
 
 def _check(request: Request, settings: Settings) -> None:
-    """A design that can be compiled, trials within the limit.  Raises Placed, LimitError."""
+    """A design that can be compiled, trials within the limit.  Raises RefusedAt, LimitError."""
     from tailstack.design import compile_design
 
     within(request.options.trials, "max_trials", settings, "/trials")
     request.refuse_by(compile_design)
 
 
-def _cases(record: StudyEstimators) -> list[EstimatorCase]:
-    return [case for case in record.cases if not case.reason]
-
-
-def _assumption(record: StudyEstimators) -> str:
-    return (
-        f"Intrinsics are off by what a view says of its own, otherwise by {100 * record.focal_rel_sd:g} % of the focal "
-        f"length and {record.principal_point_px_sd:g} px of the principal point (standard deviations, once per unit). "
-        f"As good at: the extent of a structure of this shape that would do under it what this one of "
-        f"{record.extent_mm:.0f} mm does under dlt."
-    )
-
-
-def _text(record: StudyEstimators) -> str:
-    from ..rendering.tables import decimal, table, wrap
-    from ..rendering.verdict import heading, join_blocks, more_text, provenance_text
-
-    rows = [
-        [
-            case.estimator,
-            *(decimal(value, 4) for value in (case.p95_mm, case.p95_exact_mm, case.simulated_p95_mm)),
-            decimal(case.same_size_mm, 0),
-        ]
-        for case in _cases(record)
-    ]
-    lacking = [wrap(f"{case.estimator}: no answer: {case.reason}") for case in record.cases if case.reason]
-    needs = [wrap(f"{case.estimator} needs {case.needs}.", first="* ", indent="  ") for case in record.cases]
-    return join_blocks(
-        heading(record.provenance, "What knowing the intrinsics of each view is worth.", "each estimator"),
-        "\n".join(wrap(said, first="* ", indent="  ") for said in record.conclusions),
-        table(HEADER, rows),
-        *lacking,
-        wrap(_assumption(record)),
-        "\n".join(needs),
-        provenance_text(record.provenance),
-        more_text(),
-    )
-
-
-def _document(record: StudyEstimators, sha256: str) -> Any:
-    from ..report.blocks import Bullets, Column, Document, KeyNumber, Paragraph, Row, Section, Table
-    from ..report.chapters.tables import not_included, provenance_facts
-
-    best = min(_cases(record), key=lambda case: case.p95_mm or 0.0)
-    columns = (
-        Column("Estimator"), Column("P95", "mm", "fixed"), Column("P95, intrinsics exact", "mm", "fixed"),
-        Column("P95, simulated", "mm", "fixed"), Column("As good at", "mm", "fixed", 0),
-        Column("Estimate", on_page=False),
-    )  # fmt: skip
-    rows = tuple(
-        Row((case.estimator, case.p95_mm, case.p95_exact_mm, case.simulated_p95_mm, case.same_size_mm, case.validity))
-        for case in _cases(record)
-    )
-    needs = tuple(f"{case.estimator} needs {case.needs}." for case in record.cases)
-    lacking = tuple(f"{case.estimator}: no answer: {case.reason}." for case in record.cases if case.reason)
-    table = Table("Estimators", "P95 of the error at the tool under each estimator.", columns, rows)
-    return Document(
-        kind="Study: estimators",
-        title=record.provenance.design_name,
-        tone="neutral",
-        status="estimators",
-        sentence=record.conclusions[0],
-        numbers=(KeyNumber("Smallest P95", f"{best.p95_mm:.3f} mm", best.estimator.replace("_", " ")),),
-        matters=record.conclusions[1:],
-        figures=(),
-        requirements=None,
-        sections=(
-            Section("Side by side", (table, Paragraph(_assumption(record)), Bullets((*needs, *lacking)))),
-            Section("What is not included", (not_included(record.provenance),), reader="auditor"),
-        ),
-        provenance=provenance_facts(record.provenance, sha256, record.schema),
-    )
-
-
-def _repeat(again: Repetition) -> Again:
-    record: StudyEstimators = again.record
-    options = EstimatorOptions(
-        focal_rel_sd=record.focal_rel_sd,
-        principal_point_px_sd=record.principal_point_px_sd,
-        trials=record.trials or None,
-        seed=record.seed,
-    )
-    if again.fast and record.trials:
-        return Again(record, "Monte Carlo of every estimator")
-    return Again(_study(Call(again.designs, options, progress=again.progress)))
-
-
+DOCUMENT = LateImport("..report.studies.estimators", "estimators_document")
 OPERATION = Operation(
     name="study-estimators",
     verb="study estimators",
@@ -158,9 +75,8 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.estimators", "StudyEstimators").load,
     run=_study,
     check=_check,
-    text=_text,
-    document=_document,
-    demand=lambda record: Demand(trials=record.trials * len(record.cases), trials_at="/trials", checks=0),
-    repeat=_repeat,
+    text=TextOf(DOCUMENT),
+    document=DOCUMENT,
+    demand=lambda record: Demand.of_cases(record.trials, len(record.cases), "Monte Carlo of every estimator"),
     threads=True,
 )

@@ -16,12 +16,13 @@ from pydantic import Field
 from tailstack.errors import Problem
 
 from ..console.answer import Answer
-from ..console.arguments import add_form, read_design, whole
+from ..console.arguments import add_form, read_design
 from ..console.files import writable_directory, write_figure
+from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
 from ..examples import example_folder
 from ..problems import RequestError
-from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
+from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition, TextOf
 from .options import Options, Seed, check_trials
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class PaperOptions(Options):
     trials: Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] = Field(
         100_000, description="Trials of each of our cells."
     )
-    seed: Seed = Field(0, description="Seed of all cells.")
+    seed: Annotated[Seed, Flag("seed")] = Field(0, description="Seed of all cells.")
 
 
 def _study(call: Call) -> StudyPaper:
@@ -54,16 +55,19 @@ def _study(call: Call) -> StudyPaper:
 def _reproduce(fitted: list[Design], other: Design, call: Call) -> StudyPaper:
     """fitted: designs whose geometry was fitted to the tables; other: one that is not compared with them."""
     from tailstack.design import compile_design
-    from tailstack.studies.paper.reproduce import Case, study_paper
+    from tailstack.studies.paper.reproduce import PaperGeometry, study_paper
 
-    cases = [*(Case(compile_design(design), True) for design in fitted), Case(compile_design(other), False)]
+    cases = [
+        *(PaperGeometry(compile_design(design), True) for design in fitted),
+        PaperGeometry(compile_design(other), False),
+    ]
     options = call.options
     return study_paper(cases, trials=options.trials, seed=options.seed, threads=call.threads, progress=call.progress)
 
 
 def _demand(record: StudyPaper) -> Demand:
     cells = sum(len(geometry.cells) for geometry in record.geometries)
-    return Demand(trials=record.trials * cells, trials_at="/trials", checks=0)
+    return Demand.of_cases(record.trials, cells, "Monte Carlo of every cell")
 
 
 def _repeat(again: Repetition) -> Again:
@@ -71,14 +75,13 @@ def _repeat(again: Repetition) -> Again:
 
     record: StudyPaper = again.record
     if again.fast:
-        return Again(record, "Monte Carlo of every cell")
-    options = PaperOptions(trials=record.trials, seed=record.seed)
+        return Again(record, _demand(record).trusted)
     designs = (*map(load_design, map(scenario, FITTED)), *(again.designs or (load_design(scenario(C_ARM)),)))
     if [design.sha256 for design in designs] != [geometry.design_sha256 for geometry in record.geometries]:
         detail = "the record is of other geometries than those that come with tailstack"
         hint = "tailstack report --verify FILE DESIGN with its design; one of other fitted designs: --fast"
         raise RequestError(Problem("/geometries", "another-design", detail, hint))
-    return Again(_study(Call(again.designs, options, progress=again.progress)))
+    return Again(_study(Call(again.designs, PaperOptions.of_record(record), progress=again.progress)))
 
 
 def scenario(name: str) -> Path:
@@ -97,14 +100,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fitted", metavar="FILE", action="append",
         help="a design whose geometry was fitted to the tables (default: the two of examples/paper); may be repeated",
     )  # fmt: skip
-    parser.add_argument(
-        "--trials", type=whole(LEAST_TRIALS, MOST_TRIALS), default=100_000, metavar="N",
-        help="trials of each of our cells (default %(default)s)",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed (default %(default)s)")
+    add_flags(parser, PaperOptions)
     add_form(parser, "study-paper", "cell and geometry")
     parser.add_argument("--figures", metavar="DIR", help="draw sweeps, levels and S3 of every geometry (.svg)")
-    parser.add_argument("--threads", type=whole(1, 1024), metavar="N", help="threads; the answer does not depend on it")
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
@@ -112,11 +110,11 @@ def _run(arguments: argparse.Namespace) -> Answer:
     other = read_design(arguments.design or str(scenario(C_ARM)))
 
     from ..documents import to_json
-    from ..rendering.studies.paper import paper_csv, paper_text
-    from ..report.study_charts import draw_paper
+    from ..rendering.document import document_text
+    from ..report.studies.paper import draw_paper, paper_csv, paper_document
 
     directory = None if arguments.figures is None else writable_directory(arguments.figures)
-    options = PaperOptions(trials=arguments.trials, seed=arguments.seed)
+    options = PaperOptions.of_flags(arguments)
     with Progress("study paper") as progress:
         call = Call((), options, threads=arguments.threads, progress=progress.report)
         study = _reproduce(fitted, other, call)
@@ -125,9 +123,10 @@ def _run(arguments: argparse.Namespace) -> Answer:
             write_figure(directory / name, svg)
     if arguments.json:
         return Answer(to_json(study))
-    return Answer(paper_csv(study) if arguments.csv else paper_text(study))
+    return Answer(paper_csv(study) if arguments.csv else document_text(paper_document(study, "")))
 
 
+DOCUMENT = LateImport("..report.studies.paper", "paper_document")
 OPERATION = Operation(
     name="study-paper",
     verb="study paper",
@@ -139,13 +138,12 @@ OPERATION = Operation(
     title="answer of study paper: the published tables cell by cell, printed and reproduced",
     options=PaperOptions,
     needs_design=False,
-    yaml=False,
     example={"trials": LEAST_TRIALS},
     record=LateImport("tailstack.studies.paper.reproduce", "StudyPaper").load,
     run=_study,
     check=check_trials,
-    text=LateImport("..rendering.studies.paper", "paper_text"),
-    document=LateImport("..report.chapters.studies", "paper_document"),
+    text=TextOf(DOCUMENT),
+    document=DOCUMENT,
     demand=_demand,
     repeat=_repeat,
     command=Command(_add_arguments, _run),

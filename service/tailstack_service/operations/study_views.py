@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from .operation import Again, Call, LateImport, Operation, Repetition
+from .operation import Call, LateImport, Operation, TextOf
 from .options import Options
 
 if TYPE_CHECKING:
     from tailstack.studies.views import StudyViews
 
     from ..settings import Settings
-    from .sent import Request
+    from .request import Request
 
 
 class ViewOptions(Options):
@@ -39,7 +39,7 @@ def _study(call: Call) -> StudyViews:
 
 
 def _check(request: Request, settings: Settings) -> None:
-    """A design that determines an answer, and maps of a size that can be.  Raises Placed, StudyError."""
+    """A design that determines an answer, and maps of a size that can be.  Raises RefusedAt, StudyError."""
     from tailstack.design import check_design
     from tailstack.studies.views import refuse_steps
 
@@ -47,36 +47,7 @@ def _check(request: Request, settings: Settings) -> None:
     request.refuse_by(check_design)
 
 
-def _text(record: StudyViews) -> str:
-    from tailstack.results import ERRORS
-    from tailstack.studies.views import maps_of
-
-    from ..rendering.tables import decimal, table, wrap
-    from ..rendering.verdict import heading, join_blocks, more_text, provenance_text
-
-    rows = []
-    for name, one in maps_of(record):
-        allowed = sum(each.p95_mm is not None for each in one.directions)
-        best = None if one.best is None else one.best.p95_mm
-        beam = "-" if one.best is None else "  ".join(f"{value:+.3f}" for value in one.best.beam_direction)
-        counts = [f"{allowed} of {len(one.directions)}", decimal(one.turn_deg, 0)]
-        rows.append([name, decimal(best, 4), *counts, beam])
-    header = ("view\n", "best P95\nmm", "allowed\n", "turned by\ndeg", "its beam_direction\nin con")
-    return join_blocks(
-        heading(record.provenance, f"Which view buys most: P95 of {ERRORS[record.error]}.", "by first order"),
-        "\n".join(wrap(said, first="* ", indent="  ") for said in record.conclusions),
-        table(header, rows) if rows else "",
-        provenance_text(record.provenance),
-        more_text(),
-    )
-
-
-def _repeat(again: Repetition) -> Again:
-    record: StudyViews = again.record
-    options = ViewOptions(cone_deg=record.cone_deg, step_deg=record.step_deg, error=record.error)
-    return Again(_study(Call(again.designs, options, progress=again.progress)))
-
-
+DOCUMENT = LateImport("..report.studies.views", "views_document")
 OPERATION = Operation(
     name="study-views",
     verb="study views",
@@ -90,7 +61,6 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.views", "StudyViews").load,
     run=_study,
     check=_check,
-    text=_text,
-    document=LateImport("..report.chapters.studies", "views_document"),
-    repeat=_repeat,
+    text=TextOf(DOCUMENT),
+    document=DOCUMENT,
 )

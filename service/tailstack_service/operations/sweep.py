@@ -9,29 +9,34 @@ from __future__ import annotations
 import argparse
 from contextlib import closing
 from math import prod
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from tailstack.errors import LimitError, Problem
+from tailstack.precision import MAX_TRIALS
 from tailstack.results.sweep import Sweep
 
 from ..console.answer import Answer, exit_code_of_points
 from ..console.arguments import add_design, add_figure, add_form, read_design, read_settings, whole
 from ..console.files import writable_figure, write_figure
+from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
 from ..names import variable
 from ..operations.content import canonical
 from ..problems import RequestError
-from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
-from .options import Options, Seed, within
+from .operation import Call, Command, Demand, LateImport, Operation
+from .options import Count, MostTrials, Options, Seed, within_trials
 
 if TYPE_CHECKING:
     from tailstack.design import Design
 
     from ..settings import Settings
-    from .sent import Request
+    from .request import Request
+
+
+NO_TRIALS = "ask for check verification, or leave trials out"
 
 
 class Axis(Options):
@@ -63,75 +68,79 @@ class Axis(Options):
         return len(self.values) if self.values is not None else self.count or 0
 
 
+def _parse_axis(text: str) -> dict[str, Any]:
+    """An axis as it is typed, as it stands in a request."""
+    path, found, said = text.rpartition("=")
+    try:
+        if not found or not path:
+            raise ValueError(text)
+        if ":" in said:
+            start, stop, count = said.split(":")
+            return {"pointer": path, "start": float(start), "stop": float(stop), "count": int(count)}
+        return {"pointer": path, "values": [float(value) for value in said.split(",")]}
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            "expected PATH=START:STOP:COUNT or PATH=V1,V2,... with numbers, like views.*.fiducial_noise_px=0.1:0.5:5; "
+            f"got {text!r}"
+        ) from None
+
+
+AXES = Flag(
+    "START:STOP:COUNT evenly spaced values, or V1,V2,... ; once for each axis, the last one runs fastest",
+    name="set", metavar="PATH=VALUES", parse=_parse_axis, repeats=True, in_query="set",
+    text={"pattern": "^[^=]+=.+$", "examples": ["views.AP.fiducial_noise_px=0.1:0.5:5"]},
+)  # fmt: skip
+
+
 class SweepOptions(Options):
     """What varies, and what is computed at each point."""
 
-    axes: Annotated[list[Axis], Field(min_length=1, max_length=6)] = Field(
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=6), AXES] = Field(
         description="Numbers of the design that vary; every combination of their values is a point.",
         examples=[[{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2, 0.4]}]],
     )
-    check: Literal["score", "verification"] = Field("score", description="What is computed at each point.")
-    trials: Annotated[int, Field(ge=1)] | None = Field(
+    check: Annotated[Literal["score", "verification"], Flag("what is computed")] = Field(
+        "score", description="What is computed at each point."
+    )
+    trials: Annotated[Count | None, Flag("trials of each verification")] = Field(
         None, description="Trials at each point, for check verification; absent: to the solver's own precision."
     )
-    seed: Seed = Field(
+    max_trials: Annotated[MostTrials, Flag("without --trials: stop each verification after so many")] = MAX_TRIALS
+    seed: Annotated[Seed, Flag("seed of every verification")] = Field(
         0, description="Seed of every check: one for all points, which then differ by their designs alone."
     )
 
     @model_validator(mode="after")
     def _trials_of_a_check(self) -> SweepOptions:
         if self.trials is not None and self.check == "score":
-            raise PydanticCustomError("no-trials", "a score draws no trials", {"at": "/trials"})
+            raise PydanticCustomError("no-trials", "a score draws no trials", {"at": "/trials", "hint": NO_TRIALS})
         return self
 
     @classmethod
-    def in_query(cls) -> dict[str, str]:
-        return {"set": "axes"}
+    def of_record(cls, record: Any, **others: Any) -> Self | None:
+        axes = [{"pointer": axis.pointer, "values": list(axis.values)} for axis in record.axes]
+        return super().of_record(record, axes=axes, max_trials=record.max_trials or MAX_TRIALS, seed=record.seed or 0)
 
-    @classmethod
-    def query_item(cls, option: str) -> dict[str, Any]:
-        return {"type": "string", "pattern": "^[^=]+=.+$", "examples": ["views.AP.fiducial_noise_px=0.1:0.5:5"]}
+    def keep(self, *designs: Design) -> dict[str, Any]:
+        """Paths with names are turned into pointers."""
+        from tailstack.design.pointers import pointer_of
 
-    @classmethod
-    def from_query(cls, option: str, given: list[str]) -> Any:
-        return [_axis_of_query(text) for text in given]
-
-
-def _parse_axis(text: str) -> tuple[str, dict[str, Any]]:
-    """The path, and its values as they stand in a request.  Raises ValueError."""
-    path, found, said = text.rpartition("=")
-    if not found or not path:
-        raise ValueError(text)
-    if ":" in said:
-        start, stop, count = said.split(":")
-        return path, {"start": float(start), "stop": float(stop), "count": int(count)}
-    return path, {"values": [float(value) for value in said.split(",")]}
-
-
-def _axis_of_query(text: str) -> dict[str, Any]:
-    """``PATH=START:STOP:COUNT`` or ``PATH=VALUE,VALUE,...`` as in ``tailstack sweep --set``."""
-    try:
-        pointer, values = _parse_axis(text)
-        return {"pointer": pointer, **values}
-    except ValueError:
-        detail = f"set is PATH=START:STOP:COUNT or PATH=VALUE,VALUE,...; got {text[:80]!r}"
-        hint = "for example set=/views/0/fiducial_noise_px=0.1:0.5:5"
-        raise RequestError(Problem("/set", "bad-parameter", detail, hint)) from None
+        kept, data = self.model_dump(exclude_none=True), designs[0].source.data
+        return {**kept, "axes": [{**axis, "pointer": pointer_of(data, axis["pointer"])} for axis in kept["axes"]]}
 
 
 def _sweep(call: Call) -> Sweep:
     from tailstack.sweeping import read_axes, sweep
-    from tailstack.verification import MAX_TRIALS
 
     options = call.options
-    axes = read_axes(call.design, _prepare(options, call.design)["axes"])
+    axes = read_axes(call.design, options.keep(call.design)["axes"])
     return sweep(
         call.design,
         axes,
         check=options.check,
         trials=options.trials,
         seed=options.seed,
-        max_trials=call.limits.get("max_trials", MAX_TRIALS),
+        max_trials=options.max_trials,
         progress=call.progress,
     )
 
@@ -139,34 +148,25 @@ def _sweep(call: Call) -> Sweep:
 def _check(request: Request, settings: Settings) -> None:
     """Every axis leads to a number of the design, and there are not too many points.
 
-    Raises SweepError with the pointer to the axis, LimitError, Placed.
+    Raises SweepError with the pointer to the axis, LimitError, RefusedAt.
     """
     from tailstack.design import check_design
     from tailstack.sweeping import read_axes
 
     axes = request.options.axes
-    within(request.options.trials, "max_trials", settings, "/trials")
+    if request.options.check == "verification":
+        within_trials(request.options.trials, request.options.max_trials, settings, request.designs)
     points = prod(axis.size for axis in axes)
     if points > settings.max_sweep_points:
         sizes = " × ".join(str(axis.size) for axis in axes)
         detail = f"at most {settings.max_sweep_points} points are computed in one sweep; got {sizes} = {points}"
         hint = f"take fewer values, or start the service with a higher {variable('max_sweep_points')}"
         raise LimitError(Problem("/axes", "too-many", detail, hint))
-    read_axes(request.design, _prepare(request.options, request.design)["axes"])
+    read_axes(request.design, request.options.keep(request.design)["axes"])
     request.refuse_by(check_design)
 
 
-def _prepare(options: SweepOptions, design: Design) -> dict[str, Any]:
-    """The options as a job keeps them: paths with names turned into pointers."""
-    from tailstack.design.pointers import pointer_of
-
-    kept, data = options.model_dump(exclude_none=True), design.source.data
-    return {**kept, "axes": [{**axis, "pointer": pointer_of(data, axis["pointer"])} for axis in kept["axes"]]}
-
-
 def _demand(record: Sweep) -> Demand:
-    from tailstack.verification import MAX_TRIALS
-
     points = prod(len(axis.values) for axis in record.axes)
     if points != len(record.points):
         detail = f"its axes make {points:,} points, the record holds {len(record.points):,}"
@@ -174,19 +174,10 @@ def _demand(record: Sweep) -> Demand:
     if record.check == "score":
         return Demand(checks=0)
     at = "/max_trials" if record.trials is None else "/trials"
-    return Demand(trials=points * (record.trials or record.max_trials or MAX_TRIALS), trials_at=at, checks=points)
-
-
-def _repeat(again: Repetition) -> Again:
-    from tailstack.verification import MAX_TRIALS
-
-    record: Sweep = again.record
-    if again.fast and record.check == "verification":
-        return Again(record, "the Monte Carlo checks of all points")
-    axes = [Axis.model_validate({"pointer": axis.pointer, "values": list(axis.values)}) for axis in record.axes]
-    options = SweepOptions(axes=axes, check=record.check, trials=record.trials, seed=record.seed or 0)
-    limits = {"max_trials": record.max_trials or MAX_TRIALS}
-    return Again(_sweep(Call(again.designs, options, limits, progress=again.progress)))
+    return Demand(
+        trials=points * (record.trials or record.max_trials or MAX_TRIALS), trials_at=at, checks=points,
+        trusted="the Monte Carlo checks of all points",
+    )  # fmt: skip
 
 
 # --- the command ------------------------------------------------------------------------------------------
@@ -194,18 +185,9 @@ def _repeat(again: Repetition) -> Again:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser, json=False)
-    parser.add_argument(
-        "--set", dest="axes", action="append", required=True, type=_axis_of_flag, metavar="PATH=VALUES",
-        help="START:STOP:COUNT evenly spaced values, or V1,V2,... ; once for each axis, the last one runs fastest",
-    )  # fmt: skip
+    add_flags(parser, SweepOptions, "axes")
     add_form(parser, "sweep", "point and target")
-    parser.add_argument(
-        "--check", choices=("score", "verification"), default="score", help="what is computed (default %(default)s)"
-    )
-    parser.add_argument("--trials", type=whole(2), metavar="N", help="trials of each verification")
-    parser.add_argument(
-        "--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="seed of every verification (default 0)"
-    )
+    add_flags(parser, SweepOptions)
     add_figure(parser, "P95 over one axis of several values, or two")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -220,45 +202,26 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _axis_of_flag(text: str) -> tuple[str, dict[str, Any]]:
-    """The path, and its values as they stand in a request."""
-    try:
-        return _parse_axis(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            "expected PATH=START:STOP:COUNT or PATH=V1,V2,... with numbers, like views.*.fiducial_noise_px=0.1:0.5:5; "
-            f"got {text!r}"
-        ) from None
-
-
 def _run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)
 
-    from tailstack.design.pointers import pointer_of
-    from tailstack.sweeping import read_axes, sweep
+    from tailstack.sweeping import read_axes
 
     from ..documents import to_json
     from ..rendering.sweep import sweep_csv, sweep_text
     from ..report.charts import draw_sweep, refuse_undrawable
 
-    if arguments.trials is not None and arguments.check == "score":
-        detail, hint = "a score draws no trials", "add --check verification, or leave --trials out"
-        raise RequestError(Problem("", "no-trials", detail, hint))
+    options = SweepOptions.of_flags(arguments)
     if arguments.processes is not None and arguments.engine != "pool":
         raise RequestError(Problem("", "no-pool", "--processes is of --engine pool", "add it, or leave this out"))
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
-    asked = [{"pointer": pointer_of(design.source.data, path), **values} for path, values in arguments.axes]
-    axes = read_axes(design, asked)
     if figure is not None:
-        refuse_undrawable([axis.values for axis in axes])
+        refuse_undrawable([axis.values for axis in read_axes(design, options.keep(design)["axes"])])
     with Progress("sweep") as progress:
         if arguments.engine is None and arguments.remote is None:
-            result = sweep(
-                design, axes, check=arguments.check, trials=arguments.trials, seed=arguments.seed,
-                progress=progress.report,
-            )  # fmt: skip
+            result = _sweep(Call((design,), options, progress=progress.report))
         else:
-            result = _elsewhere(arguments, design, asked, progress)
+            result = _elsewhere(arguments, design, options.keep(design), progress)
     if figure is not None:
         write_figure(figure, draw_sweep(result))
     code = exit_code_of_points(result)
@@ -269,22 +232,21 @@ def _run(arguments: argparse.Namespace) -> Answer:
     return Answer(sweep_text(result), code)
 
 
-def _elsewhere(arguments: argparse.Namespace, design: Design, asked: list[dict[str, Any]], progress: Progress) -> Sweep:
-    """The record by way of the request that a service takes.  Raises RemoteError, RefusedJob, RequestError."""
+def _elsewhere(arguments: argparse.Namespace, design: Design, kept: dict[str, Any], progress: Progress) -> Sweep:
+    """The record by way of the request that a service takes, with these options.
+
+    Raises RemoteError, RefusedAt, RequestError.
+    """
 
     from tailstack.design import design_to_data
 
     alone = design.document.fiducials.file is None
-    trials = {} if arguments.trials is None else {"trials": arguments.trials}
-    request = {
-        "design": design.source.data if alone else design_to_data(design), "axes": asked, "check": arguments.check,
-        "seed": arguments.seed, **trials,
-    }  # fmt: skip
+    request = {"design": design.source.data if alone else design_to_data(design), **kept}
     if arguments.remote is not None:
-        from ..console.remote import Service, compute_remotely
+        from ..console.remote import RemoteService, compute_remotely
 
-        service = Service(arguments.remote)
-        return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, asked, service.url)
+        service = RemoteService(arguments.remote)
+        return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, kept["axes"], service.url)
 
     from ..documents import from_json
     from ..jobs.alone import compute_job
@@ -322,19 +284,16 @@ OPERATION = Operation(
     title="answer of sweep: every point of a grid of designs",
     options=SweepOptions,
     example={
-        "axes": [{"pointer": "/views/0/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 5}],
+        "axes": [{"pointer": "/views/0/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 2}],
         "check": "score",
     },
     record=lambda: Sweep,
     run=_sweep,
-    limits=("max_trials",),
     cut=True,
     check=_check,
-    prepare=_prepare,
     text=LateImport("..rendering.sweep", "sweep_text"),
     document=LateImport("..report.chapters.sweep", "sweep_document"),
     exit_code=exit_code_of_points,
     demand=_demand,
-    repeat=_repeat,
     command=Command(_add_arguments, _run),
 )

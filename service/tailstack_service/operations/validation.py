@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from tailstack.errors import TailstackError
 from tailstack.results import Finding, ViewCheck
+from tailstack.results.record import Published
 
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_design
 from ..rendering.alike import join_findings
 from ..rendering.tables import visible, wrap
-from .effort import reading_seconds
+from .effort import Size
 from .operation import Command, Operation
 from .options import Options
 
@@ -22,8 +24,15 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
 
-@dataclass(frozen=True, slots=True)
-class Validation:
+class ValidationOptions(Options):
+    """None: a design is read, and its geometry checked."""
+
+    def seconds(self, sizes: Iterable[Size]) -> float:
+        return super().seconds(size._replace(targets=0) for size in sizes)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Validation(Published):
     """A design that was read and checked, and what it holds.  Nothing was computed."""
 
     schema: Literal["tailstack/validation/1"]
@@ -91,7 +100,7 @@ def validation_text(file: str, validation: Validation) -> str:
 
 
 def _list_names(names: tuple[str, ...]) -> str:
-    shown = ", ".join(visible(name) for name in names[:6])
+    shown = ", ".join(f'"{visible(name)}"' if "," in name else visible(name) for name in names[:6])
     return (shown + (f" and {len(names) - 6} more" if len(names) > 6 else "")) or "none"
 
 
@@ -100,22 +109,34 @@ def _list_names(names: tuple[str, ...]) -> str:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("design", metavar="DESIGN", nargs="+", help="design documents, YAML or JSON; - reads stdin")
+    parser.add_argument(
+        "--json", action="store_true", help="print a line of JSON for each design that is valid (tailstack schema "
+        "validation); a refusal is then a problem document, one line on stderr for each design",
+    )  # fmt: skip
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
-    from ..console.refusals import name_stdin, next_command, problems_text
+    from ..console.refusals import name_stdin, next_command, problems_text, report_error
+    from ..documents import to_json
 
-    lines, codes = [], []
+    lines, records, codes = [], [], []
     for name in arguments.design:
         try:
-            lines.append(validation_text(name, validate(read_design(name))))
+            validation = validate(read_design(name))
+            if arguments.json:
+                records.append(to_json(validation) + b"\n")
+            else:
+                lines.append(validation_text(name, validation))
         except TailstackError as error:
             codes.append(error.exit_code)
+            if arguments.json:
+                report_error(error, argparse.Namespace(verb="validate", design=name, json=True))
+                continue
             print("\n".join(problems_text(name_stdin(error.problems, name))), file=sys.stderr)
             print(next_command(error, argparse.Namespace(verb="validate", design=name)), file=sys.stderr)
             lines.append(f"{name}: not valid, {len(error.problems)} problem(s)\n")
     # a document that breaks the rules (2) counts before one that is ill-posed (3)
-    return Answer("".join(lines), min(codes, default=PASS))
+    return Answer(b"".join(records) if arguments.json else "".join(lines), min(codes, default=PASS))
 
 
 OPERATION = Operation(
@@ -125,11 +146,10 @@ OPERATION = Operation(
     summary="Parse and check, no computing",
     description="Reads the design, checks its geometry and says what it holds. No error is computed. A design that is "
     "not valid is answered with 422 and everything that is wrong with it.",
-    title="answer of validate over HTTP",
-    options=Options,
+    title="answer of validate: what a design holds, and remarks",
+    options=ValidationOptions,
     record=lambda: Validation,
     run=lambda call: validate(call.design),
     immediate=True,
-    seconds=reading_seconds,
     command=Command(_add_arguments, _run),
 )

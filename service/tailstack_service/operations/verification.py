@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field
 
+from tailstack.precision import MAX_TRIALS
 from tailstack.results import Verification
 
 from ..console.answer import exit_code_of
 from .operation import Again, Call, Demand, LateImport, Operation, Repetition
-from .options import CheckOptions, check_trials
+from .options import CheckOptions, within, within_trials
+
+if TYPE_CHECKING:
+    from ..settings import Settings
+    from .request import Request
 
 
 class VerificationOptions(CheckOptions):
@@ -21,9 +26,15 @@ class VerificationOptions(CheckOptions):
         "plain", description="plain: order statistics of the trials. radial: conditional on the direction."
     )
 
+    @classmethod
+    def of_record(cls, record: Any, **others: Any) -> Self | None:
+        asked = record.precision_requested
+        trials = record.trials if asked is None else None
+        return super().of_record(record, trials=trials, precision=asked, max_trials=record.max_trials or MAX_TRIALS)
+
 
 def _verify(call: Call) -> Verification:
-    from tailstack.verification import MAX_TRIALS, verify
+    from tailstack.verification import verify
 
     options = call.options
     return verify(
@@ -32,22 +43,32 @@ def _verify(call: Call) -> Verification:
         precision=options.precision,
         seed=options.seed,
         method=options.method,
-        max_trials=call.limits.get("max_trials", MAX_TRIALS),
+        max_trials=options.max_trials,
         threads=call.threads,
         progress=call.progress,
     )
 
 
-def _demand(record: Verification) -> Demand:
-    from tailstack.verification import MAX_TRIALS
+def _check(request: Request, settings: Settings) -> None:
+    """Trials within the limit, a design that determines an answer.  Raises RefusedAt, LimitError."""
+    from tailstack.design import check_design
 
+    options = request.options
+    if options.method == "plain":
+        within_trials(options.trials, options.max_trials, settings, request.designs)
+    else:
+        within(options.trials, "max_trials", settings, "/trials")
+    request.refuse_by(check_design)
+
+
+def _demand(record: Verification) -> Demand:
     if record.precision_requested is None or record.method == "radial":
         return Demand(trials=record.trials, trials_at="/trials")
     return Demand(trials=record.max_trials or MAX_TRIALS, trials_at="/max_trials")
 
 
 def _repeat(again: Repetition) -> Again:
-    from tailstack.verification import MAX_TRIALS, prepare
+    from tailstack.verification import prepare
 
     record: Verification = again.record
     design = again.designs[0]
@@ -55,15 +76,8 @@ def _repeat(again: Repetition) -> Again:
         first = prepare(design, sampled=False).first_order_mm
         targets = tuple(replace(target, first_order_p95_mm=first[target.name]) for target in record.targets)
         return Again(replace(record, targets=targets), "the Monte Carlo check")
-    fixed = record.precision_requested is None
-    options = VerificationOptions(
-        trials=record.trials if fixed else None,
-        precision=record.precision_requested,
-        seed=record.seed,
-        method=record.method,
-    )
-    limits = {"max_trials": record.max_trials or MAX_TRIALS}
-    return Again(_verify(Call(again.designs, options, limits, progress=again.progress)))
+    options = VerificationOptions.of_record(record)
+    return Again(_verify(Call(again.designs, options, progress=again.progress)))
 
 
 OPERATION = Operation(
@@ -78,9 +92,8 @@ OPERATION = Operation(
     example={"precision": 0.01, "seed": 7, "method": "plain"},
     record=lambda: Verification,
     run=_verify,
-    limits=("max_trials",),
     cut=True,
-    check=check_trials,
+    check=_check,
     text=LateImport("..rendering.verification", "verification_text"),
     document=LateImport("..report.chapters.verification", "verification_document"),
     exit_code=lambda record: exit_code_of(record.verdict),

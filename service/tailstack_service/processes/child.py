@@ -1,8 +1,10 @@
-"""A computing process: ``python -m tailstack_service.processes.child FUNCTION PARENT CODE``.
+"""A computing process: ``python -m tailstack_service.processes.child FUNCTION PARENT CODE MEMORY``.
 
 Tasks come on stdin and outcomes leave on stdout, as frames.  The process ends with the one that started it, whatever
-ends that, and never outlives it.  While it waits for its first task it loads what nearly every task needs, in steps
-short enough that a task which comes in between does not wait for long.
+ends that, and never outlives it.  A task that has read what it computes says how long it will take, and goes on when it
+is told to.
+
+On Linux it is forked from a process that has loaded what nearly every task needs (``processes.nursery``).
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import queue
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,11 +24,11 @@ from typing import IO, Any
 
 from ..operations.content import canonical
 from ..operations.example import EXAMPLE_DESIGN
-from ..task import ADVANCE, Outcome, Task, UnitResult
-from .frames import BEGUN, OTHER_CODE, PERFORM, receive, send
-from .interpreter import digest_code
+from ..task import ADVANCE, Estimated, Task, UnitResult
+from .frames import BEGUN, OTHER_CODE, Estimate, receive, send
+from .interpreter import digest_files
+from .memory import limit_memory
 
-WARM_UP_AFTER_SECONDS = 1.0  # idle: a service that has just started needs the processor for itself
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
 # for leaks that do not show as memory.
 RESIDENT_BYTES = 1_500_000_000
@@ -46,44 +49,38 @@ def end_with(parent: int) -> None:
         os._exit(1)
 
 
-def main(function: str, parent: int, code: str) -> None:
-    """Compute until stdin ends, or until it is time for a fresh process.  ``code``: digest of the parent's sources."""
+def main(function: str, parent: int, code: str, most_bytes: int) -> None:
+    """Compute until stdin ends, or until it is time for a fresh process.
+
+    code: digest of the parent's sources.  most_bytes: of memory; 0: any.
+    """
     # A Ctrl-C or a stop of the whole group is for the worker to act on: a unit that died of it would be blamed
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     end_with(parent)
-    if digest_code() != code:
+    limit_memory(most_bytes)
+    if digest_files() != code:
         sys.exit(OTHER_CODE)
     tasks, outcomes = _private_streams()
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(tasks, waiting), name="tasks", daemon=True).start()
-    compute, warm = None, list_warm_up_steps() if function == PERFORM else []
+    compute = None
     for count in range(1, TASKS + 1):
-        task = _next(waiting, warm)
+        task = waiting.get()
         send(outcomes, BEGUN)
-        outcome, raised = None, None
+        outcome, raised, begun = None, None, time.process_time()
         try:
             compute = compute or load_function(function)
             outcome = compute(task)
+            while isinstance(outcome, Estimated):
+                send(outcomes, Estimate(outcome.seconds))
+                outcome = outcome.compute() if waiting.get() else None
         except Exception:
             raised = traceback.format_exc()
         tired = count == TASKS or _resident_bytes() > RESIDENT_BYTES
-        send(outcomes, (outcome, raised, tired))
+        send(outcomes, (outcome, raised, tired, time.process_time() - begun))
         if tired:
             return
-
-
-def _next(waiting: queue.SimpleQueue[Any], warm: list[Callable[[], object]]) -> Any:
-    """The next task; what every task needs is made ready while there is none."""
-    patience = WARM_UP_AFTER_SECONDS
-    while warm:
-        try:
-            return waiting.get(timeout=patience)
-        except queue.Empty:
-            patience = 0.0
-            with suppress(Exception):  # the task that needs it will say so
-                warm.pop(0)()
-    return waiting.get()
 
 
 def _private_streams() -> tuple[IO[bytes], IO[bytes]]:
@@ -112,11 +109,12 @@ def _resident_bytes() -> int:
         return 0
 
 
-def list_warm_up_steps() -> list[Callable[[], object]]:
-    """Modules to import, then the compiled kernels, in the order in which they are to be called."""
+def list_warm_up_steps() -> list[tuple[Callable[[], object], tuple[str, ...]]]:
+    """Modules to import, then the compiled kernels, in the order in which they are to be called; each with the
+    computations whose kernels it calls (``tailstack.ahead``)."""
     optimiser = "tailstack.optimisation.course"
     modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verification", optimiser, "casadi")
-    return [*(partial(import_module, name) for name in modules), check_once]
+    return [*((partial(import_module, name), ()) for name in modules), (check_once, ("score", "verify"))]
 
 
 def check_once() -> None:
@@ -131,12 +129,12 @@ def check_once() -> None:
         units += tuple(UnitResult(len(units) + k, *pair) for k, pair in enumerate(results))
 
 
-def load_function(name: str) -> Callable[[Task], Outcome]:
+def load_function(name: str) -> Callable[..., Any]:
     """``"package.module:function"``.  Raises ImportError, AttributeError."""
     module, _, function = name.partition(":")
-    compute: Callable[[Task], Outcome] = getattr(import_module(module), function)
-    return compute
+    found: Callable[..., Any] = getattr(import_module(module), function)
+    return found
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), sys.argv[3])
+    main(sys.argv[1], int(sys.argv[2]), sys.argv[3], int(sys.argv[4]))

@@ -1,6 +1,10 @@
 """What a computing process and the process that started it say to each other, and how a computation can fail.
 
 A message is a frame: its length, then a pickle.  Both ends are the same version of the same program on one host.
+
+A computing process says ``BEGUN``, then perhaps an ``Estimate``, to which the answer is whether it is to go on (True)
+or to leave it at that, then the outcome: what came of it, the traceback of a defect, whether the process is to be
+replaced, and the seconds of CPU that it took.
 """
 
 from __future__ import annotations
@@ -8,11 +12,20 @@ from __future__ import annotations
 import asyncio
 import pickle
 import struct
+from dataclasses import dataclass
 from typing import IO, Any
 
 PERFORM = "tailstack_service.operations.perform:perform"  # computes the units of jobs
 BEGUN = "begun"  # said by a computing process when it has taken up a task
 OTHER_CODE = 78  # exit code of a process that finds other sources than the one that started it
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What was sent has been read, and the rest is expected to take so many seconds of CPU."""
+
+    seconds: float
+
 
 _LENGTH = struct.Struct("<Q")
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tailstack.version import __version__
+
+if TYPE_CHECKING:
+    from tailstack.sources import SourceFile
 
 # Processes are the unit of parallelism here, and the libraries' own threads would fight with them.
 SINGLE_THREADED = {
@@ -17,6 +22,9 @@ SINGLE_THREADED = {
     "MKL_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
 }
+# Arrow's own allocator takes a gigabyte of address space that a limit on memory would count, and its thread would be on
+# one side of a fork only
+ALLOCATORS = {"ARROW_DEFAULT_MEMORY_POOL": "system", "JE_ARROW_MALLOC_CONF": "background_thread:false"}
 
 
 def make_command(module: str, *arguments: str) -> list[str]:
@@ -42,20 +50,32 @@ def digest_code() -> str:
     """Of all sources of this version, as this process first found them: the name of the code that it runs."""
     from tailstack import sources
 
-    here = sources.digest_of_all(sources.read_sources(Path(__file__).resolve().parents[1]))
-    return sha256(f"{sources.digest_of_all(sources.SOURCES)} {here}".encode()).hexdigest()
+    return _digest(sources.SOURCES)
 
 
-def start_child(function: str, stdin: int, stdout: int) -> subprocess.Popen[bytes]:
-    """A computing process (``processes.child``) that calls ``function``, and ends with the thread that starts it."""
-    command = make_command("tailstack_service.processes.child", function, str(os.getpid()), digest_code())
-    return subprocess.Popen(command, stdin=stdin, stdout=stdout, env=make_environment())
+def digest_files() -> str:
+    """The same of the files as they are now."""
+    from tailstack import sources
+
+    return _digest(sources.read_sources(sources.ROOT))
+
+
+def _digest(solver: dict[str, SourceFile]) -> str:
+    from tailstack.sources import digest_of_all, read_sources
+
+    here = digest_of_all(read_sources(Path(__file__).resolve().parents[1]))
+    return sha256(f"{digest_of_all(solver)} {here}".encode()).hexdigest()
+
+
+def running_code() -> str:
+    """Version and sources of this process, ``0.1.0+4f1d0c9be2a7``: parts of one answer are computed by one code."""
+    return f"{__version__}+{digest_code()[:12]}"
 
 
 def make_environment() -> dict[str, str]:
     """The environment of this process, with its module path."""
     path = os.pathsep.join(entry for entry in sys.path if entry)
-    return {**os.environ, **SINGLE_THREADED, "PYTHONPATH": path}
+    return {**os.environ, **SINGLE_THREADED, **ALLOCATORS, "PYTHONPATH": path}
 
 
 # What a signal says to whoever reads it in the problem of a job

@@ -6,8 +6,9 @@ from itertools import groupby
 from math import dist
 
 from tailstack.results import Optimisation, Score, Verification
+from tailstack.results.digits import decimal, decimals_of, number, percent
 
-from .tables import decimal, number, paint, percent, prose_width, table, visible, wrap
+from .tables import draw_table, paint, prose_width, visible, wrap
 from .verdict import verdict_line
 
 
@@ -24,13 +25,16 @@ def before_after_text(
     for old, new, first_old, first_new in zip(
         before.targets, after.targets, score_before.targets, score_after.targets, strict=True
     ):
+        decimals = after.decimals
         beyond = [percent(side.exceedance.probability if side.exceedance else None, 2) for side in (old, new)]
         rows += [
-            (f"{old.name}: P95, estimate", "mm", decimal(first_old.p95_mm, 4), decimal(first_new.p95_mm, 4)),
-            (f"{old.name}: P95, simulated", "mm", decimal(old.p95_mm, 4), decimal(new.p95_mm, 4)),
-            (f"{old.name}: between", "mm", *(f"{low:.3f} .. {high:.3f}" for low, high in
+            (f"{old.name}: P95, estimate", "mm", decimal(first_old.p95_mm, decimals),
+             decimal(first_new.p95_mm, decimals)),
+            (f"{old.name}: P95, simulated", "mm", decimal(old.p95_mm, decimals), decimal(new.p95_mm, decimals)),
+            (f"{old.name}: between", "mm", *(f"{low:.{decimals}f} .. {high:.{decimals}f}" for low, high in
                                                   (old.p95_interval_mm, new.p95_interval_mm))),
-            (f"{old.name}: mean error, simulated", "mm", decimal(old.mean_norm_mm, 4), decimal(new.mean_norm_mm, 4)),
+            (f"{old.name}: mean error, simulated", "mm", decimal(old.mean_norm_mm, decimals),
+             decimal(new.mean_norm_mm, decimals)),
             (f"{old.name}: shots over the limit", "%", *beyond),
         ]  # fmt: skip
     rows.append(("cost of what was free", "", number(result.cost_before), number(result.cost_after)))
@@ -39,7 +43,7 @@ def before_after_text(
         for t in result.tolerances
     ]
     rows.append(("verdict", "", before.verdict.status, after.verdict.status))
-    return table(("", "unit", "before", "after"), rows, left=2) + "\n\n" + verdict_line(after.verdict) + "\n"
+    return draw_table(("", "unit", "before", "after"), rows, left=2) + "\n\n" + verdict_line(after.verdict) + "\n"
 
 
 def summary_text(before: Verification, after: Verification, result: Optimisation) -> str:
@@ -47,10 +51,12 @@ def summary_text(before: Verification, after: Verification, result: Optimisation
     lines = [visible(before.provenance.design_name)]
     for words, side in (("before:", before), ("after:", after)):
         for check in side.verdict.checks:
-            low, high = check.interval_mm
+            decimals = decimals_of((check,))
+            low, high = (decimal(end, decimals) for end in check.interval_mm)
+            value = decimal(check.value_mm, decimals)
             lines.append(
-                f"{words:<8}{side.verdict.status}: {check.headline} at {visible(check.target)} {check.value_mm:.3f} mm "
-                f"({low:.3f} to {high:.3f}), limit {check.limit_mm:g} mm"
+                f"{words:<8}{side.verdict.status}: {check.headline} at {visible(check.target)} {value} mm "
+                f"({low} to {high}), limit {check.limit_mm:g} mm"
             )
     return "\n".join([*lines, *_change_lines(result)]) + "\n"
 
@@ -75,5 +81,7 @@ def _change_lines(result: Optimisation) -> list[str]:
         lines.append(wrap(words, first="    ", indent="    "))
     if result.cost_before and result.cost_after is not None:
         costs = f"{number(result.cost_before)} -> {number(result.cost_after)}"
-        lines.append(f"  cost of these tolerances: {costs} ({result.cost_after / result.cost_before - 1:+.0%})")
+        lines.append(
+            f"  cost of these tolerances: {costs} ({100 * (result.cost_after / result.cost_before - 1):+.0f} %)"
+        )
     return lines

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .tables import percent, table
+from tailstack.results.digits import percent
+
+from .tables import draw_table
 
 
 def jobs_text(records: Sequence[Mapping[str, Any]]) -> str:
@@ -17,7 +19,8 @@ def jobs_text(records: Sequence[Mapping[str, Any]]) -> str:
         )
         for record in records
     ]  # fmt: skip
-    return table(("id", "kind", "state", "design", "created (UTC)", "done"), rows, left=5, whole=(0, 1, 2, 4)) + "\n"
+    header = ("id", "kind", "state", "design", "created (UTC)", "done")
+    return draw_table(header, rows, left=5, whole=(0, 1, 2, 4)) + "\n"
 
 
 def job_text(record: Mapping[str, Any]) -> str:

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from tailstack.results import Optimisation, SurvivedLoss, Vector3
-from tailstack.results.verdicts import STATED
+from tailstack.results import Optimisation, SurvivedLoss
+from tailstack.results.digits import count_decimals, decimal, exact, number, percent
+from tailstack.results.optimisation import (
+    MOST_OPTIMA,
+    changes_table,
+    counts_table,
+    front_table,
+    moved_table,
+    optima_table,
+    pivots_table,
+)
+from tailstack.results.tables import On, Table
+from tailstack.results.verdicts import STATED, decided_by
 
 from .page import current
-from .tables import decimal, number, percent, spell_count, table, visible, wrap
+from .tables import draw_table, spell_count, visible, wrap, write_table
 from .verdict import (
-    checks_table,
-    decided_by,
     decision_text,
     findings_text,
     heading,
     join_blocks,
     more_text,
     provenance_text,
+    requirements_text,
     verdict_line,
 )
 
-MOST_OPTIMA = 5
 LEAST_GAP = 0.05  # per cent: less is none
 
 
@@ -30,19 +39,19 @@ def optimisation_text(result: Optimisation) -> str:
     check = result.certificate.verification
     return join_blocks(
         heading(result.provenance, f"Optimised: {result.objective}.", "first order with the exact law"),
-        decision_text(check.verdict),
+        decision_text(check.verdict, result.not_asked),
+        requirements_text(check.verdict),
+        others_text(result),
         findings_text(result.influence),
         before_after_text(result),
-        moved_text(result),
+        _shown(moved_table(result)),
         mounts_text(result),
-        tolerances_text(result),
+        _shown(changes_table(result)),
         prices_text(result),
-        counts_text(result),
+        _shown(counts_table(result)),
         front_text(result),
         certificate_text(result) if current().details else confidence_text(result),
         provenance_text(result.provenance),
-        checks_table(check.verdict.checks),
-        others_text(result),
         findings_text([one for one in check.verdict.findings if current().details or one.rule not in STATED]),
         more_text(),
         verdict_line(check.verdict),
@@ -61,20 +70,14 @@ def others_text(result: Optimisation) -> str:
 
 
 def before_after_text(result: Optimisation) -> str:
-    """P95 and cost, before and after, and what the cost is made of."""
-    worst = result.worst_target
-    low, high = worst.p95_interval_mm
-    rows = [
-        ("P95, estimate", "mm", decimal(result.p95_before_mm, 4), decimal(result.p95_after_mm, 4),
-         _change(result.p95_before_mm, result.p95_after_mm)),
-        ("P95, simulated", "mm", "-", f"{worst.p95_mm:.4f}", f"{low:.3f} .. {high:.3f}"),
-    ]  # fmt: skip
+    """What each requirement limits, before and after, by estimate; cost, and what it is made of."""
+    lines = [_estimates_text(result), ""]
     if result.cost_before or result.cost_after:
         before, after = number(result.cost_before), number(result.cost_after)
-        rows.append(("cost", "", before, after, _change(result.cost_before, result.cost_after)))
-    lines = [table(("", "unit", "before", "after", "change"), rows, left=2), ""]
-    if made_of := _cost_in_words(result):
-        lines.append(wrap(made_of, first="cost: ", indent="  "))
+        change = "" if not result.cost_before else f" ({100 * (result.cost_after / result.cost_before - 1):+.0f} %)"
+        made_of = _cost_in_words(result)
+        words = f"{after}, before {before}{change}" + (f"; {made_of}" if made_of else "")
+        lines.append(wrap(words, first="cost: ", indent="  "))
     if result.scaling is not None:
         lines.append(wrap(f"all free half-widths times {number(result.scaling)}", first="scaling: ", indent="  "))
     if result.survived is not None:
@@ -88,19 +91,43 @@ def before_after_text(result: Optimisation) -> str:
     return "\n".join(lines).rstrip("\n")
 
 
+def _estimates_text(result: Optimisation) -> str:
+    """For each requirement its value by estimate in the design as it stood and in the new one, at one target."""
+    checks = result.certificate.verification.verdict.checks
+    decimals = max((count_decimals(check.limit_mm) for check in checks), default=3)  # of an estimate
+    old, new = (_estimates_of(data) for data in (result.design_before, result.design))
+    rows = []
+    for check, _ in decided_by(checks):
+        key = (check.requirement, check.target)
+        rows.append((check.requirement, check.target, decimal(old.get(key), decimals), decimal(new.get(key), decimals),
+                     exact(check.limit_mm, decimals)))  # fmt: skip
+    header = ("by estimate,\nrequirement", "target", "before\nmm", "after\nmm", "limit\nmm")
+    return draw_table(header, rows, left=2)
+
+
+def _estimates_of(data: Mapping[str, object]) -> dict[tuple[str, str], float]:
+    """What each requirement limits at each target, mm; nothing where the layout does not determine an answer."""
+    from tailstack.design import load_design
+    from tailstack.errors import TailstackError
+    from tailstack.scoring import score
+
+    try:
+        found = score(load_design(data, allow_files=False), losses=False)
+    except TailstackError:  # the design as it stood may not be one that can be computed
+        return {}
+    return {(check.requirement, check.target): check.value_mm for check in found.verdict.checks}
+
+
 def survived_sentence(worst: SurvivedLoss) -> str:
     """What the new design comes to without the fiducials whose loss is worst."""
     low, high = worst.interval_mm
-    ends = f"{low:.3f} to {'unknown' if high is None else f'{high:.3f}'}"
+    decimals = count_decimals(worst.limit_mm)
+    ends = f"{low:.{decimals}f} to {'unknown' if high is None else f'{high:.{decimals}f}'}"
     lost = " and ".join(map(visible, worst.lost))
     return (
-        f"without {lost}, the worst to lose, P95 at {visible(worst.target)} is {worst.estimate_mm:.4f} mm by estimate "
-        f"and {worst.p95_mm:.4f} mm ({ends}) simulated, within the limit of {worst.limit_mm:g} mm."
+        f"without {lost}, the worst to lose, P95 at {visible(worst.target)} is {worst.estimate_mm:.{decimals}f} mm by "
+        f"estimate and {worst.p95_mm:.{decimals}f} mm ({ends}) simulated, within the limit of {worst.limit_mm:g} mm."
     )
-
-
-def _change(before: float | None, after: float) -> str:
-    return f"{100 * (after / before - 1):+.1f} %" if before else "-"
 
 
 def _cost_in_words(result: Optimisation) -> str:
@@ -126,76 +153,33 @@ def _cost_in_words(result: Optimisation) -> str:
     return f"{' + '.join(parts)} = {number(result.cost_after)}"
 
 
-def moved_text(result: Optimisation) -> str:
-    """Fiducials that moved, are new or were left out."""
-    changed = [(e.label, e.before_mm, e.after_mm) for e in result.moved if e.before_mm != e.after_mm]
-    return _positions("fiducial,\nin con", changed)
+def _shown(table: Table) -> str:
+    """A table that has rows on a terminal."""
+    return write_table(table) if table.on(On.PLAIN).rows else ""
 
 
 def mounts_text(result: Optimisation) -> str:
     """Pivots that moved, and locators that were spread."""
-    changed = [(e.label, e.before_mm, e.after_mm) for e in result.pivots if e.before_mm != e.after_mm]
-    lines = [_positions("pivot,\nin con", changed)]
+    lines = [_shown(pivots_table(result))]
     for entry in result.spacings:
         spread = f"{entry.label}, locators {number(entry.scale)} times as far from their centre"
         lines.append(wrap(spread, first="spacing: ", indent="  "))
     return "\n".join(line for line in lines if line)
 
 
-def _positions(what: str, rows: Sequence[tuple[str, Vector3 | None, Vector3 | None]]) -> str:
-    if not rows:
-        return ""
-    header = (what, "before\nx, mm", "\ny, mm", "\nz, mm", "after\nx, mm", "\ny, mm", "\nz, mm", "moved\nmm")
-    body = [(label, *_coordinates(before), *_coordinates(after), _way(before, after)) for label, before, after in rows]
-    return table(header, body)
+MOST_BINDING = 4  # without details
 
 
-def _coordinates(position: Vector3 | None) -> tuple[str, str, str]:
-    if position is None:
-        return "-", "-", "-"
-    x, y, z = (f"{value:.2f}" for value in position)
-    return x, y, z
-
-
-def _way(before: Vector3 | None, after: Vector3 | None) -> str:
-    if before is None:
-        return "new"
-    if after is None:
-        return "left out"
-    return decimal(sum((a - b) ** 2 for a, b in zip(after, before, strict=True)) ** 0.5, 2)
-
-
-def tolerances_text(result: Optimisation) -> str:
-    """Half-widths that were free, what they move the target by, and what they cost."""
-    if not result.tolerances:
-        return ""
-    rows = [
-        (
-            entry.label,
-            entry.grade or "-",
-            entry.unit,
-            number(entry.before_half_width, 3),
-            number(entry.after_half_width, 3),
-            number(entry.at_target_before_mm, 3),
-            number(entry.at_target_mm, 3),
-            number(entry.cost_before),
-            number(entry.cost_after),
-        )
-        for entry in result.tolerances
-    ]
-    header = (
-        "tolerance\n", "grade\n", "unit\n", "±\nbefore", "±\nafter", "moves the tool\nbefore, mm",
-        "moves the tool\nafter, mm", "cost\nbefore", "cost\nafter",
-    )  # fmt: skip
-    graded = any(entry.grade is not None for entry in result.tolerances)
-    kept = [k for k in range(len(header)) if (k != 1 or graded) and (k != 5 or current().details)]
-    return table([header[k] for k in kept], [[row[k] for k in kept] for row in rows], left=2 + graded)
+def _list_binding(binding: Sequence[str]) -> str:
+    if current().details or len(binding) <= MOST_BINDING:
+        return "; ".join(binding)
+    return f"{'; '.join(binding[:MOST_BINDING])}; and {len(binding) - MOST_BINDING} more (--details)"
 
 
 def prices_text(result: Optimisation) -> str:
     """What binds, and what giving way there would save."""
     lines = (
-        [wrap("; ".join(result.binding), first="what keeps it from being better: ", indent="  ")]
+        [wrap(_list_binding(result.binding), first="what keeps it from being better: ", indent="  ")]
         if result.binding
         else []
     )
@@ -203,30 +187,10 @@ def prices_text(result: Optimisation) -> str:
     return "\n".join(lines)
 
 
-def counts_text(result: Optimisation) -> str:
-    """The best design with each number of fiducials that was tried."""
-    if not result.counts:
-        return ""
-    rows = [
-        (str(entry.fiducials), entry.note, number(entry.cost), number(entry.worst_ratio)) for entry in result.counts
-    ]
-    header = ("fiducials", "", "cost", "error over\nlimit")
-    kept = [k for k in range(4) if k < 2 or any(row[k] != "-" for row in rows)]
-    return table([header[k] for k in kept], [[row[k] for k in kept] for row in rows], left=2)
-
-
 def front_text(result: Optimisation) -> str:
     """Least cost at a row of limits."""
     if not result.front:
         return ""
-    rows = [
-        (
-            number(point.limit_mm), number(point.cost), decimal(point.quantile_mm, 4),
-            decimal(point.verified_upper_mm, 4), point.status,
-        )
-        for point in result.front
-    ]  # fmt: skip
-    header = ("limit\nmm", "cost", "estimate\nmm", "simulated, at\nmost, mm", "")
     checks = result.certificate.verification.verdict.checks
     first = next(check.requirement for check in checks if check.requirement not in result.not_asked)
     note = (
@@ -236,7 +200,7 @@ def front_text(result: Optimisation) -> str:
     if result.not_asked:
         note += f"; its points are not judged by what was not asked for ({', '.join(result.not_asked)})"
     refused = [f"{number(point.limit_mm)} mm: {point.note}" for point in result.front if point.note]
-    lines = [table(header, rows, left=0), wrap(note, first="front: ", indent="  ")]
+    lines = [write_table(front_table(result)), wrap(note, first="front: ", indent="  ")]
     return "\n".join([*lines, *(wrap(line, first="front: ", indent="  ") for line in refused)])
 
 
@@ -275,10 +239,16 @@ def certificate_text(result: Optimisation) -> str:
     )
     if result.cost_closed_form is not None:
         graded = any(entry.grade is not None for entry in result.tolerances)
+        own = sum(entry.cost_after for entry in result.tolerances)
+        others = result.cost_after - own  # fiducials, and a view that was added
         checked += (
             f" The half-widths cost {number(result.cost_closed_form, 5)} by the smooth closed form, "
-            + ("" if result.cost_exact_law is None else f"{number(result.cost_exact_law, 5)} by the exact law, ")
-            + f"{number(sum(entry.cost_after for entry in result.tolerances), 5)} with the margin of the check"
+            + (
+                ""
+                if result.cost_exact_law is None
+                else f"{number(result.cost_exact_law - others, 5)} by the exact law, "
+            )
+            + f"{number(own, 5)} with the margin of the check"
             + (", grades chosen." if graded else ".")
         )
     paragraphs = (
@@ -292,15 +262,4 @@ def certificate_text(result: Optimisation) -> str:
 
 
 def _optima_table(result: Optimisation) -> str:
-    rows = [
-        (
-            number(optimum.objective, 5),
-            str(optimum.starts),
-            str(optimum.first_start),
-            decimal(optimum.rms_distance_mm, 2),
-        )
-        for optimum in result.certificate.optima[:MOST_OPTIMA]
-    ]
-    header = ("objective", "starts", "first\nstart", "fiducials from\nthe best, rms mm")
-    text = table(header, rows, left=0)
-    return "\n".join("  " + line for line in text.split("\n"))
+    return "\n".join("  " + line for line in write_table(optima_table(result)).split("\n"))

@@ -6,8 +6,6 @@ import csv
 import io
 from collections.abc import Iterable, Sequence
 
-from .tables import wrap
-
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -31,19 +29,19 @@ def plain_text(said: str) -> str:
     return f"'{said}" if said.startswith(FORMULA_STARTS) else said
 
 
-def reasons_text(reasons: Sequence[str | None], most: int, *, numbered: bool) -> str:
+def list_reasons(reasons: Sequence[str | None], most: int, *, numbered: bool = False) -> list[str]:
     """Each reason once, with the rows it holds for (``numbered``, from one) or how many they are; None is no reason."""
     places: dict[str, list[int]] = {}
     for place, reason in enumerate(reasons):
         if reason is not None:
             places.setdefault(reason, []).append(place + 1)
-    lines = []
+    listed = []
     for reason, held in list(places.items())[:most]:
         which = f"{len(held)} point{'s' if len(held) > 1 else ''}"
         if numbered:
             which = f"point{'s' if len(held) > 1 else ''} {', '.join(map(str, held[:8]))}"
             which += ", ..." if len(held) > 8 else ""
-        lines.append(wrap(f"{which}: {reason}", first="refused: ", indent="  "))
+        listed.append(f"{which}: {reason}")
     if len(places) > most:
-        lines.append(f"refused: {len(places) - most} more reasons (--json and --csv list them all)")
-    return "\n".join(lines)
+        listed.append(f"{len(places) - most} more reasons (--json and --csv list them all)")
+    return listed

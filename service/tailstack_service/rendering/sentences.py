@@ -7,35 +7,38 @@ chapter on the method, and in the pages about it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from tailstack.results import Check, Contributor, Losses, Mixture, TargetScore, Validity
+from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, percent, saving
 from tailstack.results.score import source_name
 
-from .tables import percent, visible
-
-BASIS = {"first order": "estimate", "Monte Carlo": "Monte Carlo"}  # what a verdict rests on, by its name in records
-
-
-def name_basis(basis: str) -> str:
-    """What a number rests on: the estimate of a score, or a Monte Carlo simulation."""
-    return BASIS.get(basis, basis)
+from .tables import visible
 
 
 def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float | None]) -> str:
     """What is said where the design states no requirement."""
     low, high = interval_mm
-    ends = "no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
+    decimals = count_decimals(p95_mm, error_of(p95_mm, interval_mm))
+    ends = "no upper end is known" if high is None else f"between {low:.{decimals}f} and {high:.{decimals}f}"
     return (
-        f"No requirement is stated. In 95 % of shots, the error at the tool (target {target}) is at most {p95_mm:.3f} "
-        f"mm (P95; {ends})."
+        f"No requirement is stated. In 95 % of shots, the error at the tool (target {target}) is at most "
+        f"{p95_mm:.{decimals}f} mm (P95; {ends})."
     )
+
+
+def error_of(value_mm: float, interval_mm: tuple[float, float | None]) -> float:
+    """Relative error of a value, by its interval."""
+    low, high = interval_mm
+    return ESTIMATE if high is None or value_mm <= 0 else (high - low) / 2 / value_mm
 
 
 def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
     """What a requirement comes to without the fiducials whose loss is worst; its quantile is that of its checks."""
     limited = next((f"P{100 * check.quantile:g}" for check in checks if check.requirement == line.requirement), "P95")
     what = f"{limited} of {visible(line.requirement) if line.requirement else 'the error at the tool'}"
-    said = [f"{what} is {line.value_mm:.3f} mm with all of them"]
+    decimals = decimals_of(checks, line.value_mm)
+    said = [f"{what} is {line.value_mm:.{decimals}f} mm with all of them"]
     for worst in (line.single, line.double):
         if worst is None:
             said.append("every pair was not tried, there are too many")
@@ -48,13 +51,13 @@ def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
         broken = limit is not None and line.value_mm <= limit < worst.value_mm
         beyond = f", beyond the limit of {limit:g} mm" if broken else ""
         said.append(f"without {lost}, the worst {'one' if len(worst.lost) == 1 else 'two'} to lose, "
-                    f"{worst.value_mm:.3f} mm{beyond}")  # fmt: skip
+                    f"{worst.value_mm:.{decimals}f} mm{beyond}")  # fmt: skip
     if line.mixture is not None:
-        said.append(mixture_sentence(line.mixture, line))
+        said.append(mixture_sentence(line.mixture, line, decimals))
     return "; ".join(said) + "."
 
 
-def mixture_sentence(mixture: Mixture, line: Losses) -> str:
+def mixture_sentence(mixture: Mixture, line: Losses, decimals: int) -> str:
     """What shots come to in which fiducials are missed as often as the design says."""
     low, high = (100 * p for p in (mixture.smallest_loss_probability, mixture.largest_loss_probability))
     often = f"{high:g} %" if low == high else f"{low:g} to {high:g} %"
@@ -65,7 +68,7 @@ def mixture_sentence(mixture: Mixture, line: Losses) -> str:
         limit = line.limit_mm
         broken = limit is not None and line.value_mm <= limit < mixture.value_mm
         beyond = f", beyond the limit of {limit:g} mm" if broken else ""
-        found = f"{quantile} of all shots are within {mixture.value_mm:.3f} mm{beyond}"
+        found = f"{quantile} of all shots are within {mixture.value_mm:.{decimals}f} mm{beyond}"
     none, rest = percent(mixture.probability_of_none, 2), percent(mixture.probability_unaccounted, 4)
     return (
         f"with each bead missed in {often} of shots, {found} (estimate; all beads are there in {none} % of shots, and "
@@ -91,40 +94,61 @@ def trust_sentence(validity: Validity) -> str:
     )
 
 
-def dominant_sentence(line: Contributor, share: float, target: TargetScore, error: str) -> str:
+def dominant_sentence(source: ErrorSource, target: TargetScore, error: str, decimals: int) -> str:
     """The largest source of error, and what it costs."""
+    share = in_percent(source.share)
     if error != "tcp":
         return (
-            f"The largest source of error of the located target {target.name} is {budget_line(line)}: {share:.0%} of "
-            "its variance. What acts after the target is located (connector_flange, hand-eye, robot) does not count."
+            f"The largest source of error of the located target {target.name} is {source.name}: {share} of its "
+            "variance. What acts after the target is located (connector_flange, hand-eye, robot) does not count."
         )
     return (
-        f"The largest source of error is {budget_line(line)}: {line.variance_share:.0%} of the variance; were it "
-        f"perfect, P95 at {target.name} would be {line.p95_without_mm:.3f} instead of {target.p95_mm:.3f} mm."
+        f"The largest source of error is {source.name}: {share} of the variance; were it perfect, P95 at {target.name} "
+        f"would be {source.line.p95_without_mm:.{decimals}f} instead of {target.p95_mm:.{decimals}f} mm."
     )
 
 
-def margin_sentence(check: Check, lines: Sequence[Contributor]) -> str:
+NO_ERROR_MM = 50.0  # beyond it no tolerance is to blame: as far as a structure is wide
+
+
+def margin_sentence(check: Check, sources: Sequence[ErrorSource], decimals: int) -> str:
     """How much is left to the limit or missing, and which step brings most."""
     what, spare = check.headline, check.margin_mm
+    if check.value_mm is not None and check.value_mm > NO_ERROR_MM:
+        most = f"; most of it comes from {sources[0].name}" if sources else ""
+        return (
+            f"{what} is {check.value_mm:.0f} mm, which is no error of positioning any more{most}. A unit, a sign or a "
+            "pivot in the design is off: look at that before any tolerance."
+        )
     if spare is None:
         return f"How far {what} is from its limit is not known: it takes a simulation."
     if spare >= 0:
-        first = f"{what} has {spare:.3f} mm to spare ({spare / check.limit_mm:.0%} of the limit)"
+        first = (
+            f"{what} has at least {spare:.{decimals}f} mm to spare ({in_percent(spare / check.limit_mm)} of the limit)"
+        )
     else:
-        first = f"{what} has to come down by {-spare:.3f} mm ({-spare / check.value_mm:.0%}) to pass for certain"
-    if check.error != "tcp":  # the budget's slopes are of the error at the tool
+        share = in_percent(-spare / check.value_mm)
+        first = f"{what} has to come down by {-spare:.{decimals}f} mm ({share}) to pass for certain"
+    steps = [source for source in sources if source.tenth_mm is not None]
+    if check.error != "tcp" or not steps:  # the budget's slopes are of the error at the tool
         return first + "."
-    steps = [
-        (line.dp95_per_unit * line.half_width / 10, line)
-        for line in lines
-        if line.dp95_per_unit is not None and line.half_width
-    ]
-    if not steps:
-        return first + "."
-    gain, line = max(steps, key=lambda step: step[0])
+    best = max(steps, key=lambda source: source.tenth_mm or 0.0)
     pooled = "" if check.min_yield is None else " over all units"
-    return f"{first}; {budget_line(line)}, tighter by a tenth, lowers P95{pooled} by {gain:.3f} mm."
+    return f"{first}; {best.name}, tighter by a tenth, lowers P95{pooled} by {saving(best.tenth_mm, decimals)} mm."
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSource:
+    """A source of error as a whole: what is bought, made and mounted as one thing, with all its components."""
+
+    line: Contributor  # of the whole source
+    share: float  # of the variance of the error that is asked about
+    tenth_mm: float | None  # by how much P95 falls where all of it is tighter by a tenth, first order
+
+    @property
+    def name(self) -> str:
+        """In words, with its half-width where one number says it."""
+        return budget_line(self.line)
 
 
 def budget_line(line: Contributor) -> str:
@@ -134,12 +158,13 @@ def budget_line(line: Contributor) -> str:
     return source_name(line) + width
 
 
-def units_sentence(target: TargetScore) -> str:
+def units_sentence(target: TargetScore, decimals: int | None = None) -> str:
     """What most installed units keep in their own shots, and how many of them keep the limit."""
     unit = target.per_unit
     value = unit.p95_of_units_mm if unit.value_mm is None else unit.value_mm
+    decimals = count_decimals(unit.limit_mm or value) if decimals is None else decimals
     shots = f"{100 * unit.quantile:.6g} % of their own shots"
-    kept = f"{100 * unit.units_fraction:.6g} % of installed units keep {shots} within {value:.3f} mm"
+    kept = f"{100 * unit.units_fraction:.6g} % of installed units keep {shots} within {value:.{decimals}f} mm"
     if unit.yield_fraction is None or unit.limit_mm is None:
         return kept + "."
-    return f"{kept}; {percent(unit.yield_fraction)} % of units keep them within {unit.limit_mm:g} mm."
+    return f"{kept}; {in_percent(unit.yield_fraction, 1)} of units keep them within {unit.limit_mm:g} mm."

@@ -4,43 +4,11 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Sequence
-from math import isfinite
+from dataclasses import replace
 
-from .page import NARROWEST, WIDEST_PROSE, current
+from tailstack.results.tables import Column, On, Table, write_cell
 
-
-def number(value: float | None, digits: int = 4) -> str:
-    """A number with ``digits`` significant digits and no exponent where a person would write none."""
-    if value is None:
-        return "-"
-    if value == 0:
-        return "0"
-    if not isfinite(value):
-        return str(value)
-    text = f"{value:#.{digits}g}" if 1e-3 <= abs(value) < 10**digits else f"{value:.{digits}g}"
-    return text.rstrip(".")
-
-
-def decimal(value: float | None, decimals: int) -> str:
-    return "-" if value is None else f"{value:.{decimals}f}"
-
-
-def signed_decimal(value: float | None, decimals: int = 3) -> str:
-    """A number with its sign; one that is not zero never looks like zero, for its sign is what is asked for."""
-    if value is None:
-        return "-"
-    plain = f"{value:+.{decimals}f}"
-    return f"{value:+.1g}" if value and not float(plain) else plain
-
-
-def percent(fraction: float | None, decimals: int = 1) -> str:
-    """A fraction as percent, ``<0.1`` for what would print as nothing."""
-    if fraction is None:
-        return "-"
-    smallest = 10.0**-decimals
-    if 0 < 100 * fraction < smallest / 2:
-        return f"<{smallest:g}"
-    return f"{100 * fraction:.{decimals}f}"
+from .page import NARROWEST, WIDEST_PROSE, current, write_on
 
 
 def spell_count(count: int, what: str) -> str:
@@ -97,7 +65,7 @@ def _pieces(word: str, width: int) -> list[str]:
         if len(part) == len(word):
             break
         joint = max(part.rfind(mark) for mark in "-_/") + 1
-        part = part[:joint] if 2 * joint >= len(part) else part
+        part = part[:joint] if 3 * joint >= len(part) else part
         parts.append(part)
         word = word[len(part) :]
     return [*parts, word]
@@ -113,9 +81,9 @@ HANGING = 4  # columns by which the second line of a text stands further right t
 LONGEST_WORDS = (24, 12, 8)  # columns; longer words may be broken where the table is wider than the page
 
 
-def table(
+def draw_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, names: Sequence[int] = (),
-    whole: Sequence[int] = (),
+    whole: Sequence[int] = (), above: bool = False,
 ) -> str:  # fmt: skip
     """A table that fits the page; the first ``left`` columns are texts, the others numbers.
 
@@ -123,9 +91,13 @@ def table(
     are there to be copied.  A header may hold one line break: its second line is the unit.
 
     Where it is wider than the page its texts are folded, nothing is cut; where that is not enough its columns are
-    shared out over several tables below one another, each with the first ``left`` columns.
+    shared out over several tables below one another, each with the first ``left`` columns.  above: where a cell of the
+    first column would take more than two lines, those cells stand on lines of their own, each above its row.
     """
     widths = _fit(header, rows, [k for k in (*range(left), *names) if k not in whole])
+    tall = above and any(len(fold(row[0], widths[0])) > 2 for row in rows)
+    if tall and (drawn := _draw_above(header, rows, left)):
+        return drawn
     lengths = [widths[k] for k in range(left, len(header))]
     if sum(widths) + 2 * (len(widths) - 1) <= _page_width() or len(lengths) < 2:
         return _draw(header, rows, widths, left, names, whole)
@@ -135,7 +107,7 @@ def table(
         count += 1
     parts = (list(range(left, left + count)), list(range(left + count, len(header))))
     return "\n\n".join(
-        table(
+        draw_table(
             [header[k] for k in (*range(left), *part)],
             [[row[k] for k in (*range(left), *part)] for row in rows],
             left=left,
@@ -144,6 +116,32 @@ def table(
         )
         for part in parts
     )
+
+
+def write_table(table: Table, *, above: bool = False) -> str:
+    """What a terminal shows of a table: its columns for this page, those of texts before the first number as names.
+
+    above: see :func:`draw_table`.
+    """
+    here = table.on(On.DETAIL if current().details else On.PLAIN)
+    texts = [k for k, column in enumerate(here.columns) if column.kind == "text"]
+    left = next((k for k in range(len(here.columns)) if k not in texts), len(here.columns))
+    rows = [
+        [
+            "  " * (row.depth if k == 0 else 0) + write_cell(cell, column)
+            for k, (cell, column) in enumerate(zip(row.cells, here.columns, strict=True))
+        ]
+        for row in here.rows
+    ]
+    header = [column.brief or _head_of(column) for column in here.columns]
+    return draw_table(header, rows, left=left, names=[k for k in texts if k >= left], above=above)
+
+
+def _head_of(column: Column) -> str:
+    """Its name, and below that its unit; a word begins small, as the texts around it do."""
+    title = column.title
+    name = title[:1].lower() + title[1:] if title[1:2].islower() else title
+    return f"{name}\n{column.unit}".rstrip("\n")
 
 
 def _page_width() -> int:
@@ -173,7 +171,7 @@ def _draw(
     lines.append(["─" * width for width in widths])
     for row in rows:
         cells = [
-            fold(cell, widths[k], HANGING if widths[k] > 3 * HANGING else 0) if k in texts else [visible(cell)]
+            fold(cell, widths[k], HANGING if widths[k] > 5 * HANGING else 0) if k in texts else [visible(cell)]
             for k, cell in enumerate(row)
         ]
         height = max(map(len, cells))
@@ -183,12 +181,26 @@ def _draw(
     )
 
 
+def _draw_above(header: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> str:
+    """A table whose first cells stand on lines of their own, each above the rest of its row; "" if that is too wide."""
+    with write_on(replace(current(), width=_page_width() - 2)):
+        widths = _fit(header[1:], [row[1:] for row in rows], range(left - 1))
+        if sum(widths) + 2 * (len(widths) - 1) > _page_width():
+            return ""
+        drawn = [_draw(header[1:], [row[1:]], widths, left - 1, (), ()).split("\n") for row in rows]
+    height = max(head.count("\n") for head in header[1:]) + 2  # of the header and the line below it
+    lines = [header[0].replace("-\n", "").replace("\n", " "), *(f"  {line}" for line in drawn[0][:height])]
+    for row, text in zip(rows, drawn, strict=True):
+        lines += [*fold(row[0], _page_width(), HANGING), *(f"  {line}" for line in text[height:])]
+    return "\n".join(lines)
+
+
 def wrap(text: str, *, indent: str = "", first: str | None = None, width: int | None = None) -> str:
     """Words wrapped at the width, by default the page's; ``first`` opens the first line, ``indent`` the others."""
     width = prose_width() if width is None else width
     lines, line = [], indent if first is None else first
     empty = True
-    for word in text.split():
+    for word in _keep_units(text.split(), width - columns(indent)):
         here = columns(line) + (0 if empty else 1)
         fits = here + columns(word) <= width
         for part, piece in enumerate([word] if fits else _pieces(word, max(width - columns(indent), 1))):
@@ -198,6 +210,20 @@ def wrap(text: str, *, indent: str = "", first: str | None = None, width: int | 
             line += piece if empty else " " + piece
             empty = False
     return "\n".join([*lines, line])
+
+
+UNITS = frozenset(("%", "mm", "px", "deg", "°", "K", "N", "s"))
+
+
+def _keep_units(words: Sequence[str], width: int) -> list[str]:
+    """Words of which a number and its unit are one, where both fit on a line."""
+    kept: list[str] = []
+    for word in words:
+        if kept and kept[-1][-1].isdigit() and word.rstrip(".,;:)") in UNITS and len(kept[-1]) + len(word) < width:
+            kept[-1] += f" {word}"
+        else:
+            kept.append(word)
+    return kept
 
 
 def prose_width() -> int:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tailstack.results import Check, Finding, Provenance, Verdict
-from tailstack.results.verdicts import STATED, check_sentence, decisive_check, urgency
+from tailstack.results.verdicts import STATED, checks_sentence, decisive_check, name_basis, requirements_table
 
 from .alike import join_findings
 from .page import current
-from .sentences import name_basis
-from .tables import columns, decimal, fold, number, paint, percent, prose_width, signed_decimal, table, wrap
+from .tables import columns, fold, paint, prose_width, wrap, write_table
 
 MORE = "--details adds the method and every figure; `tailstack words` explains P95, TCP, connector and the like."
 
@@ -28,8 +27,10 @@ def heading(provenance: Provenance, what: str, method: str) -> str:
 
 
 def name_estimator(provenance: Provenance) -> str:
-    """What a view is estimated as, before other words of the model; nothing of DLT, which nobody has to ask for."""
-    return "" if provenance.estimator == "dlt" else f"{provenance.estimator.replace('_', ' ')} estimator · "
+    """What a view is estimated as, before other words of the model; nothing of the one that nobody has to ask for."""
+    from tailstack.system import DEFAULT_ESTIMATOR  # late: it brings numpy, which `--help` does without
+
+    return "" if provenance.estimator == DEFAULT_ESTIMATOR else f"{provenance.estimator.replace('_', ' ')} estimator · "
 
 
 def design_line(provenance: Provenance) -> str:
@@ -42,23 +43,24 @@ def design_line(provenance: Provenance) -> str:
     return f"{name}  {digest}" if columns(name) + 2 + columns(digest) <= width else f"{name}\n{digest}"
 
 
-def decided_by(checks: Sequence[Check]) -> list[tuple[Check, int]]:
-    """For each requirement the check that decides it, and at how many targets it is checked; failures first."""
-    names = dict.fromkeys(check.requirement for check in checks)
-    own = [[check for check in checks if check.requirement == name] for name in names]
-    return sorted(((min(each, key=urgency), len(each)) for each in own), key=lambda entry: urgency(entry[0]))
+def decision_text(verdict: Verdict, optimised: Sequence[str] | None = None) -> str:
+    """What is kept and the check that decides, as sentences; nothing where no requirement is stated.
 
-
-def decision_text(verdict: Verdict) -> str:
-    """The check that decides, as a sentence; nothing where no requirement is stated."""
+    optimised: of a design that the optimiser made, the requirements that it was not asked to keep.
+    """
     decisive = decisive_check(verdict.checks)
     if decisive is None:
         return ""
-    return wrap(" ".join(part for part in (check_sentence(decisive), _next_step(decisive, verdict.basis)) if part))
+    following = _next_step(decisive, verdict.basis, optimised)
+    return wrap(" ".join(part for part in (checks_sentence(verdict.checks), following) if part))
 
 
-def _next_step(check: Check, basis: str) -> str:
+def _next_step(check: Check, basis: str, optimised: Sequence[str] | None) -> str:
     """What to do where a requirement is missed or open."""
+    if check.status == "fail" and optimised is not None:
+        if check.requirement in optimised:
+            return f"It was not asked for: leave `optimise.requirement` out, or name {check.requirement} there."
+        return "The simulation has the last word: give the optimiser more freedom, or change the limit."
     if check.status == "fail":
         return "`tailstack optimise` looks for the cheapest design that keeps it."
     if check.status == "pass":
@@ -70,35 +72,10 @@ def _next_step(check: Check, basis: str) -> str:
     return "Simulate more shots to decide: a tighter --precision or more --trials."
 
 
-def checks_table(checks: tuple[Check, ...]) -> str:
+def requirements_text(verdict: Verdict) -> str:
     """Each requirement at the target that decides it: what it limits, the value and its interval, what is left."""
-    if not checks:
-        return ""
-    rows = []
-    for check, count in decided_by(checks):
-        low, high = check.interval_mm
-        limited = f"P{100 * check.quantile:.6g}" + ("" if check.error == "tcp" else ", located")
-        limited += "" if check.min_yield is None else f", {100 * check.min_yield:.6g} % of units"
-        rows.append(
-            (
-                check.requirement,
-                check.target + (f" (worst of {count})" if count > 1 else ""),
-                limited,
-                number(check.value_mm),
-                f"{decimal(low, 3)} .. {decimal(high, 3)}",
-                number(check.limit_mm),
-                signed_decimal(check.margin_mm),
-                percent(check.yield_fraction),
-                check.status,
-            )
-        )
-    header = (
-        "require-\nment", "target", "what is\nlimited", "value\nmm", "between\nmm", "limit\nmm", "to spare\nmm",
-        "units\nwithin, %", "status",
-    )  # fmt: skip
-    if not current().details or all(row[7] == "-" for row in rows):
-        rows, header = [(*row[:7], row[8]) for row in rows], (*header[:7], header[8])  # type: ignore[misc, assignment]
-    return table(header, rows, left=3)
+    table = requirements_table(verdict)
+    return "" if table is None else write_table(table, above=True)
 
 
 def findings_text(findings: Sequence[Finding]) -> str:
@@ -115,9 +92,9 @@ def verdict_line(verdict: Verdict) -> str:
 
 
 def verdict_text(verdict: Verdict) -> str:
-    """Checks, findings and the verdict line."""
+    """Findings and the verdict line; the table of requirements stands below the first sentence (``decision_text``)."""
     findings = [one for one in verdict.findings if current().details or one.rule not in STATED]  # the table has those
-    parts = (checks_table(verdict.checks), findings_text(findings), more_text(), verdict_line(verdict))
+    parts = (findings_text(findings), more_text(), verdict_line(verdict))
     return "\n\n".join(part for part in parts if part)
 
 

@@ -15,10 +15,11 @@ from tailstack.errors import Problem
 from tailstack.montecarlo import ChainPlan, run_indices
 from tailstack.montecarlo.estimators import interval_ranks
 from tailstack.montecarlo.simulate import Progress
-from tailstack.precision import PRECISION
+from tailstack.precision import MAX_TRIALS, PRECISION
 from tailstack.results import Optimisation, Score, TargetScore, Verification
+from tailstack.results.verdicts import decisive_check
 from tailstack.scoring import score as score_design
-from tailstack.verification import MAX_TRIALS, PreparedDesign, prepare
+from tailstack.verification import PreparedDesign, prepare
 
 from ..problems import RequestError
 from .chapters.optimisation import optimise_command
@@ -35,7 +36,7 @@ PICTURED = 3  # targets, largest P95 first: a region may have hundreds
 
 
 @dataclass(frozen=True, slots=True)
-class ReportOptions:
+class ReportContents:
     """What a report holds and how its numbers are drawn.  Raises RequestError for what does not go together."""
 
     parts: tuple[str, ...] = DEFAULT_PARTS
@@ -55,7 +56,7 @@ class ReportOptions:
             raise RequestError(Problem("/precision", "trials-and-precision", detail, "give one of them"))
 
 
-def compute_report(design: Design, options: ReportOptions, *, progress: Progress | None = None) -> Report:
+def compute_report(design: Design, options: ReportContents, *, progress: Progress | None = None) -> Report:
     """The report of a design, computed here and now.  Raises TailstackError."""
     verification = optimisation = None
     if "verification" in options.parts:
@@ -73,7 +74,7 @@ def compute_report(design: Design, options: ReportOptions, *, progress: Progress
 
 
 def assemble(
-    design: Design, options: ReportOptions, verification: Verification | None, optimisation: Optimisation | None
+    design: Design, options: ReportContents, verification: Verification | None, optimisation: Optimisation | None
 ) -> Report:
     """The report of what was computed; a pure function.  Raises DesignError, IllPosedError."""
     scored = score_design(design)
@@ -91,8 +92,8 @@ def assemble(
         convergence=convergence,
         allowances=tuple(
             entry
-            for target in pictured
-            for entry in allowances(design, ready.system, ready.models[target.name], target.name, scored.verdict.checks)
+            for name in _judged_targets(scored, pictured)
+            for entry in allowances(design, ready.system, ready.models[name], name, scored.verdict.checks)
         ),
         design=design_to_data(design),
         reproduction=_reproduction(options, verification, optimisation),
@@ -104,8 +105,15 @@ def _choose_targets(scored: Score) -> list[TargetScore]:
     return sorted(scored.targets, key=lambda target: target.p95_mm, reverse=True)[:PICTURED]
 
 
+def _judged_targets(scored: Score, pictured: list[TargetScore]) -> list[str]:
+    """Names of the targets whose slack is asked for: those that are pictured, and the one that decides."""
+    decisive = decisive_check(scored.verdict.checks)
+    names = [target.name for target in pictured]
+    return names if decisive is None else list(dict.fromkeys([*names, decisive.target]))
+
+
 def _draw(
-    ready: PreparedDesign, pictured: list[TargetScore], verification: Verification | None, options: ReportOptions
+    ready: PreparedDesign, pictured: list[TargetScore], verification: Verification | None, options: ReportContents
 ) -> tuple[tuple[ErrorDistribution, ...], tuple[Convergence, ...]]:
     """What the pictures of the largest targets show: shares by bins, and how P95 settled."""
     distributions, convergence = [], []
@@ -165,7 +173,7 @@ def _settling(norms: Array, confidence: float) -> tuple[ConvergencePoint, ...]:
 
 
 def _reproduction(
-    options: ReportOptions, verification: Verification | None, optimisation: Optimisation | None
+    options: ReportContents, verification: Verification | None, optimisation: Optimisation | None
 ) -> Reproduction:
     drawn = "" if verification is None else drawing_options(options)
     parts = "" if options.parts == DEFAULT_PARTS else f" --parts {','.join(options.parts)}"
@@ -193,7 +201,7 @@ def _reproduction(
     )
 
 
-def drawing_options(options: ReportOptions) -> str:
+def drawing_options(options: ReportContents) -> str:
     """The options of the command line that draw the same trials."""
     if options.trials is not None:
         return f" --seed {options.seed} --trials {options.trials}"
@@ -201,9 +209,9 @@ def drawing_options(options: ReportOptions) -> str:
     return drawn if options.max_trials == MAX_TRIALS else f"{drawn} --max-trials {options.max_trials}"
 
 
-def options_of(request: dict[str, Any]) -> ReportOptions:
+def options_of(request: dict[str, Any]) -> ReportContents:
     """The options of a job's request, or of the reproduction of a record.  Raises RequestError."""
-    return ReportOptions(
+    return ReportContents(
         parts=tuple(request.get("parts") or DEFAULT_PARTS),
         trials=request.get("trials"),
         precision=request.get("precision"),

@@ -1,77 +1,32 @@
-"""What a report is made of, without saying how it looks: HTML, PDF and spreadsheet are made from the same blocks."""
+"""What a report is made of, without saying how it looks: terminal, HTML, PDF and spreadsheet are its writers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
-Cell = str | float | int | None
+from tailstack.results import Finding, Provenance
+from tailstack.results.tables import EVERYWHERE, On, Table
+
 Tone = Literal["pass", "fail", "inconclusive", "neutral"]
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column of a table."""
-
-    title: str
-    unit: str = ""  # mm, px, deg, %, ... shown in the header
-    kind: Literal["text", "fixed", "signed", "significant", "percent", "whole", "given", "status"] = "text"
-    digits: int = 3  # decimals of fixed, signed and percent, digits of significant; given: as many as it has
-    on_page: bool = True  # False: only a spreadsheet has room for it
-
-    @property
-    def numeric(self) -> bool:
-        return self.kind not in ("text", "status")
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """Cells in the order of the columns; ``depth`` 1 belongs to the row of depth 0 above it.
-
-    A cell of a percent column is a fraction.
-    """
-
-    cells: tuple[Cell, ...]
-    depth: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Numbers with their units."""
-
-    name: str  # of the sheet in a spreadsheet
-    caption: str
-    columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
-    note: str = ""
-    most: int = 60  # rows that a page shows; a spreadsheet has all
-
-    @property
-    def page_columns(self) -> tuple[Column, ...]:
-        return tuple(column for column in self.columns if column.on_page)
-
-    @property
-    def shown(self) -> tuple[Row, ...]:
-        """The rows of a page, with the cells of ``page_columns``."""
-        kept = [column.on_page for column in self.columns]
-        return tuple(
-            Row(tuple(cell for cell, on in zip(row.cells, kept, strict=True) if on), row.depth)
-            for row in self.rows[: self.most]
-        )
-
-    @property
-    def left_out(self) -> int:
-        return max(len(self.rows) - self.most, 0)
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Figure:
-    """A picture, SVG with its own title and description."""
+    """A picture, SVG with its own title and description; it may be drawn when it is first looked at."""
 
     name: str  # kebab-case, unique in the report
-    svg: str
-    caption: str
+    drawn: str | Callable[[], str]
+    caption: str  # stands above; what it is of comes before its first colon
+    narrow: str = ""  # the same for a narrow screen, SVG; empty: there the picture is moved sideways
     scene: str = ""  # JSON: on a screen the picture is replaced by a viewer of the same scene, which can be turned
+
+    @cached_property
+    def svg(self) -> str:
+        """The picture."""
+        return self.drawn if isinstance(self.drawn, str) else self.drawn()
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +61,11 @@ Block = Table | Figure | Paragraph | Bullets | Facts | Listing
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A chapter; ``page`` starts it on a new page when printed."""
+    """A chapter.  On paper it begins where the one before it ends."""
 
     title: str
     blocks: tuple[Block, ...]
-    page: bool = False
+    on: On = EVERYWHERE
     reader: Literal["designer", "auditor"] = "designer"  # whom it is for: the contents say so
 
 
@@ -138,6 +93,18 @@ class Document:
     provenance: Facts
     figures: tuple[Figure, ...] = field(default=())  # on the first page
     requirements: Table | None = None  # on the first page, too: each with its value, limit, margin and status
+    # What a terminal has beside the sections: the question below the design's name, by which method, findings, and a
+    # last line, in the colour of the tone
+    made: Provenance | None = None
+    question: str = ""
+    method: str = ""
+    findings: tuple[Finding, ...] = ()
+    ending: str = ""
+
+    def of(self, place: On) -> Document:
+        """What of it is shown at a place."""
+        shown = tuple(section for section in self.sections if section.on & place and section.blocks)
+        return replace(self, sections=shown)
 
 
 def tone_of(status: str) -> Tone:

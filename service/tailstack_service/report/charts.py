@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import isclose, log2, sqrt
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
 from tailstack.results import ERRORS, Contributor, TargetScore
+from tailstack.results.digits import decimal, number, percent
 from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
 from tailstack.results.score import single_lines, source_name
 from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
+from tailstack.results.verdicts import headline_of
 
 from ..problems import RequestError
 from ..rendering.sentences import budget_line
-from ..rendering.tables import columns, decimal, number, percent
+from ..rendering.tables import columns
 from .half_widths import ToleranceCurve, ToleranceCurves
 from .page import (
     DASHED,
@@ -23,7 +26,7 @@ from .page import (
     LINE,
     ROW,
     SHORT,
-    Rows,
+    BarRows,
     beside,
     draw_cells,
     millimetres,
@@ -62,7 +65,7 @@ def draw_shares(contributors: Sequence[Contributor], target: str, name: str = "w
     rest = sum(entry.variance_share for entry in lines[MOST_BARS:])
     if rest > 0:
         shares.append((f"{len(lines) - MOST_BARS} more", rest))
-    rows = Rows.of([label for label, _ in shares] or ["nothing is random"], LETTERS)
+    rows = BarRows.of([label for label, _ in shares] or ["nothing is random"], LETTERS)
     with open_page(name, rows.height + 74) as page:
         axes = rows.axes(page, NAMES, 26, WIDTH - 60, "share of the variance, %, summed up")
         axes.set_xlim(0, 100)
@@ -80,25 +83,27 @@ def draw_shares(contributors: Sequence[Contributor], target: str, name: str = "w
 
 
 def draw_without(
-    contributors: Sequence[Contributor], target: str, p95_mm: float, limit_mm: float | None, name: str = "without"
-) -> str:
+    contributors: Sequence[Contributor], target: str, p95_mm: float, limit_mm: float | None, name: str = "without",
+    decimals: int = 3,
+) -> str:  # fmt: skip
     """First-order P95 were each contributor perfect, largest gain first, with P95 as it is and the limit."""
     lines = [entry for entry in single_lines(contributors) if entry.p95_without_mm < p95_mm]
     lines = sorted(lines, key=lambda entry: entry.p95_without_mm)[:MOST_BARS]
-    rows = Rows.of([budget_line(entry) for entry in lines] or ["nothing is random"], LETTERS)
+    rows = BarRows.of([budget_line(entry) for entry in lines] or ["nothing is random"], LETTERS)
     with open_page(name, rows.height + 82) as page:
         axes = rows.axes(page, NAMES, 34, WIDTH - 90, "estimated P95 at the target, mm")
         axes.set_xlim(0, 1.08 * max(p95_mm, limit_mm or 0.0, 1e-9))
         for middle, entry in zip(rows.middles, lines, strict=False):
             axes.barh(middle, p95_mm, height=ROW - 6, color=BAR_PALE)
             axes.barh(middle, entry.p95_without_mm, height=ROW - 6, color=BAR)
-            beside(axes, (0.0, middle), decimal(entry.p95_without_mm, 3), (6, -4))
+            beside(axes, (0.0, middle), decimal(entry.p95_without_mm, decimals), (6, -4))
         ours, theirs = sides(p95_mm, limit_mm)
-        upright(axes, p95_mm, millimetres(p95_mm, "P95"), VALUE_COLOUR, ours)
+        upright(axes, p95_mm, millimetres(p95_mm, "P95", decimals), VALUE_COLOUR, ours)
         if limit_mm is not None:
             upright(axes, limit_mm, f"limit {limit_mm:g} mm", LIMIT_COLOUR, theirs, DASHED)
-        listed = "; ".join(f"without {budget_line(entry)} {entry.p95_without_mm:.3f} mm" for entry in lines)
-        return page.svg(f"P95 at target {target} without each contributor", f"P95 is {p95_mm:.3f} mm. {listed}.")
+        listed = "; ".join(f"without {budget_line(entry)} {entry.p95_without_mm:.{decimals}f} mm" for entry in lines)
+        words = f"P95 is {p95_mm:.{decimals}f} mm. {listed}."
+        return page.svg(f"P95 at target {target} without each contributor", words)
 
 
 # --- the error ------------------------------------------------------------------------------------
@@ -106,7 +111,7 @@ def draw_without(
 
 def draw_distribution(
     shown: ErrorDistribution, p95_mm: float, interval_mm: tuple[float, float | None] | None, limit_mm: float | None,
-    name: str,
+    name: str, decimals: int = 3,
 ) -> str:  # fmt: skip
     """Histogram of the sampled errors and the first-order law, with P95, its interval and the limit."""
     edges, wide = shown.edges_mm, shown.edges_mm[1] - shown.edges_mm[0]
@@ -132,17 +137,23 @@ def draw_distribution(
             least = (axes.get_xlim()[1] - edges[0]) / (RIGHT - LEFT)
             ends = (interval_mm[0], max(interval_mm[1], interval_mm[0] + least))
             band = axes.axvspan(*ends, color=VALUE_COLOUR, alpha=0.18)
-            legend.append((band, f"interval of P95, {interval_mm[0]:.3f} to {interval_mm[1]:.3f} mm"))
+            written = " to ".join(f"{end:.{decimals}f}" for end in (interval_mm[0], interval_mm[1]))
+            legend.append((band, f"interval of P95, {written} mm"))
         axes.set_ylim(
             0, 1.08 * max(share / wide for shares in (shown.sampled, shown.first_order) for share in shares or ())
         )
         ours, theirs = sides(p95_mm, limit_mm)
-        upright(axes, p95_mm, millimetres(p95_mm, "P95"), VALUE_COLOUR, ours)
+        upright(axes, p95_mm, millimetres(p95_mm, "P95", decimals), VALUE_COLOUR, ours)
         if limit_mm is not None:
             upright(axes, limit_mm, f"limit {limit_mm:g} mm", LIMIT_COLOUR, theirs, DASHED)
         page.explain(LEFT, 294, legend)
-        words += f". P95 is {p95_mm:.3f} mm" + ("" if limit_mm is None else f", the limit {limit_mm:g} mm") + "."
+        words += (
+            f". P95 is {p95_mm:.{decimals}f} mm" + ("" if limit_mm is None else f", the limit {limit_mm:g} mm") + "."
+        )
         return page.svg(f"Distribution of the error at target {shown.target}", words)
+
+
+PHONE = 360  # width of a page for a narrow screen
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,21 +167,22 @@ class Scaled:
     others: tuple[tuple[str, float], ...] = ()
     quantile: str = "P95"
     error: str = "tcp"
+    decimals: int = 3  # of what is written
     reach_mm: float = 0.0  # the scale goes as far at least, so that two pictures can be laid beside one another
 
 
-def draw_scale(shown: Scaled, name: str) -> str:
-    """The quantile with its interval on one scale with the limit."""
+def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
+    """The quantile with its interval on one scale with the limit, on a page so wide."""
     value, limit, (low, high) = shown.value_mm, shown.limit_mm, shown.interval_mm
     end = 1.3 * max(value, high or 0.0, limit or 0.0, *(at for _, at in shown.others), shown.reach_mm, 1e-9)
-    left, y = 22, 56
-    with open_page(name, 136) as page:
+    left, right_edge, y = 22, width - (WIDTH - RIGHT), 56
+    with open_page(name, 136, width) as page:
         title = "error at the tool, mm" if shown.error == "tcp" else f"error of {shown.error}, mm"
-        axes = page.axes(left, 22, RIGHT, 96, title)
+        axes = page.axes(left, 22, right_edge, 96, title)
         axes.grid(False)
         axes.yaxis.set_visible(False)
         axes.set(xlim=(0, end), ylim=(96, 22))
-        per_mm = (RIGHT - left) / end
+        per_mm = (right_edge - left) / end
         if limit is not None:
             axes.barh(y, limit, height=32, color=WITHIN)
             axes.barh(y, end - limit, left=limit, height=32, color=BEYOND)
@@ -179,30 +191,40 @@ def draw_scale(shown: Scaled, name: str) -> str:
         axes.plot([low, top], [y, y], color=VALUE_COLOUR, linewidth=4)
         axes.plot([low, top], [y, y], "|", color=VALUE_COLOUR, markersize=16, markeredgewidth=2, clip_on=False)
         axes.plot(value, y, "o", color=VALUE_COLOUR, markersize=10, markeredgewidth=0)
-        label = millimetres(value, shown.quantile)
-        wide = (CHARACTER * 1.08 * FONT * columns(label) + 10) / per_mm
-        after, before = max(top, value + 5 / per_mm) + 8 / per_mm, min(low, value - 5 / per_mm) - 8 / per_mm
-        look: dict[str, Any] = {"color": VALUE_COLOUR, "weight": "bold"}
-        right = limit is not None and limit < value and after < end - wide
-        if not right and before >= wide:
-            beside(axes, (before, y), label, (0, -4), ha="right", **look)
-        elif after <= end - wide:
-            beside(axes, (after, y), label, (0, -4), **look)
-        else:
-            beside(axes, (min(max(value, wide / 2), end - wide / 2), y), label, (0, 9), ha="center", **look)
+        label, middle, above = _place_label(shown, top, end, per_mm)
+        beside(axes, (middle, y), label, (0, 9 if above else -4), ha="center", color=VALUE_COLOUR, weight="bold")
         for words, at in shown.others:
             axes.plot(at, 88.5, "^", color=INK, markersize=8, markeredgewidth=0)
             near = limit is not None and abs(at - limit) * per_mm < 0.35 * FONT * len(words)
             aside = "center" if not near or limit is None else "right" if at < limit else "left"
             beside(axes, (at, 82), words, ({"right": 3, "left": -3}.get(aside, 0), 0), ha=aside)
-        words = f"{shown.quantile} at target {shown.target} is {value:.3f} mm"
-        words += "" if high is None else f", between {low:.3f} and {high:.3f} mm"
+        size = shown.decimals
+        words = f"{shown.quantile} at target {shown.target} is {value:.{size}f} mm"
+        words += "" if high is None else f", between {low:.{size}f} and {high:.{size}f} mm"
         words += "" if limit is None else f"; the limit is {limit:g} mm"
-        words += "".join(f"; {other} {at:.3f} mm" for other, at in shown.others) + "."
+        words += "".join(f"; {other} {at:.{size}f} mm" for other, at in shown.others) + "."
         return page.svg(f"{shown.quantile} and limit at target {shown.target}", words)
 
 
-def draw_convergence(shown: Convergence, limit_mm: float | None, name: str) -> str:
+def _place_label(shown: Scaled, top: float, end: float, per_mm: float) -> tuple[str, float, bool]:
+    """The quantile's label, its middle on the scale from 0 to ``end``, and whether it stands above the mark.
+
+    It stands beside the bar and on one side of the limit's line, without its first word where that leaves no room.
+    """
+    value, limit, gap = shown.value_mm, shown.limit_mm, 8 / per_mm
+    after, before = max(top, value + 5 / per_mm) + gap, min(shown.interval_mm[0], value - 5 / per_mm) - gap
+    edges = [0.0, *([] if limit is None else [limit]), end]
+    for label in (millimetres(value, shown.quantile, shown.decimals), f"{value:.{shown.decimals}f} mm"):
+        half = (CHARACTER * 1.08 * FONT * columns(label) + 10) / per_mm / 2
+        sides = [before - half, after + half]
+        for middle in reversed(sides) if limit is not None and limit < value else sides:
+            if any(low <= middle - half and middle + half <= high for low, high in pairwise(edges)):
+                return label, middle, False
+    low, high = max(pairwise(edges), key=lambda side: (side[0] <= value <= side[1], side[1] - side[0]))
+    return label, min(max(value, low + half), max(high - half, low + half)), True
+
+
+def draw_convergence(shown: Convergence, limit_mm: float | None, name: str, decimals: int = 3) -> str:
     """P95 of the first so many trials, each with the interval that it has by itself."""
     points = shown.points
     low, high = min(point.interval_mm[0] for point in points), max(point.interval_mm[1] for point in points)
@@ -227,11 +249,9 @@ def draw_convergence(shown: Convergence, limit_mm: float | None, name: str) -> s
         if near is not None:
             axes.axhline(near, color=LIMIT_COLOUR, linewidth=1.6, linestyle=DASHED)
             beside(axes, (1.0, near), f"limit {near:g} mm", (0, 5), of="y", ha="right", color=LIMIT_COLOUR)
-        first, last = points[0], points[-1]
-        words = (
-            f"P95 at target {shown.target} by the number of trials: {first.p95_mm:.3f} mm after {first.trials:,}, "
-            f"{last.p95_mm:.3f} mm after {last.trials:,}; bars are {confidence} intervals, each by itself."
-        )
+        settled = ", ".join(f"{one.p95_mm:.{decimals}f} mm after {one.trials:,}" for one in (points[0], points[-1]))
+        words = f"P95 at target {shown.target} by the number of trials: {settled}; "
+        words += f"bars are {confidence} intervals, each by itself."
         return page.svg(f"How P95 settled at target {shown.target}", words)
 
 
@@ -247,6 +267,7 @@ def draw_tolerances(
     name: str = "tolerances",
     other: ToleranceCurves | None = None,
     called: Pair = ("this design", "the other"),
+    decimals: int = 3,
 ) -> str:
     """One small picture per source, steepest first; the dot is the design as it is.
 
@@ -274,14 +295,15 @@ def draw_tolerances(
                 axes.set_ylim(low, high)
                 _panel(axes, shown, curve, None if other is None or second is None else (other, second))
             top += 158
-        _explain_tolerances(page, shown, other, called, top + 12)
-        quantile = f"P{100 * shown.judgement.quantile:g}"
-        title = f"{quantile} of {_error(shown)} at target {shown.target} over each half-width"
-        return page.svg(title, _words(shown))
+        _explain_tolerances(page, shown, other, called, top + 12, decimals)
+        title = f"{_error(shown)} at target {shown.target} over each half-width"
+        return page.svg(title, _words(shown, decimals))
 
 
 def _error(shown: ToleranceCurves) -> str:
-    return ERRORS[shown.judgement.error]
+    """What is drawn, in words: P95 of the error at the tool."""
+    judgement = shown.judgement
+    return headline_of(judgement.quantile, judgement.units_fraction, ERRORS[judgement.error])
 
 
 def _ends(shown: ToleranceCurves, other: ToleranceCurves | None) -> tuple[float, float]:
@@ -340,17 +362,18 @@ def _met(curve: ToleranceCurve) -> str:
 
 
 def _explain_tolerances(
-    page: Chart, shown: ToleranceCurves, other: ToleranceCurves | None, called: Pair, y: float
+    page: Chart, shown: ToleranceCurves, other: ToleranceCurves | None, called: Pair, y: float, decimals: int
 ) -> None:
-    line_of, quantile = page.sample, f"P{100 * shown.judgement.quantile:g}"
-    target = printable(shown.target, 30)
-    marks = [(line_of(color=VALUE_COLOUR), f"{quantile} of {_error(shown)} at {target}, mm, estimate")]
-    marks.append((line_of(color=VALUE_COLOUR, marker="o", linestyle=""), f"as it is, {shown.quantile_mm:.3f} mm"))
+    line_of = page.sample
+    marks = [(line_of(color=VALUE_COLOUR), headline_of(shown.judgement.quantile, shown.judgement.units_fraction))]
+    marks.append(
+        (line_of(color=VALUE_COLOUR, marker="o", linestyle=""), f"as it is, {shown.quantile_mm:.{decimals}f} mm")
+    )
     if shown.judgement.limit_mm is not None:
         limit = line_of(color=LIMIT_COLOUR, linestyle=DASHED, linewidth=1.4)
         marks.append((limit, f"limit {shown.judgement.limit_mm:g} mm"))
     page.explain(8, y - 9, marks)
-    sentence = "Across: half-width of one source, σ for image noise, the others as they are."
+    sentence = f"Up: {ERRORS[shown.judgement.error]}, mm; across: half-width of one source (σ for image noise)."
     if shown.left_out:
         sentence += f" {shown.left_out} more sources change less."
     page.say(8, y + 17, sentence, color=MUTED)
@@ -359,14 +382,17 @@ def _explain_tolerances(
         page.say(8, y + 33, f"Solid: {names[0]}; dashed, hollow dot: {names[1]}.", color=MUTED)
 
 
-def _words(shown: ToleranceCurves) -> str:
+def _words(shown: ToleranceCurves, decimals: int) -> str:
+    def written(value: float) -> str:
+        return f"{value:.{decimals}f} mm"
+
     listed = "; ".join(
-        f"{source_name(curve)} {_met(curve)}, {curve.quantile_mm[0]:.3f} mm at 0 and "
-        f"{curve.quantile_mm[-1]:.3f} mm at three times"
+        f"{source_name(curve)} {_met(curve)}, {written(curve.quantile_mm[0])} at 0 and "
+        f"{written(curve.quantile_mm[-1])} at three times"
         for curve in shown.curves
     )
     limit = shown.judgement.limit_mm
-    return f"As it is: {shown.quantile_mm:.3f} mm.{'' if limit is None else f' The limit is {limit:g} mm.'} {listed}."
+    return f"As it is: {written(shown.quantile_mm)}.{'' if limit is None else f' The limit is {limit:g} mm.'} {listed}."
 
 
 # --- two designs ----------------------------------------------------------------------------------
@@ -376,8 +402,9 @@ AT_MOST = 12
 
 
 def draw_budgets(
-    first: TargetScore, second: TargetScore, called: Pair = ("before", "after"), name: str = "budgets"
-) -> str:
+    first: TargetScore, second: TargetScore, called: Pair = ("before", "after"), name: str = "budgets",
+    decimals: int = 3,
+) -> str:  # fmt: skip
     """Standard deviation that each source adds at a target, in both designs; what only one of them has is there too."""
     both = [_spreads(target) for target in (first, second)]
     keys = sorted({**both[0], **both[1]}, key=lambda key: -max(each.get(key, 0.0) for each in both))
@@ -392,7 +419,7 @@ def draw_budgets(
     if len(keys) > MOST_BARS:
         spreads.append((f"{len(keys) - MOST_BARS} more together", together(keys[MOST_BARS:])))
     spreads.append(("all together", together(keys)))
-    rows = Rows.of([label for label, _ in spreads], 32, ROW + 8)
+    rows = BarRows.of([label for label, _ in spreads], 32, ROW + 8)
     with open_page(name, rows.height + 86) as page:
         title = "standard deviation of the error at the tool, mm; the parts add as squares"
         axes = rows.axes(page, SOURCES, 34, WIDTH - 66, title)
@@ -403,13 +430,15 @@ def draw_budgets(
                 if value:
                     axes.barh(middle + shift, max(value, least), height=10, color=colour)
                 look: dict[str, Any] = {"color": MUTED if value is None else INK, "size": 10}
-                beside(axes, (value or 0.0, middle + shift), _spread(value), (5, -3.5), **look)
+                beside(axes, (value or 0.0, middle + shift), _spread(value, decimals), (5, -3.5), **look)
         axes.axhline(
             rows.middles[-1] - ROW / 2 - 4, -210 / (WIDTH - 66 - SOURCES), 1, color=FAINT, linewidth=0.8, clip_on=False
         )
         samples = [page.patch(color=colour) for colour in (FIRST_BAR, BAR)]
         page.explain(12, 6, [(sample, printable(words, 50)) for sample, words in zip(samples, called, strict=True)])
-        listed = "; ".join(f"{label} {_spread(values[0])} and {_spread(values[1])}" for label, values in spreads)
+        listed = "; ".join(
+            f"{label} {_spread(values[0], decimals)} and {_spread(values[1], decimals)}" for label, values in spreads
+        )
         words = f"Standard deviations in mm, {called[0]} and {called[1]}: {listed}."
         return page.svg(f"Budgets at target {second.name}, {called[0]} and {called[1]}", words)
 
@@ -424,13 +453,13 @@ def _spreads(target: TargetScore) -> dict[tuple[str, str], float]:
     return {key: value for key, value in spreads.items() if value > 0}
 
 
-def _spread(value: float | None) -> str:
-    return "not there" if value is None else decimal(value, 3)
+def _spread(value: float | None, decimals: int) -> str:
+    return "not there" if value is None else decimal(value, decimals)
 
 
 def draw_errors(
     first: ErrorDistribution, second: ErrorDistribution, p95_mm: tuple[float, float], limit_mm: float | None,
-    called: Pair = ("before", "after"), name: str = "distributions",
+    called: Pair = ("before", "after"), name: str = "distributions", decimals: int = 3,
 ) -> str:  # fmt: skip
     """Both errors over one another: sampled shares as outlines where trials were drawn, else the first-order law."""
     sampled = first.sampled is not None and second.sampled is not None
@@ -454,24 +483,25 @@ def draw_errors(
             axes.stairs(values, edges, color=colour, linewidth=1.5, linestyle=dashes)
             axes.axvline(p95, color=colour, linewidth=1.6, linestyle=dashes)
             sample = page.sample(color=colour, linestyle=dashes)
-            marks.append((sample, f"{printable(words, 34)}, P95 {p95:.3f} mm"))
+            marks.append((sample, f"{printable(words, 34)}, P95 {p95:.{decimals}f} mm"))
         if limit_mm is not None:
             axes.axvline(limit_mm, color=LIMIT_COLOUR, linewidth=1.6, linestyle=DOTTED)
             marks.append((page.sample(color=LIMIT_COLOUR, linestyle=DOTTED), f"limit {limit_mm:g} mm"))
         page.explain(12, 7, marks, labelcolor="linecolor", prop={"weight": "bold", "size": FONT})
         how = f"Monte Carlo in bins, {first.trials:,} and {second.trials:,} trials" if sampled else "estimate"
         page.say(12, 38, f"{how}; upright lines: {'P95' if limit_mm is None else 'P95 and limit'}", color=MUTED)
-        words = f"P95 is {p95_mm[0]:.3f} mm {called[0]} and {p95_mm[1]:.3f} mm {called[1]}; {how}."
+        both_p95 = " and ".join(f"{p95:.{decimals}f} mm {words}" for p95, words in zip(p95_mm, called, strict=True))
+        words = f"P95 is {both_p95}; {how}."
         words += "" if limit_mm is None else f" The limit is {limit_mm:g} mm."
         return page.svg(f"Errors at target {second.target}, {called[0]} and {called[1]}", words)
 
 
-def draw_differences(differences: Sequence[Difference]) -> str:
+def draw_differences(differences: Sequence[Difference], decimals: int = 4) -> str:
     """Second minus first of each target's P95, with its interval where trials were drawn; left of zero is smaller."""
     shown = differences[:AT_MOST]
     ends = [0.0, *(end for entry in shown for end in (entry.difference_mm, *(entry.interval_mm or ())))]
     reach = max(max(ends) - min(ends), 1e-9)
-    rows = Rows.of([entry.target for entry in shown], 32, 26)
+    rows = BarRows.of([entry.target for entry in shown], 32, 26)
     title = "P95 of the error at the tool, second minus first design, mm"
     with open_page("differences", rows.height + 68) as page:
         axes = rows.axes(page, SOURCES, 20, WIDTH - 24, title)
@@ -492,10 +522,10 @@ def draw_differences(differences: Sequence[Difference]) -> str:
                 )
             axes.plot(at, middle, "o", color=colour, markersize=8, markeredgewidth=0)
             inner = at > sum(axes.get_xlim()) / 2
-            words = f"{at:+.4f} mm".replace("-", "−")
+            words = f"{at:+.{decimals}f} mm".replace("-", "−")
             beside(axes, (at, middle), words, (-2 if inner else 2, 7), size=10)
         more = f" {len(differences) - AT_MOST} more targets are in the table." if len(differences) > AT_MOST else ""
-        listed = "; ".join(f"{entry.target} {entry.difference_mm:+.4f} mm" for entry in shown)
+        listed = "; ".join(f"{entry.target} {entry.difference_mm:+.{decimals}f} mm" for entry in shown)
         return page.svg(title, f"{listed}.{more}")
 
 
@@ -533,7 +563,7 @@ def draw_sweep(sweep: Sweep, name: str = "sweep") -> str:
 
 
 def _axis_name(axis: SweepAxis) -> str:
-    return printable(axis.pointer + (f", {axis.unit}" if axis.unit else ""), LONGEST)
+    return printable(axis.called + (f", {axis.unit}" if axis.unit else ""), LONGEST)
 
 
 def _how(sweep: Sweep) -> str:
@@ -586,7 +616,11 @@ def _draw_curves(sweep: Sweep, wide: Sequence[int], name: str) -> str:
             ends.append((one, curve[-1][1].p95_mm, colour))
         low, high = axes.dataLim.intervalx
         axes.set_xlim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-        axes.set_ylim(0, 1.06 * axes.dataLim.y1)
+        limits = sweep.limits()
+        axes.set_ylim(0, 1.06 * max([axes.dataLim.y1, *(limit for limit, _ in limits)]))
+        for limit, words in limits:
+            axes.axhline(limit, color=LIMIT_COLOUR, linewidth=1.4, linestyle=DASHED, zorder=1)
+            beside(axes, (0.0, limit), f"{words} {limit:g} mm", (4, 3), of="y", color=LIMIT_COLOUR)
         name_at_right(axes, ends, 32)
         base = sweep.axes[along].base
         if base is not None and axes.get_xlim()[0] <= base <= axes.get_xlim()[1]:

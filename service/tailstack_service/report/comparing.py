@@ -11,13 +11,15 @@ from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
 from tailstack.montecarlo.simulate import Progress
 from tailstack.results import Verification
+from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent
 from tailstack.results.verdicts import check_sentence, decisive_check, urgency
 from tailstack.studies.sections import SECTIONS, SectionEstimate, estimate_by_sections, take_quantile
 from tailstack.verification import PreparedDesign, Sampling, prepare, verify_prepared
 
 from ..problems import RequestError
-from .assembling import ReportOptions, assemble, draw_norms, drawing_options
+from .assembling import ReportContents, assemble, draw_norms, drawing_options
 from .changes import changes_of
+from .headline import decided_difference
 from .records import Comparison, ComparisonHeadline, Difference, Report
 
 MOST_COMPARED = 2**18  # trials of each design
@@ -30,7 +32,7 @@ Pair = tuple[Verification, Verification]
 
 
 def compute_comparison(
-    first: Design, second: Design, options: ReportOptions, *, progress: Progress | None = None
+    first: Design, second: Design, options: ReportContents, *, progress: Progress | None = None
 ) -> Comparison:
     """Both designs reported with the same options, and their differences.  Raises TailstackError."""
     check_parts(options)
@@ -49,7 +51,7 @@ def compute_comparison(
 
 
 def verify_alike(
-    ready: tuple[PreparedDesign, PreparedDesign], options: ReportOptions, draw: Callable[[Sampling], Pair]
+    ready: tuple[PreparedDesign, PreparedDesign], options: ReportContents, draw: Callable[[Sampling], Pair]
 ) -> Pair:
     """The checks of both designs, with the same trials: where one stops sooner it is drawn on, so that the P95 of each
     is one number, and the difference that of the two.
@@ -70,7 +72,7 @@ def verify_alike(
         at_least = most
 
 
-def check_parts(options: ReportOptions) -> None:
+def check_parts(options: ReportContents) -> None:
     """Raises RequestError for what two designs are not compared by."""
     if set(options.parts) - set(PARTS):
         detail = f"two designs are compared by {' and '.join(PARTS)}; got {', '.join(options.parts)}"
@@ -78,7 +80,7 @@ def check_parts(options: ReportOptions) -> None:
         raise RequestError(Problem("/parts", "unknown-value", detail, hint))
 
 
-def compare(first: Report, second: Report, options: ReportOptions) -> Comparison:
+def compare(first: Report, second: Report, options: ReportContents) -> Comparison:
     """The comparison of two reports that were computed with these options; trials are drawn again and paired.
 
     P95 and its difference are those of the checks.  The interval is that of the first MOST_COMPARED trials where the
@@ -118,7 +120,7 @@ def _list_common_targets(names: list[list[str]]) -> list[str]:
     return shared
 
 
-def _told_apart(report: Report, options: ReportOptions, which: str) -> Report:
+def _told_apart(report: Report, options: ReportContents, which: str) -> Report:
     """The report with commands that name the design it is of."""
     drawn = "" if report.verification is None else drawing_options(options)
     parts = "" if report.verification is not None else " --parts score"
@@ -185,12 +187,16 @@ def _checked_p95(report: Report, name: str) -> float:
 
 def _headline(first: Report, second: Report, differences: tuple[Difference, ...]) -> ComparisonHeadline:
     """What the second design comes to, named, then what sets it apart from the first."""
-    judged, difference = _describe_verdict("The second design", second), difference_sentence(differences[0])
+    shown = decided_difference(second, differences)
+    judged, difference = (
+        _describe_verdict("The second design", second),
+        difference_sentence(shown, comparison_decimals(first, second)),
+    )
     also = [judged_first] if (judged_first := _describe_verdict("The first design", first)) else []
     return ComparisonHeadline(
         status=second.headline.status,
         sentence=f"{judged} {difference}".strip(),
-        matters=tuple([*also, *_budget(first, second, differences[0].target)][:3]),
+        matters=tuple([*also, *_budget(first, second, shown.target)][:3]),
     )
 
 
@@ -211,20 +217,35 @@ def _describe_verdict(which: str, report: Report) -> str:
     return f"{said} It also {more}." if more else said
 
 
-def difference_sentence(found: Difference) -> str:
-    """The difference at one target in words."""
-    share = f" ({abs(found.difference_mm) / found.first_p95_mm:.1%})" if found.first_p95_mm > 0 else ""
-    ends = f"; P95 goes from {found.first_p95_mm:.3f} to {found.second_p95_mm:.3f} mm"
+def comparison_decimals(first: Report, second: Report) -> int:
+    """Decimals of the lengths of a comparison: as many as the finer of the two answers has."""
+    judged = [report.verification or report.score for report in (first, second)]
+    largest = max(target.p95_mm for answer in judged for target in answer.targets)
+    return decimals_of([check for answer in judged for check in answer.verdict.checks], largest)
+
+
+def difference_decimals(found: Difference, decimals: int) -> int:
+    """Decimals of a difference, which pairs of trials know better than either P95; never fewer than these have."""
+    if found.interval_mm is None:
+        return max(decimals, count_decimals(found.difference_mm))
+    low, high = found.interval_mm
+    return max(decimals, count_decimals((high - low) / 2 / ESTIMATE))
+
+
+def difference_sentence(found: Difference, decimals: int) -> str:
+    """The difference at one target in words; decimals: of P95."""
+    fine = difference_decimals(found, decimals)
+    share = f" ({in_percent(abs(found.difference_mm) / found.first_p95_mm, 1)})" if found.first_p95_mm > 0 else ""
+    ends = f"; P95 goes from {found.first_p95_mm:.{decimals}f} to {found.second_p95_mm:.{decimals}f} mm"
+    size = f"{abs(found.difference_mm):.{fine}f} mm{share}"
     if found.interval_mm is None or found.confidence is None:
         word = "smaller" if found.difference_mm < 0 else "larger"
-        size = f"{abs(found.difference_mm):.3f} mm{share} {word}"
-        return f"By estimate, P95 at {found.target} is {size} with the second design{ends}."
+        return f"By estimate, P95 at {found.target} is {size} {word} with the second design{ends}."
     low, high = found.interval_mm
-    within = f"({found.confidence:.0%} interval {low:+.3f} to {high:+.3f} mm)".replace("-", "−")
+    within = f"({in_percent(found.confidence)} interval {low:+.{fine}f} to {high:+.{fine}f} mm)".replace("-", "−")
     if found.conclusion == "not decided":
         return f"No difference of P95 at {found.target} is shown {within}{ends}."
-    size = f"{abs(found.difference_mm):.3f} mm{share} {found.conclusion}"
-    return f"P95 at {found.target} is {size} with the second design {within}{ends}."
+    return f"P95 at {found.target} is {size} {found.conclusion} with the second design {within}{ends}."
 
 
 def _budget(first: Report, second: Report, target: str) -> list[str]:
@@ -239,9 +260,10 @@ def _budget(first: Report, second: Report, target: str) -> list[str]:
     way = "less" if moved[name] < 0 else "more"
     label = _label(second, name) or _label(first, name)
     was, now = (values.get(name, 0.0) ** 0.5 for values in (before, after))
+    decimals = comparison_decimals(first, second)
     return [
-        f"What changed most is {label}: {way} spread at {target}, {was:.3f} mm in the first and "
-        f"{now:.3f} mm in the second design (standard deviation, estimate)."
+        f"What changed most is {label}: {way} spread at {target}, {was:.{decimals}f} mm in the first and "
+        f"{now:.{decimals}f} mm in the second design (standard deviation, estimate)."
     ]
 
 

@@ -11,11 +11,12 @@ from typing import Literal
 
 import numpy as np
 
-from tailstack.budget import Line, lines_of
+from tailstack.budget import BudgetEntry, lines_of
 from tailstack.contributors import error_law, unit_for_people
 from tailstack.design import Design, compile_design
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.results import Check
+from tailstack.scoring import risk_of_units
 from tailstack.system import System
 from tailstack.tail.declared import law_quantile
 
@@ -35,18 +36,22 @@ class Judgement:
     error: Error = "tcp"
     quantile: float = 0.95
     limit_mm: float | None = None
+    units_fraction: float | None = None  # of installed units that keep their own quantile within; None: all together
 
-    def quantile_mm(self, model: LinearModel, line: Line | None = None, factor: float = 1.0) -> float:
-        """The quantile with the half-widths of a line of the budget ``factor`` times what they are."""
+    def quantile_mm(self, model: LinearModel, line: BudgetEntry | None = None, factor: float = 1.0) -> float:
+        """What is limited, with the half-widths of a line of the budget ``factor`` times what they are."""
         if line is not None and factor != 1.0:
             scale = np.ones(len(line.block.half_width))
             scale[list(line.sources)] = factor
-            block = line.block._replace(std=line.block.std * scale, half_width=line.block.half_width * scale)
+            block = line.block.with_half_widths(line.block.half_width * scale)
             blocks = tuple(block if number == line.number else other for number, other in enumerate(model.blocks))
             model = replace(model, blocks=blocks)
-        return law_quantile(error_law(model, self.error, self.quantile).law, self.quantile).quantile_mm
+        law = error_law(model, self.error, self.quantile)
+        if self.units_fraction is not None:
+            return risk_of_units(model, law, self.quantile, None, self.units_fraction).value_mm
+        return law_quantile(law.law, self.quantile).quantile_mm
 
-    def factor_at_limit(self, model: LinearModel, line: Line, low: float, high: float) -> float:
+    def factor_at_limit(self, model: LinearModel, line: BudgetEntry, low: float, high: float) -> float:
         """Between two factors of which one keeps the limit and the other does not: where it is just met."""
         from scipy.optimize import brentq  # a tenth of a second, of which a report without limits has no use
 
@@ -61,15 +66,15 @@ def judgement_of(check: Check | None) -> Judgement:
     """What a check looks at; without one, P95 of the error at the tool."""
     if check is None:
         return P95_OF_TCP
-    return Judgement("tcp" if check.error == "tcp" else "localisation", check.quantile, check.limit_mm)
+    return Judgement("tcp" if check.error == "tcp" else "localisation", check.quantile, check.limit_mm, check.min_yield)
 
 
-def lines_with_one_half_width(model: LinearModel) -> list[Line]:
+def lines_with_one_half_width(model: LinearModel) -> list[BudgetEntry]:
     """Lines of the budget that do not overlap: components, and contributors whose sources are all alike."""
     return [line for line in lines_of(model) if line.alike]
 
 
-def half_width_of(line: Line) -> tuple[float, str]:
+def half_width_of(line: BudgetEntry) -> tuple[float, str]:
     """In the unit that people use, and that unit."""
     unit, people = unit_for_people(line.block.units[line.sources[0]])
     return float(line.block.half_width[line.sources[0]]) * people, unit
@@ -128,7 +133,7 @@ def tolerance_curves(
     return ToleranceCurves(target, judgement, now, curves, max(len(rises) - most, 0))
 
 
-def _curve(model: LinearModel, line: Line, judgement: Judgement, now: float) -> ToleranceCurve:
+def _curve(model: LinearModel, line: BudgetEntry, judgement: Judgement, now: float) -> ToleranceCurve:
     values = [now if factor == 1.0 else judgement.quantile_mm(model, line, factor) for factor in FACTORS]
     width, unit = half_width_of(line)
     meets: Literal["always", "up to largest", "never", "no limit"] = "no limit"
@@ -169,7 +174,7 @@ def allowances(
 ) -> tuple[Allowance, ...]:
     """Every line of the budget with one half-width, in the order of the chain.
 
-    checks: the first-order ones.  What decides is the pooled requirement at the target that is nearest to its limit.
+    checks: the first-order ones.  The slack is to the requirement that decides at the target, pooled or of each unit.
     """
     tightest = tightest_check(checks, target)
     priced = prices(design, system)
@@ -201,7 +206,7 @@ def allowances(
 Status = Literal["spare", "too wide", "zero is not enough", "no influence", "no requirement"]
 
 
-def _ratio(model: LinearModel, line: Line, judgement: Judgement) -> tuple[Status, float | None]:
+def _ratio(model: LinearModel, line: BudgetEntry, judgement: Judgement) -> tuple[Status, float | None]:
     """By which factor on the line's half-width the quantile is at its limit."""
     if not half_width_of(line)[0] > 0:
         return "no influence", None

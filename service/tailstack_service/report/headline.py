@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tailstack.results import Check, Finding, Optimisation, Score, Verdict, Verification
-from tailstack.results.verdicts import STATED, check_sentence, decisive_check
+from tailstack.results.digits import decimals_of, in_percent
+from tailstack.results.verdicts import STATED, checks_sentence, decisive_check
 from tailstack.scoring import P95
 
-from ..rendering.score import estimate_interval, shares_of
+from ..rendering.score import estimate_interval, sources_of
 from ..rendering.sentences import dominant_sentence, largest_sentence, margin_sentence, trust_sentence
-from .records import Headline
+from .records import Difference, Headline, Report
 
 
 def headline_of(score: Score, verification: Verification | None, optimisation: Optimisation | None = None) -> Headline:
@@ -37,7 +38,7 @@ def _decide(verdict: Verdict, largest: tuple[str, float, tuple[float, float | No
     return Headline(
         status=verdict.status,
         basis=verdict.basis,
-        sentence=check_sentence(decisive),
+        sentence=checks_sentence(verdict.checks),
         requirement=decisive.requirement,
         target=decisive.target,
         quantile=decisive.quantile,
@@ -51,9 +52,14 @@ def _decide(verdict: Verdict, largest: tuple[str, float, tuple[float, float | No
 
 
 def tightest_check(checks: Sequence[Check], target: str) -> Check | None:
-    """The pooled requirement at a target that is nearest to its limit, or furthest beyond it."""
-    judged = [check for check in checks if check.target == target and check.risk == "pooled"]
-    return max(judged, key=lambda check: check.value_mm / check.limit_mm, default=None)
+    """The requirement that decides at a target."""
+    return decisive_check([check for check in checks if check.target == target])
+
+
+def decided_difference(second: Report, differences: Sequence[Difference]) -> Difference:
+    """The difference at the target that decides the second design's verdict, of which the first page speaks; where the
+    first design does not have it, the one at the second's largest P95."""
+    return next((one for one in differences if one.target == second.headline.target), differences[0])
 
 
 def _first_order(score: Score) -> tuple[str, float, tuple[float, float | None]]:
@@ -73,24 +79,25 @@ def what_matters(
     found = next((entry for entry in score.targets if entry.name == target), score.targets[0])
     sentences = []
     error = "tcp" if decisive is None else decisive.error
-    shares = shares_of(found, error)
-    if shares and shares[0][1] > 0:
-        sentences.append(dominant_sentence(*shares[0], found, error))
+    sources, checks = sources_of(found, error), (score if verification is None else verification).verdict.checks
+    decimals = decimals_of(checks, found.p95_mm)
+    if sources and sources[0].share > 0:
+        sentences.append(dominant_sentence(sources[0], found, error, decimals))
     if decisive is not None:
-        sentences.append(margin_sentence(decisive, [line for line, _ in shares]))
+        sentences.append(margin_sentence(decisive, sources, decimals))
     if optimisation is not None:
-        sentences.append(_describe_optimum(optimisation))
+        sentences.append(_describe_optimum(optimisation, decimals))
     sentences.append(_caution(score, verification))
     return sentences[:3]
 
 
-def _describe_optimum(found: Optimisation) -> str:
+def _describe_optimum(found: Optimisation, decimals: int) -> str:
     cost = (
         "" if found.cost_before is None else f" at a cost of {found.cost_after:.4g} instead of {found.cost_before:.4g}"
     )
     missed = list(dict.fromkeys(check.requirement for check in found.others if check.status != "pass"))
     but = f", and does not keep {', '.join(missed)}, which it was not asked to" if missed else ""
-    return f"The optimised design has a P95 of {found.p95_after_mm:.3f} mm{cost}{but}; it is described below."
+    return f"The optimised design has a P95 of {found.p95_after_mm:.{decimals}f} mm{cost}{but}; it is described below."
 
 
 def _caution(score: Score, verification: Verification | None) -> str:
@@ -103,7 +110,8 @@ def _caution(score: Score, verification: Verification | None) -> str:
     if verification is None:
         return f"This is an estimate, no simulation: {trust_sentence(score.validity)}."
     gap = verification.first_order_ratio - 1
+    side = "below" if gap < 0 else "above"
     return (
-        f"Estimate and simulation agree: the estimated P95 is {abs(gap):.1%} {'below' if gap < 0 else 'above'} the "
-        "simulated one, so what the budget says of each tolerance can be trusted."
+        f"Estimate and simulation agree: the estimated P95 is {in_percent(abs(gap), 1)} {side} the simulated one, so "
+        "what the budget says of each tolerance can be trusted."
     )

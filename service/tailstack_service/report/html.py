@@ -15,13 +15,16 @@ from importlib.resources import files
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tailstack import __version__
+from tailstack.results.tables import Cell, Column, On, write_cell
 
-from ..rendering.tables import number, signed_decimal
-from .blocks import Block, Cell, Column, Document, Figure
+from .blocks import Block, Document, Figure
+
+LONGEST_WORD = 16  # letters, which the columns of names make room for
 
 
 def html_report(document: Document, record: bytes | None) -> str:
     """The report as HTML.  ``record``: the result's JSON, which is kept in the file; None leaves it out (print)."""
+    document = document.of(On.PAGE)
     blocks = [*document.figures, *(block for section in document.sections for block in section.blocks)]
     turned = any(isinstance(block, Figure) and block.scene for block in blocks)
     template = _environment().get_template("report.html")
@@ -101,30 +104,23 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters["shown"] = shown
+    made.filters["on_page"] = lambda table: table.on(On.PAGE)
+    made.tests["long"] = _has_long_word
     made.filters["kind"] = lambda block: type(block).__name__
     return made
 
 
+def _has_long_word(name: str) -> bool:
+    """Whether a name has a word, ended by a blank or an underscore, that has to be broken within."""
+    return max(map(len, name.replace("_", " ").split()), default=0) > LONGEST_WORD
+
+
 def shown(cell: Cell, column: Column) -> str:
-    """A cell as text, in the way of its column."""
+    """A cell as text, with a minus and a dash as print has them."""
     if cell is None:
         return "–"
-    if isinstance(cell, str) or not column.numeric:
-        return str(cell)
-    if column.kind == "signed":
-        return signed_decimal(float(cell), column.digits).replace("-", "−")
-    if column.kind == "fixed":
-        return f"{cell + 0.0:.{column.digits}f}".replace("-", "−")
-    if column.kind == "percent":
-        smallest = 10.0**-column.digits
-        if 0 < 100 * cell < smallest / 2:
-            return f"< {smallest:g}"
-        return f"{100 * cell + 0.0:.{column.digits}f}".replace("-", "−")
-    if column.kind == "given":
-        return f"{cell:g}".replace("-", "−")
-    if column.kind == "whole":
-        return f"{cell:,.0f}"
-    return number(float(cell), column.digits).replace("-", "−")
+    text = write_cell(cell, column)
+    return text.replace("-", "−") if column.numeric and not isinstance(cell, str) else text
 
 
 def _inert(record: bytes) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
-from tailstack.estimation.checks import OVERLAP_PX, imaged_fiducials
+from tailstack.estimation.checks import imaged_fiducials, needed_gaps
 from tailstack.geometry.camera import depths
 from tailstack.results.look import FAINT, FONT, INK, LIMIT_COLOUR, MUTED
 from tailstack.system import System
@@ -57,7 +57,7 @@ class ViewImage:
     outside: frozenset[int]  # fiducials whose images are not on the detector
     before_px: Array | None  # (N, 2) where their images were, NaN where there was none
     margin_px: float
-    spacing_px: float
+    spacing_px: float  # the most that one of these pairs needs
     labels: tuple[str, ...] = field(default=())
     unused: frozenset[int] = frozenset()  # fiducials that the view's estimate does not use: drawn hollow
 
@@ -99,11 +99,14 @@ def _view_image(design: Design, system: System, old: System | None, index: int) 
     beam = beams_of(design, system)[index]
     points = imaged_fiducials(system)
     section = design.document.optimise
-    spacing = OVERLAP_PX if section is None else max(section.min_projected_spacing_px, OVERLAP_PX)
-    images = beam.images(points)
+    images, depth = beam.images(points), depths(beam.view.projection, points)
+    radius = system.fiducial_radius_mm
+    needed = needed_gaps(beam.view, radius, np.where(depth > 0, depth, np.nan))
+    if section is not None:
+        needed = np.fmax(needed, section.min_projected_spacing_px)
     used = system.sees[index] > 0
     apart = np.hypot(*np.moveaxis(images[:, None] - images[None], -1, 0))
-    pairs = np.argwhere(np.triu((apart < spacing) & used & used[:, None], 1)).tolist()  # NaN is not
+    pairs = np.argwhere(np.triu((apart < needed) & used & used[:, None], 1)).tolist()  # NaN is not
     low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
     on = ((images >= low) & (images <= high)).all(axis=1)
     before = None
@@ -114,12 +117,12 @@ def _view_image(design: Design, system: System, old: System | None, index: int) 
         beam=beam,
         fiducials_px=images,
         targets_px=beam.images(np.array([target.position_mm for target in system.targets])),
-        depths_mm=depths(beam.view.projection, points),
+        depths_mm=depth,
         close=tuple((int(i), int(j)) for i, j in pairs),
         outside=frozenset(np.flatnonzero(~on & used).tolist()),
         before_px=before,
         margin_px=0.0 if section is None else section.image_margin_px,
-        spacing_px=spacing,
+        spacing_px=max((float(needed[i, j]) for i, j in pairs), default=0.0),
         labels=system.fiducial_labels,
         unused=frozenset(np.flatnonzero(~used).tolist()),
     )
@@ -322,7 +325,7 @@ def _remarks(view: ViewImage) -> list[str]:
         named = [f"{view.labels[i]}–{view.labels[j]}" for i, j in view.close[:MOST_PAIRS]]
         more = len(view.close) - len(named)
         listed = ", ".join(named) + (f" and {more} more" if more > 0 else "")
-        remarks.append(f"closer than {view.spacing_px:g} px: {listed}")
+        remarks.append(f"closer than {view.spacing_px:.3g} px: {listed}")
     if view.outside:
         named = [view.labels[k] for k in sorted(view.outside)[:MOST_PAIRS]]
         more = len(view.outside) - len(named)

@@ -101,7 +101,7 @@ def beside(
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class BarRows:
     """Bars one below the other, each as high as its name needs; lengths of the page."""
 
     names: tuple[tuple[str, ...], ...]  # lines of each
@@ -109,7 +109,7 @@ class Rows:
     height: float
 
     @classmethod
-    def of(cls, names: Sequence[str], letters: int, least: float = ROW) -> Rows:
+    def of(cls, names: Sequence[str], letters: int, least: float = ROW) -> BarRows:
         lines = [broken(name, letters) for name in names]
         middles, top = [], 0.0
         for each in lines:
@@ -128,8 +128,8 @@ class Rows:
         return axes
 
 
-def millimetres(value: float, name: str) -> str:
-    return f"{name} {value:.3f} mm"
+def millimetres(value: float, name: str, decimals: int) -> str:
+    return f"{name} {value:.{decimals}f} mm"
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tailstack.results import Optimisation, Provenance, Score, Verification, headline_of
+from tailstack.results.record import Published
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,8 @@ class Convergence:
 class Allowance:
     """How far one half-width could go by itself, to first order, everything else as it is; and what it costs.
 
-    Of the requirement on the error at this target that is nearest to its limit, or furthest beyond it.
+    Of the requirement that decides at this target: one that is not kept before one that is, then the one that is
+    nearest to its limit, or furthest beyond it; of all units together or of each unit by itself.
     """
 
     target: str
@@ -108,9 +110,7 @@ class Allowance:
     half_width: float
     """Half-width as it is, in `unit`."""
     requirement: str | None
-    """Requirement at this target that is nearest to its limit, or furthest beyond; null: no pooled requirement names
-    this target.
-    """
+    """Requirement that decides at this target; null: none names this target."""
     status: Literal["spare", "too wide", "zero is not enough", "no influence", "no requirement"]
     """spare: the half-width may grow; too wide: it must shrink; zero is not enough: nor would a perfect part do; no
     influence; no requirement.
@@ -152,8 +152,8 @@ class Reproduction:
     """What the commands reproduce, and how exactly."""
 
 
-@dataclass(frozen=True, slots=True)
-class Report:
+@dataclass(frozen=True, slots=True, repr=False)
+class Report(Published):
     """A design, what was found about it, and how to find it again."""
 
     schema: Literal["tailstack/report/1"]
@@ -173,7 +173,7 @@ class Report:
     convergence: tuple[Convergence, ...]
     """How the sampled P95 settled; empty where nothing was drawn."""
     allowances: tuple[Allowance, ...]
-    """How far each half-width could go by itself, at the targets of `distributions`."""
+    """How far each half-width could go by itself, at the targets of `distributions` and at the one that decides."""
     design: dict[str, object]
     """The design document, complete."""
     reproduction: Reproduction
@@ -237,8 +237,8 @@ class ComparisonHeadline:
     """What matters most, at most three sentences."""
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+@dataclass(frozen=True, slots=True, repr=False)
+class Comparison(Published):
     """Two designs computed alike, with the same seed, and what sets them apart."""
 
     schema: Literal["tailstack/comparison/1"]

@@ -21,7 +21,7 @@ from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
 from tailstack.geometry.rotation import unit
 from tailstack.results import Score, TargetScore
 from tailstack.scoring import Errors, TargetErrors
-from tailstack.system import Mount, System
+from tailstack.system import DirectEffect, System
 
 from .beams import Beam, beams_of
 from .svg import LONGEST, in_lines, printable, round_step
@@ -56,7 +56,7 @@ class Layer:
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
+class ViewDirection:
     """A direction to look from, at infinite distance: ``right`` and ``up`` of the page in con."""
 
     key: str
@@ -66,7 +66,7 @@ class Camera:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class LayoutScene:
     """A layout in con, mm.  ``near`` and ``far``: points that have to be in sight, of the structure, of everything."""
 
     title: str
@@ -74,7 +74,7 @@ class Scene:
     magnification: float  # of ellipsoids and biases; 0 where there are none
     note: str  # what is drawn to which scale
     layers: tuple[Layer, ...]
-    cameras: tuple[Camera, ...]
+    cameras: tuple[ViewDirection, ...]
     items: tuple[Item, ...]
     near: tuple[Point3, ...]
     far: tuple[Point3, ...]
@@ -196,9 +196,9 @@ def structure_points(system: System) -> Array:
     )
 
 
-def turns(mount: Mount) -> bool:
+def turns(mount: DirectEffect) -> bool:
     """Whether the seat has an error at all: the pivot of a perfect one means nothing."""
-    return mount.sources.count > 0 or bool(np.any(mount.bias))
+    return mount.sources.count > 0 or bool(np.any(mount.known))
 
 
 def radius_of(points_mm: Array) -> float:
@@ -272,7 +272,7 @@ def mounts(design: Design, system: System, old: System | None, length: float) ->
     for name, mount, document, was in mounts:
         if not turns(mount):
             continue
-        title = f"{name}, {printable(mount.title, LONGEST)}: {place_in_words(mount.pivot_mm)}"
+        title = f"{name}, {printable(mount.label, LONGEST)}: {place_in_words(mount.pivot_mm)}"
         items.append(Item("mark", "pivots", name, (point(mount.pivot_mm),), name, title))
         if was and differ(was.pivot_mm, mount.pivot_mm):
             items.append(Item("line", "before", "moved", points_of([was.pivot_mm, mount.pivot_mm])))
@@ -363,12 +363,12 @@ def beam_arrow(beam: Beam, shown: Array) -> Item:
     return Item("arrow", "directions", "beam", ends, in_lines(name, 18), f"beam of view {printable(name, LONGEST)}")
 
 
-def cameras(beams: Sequence[Beam]) -> tuple[Camera, ...]:
-    cameras = [Camera("iso", "Oblique", _rounded_unit(RIGHT), _rounded_unit(UP))]
+def cameras(beams: Sequence[Beam]) -> tuple[ViewDirection, ...]:
+    cameras = [ViewDirection("iso", "Oblique", _rounded_unit(RIGHT), _rounded_unit(UP))]
     for k, beam in enumerate(beams[:6]):
         label = f"From {printable(beam.view.name, LONGEST)} source"
-        cameras.append(Camera(f"view-{k + 1}", label, _rounded_unit(beam.right), _rounded_unit(beam.up)))
-    return (*cameras, Camera("top", "From +z", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+        cameras.append(ViewDirection(f"view-{k + 1}", label, _rounded_unit(beam.right), _rounded_unit(beam.up)))
+    return (*cameras, ViewDirection("top", "From +z", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
 
 
 def _rounded_unit(values: Array) -> Point3:
@@ -450,7 +450,7 @@ def scene_of(
     title: str,
     before: tuple[Design, Score | None] | None = None,
     called: str = "before",
-) -> Scene:
+) -> LayoutScene:
     """The scene of a design and what was computed of it, if it was.
 
     before: another one that it is drawn over, without errors where it has no score.  called: what that one is called.
@@ -480,7 +480,7 @@ def scene_of(
     arrows = [beam_arrow(beam, shown) for beam in beams]
     items += [*drawn, *arrows, *(item for beam in beams for item in beam_items(beam, system, len(beams) > MOST_NAMED))]
     ends = [np.vstack([beam.source_mm, beam.on_detector(beam.corners_px)]) for beam in beams]
-    return Scene(
+    return LayoutScene(
         title=printable(title, 2 * LONGEST),
         words=_words(system, beams, magnification, old, called),
         magnification=magnification,
@@ -494,7 +494,7 @@ def scene_of(
     )
 
 
-def scene_data(scene: Scene) -> dict[str, Any]:
+def scene_data(scene: LayoutScene) -> dict[str, Any]:
     """A scene as plain data for the viewer."""
     return {
         "title": scene.title,
@@ -514,7 +514,7 @@ def scene_data(scene: Scene) -> dict[str, Any]:
     }
 
 
-def scene_json(scene: Scene) -> str:
+def scene_json(scene: LayoutScene) -> str:
     """That as JSON; it can stand in an HTML script element, and is the same for the same scene."""
     text = json.dumps(scene_data(scene), ensure_ascii=True, allow_nan=False, separators=(",", ":"))  # noqa: TID251 - in a page
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")

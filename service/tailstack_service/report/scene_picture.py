@@ -21,7 +21,7 @@ from tailstack.scoring import score
 from tailstack.system import System
 
 from .images import images_parts
-from .scene import LOOKS, Camera, Item, Point3, Scene, differ, scene_of
+from .scene import LOOKS, Item, LayoutScene, Point3, ViewDirection, differ, scene_of
 from .svg import (
     LABEL_COLOUR,
     LONGEST,
@@ -49,7 +49,7 @@ COLOURS = {**LABEL_COLOUR, "keep-out": LOOKS["keep-out"]["stroke"], "old": MUTED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class FittedCamera:
     """A camera fitted to a panel: orthographic, so that one scale holds everywhere."""
 
     right: Array
@@ -70,7 +70,7 @@ class Sight:
         return float((points_mm @ self.eye).mean())
 
 
-def draw_scene(scene: Scene, name: str = "layout") -> str:
+def draw_scene(scene: LayoutScene, name: str = "layout") -> str:
     """Both panels of a scene, with the layers that it shows at first.  The same scene gives the same text."""
     parts, height = scene_parts(scene, name)
     return picture(name, scene.title, f"{scene.words} {scene.note}", height, parts)
@@ -109,7 +109,7 @@ def _change(before: System, after: System) -> str:
     return f"{len(old)} fiducials before, {len(now)} after: {changes}. In grey: before."
 
 
-def scene_parts(scene: Scene, name: str, top: float = 0.0) -> tuple[list[str], float]:
+def scene_parts(scene: LayoutScene, name: str, top: float = 0.0) -> tuple[list[str], float]:
     """The elements of a scene's picture from a height of the page on, and where they end."""
     view = next(entry for entry in scene.cameras if entry.key == "iso")
     parts = [
@@ -134,7 +134,9 @@ def scene_parts(scene: Scene, name: str, top: float = 0.0) -> tuple[list[str], f
     return parts, y - 2
 
 
-def fit(camera: Camera, points: Sequence[Point3], panel: tuple[float, float, float, float], size: float = 1.0) -> Sight:
+def fit(
+    camera: ViewDirection, points: Sequence[Point3], panel: tuple[float, float, float, float], size: float = 1.0
+) -> FittedCamera:
     """The largest scale at which all points are in the panel, with room for labels."""
     right, up = np.array(camera.right), np.array(camera.up)
     given = np.array(points)
@@ -144,10 +146,10 @@ def fit(camera: Camera, points: Sequence[Point3], panel: tuple[float, float, flo
     room = np.array([width - 2 * PAD, height - 2 * PAD - STRIP])
     scale = float((room / np.maximum(high - low, 1e-3)).min())
     offset = np.array([left + PAD, top + PAD]) + (room - scale * (high - low)) / 2 - scale * low
-    return Sight(right, up, np.cross(right, up), scale, offset, panel, size)
+    return FittedCamera(right, up, np.cross(right, up), scale, offset, panel, size)
 
 
-def _panel(sight: Sight, items: Sequence[Item], name: str) -> list[str]:
+def _panel(sight: FittedCamera, items: Sequence[Item], name: str) -> list[str]:
     left, top, width, height = sight.panel
     clip = f'<clipPath id="{name}-clip"><rect x="{left}" y="{top}" width="{width}" height="{height}"/></clipPath>'
     order = {"face": 0, "line": 1, "ellipsoid": 2, "arrow": 2, "mark": 2}
@@ -166,7 +168,7 @@ def _panel(sight: Sight, items: Sequence[Item], name: str) -> list[str]:
     ]  # fmt: skip
 
 
-def _draw_item(sight: Sight, item: Item) -> list[str]:
+def _draw_item(sight: FittedCamera, item: Item) -> list[str]:
     points = np.array(item.points)
     tip = f"<title>{escape(printable(item.title, 2 * LONGEST))}</title>" if item.title else ""
     if item.kind == "mark":
@@ -226,7 +228,7 @@ def _head(page: Array, look: dict[str, Any]) -> str:
     return f'<polygon points="{points}" fill="{look["stroke"]}"/>'
 
 
-def _ellipsoid(sight: Sight, points: Array, look: dict[str, Any]) -> str:
+def _ellipsoid(sight: FittedCamera, points: Array, look: dict[str, Any]) -> str:
     """The outline, and its three main ellipses: solid on the near side."""
     centre = sight.page(points[:1])[0]
     axes_mm = points[1:]
@@ -255,7 +257,7 @@ def _ellipse(form: Array) -> tuple[float, float, float]:
     return sqrt(max(middle + swing, 0.0)), sqrt(max(middle - swing, 0.0)), degrees(atan2(2 * b, a - c)) / 2
 
 
-def _labels(sight: Sight, items: Sequence[Item]) -> list[str]:
+def _labels(sight: FittedCamera, items: Sequence[Item]) -> list[str]:
     """Names beside what they name; those of fiducials only where there is room for them."""
     left, top, width, height = sight.panel
     inside = (left + 2, top + 2, left + width - 2, top + height - 2)
@@ -283,7 +285,7 @@ def _labels(sight: Sight, items: Sequence[Item]) -> list[str]:
     return [part for point, (x, y), colour in placed if point.text for part in label_lines(x, y, point.text, colour)]
 
 
-def _axis_ends(sight: Sight) -> list[tuple[str, tuple[float, float], tuple[float, float]]]:
+def _axis_ends(sight: FittedCamera) -> list[tuple[str, tuple[float, float], tuple[float, float]]]:
     """Name, end and place of the name of each axis of con, at the foot of a panel; those seen end on have no name."""
     left, top, _, height = sight.panel
     arm = 20.0 + 10.0 * sight.size
@@ -297,7 +299,7 @@ def _axis_ends(sight: Sight) -> list[tuple[str, tuple[float, float], tuple[float
     return [("", (x, y), (x, y)), *ends]
 
 
-def _axes(sight: Sight) -> list[str]:
+def _axes(sight: FittedCamera) -> list[str]:
     """The directions of con and a bar in mm, at the foot of a panel."""
     left, top, width, height = sight.panel
     (_, (x, y), _), *ends = _axis_ends(sight)
@@ -329,7 +331,7 @@ _LOOK_WORDS = {
 MAGNIFIED = ("tcp", "tcp-before", "bias", "bias-before", "localisation")
 
 
-def _legend(scene: Scene, items: Sequence[Item], x: float, y: float) -> tuple[list[str], float]:
+def _legend(scene: LayoutScene, items: Sequence[Item], x: float, y: float) -> tuple[list[str], float]:
     """What the marks mean, one below the other, and where they end."""
     used = {item.look: item.title.rsplit(": ", 1)[0] for item in items}
     parts = []

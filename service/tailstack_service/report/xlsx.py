@@ -1,22 +1,37 @@
-"""The numbers as a spreadsheet: provenance first, then every table; texts are never formulas."""
+"""The numbers as a spreadsheet: what was found, where it comes from, then every table; texts are never formulas.
+
+Every sheet prints on landscape pages as wide as its columns, its header repeated.  A row states how high its texts
+are: a program that opens the file does not find out.
+"""
 
 from __future__ import annotations
 
 import io
 import json
 import re
+import textwrap
+from collections.abc import Sequence
 from datetime import datetime
+from math import ceil, floor, isfinite, log10
 from typing import Any
 
 import xlsxwriter
 
-from .blocks import Bullets, Cell, Column, Document, Facts, Listing, Table
+from tailstack.results.tables import Cell, Column, On, Table
+
+from .blocks import Bullets, Document, Facts, Listing
 
 # A workbook says when it was made; a report must not, or the same result would give other bytes tomorrow.
 EPOCH = datetime(2000, 1, 1)
 LONGEST_TEXT = 32_000  # of a cell; the format's own limit is 32,767
-WIDEST = 60
+NUMBER, WIDEST = 10, 60  # widths of columns, in digits
+INDENT = 3  # digits that an indented text has less
+LETTERS = 0.85  # of a column's width, in digits, that a line of text fills at most, also in a wider font
+BOLD_LETTERS = 0.65  # the same of bold letters
+LINE = 15.0  # points
+READABLE = 110  # digits: the width that a caption or note takes
 SHEET_TITLE = 31
+A4 = 9
 FORMULA_STARTS = ("=", "+", "-", "@")
 
 
@@ -25,6 +40,7 @@ def xlsx_report(document: Document, record: bytes) -> bytes:
 
     record: the result's JSON, which the last sheet keeps.
     """
+    document = document.of(On.SHEET)
     target = io.BytesIO()
     options = {
         "in_memory": True, "strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False,
@@ -35,10 +51,11 @@ def xlsx_report(document: Document, record: bytes) -> bytes:
             {"title": document.title[:250], "subject": document.kind, "author": "tailstack", "created": EPOCH}
         )
         formats = _Formats(book)
-        _front(book, formats, document)
-        taken = {"provenance", "record"}
+        _summary(book, formats, document)
+        _provenance(book, formats, document)
+        taken = {"summary", "provenance", "record"}
         for table in tables_of(document):
-            _sheet(book, formats, table, _title(table.name, taken))
+            _sheet(book, formats, table.on(On.SHEET), _title(table.name, taken))
         for listing in listings_of(document):
             _lines(book, formats, listing, _title("Design", taken))
         _record(book, formats, record)
@@ -57,64 +74,113 @@ def listings_of(document: Document) -> list[Listing]:
     return [block for block in blocks if len(block.text.splitlines()) > 20]
 
 
+Look = dict[str, Any]
+BOLD: Look = {"bold": True, "valign": "top"}
+TITLE: Look = {"bold": True, "font_size": 14, "text_wrap": True, "valign": "top"}
+HEAD: Look = {"bold": True, "text_wrap": True, "valign": "top", "bottom": 1, "bg_color": "#EEF2F6"}
+WRAPPED: Look = {"text_wrap": True, "valign": "top"}
+MONO: Look = {"font_name": "Courier New", "text_wrap": True, "valign": "top"}
+
+
 class _Formats:
-    """Cell formats by column, made once."""
+    """Cell formats, each made once."""
 
     def __init__(self, book: Any) -> None:
         self._book = book
-        self._known: dict[tuple[Any, ...], Any] = {}
-        self.bold = book.add_format({"bold": True})
-        self.title = book.add_format({"bold": True, "font_size": 14})
-        self.head = book.add_format(
-            {"bold": True, "text_wrap": True, "valign": "top", "bottom": 1, "bg_color": "#EEF2F6"}
-        )
-        self.wrapped = book.add_format({"text_wrap": True, "valign": "top"})
-        self.quoted = book.add_format({"text_wrap": True, "valign": "top", "quote_prefix": True})
-        self.mono = book.add_format({"font_name": "Courier New"})
+        self._known: dict[tuple[tuple[str, Any], ...], Any] = {}
 
-    def of(self, column: Column, depth: int) -> Any:
-        decimals = "0." + "0" * column.digits
-        kind = {
-            "fixed": decimals, "signed": f"+{decimals};-{decimals};0", "percent": f"{decimals}%", "whole": "#,##0",
-            "significant": "General", "given": "General",
-        }.get(column.kind, "@")  # fmt: skip
-        key = (kind, depth, column.numeric)
+    def of(self, look: Look) -> Any:
+        key = tuple(sorted(look.items()))
         if key not in self._known:
-            look: dict[str, Any] = {"num_format": kind, "valign": "top"}
-            if not column.numeric:
-                look |= {"indent": depth, "text_wrap": True}
             self._known[key] = self._book.add_format(look)
         return self._known[key]
 
 
-def _front(book: Any, formats: _Formats, document: Document) -> None:
-    sheet = book.add_worksheet("Provenance")
-    sheet.set_column(0, 0, 30)
-    sheet.set_column(1, 1, 100)
-    row = 0
-    for label, value, look in (
-        (document.kind, document.title, formats.title),
-        ("Verdict", document.status, formats.bold),
-        ("In words", document.sentence, formats.wrapped),
-    ):
-        _text(formats, sheet, row, 0, label, look if look is formats.title else formats.bold)
-        _text(formats, sheet, row, 1, value, look)
-        row += 1
-    for entry in document.numbers:
-        _text(formats, sheet, row, 0, entry.label, formats.bold)
-        _text(
-            formats, sheet, row, 1, f"{entry.value}  ({entry.detail})" if entry.detail else entry.value, formats.wrapped
+def _look_of(column: Column, cell: Cell, indent: int) -> Look:
+    """How a cell of a column looks; ``indent`` is that of texts."""
+    decimals = "0." + "0" * column.digits
+    kind = {
+        "fixed": decimals, "signed": f"+{decimals};-{decimals};0", "percent": f"{decimals}%", "whole": "#,##0",
+        "significant": _significant(cell, column.digits), "stated": "General", "given": "General",
+    }.get(column.kind, "@")  # fmt: skip
+    look: Look = {"num_format": kind, "valign": "top"}
+    return look if column.numeric else look | {"align": "left", "indent": indent, "text_wrap": True}
+
+
+def _significant(cell: Cell, digits: int) -> str:
+    """The format that shows so many digits of a number, as the pages do; the cell keeps all that it has."""
+    if cell is None or isinstance(cell, str) or cell == 0 or not isfinite(cell):
+        return "General"
+    decimals = digits - 1 - floor(log10(abs(cell)))
+    if abs(cell) < 1e-3:
+        return f"0.{'0' * (digits - 1)}E+00"
+    return f"0.{'0' * decimals}" if decimals > 0 else "0"
+
+
+def _open(book: Any, title: str, widths: Sequence[int], repeated: int = 0) -> Any:
+    """A sheet with columns of these widths, in digits, and so many rows that stand on every printed page."""
+    sheet = book.add_worksheet(title)
+    for place, width in enumerate(widths):
+        sheet.set_column(place, place, width)
+    sheet.set_landscape()
+    sheet.set_paper(A4)
+    sheet.set_margins(left=0.5, right=0.5, top=0.6, bottom=0.7)
+    sheet.set_footer("&L&A&R&P / &N")
+    sheet.fit_to_pages(1, 0)
+    if repeated:
+        sheet.repeat_rows(0, repeated - 1)
+    return sheet
+
+
+def _height(text: str, width: float, bold: bool = False) -> float:
+    """Points that a text takes in a column of this width, in digits."""
+    letters = max(int(width * (BOLD_LETTERS if bold else LETTERS)), 1)
+    return LINE * sum(len(textwrap.wrap(line, letters)) or 1 for line in text.split("\n"))
+
+
+def _pairs(sheet: Any, formats: _Formats, row: int, pairs: Sequence[tuple[str, str]], look: Look = WRAPPED) -> int:
+    """A word and what it is, a row each; gives the row below them."""
+    larger = look.get("font_size", 11) / 11
+    for place, (label, value) in enumerate(pairs, row):
+        _text(formats, sheet, place, 0, label, look if look is TITLE else BOLD | WRAPPED)
+        _text(formats, sheet, place, 1, value, look)
+        sheet.set_row(
+            place,
+            larger * max(_height(label, FRONT[0] / larger, True), _height(value, FRONT[1] / larger, "bold" in look)),
         )
-        row += 1
-    for index, sentence in enumerate(document.matters, 1):
-        _text(formats, sheet, row, 0, f"What matters, {index}", formats.bold)
-        _text(formats, sheet, row, 1, sentence, formats.wrapped)
-        row += 1
-    row += 1
-    for label, value in document.provenance.pairs:
-        _text(formats, sheet, row, 0, label, formats.bold)
-        _text(formats, sheet, row, 1, value, formats.wrapped)
-        row += 1
+    return row + len(pairs)
+
+
+def _paragraph(sheet: Any, formats: _Formats, row: int, text: str, look: Look, widths: Sequence[int]) -> None:
+    """A text across as many columns as make it readable."""
+    span, width = 0, 0.0
+    while width < READABLE:
+        width += widths[span] if span < len(widths) else UNSET
+        span += 1
+    if span > 1:
+        sheet.merge_range(row, 0, row, span - 1, "", formats.of(look | WRAPPED))
+    _text(formats, sheet, row, 0, text, look | WRAPPED)
+    sheet.set_row(row, _height(text, width, "bold" in look))
+
+
+FRONT = (30, 100)
+UNSET = 8.43  # width of a column of which nothing is said
+
+
+def _summary(book: Any, formats: _Formats, document: Document) -> None:
+    sheet = _open(book, "Summary", FRONT)
+    row = _pairs(sheet, formats, 0, [(document.kind, document.title)], TITLE)
+    row = _pairs(sheet, formats, row, [("Verdict", document.status)], BOLD)
+    said = [("In words", document.sentence)]
+    said += [(n.label, f"{n.value}  ({n.detail})" if n.detail else n.value) for n in document.numbers]
+    said += [(f"What matters, {k}", sentence) for k, sentence in enumerate(document.matters, 1)]
+    _pairs(sheet, formats, row, said)
+
+
+def _provenance(book: Any, formats: _Formats, document: Document) -> None:
+    """Hashes and versions, then what the sections say in words."""
+    sheet = _open(book, "Provenance", FRONT)
+    row = _pairs(sheet, formats, 0, document.provenance.pairs)
     for section in document.sections:
         for block in section.blocks:
             pairs: list[tuple[str, str]] = []
@@ -125,71 +191,76 @@ def _front(book: Any, formats: _Formats, document: Document) -> None:
             elif isinstance(block, Listing) and len(block.text.splitlines()) <= 20:
                 pairs = [(block.caption or section.title, block.text)]
             if pairs:
-                row += 1
-            for label, value in pairs:
-                _text(formats, sheet, row, 0, label, formats.bold)
-                _text(formats, sheet, row, 1, value, formats.wrapped)
-                row += 1
+                row = _pairs(sheet, formats, row + 1, pairs)
 
 
 def _sheet(book: Any, formats: _Formats, table: Table, title: str) -> None:
-    sheet = book.add_worksheet(title)
-    _text(formats, sheet, 0, 0, table.caption, formats.bold)
+    # a percent format says its unit itself
+    heads = [f"{c.title}, {c.unit}" if c.unit and c.kind != "percent" else c.title for c in table.columns]
+    widths = []
+    for place, (head, column) in enumerate(zip(heads, table.columns, strict=True)):
+        if column.numeric:
+            widths.append(max(NUMBER, 1 + ceil(max(map(len, head.split()), default=0) / BOLD_LETTERS)))
+        else:
+            longest = max((len(str(row.cells[place] or "")) for row in table.rows), default=0)
+            widths.append(min(ceil(max(longest / LETTERS, len(head) / BOLD_LETTERS)) + INDENT, WIDEST))
+    sheet = _open(book, title, widths, repeated=2)
+    _paragraph(sheet, formats, 0, table.caption, BOLD, widths)
     for place, column in enumerate(table.columns):
-        unit = "" if column.kind == "percent" else column.unit  # a percent format says it itself
-        _text(formats, sheet, 1, place, f"{column.title}, {unit}" if unit else column.title, formats.head)
+        aligned = {"align": "right"} if column.numeric else {"align": "left", "indent": min(place, 1)}
+        _text(formats, sheet, 1, place, heads[place], HEAD | aligned)
+    sheet.set_row(
+        1, max(_height(head, width * BOLD_LETTERS / LETTERS) for head, width in zip(heads, widths, strict=True))
+    )
     for index, row in enumerate(table.rows, 2):
         for place, (cell, column) in enumerate(zip(row.cells, table.columns, strict=True)):
-            _cell(formats, sheet, index, place, cell, formats.of(column, row.depth if place == 0 else 0))
-    for place, column in enumerate(table.columns):
-        longest = max(
-            [len(column.title) + len(column.unit) + 2, *(len(_shown(row.cells[place])) for row in table.rows)]
-        )
-        sheet.set_column(place, place, 14 if column.numeric else min(max(longest + 1, 8), WIDEST))
+            _cell(formats, sheet, index, place, cell, _look_of(column, cell, min(place, 1) or row.depth))
+        texts = [(cell, width) for cell, width in zip(row.cells, widths, strict=True) if isinstance(cell, str)]
+        sheet.set_row(index, max([LINE, *(_height(text, width - INDENT) for text, width in texts)]))
     if table.note:
-        _text(formats, sheet, len(table.rows) + 3, 0, table.note, None)
+        _paragraph(sheet, formats, len(table.rows) + 3, table.note, {}, widths)
     sheet.freeze_panes(2, 1)
 
 
 def _lines(book: Any, formats: _Formats, listing: Listing, title: str) -> None:
     """A text line by line: one cell could not hold it."""
-    sheet = book.add_worksheet(title)
-    sheet.set_column(0, 0, 110)
-    _text(formats, sheet, 0, 0, listing.caption, formats.bold)
+    sheet = _open(book, title, [READABLE], repeated=1)
+    _paragraph(sheet, formats, 0, listing.caption, BOLD, [READABLE])
     for index, line in enumerate(listing.text.splitlines(), 1):
-        _text(formats, sheet, index, 0, line, formats.mono)
+        _text(formats, sheet, index, 0, line, MONO)
+        sheet.set_row(index, _height(line, READABLE))
 
 
 def _record(book: Any, formats: _Formats, record: bytes) -> None:
-    """The record in pieces, one below the other: what ``tailstack report --verify`` reads.  ASCII, whatever it says."""
-    sheet = book.add_worksheet("Record")
-    sheet.set_column(0, 0, 110)
+    """The record in pieces, one below the other: what ``tailstack report --verify`` reads.  ASCII, whatever it says.
+
+    It is for programs: of this sheet, what it says of itself is printed.
+    """
+    sheet = _open(book, "Record", [READABLE])
+    sheet.print_area(0, 0, 0, 0)
     words = "The record of this report as JSON; the cells below, put together, are what tailstack report --verify reads"
-    _text(formats, sheet, 0, 0, words, formats.bold)
+    _paragraph(sheet, formats, 0, words, BOLD, [READABLE])
     text = json.dumps(json.loads(record), ensure_ascii=True, separators=(",", ":"))  # noqa: TID251 - cells hold ASCII
     for row, start in enumerate(range(0, len(text), LONGEST_TEXT), 1):
         sheet.write_string(row, 0, text[start : start + LONGEST_TEXT])
+        sheet.set_row(row, LINE)
 
 
-def _cell(formats: _Formats, sheet: Any, row: int, column: int, cell: Cell, look: Any) -> None:
+def _cell(formats: _Formats, sheet: Any, row: int, column: int, cell: Cell, look: Look) -> None:
     if cell is None:
-        sheet.write_blank(row, column, None, look)
+        sheet.write_blank(row, column, None, formats.of(look))
     elif isinstance(cell, str):
         _text(formats, sheet, row, column, cell, look)
     else:
-        sheet.write_number(row, column, cell, look)
+        sheet.write_number(row, column, cell, formats.of(look))
 
 
-def _text(formats: _Formats, sheet: Any, row: int, column: int, text: str, look: Any) -> None:
+def _text(formats: _Formats, sheet: Any, row: int, column: int, text: str, look: Look) -> None:
     """A text as text, whatever it begins with: a name like =HYPERLINK(...) must not become a formula."""
     clean = "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
     # marked as text also for whoever edits the cell or saves the sheet in another format
-    look = formats.quoted if clean.lstrip()[:1] in FORMULA_STARTS else look
-    sheet.write_string(row, column, clean[:LONGEST_TEXT], look)
-
-
-def _shown(cell: Cell) -> str:
-    return f"{cell:.5g}" if isinstance(cell, float) else str(cell or "")
+    marked = {"quote_prefix": True} if clean.lstrip()[:1] in FORMULA_STARTS else {}
+    sheet.write_string(row, column, clean[:LONGEST_TEXT], formats.of(look | marked))
 
 
 def _title(name: str, taken: set[str]) -> str:

@@ -2,7 +2,8 @@
 
 import { computed, effect, signal, untracked } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
-import { design, gesture, type Json, mergePatch, opened, type Path, valueAt } from "./state";
+import { mergePatch, notFinite } from "./document";
+import { design, errors, gesture, type Json, opened, type Path, valueAt } from "./state";
 
 export type Score = components["schemas"]["Score"];
 export type TargetScore = components["schemas"]["TargetScore"];
@@ -18,13 +19,17 @@ export const key = signal<string | null>(null); // in memory only: it is gone wi
 export const keyWanted = signal(false);
 export const reachable = signal(true);
 
-/** Ask, and know a refusal from a service that is not there. */
+/** Ask, and know a refusal from a service that is not there.  What JSON cannot say is refused here, as the service would. */
 export async function send(method: string, path: string, body?: unknown, headers: Record<string, string> = {}): Promise<Response> {
   const given: Record<string, string> = { ...headers };
   if (body !== undefined && !given["Content-Type"]) given["Content-Type"] = "application/json";
   if (key.value) given.Authorization = `Bearer ${key.value}`;
   const address = new URL(path.replace(/^\//, ""), new URL(".", location.href));
-  const content = body === undefined ? undefined : typeof body === "string" ? body : JSON.stringify(body);
+  const whole = body === undefined || typeof body === "string" || body instanceof Blob, strange = whole ? [] : notFinite(body);
+  if (strange.length) return Response.json({ title: "The design document is not valid", errors: strange.slice(0, 25).map(({ pointer, value }) => ({
+    pointer, code: "not-finite", detail: `must be a finite number; got ${Number.isNaN(value) ? ".nan" : value < 0 ? "-.inf" : ".inf"}`, hint: "write a number, or take the field out",
+  })) }, { status: 422 });
+  const content = whole ? body : JSON.stringify(body);
   try {
     const response = await fetch(address, { method, body: content, headers: given, cache: "no-store" });
     reachable.value = true;
@@ -52,13 +57,23 @@ export function refusalOf(problem: Json, status: number): Refusal {
   const errors = (problem.errors ?? []).map((entry: Json) => ({
     pointer: String(entry.pointer ?? "").replace(/^\/design(?=\/|$)/, ""),
     detail: String(entry.detail ?? ""),
-    hint: String(entry.hint ?? ""),
+    hint: String(CURES[entry.code] ?? entry.hint ?? ""),
     rule: String(entry.code ?? ""),
   }));
   const title = problem.title ?? `The service answered with ${status}`;
+  if (status === 401) errors.splice(0, errors.length, { pointer: "", detail: key.value === null ? "This service asks for an API key." : "The service does not know this key.", hint: "give a key in the field above; whoever runs the service has them", rule: "key" });
   if (!errors.length) errors.push({ pointer: "", detail: problem.detail ?? title, hint: "", rule: "" });
   return { status, title, type: problem.type ?? "", errors };
 }
+
+/** What to do on this page, where the service's words are for somebody who calls it from a script. */
+const CURES: Record<string, string> = { "file-refused": "drop that file on this page: its fiducials are then in the design" };
+
+/** A text that is no design, or cannot be read at all. */
+const unreadable = (marks: { message: string }[]): Refusal => ({
+  status: 422, title: "The text is no design", type: "",
+  errors: marks.map(({ message }) => ({ pointer: "", detail: message, hint: 'undo, or mend it under "As text"', rule: "unreadable" })),
+});
 
 export const pathOf = (pointer: string): Path =>
   pointer.split("/").slice(1).map((part) => {
@@ -93,7 +108,19 @@ export const answer = signal<Answer | null>(null); // the last good one
 export const refusal = signal<{ design: Json; problem: Refusal } | null>(null);
 export const busy = signal(false);
 export const current = computed(() => answer.value !== null && answer.value.design === design.value);
-export const refused = computed(() => (refusal.value?.design === design.value ? refusal.value!.problem : null));
+export const refused = computed(() => (errors.value.length ? unreadable(errors.value) : refusal.value?.design === design.value ? refusal.value!.problem : null));
+/** Whether the numbers on the page have been those of another design for longer than an eye follows. */
+export const late = signal(false);
+const FOLLOWED = 150; // ms: while something is dragged, numbers that come sooner after one another are those of the drag
+effect(() => {
+  answer.value; // each answer begins anew
+  if (current.value) {
+    late.value = false;
+    return;
+  }
+  const timer = window.setTimeout(() => (late.value = true), FOLLOWED);
+  return () => window.clearTimeout(timer);
+});
 /** What is wrong with the design, or with the service. */
 export const trouble = computed(() => refused.value ?? (reachable.value ? null : unreachable()));
 
@@ -110,6 +137,12 @@ effect(() => {
   wanted = gesture.value.length && slow ? null : design.value;
   key.value; // with another key it is asked again
   if (wanted) untracked(() => void follow());
+});
+
+effect(() => {
+  if (!reachable.value || untracked(() => refused.value?.status) !== 0) return;
+  wanted = untracked(() => design.value); // the service is back
+  void untracked(follow);
 });
 
 async function follow(): Promise<void> {
@@ -131,7 +164,7 @@ async function follow(): Promise<void> {
 
 async function scoreOnce(sent: Json): Promise<void> {
   const losses = !slow && !gesture.value.length; // they take half of a score's time again
-  const begin = performance.now(), patch = base && { design_sha256: base.sha256, patch: mergePatch(base.data, sent) };
+  const begin = performance.now(), changed = base && mergePatch(base.data, sent), patch = changed && { design_sha256: base!.sha256, patch: changed };
   try {
     const response = await send("POST", "/v1/scores", { ...(patch ?? { design: sent }), losses });
     if (response.ok) {
@@ -175,7 +208,7 @@ async function drawOnce(sent: Json): Promise<void> {
 
 function later(sent: Json, seconds: number): void {
   window.setTimeout(() => {
-    if (design.value === sent) {
+    if (design.value === sent && refused.value) {
       wanted = sent;
       void follow();
     }

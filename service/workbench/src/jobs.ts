@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
 import { readRefusal, type Refusal, refusalOf, send, unreachable } from "./api";
-import { design, type Json, recall, remember, text, writeYaml } from "./state";
+import { design, type Json, shareList, text, writeYaml } from "./state";
 
 type Job = components["schemas"]["Job"];
 
@@ -22,20 +22,16 @@ export interface Run {
   begun: number;
 }
 
-const RUNS = "tailstack.workbench.runs", MOST = 30;
-export const runs = signal<Run[]>(recall(RUNS, []));
+const MOST = 30;
+const shelf = shareList<Run>("tailstack.workbench.runs", "id", ["kind", "title", "text", "state"], ({ begun }) => -begun, () => resume());
+export const runs = shelf.list;
 export const results = signal<Record<string, Json>>({});
 export const startProblem = signal<Refusal | null>(null);
 export const recent = signal<Job[]>([]); // of the service, newest first
 const followed = new Set<string>();
 
-function keep(next: Run[]): void {
-  runs.value = next.slice(0, MOST);
-  remember(RUNS, runs.value); // where that fails, the list lasts as long as the page
-}
-
-const change = (id: string, values: Partial<Run>) => keep(runs.value.map((run) => (run.id === id ? { ...run, ...values } : run)));
-export const forget = (id: string) => keep(runs.value.filter((run) => run.id !== id));
+const change = (id: string, values: Partial<Run>) => shelf.change((kept) => kept.map((run) => (run.id === id ? { ...run, ...values } : run)));
+export const forget = (id: string) => shelf.change((kept) => kept.filter((run) => run.id !== id));
 export const unfinished = (run: { state: string }) => run.state === "queued" || run.state === "running";
 
 export async function start(title: string, path: string, options: Json): Promise<void> {
@@ -61,7 +57,7 @@ const runOf = (job: Job) => ({
 /** Show a job among those of this page, and follow it to its end. */
 export function adopt(job: Job, title: string, source: string): void {
   const run = { id: job.id, kind: job.kind, title, text: source, begun: Date.parse(job.created_at), ...runOf(job) };
-  keep([run, ...runs.value.filter((other) => other.id !== job.id)]);
+  shelf.change((kept) => [run, ...kept.filter((other) => other.id !== job.id)].slice(0, MOST));
   void follow(job.id);
 }
 
@@ -76,10 +72,16 @@ export async function cancel(id: string): Promise<void> {
   await look(id);
 }
 
+/** A run of which the service has lost something, with its database or because it is old. */
+const lost = (what: string): Partial<Run> => ({
+  state: "gone", result: null, report: null,
+  problem: { status: 404, title: `The service no longer has ${what}`, type: "", errors: [{ pointer: "", detail: "It was taken away there, or its database is another one.", hint: "run it again", rule: "gone" }] },
+});
+
 async function look(id: string): Promise<boolean> {
   const response = await send("GET", `/v1/jobs/${id}`);
   if (response.status === 404) {
-    change(id, { state: "gone", note: "the service no longer knows this job" });
+    change(id, lost("this job"));
     return false;
   }
   if (!response.ok) return true;
@@ -93,11 +95,12 @@ async function look(id: string): Promise<boolean> {
 
 export async function loadResult(sha256: string): Promise<void> {
   if (results.value[sha256]) return;
-  const response = await send("GET", `/v1/results/${sha256}`);
-  if (!response.ok) return;
+  const response = await send("GET", `/v1/results/${sha256}`).catch(() => null);
+  if (response?.status === 404) shelf.change((kept) => kept.map((run) => (run.result === sha256 ? { ...run, ...lost("its result") } : run)));
+  if (!response?.ok) return;
   const record = await response.json(), held = record.design_before ?? record.design;
   results.value = { ...results.value, [sha256]: record };
-  if (held) keep(runs.value.map((run) => (run.result === sha256 && !run.text ? { ...run, text: writeYaml(held) } : run)));
+  if (held) shelf.change((kept) => kept.map((run) => (run.result === sha256 && !run.text ? { ...run, text: writeYaml(held) } : run)));
 }
 
 /** Follow a job to its end, through restarts of the service. */

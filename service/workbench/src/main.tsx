@@ -4,17 +4,17 @@ import { effect, signal } from "@preact/signals";
 import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { answer, busy, current, key, keyWanted, refused } from "./api";
-import { loadRecent, resume, runs, startProblem } from "./jobs";
+import { loadRecent, resume, runs, startProblem, unfinished } from "./jobs";
 import { Beads, Geometry, HalfWidths } from "./parts/Controls";
 import { Budget } from "./parts/Budget";
-import { Gallery, message, OpenFile, takeFile, TakeAway, Variants } from "./parts/Files";
+import { Gallery, OpenFile, takeFile, takeText, TakeAway, Variants, working } from "./parts/Files";
 import { Form, loadSchema } from "./parts/Form";
 import { Elevations, Images } from "./parts/Pictures";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
 import { Space } from "./parts/Space";
 import { Requirements, Verdict } from "./parts/Verdict";
-import { canRedo, canUndo, design, open, position, recall, redo, remember, restore, savedSteps, shownPointer, steps, text, textOfLink, undo } from "./state";
+import { canRedo, canUndo, design, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
 const theme = signal<string>(recall("tailstack.workbench.theme", "auto"));
 effect(() => {
@@ -40,18 +40,20 @@ function Page() {
       </header>
       {!savedSteps.value && <p class="bad" role="alert">The browser keeps nothing (its storage is full or off): save the design as a file.</p>}
       {message.value && <p class={message.value.bad ? "message bad" : "message"} role="status">{message.value.words} <button type="button" class="small" aria-label="Close the message" onClick={() => (message.value = null)}>×</button></p>}
-      {startProblem.value && <Problems problem={startProblem.value} />}
+      {startProblem.value && <div class="message bad"><Problems problem={startProblem.value} /><button type="button" class="small" onClick={() => (startProblem.value = null)}>Close</button></div>}
+      {working.value && <p class="working" role="status">{working.value} … <progress aria-label={working.value} /></p>}
       {keyWanted.value && <KeyWanted />}
       {steps.value.length === 0 ? <Welcome /> : <Workbench />}
     </>
   );
 }
 
+const licences = document.querySelector<HTMLLinkElement>("link[rel=license]")?.href; // written by the build
 const short = (words: string) => (words.length > 26 ? `${words.slice(0, 25)}…` : words);
 
 function Welcome() {
   return (
-    <main id="main">
+    <main id="main" tabIndex={-1}>
       <h2>Begin with a design</h2>
       <p>Take one of these, or drop a <code>.yaml</code> or <code>.json</code> design here. Nothing leaves this computer but for the service that this page came from.</p>
       <Gallery />
@@ -79,7 +81,7 @@ function Workbench() {
   return (
     <>
       <Verdict />
-      <main id="main">
+      <main id="main" tabIndex={-1}>
         <div class="see">
           <section aria-label="X-ray images"><h2>What the X-rays see</h2><Images /></section>
           <section aria-label="Elevations"><h2>Elevations</h2><Elevations /></section>
@@ -91,7 +93,7 @@ function Workbench() {
           <Part title="Beads" open paper><Beads /></Part>
           <Part title="Half-widths and noise" open paper><HalfWidths /></Part>
           <Part title="Views, pivots, targets, limits"><Geometry /></Part>
-          <Part title="Run" open={runs.value.length > 0} paper><Runs /></Part>
+          <Part title="Run" open={runs.value.length > 0} summoned={runs.value.some(unfinished)} paper><Runs /></Part>
           <Part title="Variants"><Variants /></Part>
           <Part title="Take away"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
@@ -102,6 +104,7 @@ function Workbench() {
       <footer>
         <p>{answer.value ? `Not in any number: ${answer.value.score.provenance.not_included.join("; ")}.` : ""}</p>
         <p class={current.value ? "" : "old"}>{answer.value ? `First order; design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}` : ""}</p>
+        {licences && <p><a href={licences}>Licences of what this page contains</a></p>}
       </footer>
     </>
   );
@@ -151,15 +154,15 @@ document.addEventListener("drop", (event) => {
 });
 window.addEventListener("hashchange", () => void fromLink());
 
-async function fromLink(): Promise<boolean> {
+async function fromLink(): Promise<void> {
   try {
-    const linked = await textOfLink(location.hash);
-    if (linked === null) return false;
-    if (linked !== text.value) open(linked, "Open the link");
-    return true;
+    const held = await textOfLink(location.hash);
+    if (held === null) return;
+    if (held !== text.value) takeText("The link", held, "Open the link");
+    linked.value = held === text.value ? held : "";
   } catch {
-    message.value = { words: "The link was cut on its way: ask for it again, or for the file.", bad: true };
-    return false;
+    linked.value = "";
+    say("The link was cut on its way: ask for it again, or for the file.", true);
   }
 }
 

@@ -4,32 +4,40 @@
 // (a drag, a slide) is a list of edits that is laid over the parsed text, and becomes one step of the history when it
 // ends.
 
-import { batch, computed, signal } from "@preact/signals";
-import { Document, isCollection, isMap, isScalar, isSeq, parseDocument } from "yaml";
+import { batch, computed, effect, signal } from "@preact/signals";
+import { type Edit, type Json, parse, withEdits, writeEdits } from "./document";
 
-export type Path = (string | number)[];
-export type Json = any; // a design as plain data: the service says what is wrong with it, field by field
-export interface Edit {
-  path: Path;
-  value: Json; // undefined: the field goes
-}
+export { differences, type Edit, type Json, parse, type Path, valueAt, writeYaml } from "./document";
+
 interface Step {
   text: string;
   what: string;
+  until?: number; // ms since 1970: the same again before then is part of this step
 }
 export interface Variant {
   name: string;
   text: string;
+  at?: number; // when it was kept, ms since 1970
 }
 
-const YAML = { keepSourceTokens: false, version: "1.2" as const };
-const AUTOSAVE = "tailstack.workbench.design", VARIANTS = "tailstack.workbench.variants";
-const MOST_STEPS = 300;
+const TAB = "tailstack.workbench.tab", AUTOSAVE = "tailstack.workbench.design";
+const MOST_STEPS = 300, MOST_SAVED = 300_000; // characters of one tab: eight tabs, variants and runs share 5 million
+export const PRESSES = 1000; // ms between presses of a key that are one step
+
+/** What is said to the person at the page. */
+export const message = signal<{ words: string; bad: boolean } | null>(null);
+const READ = 15_000; // ms, after which what is no complaint leaves the page
+export function say(words: string, bad = false): void {
+  const said = { words, bad };
+  message.value = said;
+  if (!bad) window.setTimeout(() => message.value === said && (message.value = null), READ);
+}
 
 export const steps = signal<Step[]>([]);
 export const position = signal(-1);
 export const gesture = signal<Edit[]>([]);
-export const variants = signal<Variant[]>(recall(VARIANTS, []));
+const shelf = shareList<Variant>("tailstack.workbench.variants", "name", ["text"], ({ at }) => at ?? 0);
+export const variants = shelf.list;
 export const selected = signal<string | null>(null); // label of a fiducial
 export const opened = signal(0); // designs opened so far: what was found of one says nothing of the next
 export const shownPointer = signal<string | null>(null); // a place that is to be shown in the text
@@ -37,132 +45,41 @@ export const savedSteps = signal(true);
 
 export const text = computed(() => steps.value[position.value]?.text ?? "");
 const parsed = computed(() => parse(text.value));
+/** Why the text is no design that could be looked at. */
+export const errors = computed(() => (steps.value.length ? parsed.value.errors : []));
 /** The design as plain data, with the gesture that is under way.  The same object as long as nothing has changed. */
-export const design = computed<Json>(() => withEdits(parsed.value.data, gesture.value));
+export const design = computed<Json>(() => parsed.value.data && withEdits(parsed.value.data, gesture.value));
 export const canUndo = computed(() => position.value > 0);
 export const canRedo = computed(() => position.value < steps.value.length - 1);
 
-export function parse(source: string): { document: Document; data: Json; errors: { message: string; from: number; to: number }[] } {
-  const document = parseDocument(source, YAML) as unknown as Document;
-  const errors = document.errors.map((e) => ({ message: e.code === "MULTIPLE_DOCS" ? "There are several documents in it; a design is one." : e.message.split("\n")[0], from: e.pos[0], to: e.pos[1] }));
-  return { document, data: errors.length ? null : document.toJS(), errors };
-}
-
-/** Plain data with edits, sharing whatever they do not touch. */
-export function withEdits(data: Json, edits: readonly Edit[]): Json {
-  return edits.reduce((all, edit) => withValue(all, edit.path, edit.value), data);
-}
-
-function withValue(data: Json, path: Path, value: Json): Json {
-  if (!path.length) return value;
-  const [key, ...rest] = path;
-  const copy: Json = Array.isArray(data) ? [...data] : { ...(data ?? (typeof key === "number" ? [] : {})) };
-  const next = rest.length ? withValue(copy[key], rest, value) : value;
-  if (next !== undefined) copy[key] = next;
-  else if (Array.isArray(copy)) copy.splice(Number(key), 1);
-  else delete copy[key];
-  return copy;
-}
-
-export function valueAt(data: Json, path: Path): Json {
-  return path.reduce((part, key) => (part === null || part === undefined ? undefined : part[key]), data);
-}
-
-/** The text after edits: numbers change in their places, what is new is written below what is there. */
-export function writeEdits(source: string, edits: readonly Edit[]): string {
-  const document = parse(source).document;
-  for (const edit of edits) writeEdit(document, edit.path, edit.value);
-  return document.toString({ lineWidth: 120, flowCollectionPadding: true });
-}
-
-function writeEdit(document: Document, path: Path, value: Json): void {
-  const old: any = document.getIn(path, true);
-  if (value === undefined) {
-    document.deleteIn(path);
-  } else if (Array.isArray(value) && isSeq(old) && old.items.length === value.length) {
-    value.forEach((part, k) => writeEdit(document, [...path, k], part));
-  } else if (value !== null && typeof value === "object" && !Array.isArray(value) && isMap(old)) {
-    for (const item of [...old.items]) {
-      const key = String(isScalar(item.key) ? item.key.value : item.key);
-      if (!(key in value)) document.deleteIn([...path, key]);
-    }
-    for (const [key, part] of Object.entries(value)) writeEdit(document, [...path, key], part);
-  } else if (isScalar(old) && (value === null || typeof value !== "object")) {
-    if (old.value === value) return;
-    old.value = value;
-    delete (old as { source?: string }).source;
-    delete (old as { format?: string }).format;
-    delete (old as { minFractionDigits?: number }).minFractionDigits;
-  } else {
-    const node = document.createNode(value);
-    flow(node);
-    const parent: any = document.getIn(path.slice(0, -1), true);
-    if (isCollection(parent) && isSeq(parent) && parent.items.length === path[path.length - 1]) parent.add(node);
-    else document.setIn(path, node);
-  }
-}
-
-/** Plain data as YAML that people like to read. */
-export function writeYaml(data: Json): string {
-  const document = new Document(data);
-  flow(document.contents);
-  return document.toString({ lineWidth: 120, flowCollectionPadding: true });
-}
-
-/** Short lists of numbers, and maps of scalars in a list, on one line, as people write them. */
-function flow(node: any): void {
-  if (!isCollection(node)) return;
-  for (const item of node.items as any[]) flow(item.value !== undefined && item.key !== undefined ? item.value : item);
-  if (isSeq(node) && node.items.every((item) => isScalar(item))) node.flow = true;
-  if (isMap(node)) node.flow = node.items.every((item: any) => isScalar(item.value) || item.value?.flow) && JSON.stringify(node).length < 90;
-}
-
-/** Edits that make one plain value of another; lists of equal length item by item. */
-export function differences(before: Json, after: Json, path: Path = []): Edit[] {
-  if (Object.is(before, after)) return [];
-  const plain = (v: Json) => v !== null && typeof v === "object" && !Array.isArray(v);
-  if (plain(before) && plain(after)) {
-    const keys = [...new Set([...Object.keys(before), ...Object.keys(after)])];
-    return keys.flatMap((key) => differences(before[key], after[key], [...path, key]));
-  }
-  if (Array.isArray(before) && Array.isArray(after) && before.length === after.length) {
-    return before.flatMap((part, k) => differences(part, after[k], [...path, k]));
-  }
-  return JSON.stringify(before) === JSON.stringify(after) ? [] : [{ path, value: after }];
-}
-
-/** RFC 7396: what merged into ``before`` gives ``after``; lists are replaced whole. */
-export function mergePatch(before: Json, after: Json): Json {
-  const patch: Json = {};
-  for (const key of new Set([...Object.keys(before), ...Object.keys(after)])) {
-    const [a, b] = [before[key], after[key]];
-    if (a === b) continue;
-    if (b === undefined) patch[key] = null;
-    else if ([a, b].every((v) => v !== null && typeof v === "object" && !Array.isArray(v))) {
-      const part = mergePatch(a, b);
-      if (Object.keys(part).length) patch[key] = part;
-    } else if (JSON.stringify(a) !== JSON.stringify(b)) patch[key] = b;
-  }
-  return patch;
-}
-
 // --- what a person does --------------------------------------------------------------------------------------
 
-/** A new text as a step that can be undone.  ``merge``: as part of the last step, if that was the same kind. */
-export function commit(source: string, what: string, merge = false): void {
-  if (source === text.value) return;
+/** A new text as a step that can be undone.  ``within``: ms in which the same kind of change is part of it. */
+export function commit(source: string, what: string, within = 0): void {
+  if (source === text.value) return cancelGesture();
   batch(() => {
     let kept = steps.value.slice(0, position.value + 1);
-    if (merge && kept.length > 1 && kept[kept.length - 1].what === what) kept = kept.slice(0, -1);
-    steps.value = [...kept, { text: source, what }].slice(-MOST_STEPS);
+    const last = kept[kept.length - 1];
+    if (within && kept.length > 1 && last.what === what && Date.now() < (last.until ?? 0)) kept = kept.slice(0, -1);
+    steps.value = withinReach([...kept, { text: source, what, ...(within && { until: Date.now() + within }) }], MOST_STEPS);
     position.value = steps.value.length - 1;
     gesture.value = [];
   });
   autosave();
 }
 
-export function edit(edits: Edit[], what: string, merge = false): void {
-  commit(writeEdits(text.value, edits), what, merge);
+/** The first step and the last ones. */
+const withinReach = (all: Step[], most: number) => (all.length > most ? [all[0], ...all.slice(1 - most)] : all);
+
+export function edit(edits: Edit[], what: string, within = 0): void {
+  try {
+    const { text: next, spelled } = writeEdits(text.value, edits);
+    commit(next, what, within);
+    if (spelled.length) say(`${spelled.map((path) => path.join(" › ")).join(", ")}: an alias (*name) stood there; it is written out now, because it no longer has the value of its anchor.`);
+  } catch (error) {
+    cancelGesture();
+    say(`${what}: the text of the design cannot be changed so (${(error as Error).message}). Nothing was changed; change it under "As text".`, true);
+  }
 }
 
 /** Show edits of a gesture that is still under way. */
@@ -190,6 +107,7 @@ export function redo(): void {
 }
 
 export function open(source: string, what: string): void {
+  if (source === text.value) return; // it is open, and its numbers are on the page
   batch(() => {
     selected.value = null;
     opened.value += 1;
@@ -203,48 +121,85 @@ export function open(source: string, what: string): void {
 
 // --- keeping it ----------------------------------------------------------------------------------------------
 
-/** What the browser keeps under a name. */
-export function recall<T>(key: string, otherwise: T): T {
+/** What the browser keeps under a name; ``otherwise`` where that is nothing, or of another kind. */
+export function recall<T>(key: string, otherwise: T, storage: () => Storage = () => localStorage): T {
   try {
-    return JSON.parse(localStorage.getItem(key) ?? "null") ?? otherwise;
+    const kept = JSON.parse(storage().getItem(key) ?? "null");
+    const kind = (value: unknown) => (Array.isArray(value) ? "list" : typeof value);
+    return kept !== null && (otherwise === null || kind(kept) === kind(otherwise)) ? kept : otherwise;
   } catch {
     return otherwise;
   }
 }
 
 /** Keep it; false where the browser does not. */
-export function remember(key: string, value: unknown): boolean {
+export function remember(key: string, value: unknown, storage: () => Storage = () => localStorage): boolean {
   try {
-    localStorage.setItem(key, JSON.stringify(value));
+    storage().setItem(key, JSON.stringify(value));
     return true;
   } catch {
     return false; // full, or not allowed: the page says that nothing is saved
   }
 }
 
-// Tabs do not disturb each other: each has its own place, and a new tab begins with what was saved last.
-const tab = (() => {
-  try {
-    const known = sessionStorage.getItem("tailstack.workbench.tab") ?? crypto.randomUUID();
-    sessionStorage.setItem("tailstack.workbench.tab", known);
-    return known;
-  } catch {
-    return "only";
+/** A list that all tabs of this browser share, each entry under a key of its own: two tabs that write at once write
+ * different ones, and a change in another tab is seen here.  ``name``: the field that tells entries apart; ``texts``:
+ * fields without which an entry is none of ours; ``order``: what they are sorted by. */
+export function shareList<T extends object>(key: string, name: keyof T, texts: (keyof T)[], order: (entry: T) => number, changed: () => void = () => undefined) {
+  const sound = (entries: T[]) => entries.filter((entry) => [name, ...texts].every((field) => typeof entry?.[field] === "string"));
+  const read = () => sound(savedUnder(key).map((place) => recall<T>(place, {} as T))).sort((a, b) => order(a) - order(b));
+  const list = signal<T[]>(read());
+  let stored = true; // where it is not, the list lasts as long as the page
+  window.addEventListener("storage", (event) => {
+    if (event.key !== null && !event.key.startsWith(`${key}.`)) return;
+    list.value = read();
+    changed();
+  });
+  const change = (make: (old: T[]) => T[]) => {
+    const old = stored ? read() : list.value, next = make(old);
+    list.value = next;
+    stored = next.every((entry) => old.includes(entry) || remember(`${key}.${entry[name]}`, entry));
+    if (stored) for (const gone of old) if (!next.some((entry) => entry[name] === gone[name])) localStorage.removeItem(`${key}.${gone[name]}`);
+  };
+  const together = sound(recall<T[]>(key, [])); // as an older page kept them
+  if (together.length) {
+    change((kept) => [...kept, ...together]);
+    localStorage.removeItem(key);
   }
-})();
-
-function autosave(): void {
-  const last = steps.value.slice(Math.max(0, position.value - 40), position.value + 1);
-  const kept = { steps: last, position: last.length - 1, at: Date.now() };
-  savedSteps.value = remember(`${AUTOSAVE}.${tab}`, kept) && remember(AUTOSAVE, kept);
-  for (const key of oldTabs()) localStorage.removeItem(key);
+  return { list, change };
 }
 
-function oldTabs(): string[] {
+// Each tab has its own place for the design, and a new tab begins with what was saved last.
+const session = () => sessionStorage;
+const tab = recall(TAB, `${Date.now()}-${Math.random()}`, session);
+remember(TAB, tab, session);
+const OWN = `${AUTOSAVE}.${tab}`;
+
+interface Kept {
+  steps: Step[];
+  position: number;
+  at: number;
+}
+
+function autosave(): void {
+  const done = steps.value.slice(0, position.value + 1), now = done[position.value];
+  if (!now) return;
+  let room = MOST_SAVED;
+  const last = done.filter((_, k) => k).reverse().filter(({ text: one }, k) => (room -= one.length) > 0 || k === 0).reverse();
+  const keep = (some: Step[], storage?: () => Storage) => remember(OWN, { steps: some, position: some.length - 1, at: Date.now() } satisfies Kept, storage);
+  for (const key of savedTabs().slice(8)) localStorage.removeItem(key);
+  savedSteps.value = keep([done[0], ...last]) || keep(done.length > 1 ? [done[0], now] : [now]);
+  if (!savedSteps.value) keep([now], session); // it outlives a reload, not the tab
+  else if (recall(OWN, null, session)) sessionStorage.removeItem(OWN);
+}
+
+/** Where designs of tabs are saved, newest first. */
+const savedTabs = () => savedUnder(AUTOSAVE).map((key) => [recall(key, { at: 0 }).at, key] as const).sort((a, b) => b[0] - a[0]).map(([, key]) => key);
+
+/** Keys that begin with a name and a dot. */
+function savedUnder(begin: string): string[] {
   try {
-    const keys = Object.keys(localStorage).filter((key) => key.startsWith(`${AUTOSAVE}.`));
-    const times = keys.map((key) => [recall<{ at: number }>(key, { at: 0 }).at, key] as const).sort((a, b) => b[0] - a[0]);
-    return times.slice(8).map(([, key]) => key);
+    return Object.keys(localStorage).filter((key) => key.startsWith(`${begin}.`));
   } catch {
     return [];
   }
@@ -252,28 +207,42 @@ function oldTabs(): string[] {
 
 /** What was last on this page, in this tab or another; false where nothing was. */
 export function restore(): boolean {
-  const kept = recall<{ steps: Step[]; position: number } | null>(`${AUTOSAVE}.${tab}`, recall(AUTOSAVE, null));
-  if (!kept?.steps?.length) return false;
-  batch(() => {
-    steps.value = kept.steps;
-    position.value = Math.min(kept.position, kept.steps.length - 1);
-  });
-  return true;
+  const places = [recall(OWN, null, session), ...[OWN, ...savedTabs()].map((key) => recall(key, null))] as (Kept | null)[];
+  for (const kept of places) {
+    const sound = Array.isArray(kept?.steps) ? kept.steps.filter((step) => typeof step?.text === "string" && typeof step.what === "string") : [];
+    if (!sound.length) continue;
+    batch(() => {
+      steps.value = sound;
+      position.value = Math.min(Math.max(0, Math.trunc(Number(kept!.position)) || 0), sound.length - 1);
+    });
+    autosave(); // says so at once where the browser keeps nothing
+    return true;
+  }
+  return false;
 }
 
 export function keepVariant(): string {
-  const used = new Set(variants.value.map((v) => v.name));
-  const name = [..."ABCDEFGHIJKLMNOPQRSTUVWXYZ"].find((letter) => !used.has(letter)) ?? `V${variants.value.length + 1}`;
-  setVariants([...variants.value, { name, text: text.value }]);
+  let name = "";
+  shelf.change((kept) => {
+    const used = new Set(kept.map((v) => v.name));
+    name = [..."ABCDEFGHIJKLMNOPQRSTUVWXYZ"].find((letter) => !used.has(letter)) ?? `V${kept.length + 1}`;
+    return [...kept, { name, text: text.value, at: Date.now() }];
+  });
   return name;
 }
 
-export function setVariants(next: Variant[]): void {
-  variants.value = next;
-  remember(VARIANTS, next);
-}
+export const removeVariant = (name: string) => shelf.change((kept) => kept.filter((variant) => variant.name !== name));
 
 // --- the whole design in the link ----------------------------------------------------------------------------
+
+export const linked = signal<string | null>(null); // the text that the address holds; one that is no design is ""
+
+// An address that says another design than the page is taken away: a reload, or a bookmark, would bring that one back
+effect(() => {
+  if (linked.value === null || text.value === "" || linked.value === text.value) return;
+  linked.value = null;
+  history.replaceState(null, "", location.pathname + location.search);
+});
 
 export const LONGEST_LINK = 8000; // characters; longer ones are cut by mail programs and chats
 

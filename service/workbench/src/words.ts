@@ -11,6 +11,13 @@ export const percent = (share: number | null | undefined, digits = 1): string =>
 export const brief = (value: number | null | undefined): string =>
   value === null || value === undefined ? "–" : String(Number(value.toPrecision(4))).replace("-", "−");
 
+/** What is typed as a number: a comma or a point, a minus of either kind, and the unit of the field; null for anything else. */
+export function readNumber(typed: string, unit = ""): number | null {
+  let words = typed.trim().replace("−", "-").replace(",", ".");
+  if (unit && words.endsWith(unit)) words = words.slice(0, -unit.length).trimEnd();
+  return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(words) ? Number(words) : null;
+}
+
 export const duration = (seconds: number): string =>
   seconds < 1.5 ? "1 s" : seconds < 90 ? `${Math.round(seconds)} s` : `${Math.floor(seconds / 60)} min ${Math.round(seconds % 60)} s`;
 

@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING
 from ..first_use import load_on_first_use
 
 if TYPE_CHECKING:
+    from ..integrations.conversion import Conversion, convert, convert_file
+    from ..integrations.step import StepBody, StepContact, StepReading, StepSelection, read_step
     from .compile import check_design, compile_design
     from .document import design_json_schema
     from .loading import Design, load_design
     from .presets import list_presets
     from .reading import DEFAULT_LIMITS, Limits
-    from .step import StepBody, StepContact, StepReading, StepSelection, read_step
     from .write import (
-        Conversion,
         Revision,
-        convert,
-        convert_file,
         design_to_data,
         design_to_json,
         design_to_yaml,
@@ -34,15 +32,15 @@ _HOME = {
     "list_presets": "presets",
     "DEFAULT_LIMITS": "reading",
     "Limits": "reading",
-    "StepBody": "step",
-    "StepContact": "step",
-    "StepReading": "step",
-    "StepSelection": "step",
-    "read_step": "step",
-    "Conversion": "write",
+    "StepBody": ".integrations.step",
+    "StepContact": ".integrations.step",
+    "StepReading": ".integrations.step",
+    "StepSelection": ".integrations.step",
+    "read_step": ".integrations.step",
+    "Conversion": ".integrations.conversion",
     "Revision": "write",
-    "convert": "write",
-    "convert_file": "write",
+    "convert": ".integrations.conversion",
+    "convert_file": ".integrations.conversion",
     "design_to_data": "write",
     "design_to_json": "write",
     "design_to_yaml": "write",
@@ -74,3 +72,7 @@ __all__ = [
 ]
 
 __getattr__ = load_on_first_use(__name__, _HOME)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -6,12 +6,12 @@ Presets of views are filled in, poses are read, and the rounding of written rota
 from __future__ import annotations
 
 from itertools import chain, product
-from math import radians
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Array, frozen
+from ..effects import EFFECTS
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import examine
 from ..geometry.camera import (
@@ -22,59 +22,44 @@ from ..geometry.camera import (
     projection_from_pose,
     scale_to_unit_depth,
 )
-from ..geometry.image_shifts import field_powers
 from ..geometry.naming import direction_name, point_name
 from ..geometry.rotation import rigid_transform, rigidity_defect, rotation_from_quaternion, rotation_xyz
 from ..results import Finding, ViewCheck
 from ..system import (
-    INTRINSICS,
-    TORSOR_COMPONENTS,
-    Balls,
-    ImageField,
-    IntrinsicsError,
+    DirectEffect,
     Law,
-    Mount,
+    Place,
     Requirement,
     Sources,
     System,
     Target,
-    Temperature,
     View,
+    execution_of,
+    mount,
     no_sources,
 )
+from ..tolerances import coverage_of
 from .consistency import axis_counts, sample_count
 from .document import (
-    Bias,
     Compliance,
     DistanceView,
     Execution,
     Fiducials,
-    FocalError,
     HandEye,
-    ImageFieldDocument,
     Interface,
-    Interfaces,
-    IntrinsicsErrorDocument,
-    IntrinsicsPrior,
     MatrixView,
-    Motion,
     PinholeView,
     Pose,
     PresetView,
-    PrincipalPointError,
     Region,
     Repeatability,
     RequirementDocument,
     TargetDocument,
-    TemperatureDocument,
-    Tolerances,
 )
 from .loading import Design
 from .plausibility import explain_refusal, find_implausible
 from .presets import PRESETS
 from .refusals import place
-
-DEFAULT_COVERAGE = 2.0
 
 
 def compile_design(design: Design) -> System:
@@ -100,16 +85,16 @@ def _compile(design: Design) -> System:
     transforms = document.transforms
     if transforms.T_flange_con is None and transforms.T_tcp_flange is None:
         notes.append("no transforms are given: the tcp frame is the connector frame")
-    unread = [view.name for view in document.views if view.intrinsics_prior or view.intrinsics_error]
+    effects = tuple([effect for kind in EFFECTS for effect in kind.compile(document, views)])
+    unread = [str(view) for effect in effects for place, view in effect.places if place is Place.INTRINSICS]
     if unread and not document.model.estimator.believes_intrinsics:
         notes.append(
             f"what is said of the intrinsics of view {', '.join(unread)} has no effect: the estimator "
-            f"{document.model.estimator} estimates them without being told any"
+            f"{document.model.estimator} estimates them without assuming any"
         )
     samples = {target.name: expand_target(target) for target in document.targets}
     targets = tuple(chain.from_iterable(samples.values()))
     refuse_behind_detector(design, views, fiducials, targets)
-    execution_bias, execution = _execution(document.execution)
     half_width = np.empty(fiducials.shape)
     half_width[:] = 0.0 if made is None else made.half_width_mm
     return System(
@@ -120,22 +105,21 @@ def _compile(design: Design) -> System:
         fiducials_mm=fiducials,
         manufacturing_law=Law.NORMAL if made is None else Law(made.distribution),
         manufacturing_half_width_mm=frozen(half_width),
-        manufacturing_coverage_factor=1.0 if made is None else _coverage(made.distribution, made.coverage_factor),
+        manufacturing_coverage_factor=1.0 if made is None else coverage_of(made.distribution, made.coverage_factor),
         structure_connector=_interface(document.interfaces.structure_connector, "structure_connector"),
         connector_flange=_interface(document.interfaces.connector_flange, "connector_flange"),
         T_flange_con=compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes),
         T_tcp_flange=compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes),
         hand_eye=_hand_eye(document.execution.hand_eye),
-        execution_bias_mm=execution_bias,
-        execution=execution,
+        execution=_execution(document.execution),
         targets=targets,
         requirements=tuple([_requirement(item, samples) for item in document.requirements]),
         reading=document.model.installation_reading,
         rotation_form=document.model.rotation,
         estimator=document.model.estimator,
         triangulation=document.model.triangulation,
-        temperature=_temperature(document.temperature, document.interfaces),
-        balls=_balls(document.fiducials),
+        effects=effects,
+        fiducial_radius_mm=None if document.fiducials.diameter_mm is None else document.fiducials.diameter_mm / 2,
         loss_probability=_loss_probability(document.fiducials, len(fiducials)),
         notes=tuple(notes),
     )
@@ -144,23 +128,17 @@ def _compile(design: Design) -> System:
 # --- mounts -----------------------------------------------------------------------------------------
 
 
-def _perfect(name: str) -> Mount:
-    return Mount(name, frozen(np.zeros(3)), frozen(np.zeros(6)), no_sources(6))
+def _perfect(name: str) -> DirectEffect:
+    return mount(name, frozen(np.zeros(3)), frozen(np.zeros(6)), no_sources(6))
 
 
-def _coverage(distribution: str, factor: float | None) -> float:
-    if distribution != "normal":
-        return 1.0
-    return DEFAULT_COVERAGE if factor is None else factor
-
-
-def _interface(interface: Interface | None, name: str) -> Mount:
+def _interface(interface: Interface | None, name: str) -> DirectEffect:
     if interface is None:
         return _perfect(name)
     pivot = frozen(interface.pivot_mm)
     sources = no_sources(6)
     if interface.tolerances is not None:
-        sources = _torsor_sources(interface.tolerances)
+        sources = interface.tolerances.sources
     elif interface.locators is not None:
         held = interface.locators
         direction = torsor_from_locators(
@@ -173,48 +151,21 @@ def _interface(interface: Interface | None, name: str) -> Mount:
             tuple(locator.name for locator in held),
             tuple(Law(locator.distribution) for locator in held),
             frozen([locator.half_width_mm for locator in held]),
-            frozen([_coverage(locator.distribution, locator.coverage_factor) for locator in held]),
+            frozen([coverage_of(locator.distribution, locator.coverage_factor) for locator in held]),
             ("mm",) * 6,
             frozen(direction),
         )
-    return Mount(name, pivot, _bias(interface.bias), sources, interface.label)
+    return mount(name, pivot, interface.bias.torsor, sources, interface.label)
 
 
-def _hand_eye(hand_eye: HandEye | None) -> Mount:
+def _hand_eye(hand_eye: HandEye | None) -> DirectEffect:
     if hand_eye is None:
         return _perfect("hand_eye")
-    sources = _torsor_sources(hand_eye.tolerances)
-    return Mount("hand_eye", frozen(hand_eye.pivot_mm), _bias(hand_eye.bias), sources, "hand-eye calibration")
+    sources = hand_eye.tolerances.sources
+    return mount("hand_eye", frozen(hand_eye.pivot_mm), hand_eye.bias.torsor, sources, "hand-eye calibration")
 
 
-def _bias(bias: Bias) -> Array:
-    turns = [radians(bias.rx_deg), radians(bias.ry_deg), radians(bias.rz_deg)]
-    return frozen([*turns, bias.tx_mm, bias.ty_mm, bias.tz_mm])
-
-
-def _motion(motion: Motion | None, view: str) -> Mount | None:
-    if motion is None:
-        return None
-    label = motion.label or f"motion before shot {view}"
-    sources = _torsor_sources(motion.tolerances)
-    return Mount(f"motion:{view}", frozen(motion.pivot_mm), frozen(np.zeros(6)), sources, label)
-
-
-def _torsor_sources(tolerances: Tolerances) -> Sources:
-    """One source per declared component; its direction is that unit torsor."""
-    given = [(k, name, getattr(tolerances, name)) for k, name in enumerate(TORSOR_COMPONENTS)]
-    given = [entry for entry in given if entry[2] is not None]
-    return Sources(
-        tuple(name for _, name, _ in given),
-        tuple(Law(item.distribution) for _, _, item in given),
-        frozen([radians(item.half_width_deg) if k < 3 else item.half_width_mm for k, _, item in given]),
-        frozen([_coverage(item.distribution, item.coverage_factor) for _, _, item in given]),
-        tuple("rad" if k < 3 else "mm" for k, _, _ in given),
-        frozen(np.eye(6)[:, [k for k, _, _ in given]]),
-    )
-
-
-def _execution(execution: Execution) -> tuple[Array, Sources]:
+def _execution(execution: Execution) -> DirectEffect:
     parts = []
     bias = np.zeros(3)
     if execution.repeatability is not None:
@@ -223,11 +174,8 @@ def _execution(execution: Execution) -> tuple[Array, Sources]:
         bias = np.array(execution.compliance.matrix_mm_per_n) @ np.array(execution.compliance.load_n)
         if execution.compliance.load_half_width_n is not None:
             parts.append(_load(execution.compliance))
-    if not parts:
-        return frozen(bias), no_sources(3)
-    if len(parts) == 1:
-        return frozen(bias), parts[0]
-    return frozen(bias), Sources(
+    parts = parts or [no_sources(3)]
+    sources = Sources(
         tuple(name for part in parts for name in part.names),
         tuple(law for part in parts for law in part.laws),
         frozen(np.concatenate([part.half_width for part in parts])),
@@ -235,6 +183,7 @@ def _execution(execution: Execution) -> tuple[Array, Sources]:
         tuple(unit for part in parts for unit in part.units),
         frozen(np.hstack([part.direction for part in parts])),
     )
+    return execution_of(sources, frozen(bias))
 
 
 def _along_axes(name: str, unit: str, half_width: Any, law: str, coverage: float, direction: Array) -> Sources:
@@ -254,64 +203,15 @@ def _repeatability(scatter: Repeatability) -> Sources:
     if scatter.std_mm is not None:
         return _along_axes("repeatability", "mm", scatter.std_mm, "normal", 1.0, np.eye(3))
     law = scatter.distribution or "normal"
-    coverage = _coverage(law, scatter.coverage_factor)
+    coverage = coverage_of(law, scatter.coverage_factor)
     return _along_axes("repeatability", "mm", scatter.half_width_mm, law, coverage, np.eye(3))
 
 
 def _load(compliance: Compliance) -> Sources:
     law = compliance.distribution or "normal"
-    coverage = _coverage(law, compliance.coverage_factor)
+    coverage = coverage_of(law, compliance.coverage_factor)
     matrix = np.array(compliance.matrix_mm_per_n)
     return _along_axes("load", "N", compliance.load_half_width_n, str(law), coverage, matrix)
-
-
-# --- what is wrong in the images of a unit ---------------------------------------------------------
-
-
-def _image_field(field: ImageFieldDocument | None, size: tuple[int, int] | None) -> ImageField | None:
-    """The coefficients of every degree that has some half-width, first those of u, then those of v."""
-    if field is None:
-        return None
-    assert size is not None  # consistency has made sure
-    degrees = [degree for degree, half_width in enumerate(field.half_widths_px) if half_width > 0]
-    one = np.concatenate([np.zeros((0, 2), dtype=np.int64), *map(field_powers, degrees)])
-    powers, axis = np.tile(one, (2, 1)), np.repeat([0, 1], len(one))
-    coverage = _coverage(field.distribution, field.coverage_factor)
-    sources = Sources(
-        tuple(f"{'uv'[along]}.x{i}y{j}" for along, (i, j) in zip(axis, powers.tolist(), strict=True)),
-        (Law(field.distribution),) * len(axis),
-        frozen([field.half_widths_px[i + j] for i, j in powers.tolist()]),
-        frozen([coverage] * len(axis)),
-        ("px",) * len(axis),
-        frozen(np.eye(len(axis))),
-    )
-    return ImageField(frozen(image_centre_px(size)), float(np.hypot(*size)) / 2, axis, powers, sources)
-
-
-def _temperature(temperature: TemperatureDocument | None, interfaces: Interfaces) -> Temperature | None:
-    if temperature is None:
-        return None
-
-    def place(given: Any, interface: Interface | None) -> Array:
-        if given is None:
-            given = (0.0, 0.0, 0.0) if interface is None else interface.pivot_mm
-        return frozen(given)
-
-    sources = no_sources(1)
-    if temperature.half_width_k > 0:
-        law = str(temperature.distribution)
-        coverage = frozen([_coverage(law, temperature.coverage_factor)])
-        width = frozen([temperature.half_width_k])
-        sources = Sources(("difference",), (Law(law),), width, coverage, ("K",), frozen(np.eye(1)))
-    return Temperature(
-        difference_k=temperature.difference_k,
-        sources=sources,
-        structure_per_k=temperature.structure_expansion_um_per_m_k * 1e-6,
-        connector_per_k=temperature.connector_expansion_um_per_m_k * 1e-6,
-        seat_mm=place(temperature.seat_mm, interfaces.structure_connector),
-        flange_seat_mm=place(temperature.flange_seat_mm, interfaces.connector_flange),
-        at_pivots=(temperature.seat_mm is None, temperature.flange_seat_mm is None),
-    )
 
 
 def _loss_probability(fiducials: Fiducials, count: int) -> tuple[float, ...]:
@@ -319,12 +219,6 @@ def _loss_probability(fiducials: Fiducials, count: int) -> tuple[float, ...]:
     own = [point.loss_probability for point in fiducials.points or ()] or [None] * count
     each = tuple(every if probability is None else probability for probability in own)
     return each if any(each) else ()
-
-
-def _balls(fiducials: Fiducials) -> Balls | None:
-    if fiducials.diameter_mm is None:
-        return None
-    return Balls(fiducials.diameter_mm / 2, 0.8 if fiducials.image_point == "shadow" else 1.0)
 
 
 # --- targets ----------------------------------------------------------------------------------------
@@ -387,37 +281,6 @@ def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) ->
         size,
         seen_by(view),
         None if prior is None else (prior.focal_rel_sd, prior.principal_point_px_sd),
-        _intrinsics_error(view.intrinsics_error, prior),
-        _motion(view.motion, view.name),
-        _image_field(view.image_field, size),
-    )
-
-
-def _intrinsics_error(error: IntrinsicsErrorDocument | None, prior: IntrinsicsPrior | None) -> IntrinsicsError | None:
-    """As declared; otherwise the prior is taken at its word."""
-    if error is None:
-        if prior is None:
-            return None
-        error = IntrinsicsErrorDocument(
-            focal=FocalError(half_width_rel=prior.focal_rel_sd, distribution="normal", coverage_factor=1.0),
-            principal_point=PrincipalPointError(
-                half_width_px=prior.principal_point_px_sd, distribution="normal", coverage_factor=1.0
-            ),
-        )
-    focal, centre = error.focal or FocalError(), error.principal_point or PrincipalPointError()
-    widths = (focal.half_width_rel, centre.half_width_px, centre.half_width_px)
-    parts = [(k, (focal, centre, centre)[k]) for k in range(3) if widths[k]]
-    laws = tuple(Law(part.distribution or "normal") for _, part in parts)
-    return IntrinsicsError(
-        frozen([focal.bias_rel, *centre.bias_px]),
-        Sources(
-            tuple(INTRINSICS[k] for k, _ in parts),
-            laws,
-            frozen([widths[k] for k, _ in parts]),
-            frozen([_coverage(law, part.coverage_factor) for law, (_, part) in zip(laws, parts, strict=True)]),
-            tuple(("1", "px", "px")[k] for k, _ in parts),
-            frozen(np.eye(3)[:, [k for k, _ in parts]]),
-        ),
     )
 
 

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from tailstack.fields import INTERFACES
+
 from ..cures import ask_meant
+from ..effects import EFFECTS
 from ..errors import Problem
-from ..system import INTERFACES, Estimator, RotationForm
+from ..system import RotationForm
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, TargetDocument
 from .fiducial_files import FiducialList
 from .optimise_document import AddedView, FreeView
@@ -55,18 +58,14 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     for index, view in enumerate(document.views):
         if isinstance(view, PresetView):
             problems += _preset(view, f"/views/{index}")
-        elif view.image_field is not None and view.image_size_px is None:
-            words = "an image field is measured from the image's centre in half diagonals, and the size is not stated"
-            problems.append(
-                Problem(f"/views/{index}/image_field", "missing-field", words, "give image_size_px: [W, H]")
-            )
     for index, requirement in enumerate(document.requirements):
         if requirement.targets == "all":
             continue
         for place, name in enumerate(requirement.targets):
             problems += find_unknown(f"/requirements/{index}/targets/{place}", "target", name, named)
         problems += find_duplicates(requirement.targets, f"/requirements/{index}/targets/{{}}".format, "entries")
-    problems += _estimator(document) + _seats(document)
+    problems += _estimator(document)
+    problems += [problem for kind in EFFECTS for problem in kind.check(document)]
     return problems + check_optimise(document, limits.fiducials)
 
 
@@ -74,19 +73,19 @@ def _estimator(document: DesignDocument) -> list[Problem]:
     """What an estimator has to be told, and the rotations that it can follow."""
     model = document.model
     problems = []
-    if model.estimator is Estimator.POSE_WITH_PRIOR:
+    if model.estimator.traits.takes_prior:
         problems += [
             Problem(
                 f"/views/{index}",
                 "missing-field",
-                f"the estimator pose_with_prior weighs what it is told of the intrinsics; view {view.name} does not "
+                f"the estimator {model.estimator} weighs what it assumes of the intrinsics; view {view.name} does not "
                 "say how well they are known",
                 "intrinsics_prior: {focal_rel_sd: 0.01, principal_point_px_sd: 10}",
             )
             for index, view in enumerate(document.views)
             if view.intrinsics_prior is None
         ]
-    if model.estimator.believes_intrinsics and model.rotation is RotationForm.SMALL_ANGLE:
+    if model.estimator.traits.seeks_pose and model.rotation is RotationForm.SMALL_ANGLE:
         problems.append(
             Problem(
                 "/model/rotation",
@@ -97,26 +96,6 @@ def _estimator(document: DesignDocument) -> list[Problem]:
             )
         )
     return problems
-
-
-def _seats(document: DesignDocument) -> list[Problem]:
-    """What expands does so about a seat: it is stated, or the pivot of a declared interface."""
-    temperature = document.temperature
-    if temperature is None:
-        return []
-    needed = [("seat_mm", temperature.seat_mm, "structure_connector")]
-    if temperature.connector_expansion_um_per_m_k != 0:
-        needed.append(("flange_seat_mm", temperature.flange_seat_mm, "connector_flange"))
-    return [
-        Problem(
-            f"/temperature/{field}",
-            "missing-field",
-            f"{field} is not given, and interfaces.{interface}, whose pivot it would be, is not declared",
-            f"give {field}: [x, y, z] in con, mm",
-        )
-        for field, given, interface in needed
-        if given is None and getattr(document.interfaces, interface) is None
-    ]
 
 
 def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[Problem]:
@@ -363,7 +342,7 @@ def _counts(document: DesignDocument, present: int) -> list[Problem]:
     if wanted.survive is not None:
         seen = [len(view.sees) for view in document.views if view.sees is not None]
         least = min([present if wanted.count is None else wanted.count.min, *seen])
-        left, needed = least - wanted.survive.lost, 4 if document.model.estimator.believes_intrinsics else 6
+        left, needed = least - wanted.survive.lost, document.model.estimator.traits.fewest_fiducials
         if left < needed:
             detail = f"{left} fiducials would be left after a loss of {wanted.survive.lost}; an estimate needs {needed}"
             return [Problem("/optimise/survive/lost", "too-few-fiducials", detail, "add fiducials, or lose fewer")]

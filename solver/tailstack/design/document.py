@@ -8,7 +8,7 @@ are, then installation and execution errors, then the document as a whole.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     ConfigDict,
@@ -18,21 +18,19 @@ from pydantic import (
     model_validator,
 )
 
-from ..system import Estimator, Reading, RotationForm, Triangulation
-from .fields import (
+from ..effects import later_fields, with_sections
+from ..fields import (
+    BOUNDED_WORDS,
     COVERAGE_WORDS,
     LAW_WORDS,
     Angles,
     AnyLaw,
-    Coordinate,
     CoverageFactor,
-    Degrees,
     Direction,
     Distance,
     Entry,
     Force,
     HalfWidth,
-    HalfWidthDegrees,
     HalfWidths,
     ImagePoint,
     ImageSize,
@@ -48,7 +46,6 @@ from .fields import (
     Record,
     Rotation3,
     check_coverage,
-    check_law,
     exactly_one,
     leave_out_later,
     not_both,
@@ -57,6 +54,8 @@ from .fields import (
     refuse_coverage,
     share,
 )
+from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, RotationForm, Triangulation
+from ..tolerances import Bias, Tolerances
 from .optimise_document import Optimise
 from .presets import PRESETS
 
@@ -74,125 +73,7 @@ class IntrinsicsPrior(Record):
     )
 
 
-class FocalError(Record):
-    """Error of the assumed focal length, as a part of the true one."""
-
-    bias_rel: Annotated[float, Field(ge=-0.5, le=0.5)] = Field(
-        default=0.0,
-        description="Known and fixed: 0.01 is an assumed focal length that is 1 % too long. Default 0.",
-        examples=[0.01],
-    )
-    half_width_rel: Annotated[float, Field(ge=0, le=1)] = Field(
-        default=0.0, description="Half-width h, as a part of the focal length. Default 0.", examples=[0.01]
-    )
-    distribution: RandomLaw | None = Field(
-        default=None, description=LAW_WORDS + ". Required with half_width_rel.", examples=["uniform"]
-    )
-    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-
-    @model_validator(mode="after")
-    def _law(self) -> FocalError:
-        check_law(self, "half_width_rel")
-        return self
-
-
-class PrincipalPointError(Record):
-    """Error of the assumed principal point."""
-
-    bias_px: ImagePoint = Field(
-        default=(0.0, 0.0),
-        description="Known and fixed, [u, v], px: assumed less true. Default 0.",
-        examples=[[5.0, 0.0]],
-    )
-    half_width_px: Annotated[float, Field(ge=0, le=1e4)] = Field(
-        default=0.0, description="Half-width h of each coordinate, px.", examples=[10.0]
-    )
-    distribution: RandomLaw | None = Field(
-        default=None, description=LAW_WORDS + ". Required with half_width_px.", examples=["uniform"]
-    )
-    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-
-    @model_validator(mode="after")
-    def _law(self) -> PrincipalPointError:
-        check_law(self, "half_width_px")
-        return self
-
-
-class IntrinsicsErrorDocument(Record):
-    """How wrong the assumed intrinsics of a view may be.  Drawn once per unit, independently in each view."""
-
-    focal: FocalError | None = Field(default=None, description="Of the focal length. Absent: exact.")
-    principal_point: PrincipalPointError | None = Field(
-        default=None, description="Of the principal point. Absent: exact."
-    )
-
-
-_BOUNDED = LAW_WORDS + "; bounded: no law is claimed, only the worst case over +-h counts."
-
-
-class RotationTolerance(Record):
-    """Half-width of one rotation."""
-
-    half_width_deg: HalfWidthDegrees = Field(description="Half-width h of the rotation, degrees.", examples=[0.05])
-    distribution: AnyLaw = Field(description=_BOUNDED, examples=["uniform"])
-    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-
-    _coverage = model_validator(mode="after")(refuse_coverage)
-
-
-class TranslationTolerance(Record):
-    """Half-width of one translation."""
-
-    half_width_mm: HalfWidth = Field(description="Half-width h of the translation, mm.", examples=[0.02])
-    distribution: AnyLaw = Field(description=_BOUNDED, examples=["uniform"])
-    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-
-    _coverage = model_validator(mode="after")(refuse_coverage)
-
-
-class Tolerances(Record):
-    """One tolerance per component of the torsor; a component that is not given does not vary."""
-
-    rx: RotationTolerance | None = Field(default=None, description="Rotation about x through the pivot.")
-    ry: RotationTolerance | None = Field(default=None, description="Rotation about y through the pivot.")
-    rz: RotationTolerance | None = Field(default=None, description="Rotation about z through the pivot.")
-    tx: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along x.")
-    ty: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along y.")
-    tz: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along z.")
-
-
-class Motion(Record):
-    """How far the structure may have moved against the target by the time of one shot."""
-
-    label: Annotated[str, Field(max_length=200)] = Field(
-        default="", description="What moves, in your words.", examples=["breathing"]
-    )
-    pivot_mm: Point = Field(
-        description="Point in con that the motion is reduced at, mm: rotations turn about it.",
-        examples=[[0.0, 0.0, -95.0]],
-    )
-    tolerances: Tolerances = Field(description="Half-width and law per component, drawn at every shot.")
-
-
-class ImageFieldDocument(Record):
-    """What is left of the image's distortion after its correction: a polynomial, drawn once per installed unit.
-
-    Along u and along v, the shift of an image point is a sum of ``c x^i y^j``, where (x, y) is its place from the
-    image's centre in units of half the diagonal; so c is the shift in the corner, px, and varies by itself.
-    """
-
-    half_widths_px: Annotated[list[HalfWidth], Field(min_length=1, max_length=4)] = Field(
-        description="Half-width of the coefficients of degree 0, 1, 2, 3, px, in this order; every coefficient of a "
-        "degree has the same one. Degrees 0 and 1 (shift, scale, shear) are absorbed by DLT.",
-        examples=[[0.0, 0.0, 0.1, 0.3]],
-    )
-    distribution: AnyLaw = Field(description=_BOUNDED, examples=["normal"])
-    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-
-    _coverage = model_validator(mode="after")(refuse_coverage)
-
-
-class _AnyView(Record):
+class _View(Record):
     name: Name = Field(description="What you call this view; unique.", examples=["AP"])
     fiducial_noise_px: Pixels = Field(
         description="Standard deviation of a fiducial's measured image, per coordinate (not per point), px. "
@@ -216,23 +97,16 @@ class _AnyView(Record):
         "needs it in every view. Where intrinsics_error is absent, the assumed intrinsics also err by this much "
         "(normal, once per unit). dlt and reprojection read neither.",
     )
-    intrinsics_error: IntrinsicsErrorDocument | None = Field(
-        default=None,
-        description="How wrong the assumed focal length and principal point are, for the estimators that believe them "
-        "(pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact.",
-    )
-    motion: Motion | None = Field(
-        default=None,
-        description="Motion of the structure against the target between the shots, as this view sees it. Absent: none.",
-    )
-    image_field: ImageFieldDocument | None = Field(
-        default=None,
-        description="What is left of the image's distortion after its correction. Needs image_size_px. Absent: none.",
-    )
 
-    _as_before = leave_out_later(
-        dict.fromkeys(("sees", "intrinsics_prior", "intrinsics_error", "motion", "image_field"))
-    )
+
+if TYPE_CHECKING:  # no name of an effect is known here
+    _ViewWithEffects = _View
+else:
+    _ViewWithEffects = with_sections("view", _View)
+
+
+class _AnyView(_ViewWithEffects):
+    _as_before = leave_out_later(dict.fromkeys(("sees", "intrinsics_prior")) | later_fields("view"))
 
 
 class _Aimed(_AnyView):
@@ -471,17 +345,6 @@ ViewDocument = Annotated[
 ]
 
 
-class Bias(Record):
-    """A known displacement: X -> R (X - pivot) + pivot + t with R = Rx(rx) Ry(ry) Rz(rz)."""
-
-    rx_deg: Degrees = Field(default=0.0, description="Rotation about x, degrees.", examples=[0.1])
-    ry_deg: Degrees = Field(default=0.0, description="Rotation about y, degrees.", examples=[0.0])
-    rz_deg: Degrees = Field(default=0.0, description="Rotation about z, degrees.", examples=[0.0])
-    tx_mm: Coordinate = Field(default=0.0, description="Translation along x, mm.", examples=[0.0])
-    ty_mm: Coordinate = Field(default=0.0, description="Translation along y, mm.", examples=[0.0])
-    tz_mm: Coordinate = Field(default=0.0, description="Translation along z, mm.", examples=[0.05])
-
-
 class Locator(Record):
     """One point contact: the seat holds the part at this point along this normal."""
 
@@ -494,7 +357,7 @@ class Locator(Record):
     half_width_mm: HalfWidth = Field(
         description="Half-width of the contact's deviation along the normal, mm.", examples=[0.01]
     )
-    distribution: AnyLaw = Field(description=_BOUNDED, examples=["uniform"])
+    distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
     @model_validator(mode="after")
@@ -618,7 +481,7 @@ class Compliance(Record):
         examples=[2.0],
     )
     distribution: AnyLaw | None = Field(
-        default=None, description=_BOUNDED + " Required with load_half_width_n.", examples=["uniform"]
+        default=None, description=BOUNDED_WORDS + " Required with load_half_width_n.", examples=["uniform"]
     )
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
@@ -720,7 +583,7 @@ class FiducialOrigin(Record):
     )
 
 
-class Fiducials(Record):
+class _Fiducials(Record):
     """The fiducials of the structure, in the document or in a file beside it."""
 
     model_config = ConfigDict(json_schema_extra=exactly_one("points", "file"))
@@ -749,73 +612,35 @@ class Fiducials(Record):
         "its centre is then a known bias. Absent, or where your software corrects it: none.",
         examples=[3.0],
     )
-    image_point: Literal["outline", "shadow"] | None = Field(
-        default=None,
-        description="With diameter_mm: what your software takes for the image of a ball. outline (default): the middle "
-        "of its elliptical outline; shadow: the centroid of its grey values, which is shifted by four fifths of that.",
-        examples=["outline"],
-    )
     loss_probability: LossProbability | None = Field(
         default=None,
         description="Probability that a fiducial is missed in a shot, in all its views, independently of the others: "
         "0.01 is one shot in a hundred. The score adds the quantile over shots with and without losses; simulations "
-        "are refused. Absent or 0: none is missed.",
+        "draw them. Absent or 0: none is missed.",
         examples=[0.01],
     )
 
     @model_validator(mode="after")
-    def _one_list(self) -> Fiducials:
+    def _one_list(self) -> _Fiducials:
         if (self.points is None) == (self.file is None):
             given = "both" if self.file is not None else "neither"
             raise refusal("one-of", f"give exactly one of points and file; {given} arrived")
-        if self.image_point is not None and self.diameter_mm is None:
-            raise refusal("unused-field", "image_point is read only with diameter_mm", at="image_point")
         if self.file is not None and self.origin is not None:
             words = "origin belongs to points that were read from a file; here the file itself is named"
             raise refusal("unused-field", words, "remove origin", "origin")
         return self
 
-    _as_before = leave_out_later(dict.fromkeys(("diameter_mm", "image_point", "loss_probability")))
+
+if TYPE_CHECKING:  # no name of an effect is known here
+    _FiducialsWithEffects = _Fiducials
+else:
+    _FiducialsWithEffects = with_sections("fiducials", _Fiducials)
 
 
-class TemperatureDocument(Record):
-    """Operation at another temperature than that at which the fiducials were measured.
+class Fiducials(_FiducialsWithEffects):
+    """The fiducials of the structure, in the document or in a file beside it."""
 
-    The structure grows about its seat on the connector, the connector about its seat on the flange.
-    """
-
-    difference_k: Annotated[float, Field(ge=-300, le=300)] = Field(
-        default=0.0, description="Known difference, K: operation less measurement. Default 0.", examples=[15.0]
-    )
-    half_width_k: Annotated[float, Field(ge=0, le=300)] = Field(
-        default=0.0, description="Half-width of the difference about it, K, drawn at every shot.", examples=[5.0]
-    )
-    distribution: AnyLaw | None = Field(
-        default=None, description=_BOUNDED + " Required with half_width_k.", examples=["uniform"]
-    )
-    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-    structure_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000)] = Field(
-        description="Thermal expansion of the structure, um/(m K): PEEK 47, aluminium 23, steel 12 to 16, titanium 9.",
-        examples=[47.0],
-    )
-    connector_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000)] = Field(
-        default=0.0, description="The same of the connector. Default 0.", examples=[23.0]
-    )
-    seat_mm: Point | None = Field(
-        default=None,
-        description="Where structure and connector hold each other, con, mm. Default the pivot of structure_connector.",
-        examples=[[0.0, 0.0, -95.0]],
-    )
-    flange_seat_mm: Point | None = Field(
-        default=None,
-        description="Where the connector sits on the flange, con, mm. Default the pivot of connector_flange.",
-        examples=[[0.0, 0.0, -150.0]],
-    )
-
-    @model_validator(mode="after")
-    def _law(self) -> TemperatureDocument:
-        check_law(self, "half_width_k")
-        return self
+    _as_before = leave_out_later(dict.fromkeys(("diameter_mm", "loss_probability")) | later_fields("fiducials"))
 
 
 class Transforms(Record):
@@ -931,14 +756,14 @@ class Model(Record):
     installation_reading: Annotated[Reading, one_of(Reading)] = Field(
         default=Reading.PHYSICAL,
         description="physical: an installation error moves the structure and its images. eq18: it moves the "
-        "coordinates the estimator is told (Eq 18 of the paper). Default physical.",
+        "coordinates the estimator assumes (Eq 18 of the paper). Default physical.",
         examples=["physical"],
     )
     rotation: Annotated[RotationForm, one_of(RotationForm)] = Field(
         default=RotationForm.FULL, description="full: Rx Ry Rz. small_angle: I + [w]x. Default full.", examples=["full"]
     )
     estimator: Annotated[Estimator, one_of(Estimator)] = Field(
-        default=Estimator.DLT,
+        default=DEFAULT_ESTIMATOR,
         description="What a view is estimated as from its fiducials. dlt: eleven unknowns by linear equations, nothing "
         "known beforehand. reprojection: the same eleven by least squares of the images. pose: position and "
         "orientation, the intrinsics taken for exact. pose_with_prior: focal length and principal point too, known as "
@@ -953,10 +778,10 @@ class Model(Record):
         examples=["normalised"],
     )
 
-    _as_before = leave_out_later({"estimator": Estimator.DLT})
+    _as_before = leave_out_later({"estimator": DEFAULT_ESTIMATOR})
 
 
-class DesignDocument(Record):
+class _Design(Record):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
     schema_: Literal["tailstack/design/1"] = Field(
@@ -980,9 +805,17 @@ class DesignDocument(Record):
         default_factory=share(Execution.model_construct()),
         description="Errors of the robot and the tool. Absent: none.",
     )
-    temperature: TemperatureDocument | None = Field(
-        default=None, description="Operation at another temperature. Absent: nothing expands."
-    )
+
+
+if TYPE_CHECKING:  # no name of an effect is known here
+    _DesignWithEffects = _Design
+else:
+    _DesignWithEffects = with_sections("design", _Design)
+
+
+class DesignDocument(_DesignWithEffects):
+    """A reference structure on a robot, seen by two or more X-ray views."""
+
     targets: Annotated[list[TargetDocument], Field(min_length=1)] = Field(
         description="Where the tool has to go: named points or regions, in con."
     )
@@ -990,7 +823,7 @@ class DesignDocument(Record):
     model: Model = Field(default_factory=share(Model.model_construct()), description="Choices of the model.")
     optimise: Optimise | None = Field(default=None, description="Freedom of the optimiser. Absent: it refuses.")
 
-    _as_before = leave_out_later({"temperature": None})
+    _as_before = leave_out_later(later_fields("design"))
 
 
 SCHEMA_ID = "urn:tailstack:schema:design:1"

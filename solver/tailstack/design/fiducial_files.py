@@ -28,7 +28,7 @@ _SYSTEMS: dict[str, System] = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class FiducialTable:
     """What a file of fiducials holds, as it stands there."""
 
     rows: Sequence[tuple[str, list[float]]]  # label and x, y, z
@@ -95,7 +95,7 @@ def read_fiducials(content: bytes, name: str, limits: Limits) -> FiducialList:
     return make_list(table, content, name, limits)
 
 
-def make_list(table: Table, content: bytes, name: str, limits: Limits) -> FiducialList:
+def make_list(table: FiducialTable, content: bytes, name: str, limits: Limits) -> FiducialList:
     """The fiducials of a table that was read from a file: in mm and LPS, each with a label.  Raises as reading does."""
     if not table.rows:
         raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial", file=name))
@@ -107,7 +107,7 @@ def make_list(table: Table, content: bytes, name: str, limits: Limits) -> Fiduci
     return FiducialList(labels, positions_mm, _origin(table, name, hashlib.sha256(content).hexdigest()))
 
 
-def _origin(table: Table, name: str, sha256: str) -> FiducialOrigin:
+def _origin(table: FiducialTable, name: str, sha256: str) -> FiducialOrigin:
     """What is not as usual is stated, and nothing else: it is written into designs."""
     unusual: dict[str, Any] = {} if table.stated else {"coordinate_system_stated": False}
     if table.unit != "mm":
@@ -178,7 +178,7 @@ def read_number(text: Any, name: str, line: int | None, what: str) -> float:
     return value
 
 
-def _read_position(table: Table, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
+def _read_position(table: FiducialTable, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
     """Scale to mm, turn RAS into LPS, fill in labels."""
     scale, flip = _MM[table.unit], -1.0 if table.system == "RAS" else 1.0
     labels = tuple(label or f"F{number}" for number, (label, _) in enumerate(table.rows, 1))
@@ -228,7 +228,7 @@ def _unit_of(cell: str) -> str:
     return cell.strip(" []()").replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
 
 
-def _read_csv(text: str, name: str) -> Table:
+def _read_csv(text: str, name: str) -> FiducialTable:
     system: System = "LPS"
     body: list[tuple[int, str]] = []
     for number, line in enumerate(text.splitlines(), 1):
@@ -277,13 +277,16 @@ def _read_csv(text: str, name: str) -> Table:
     for number, line in body[2 if unit_row else 1 :]:
         cells = next(csv.reader([line], delimiter=delimiter))
         if len(cells) != len(header):
-            raise refuse(name, number, "csv-row", f"{len(cells)} cells in a table of {len(header)} columns")
+            detail = f"{len(cells)} cells in a table of {len(header)} columns"
+            hint = "write decimals with a point; a label that holds a comma stands in double quotes"
+            hint = hint if delimiter == "," and len(cells) > len(header) else ""
+            raise refuse(name, number, "csv-row", detail, hint)
         xyz = [read_number(cells[index], name, number, axis) for axis, index in zip("xyz", columns, strict=True)]
         rows.append(("" if at_label is None else cells[at_label].strip(), xyz))
-    return Table(rows, units[0], system)
+    return FiducialTable(rows, units[0], system)
 
 
-def _read_fcsv(text: str, name: str) -> Table:
+def _read_fcsv(text: str, name: str) -> FiducialTable:
     """Slicer's legacy format.  Without a stated system the file is RAS, as Slicer wrote it then."""
     system: System | None = None
     columns = ["id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatednodeid"]
@@ -303,10 +306,10 @@ def _read_fcsv(text: str, name: str) -> Table:
             raise refuse(name, number, "csv-row", f"a row needs x, y and z; got {show(line)}")
         xyz = [read_number(entry[axis], name, number, axis) for axis in "xyz"]
         rows.append((entry.get("label", "").strip(), xyz))
-    return Table(rows, "mm", system or "RAS", stated=system is not None)
+    return FiducialTable(rows, "mm", system or "RAS", stated=system is not None)
 
 
-def _read_markups(text: str, name: str, limits: Limits) -> Table:
+def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
     source = read_text(text, limits, file=name, directory=None, form="json")
     data = source.data
 
@@ -367,4 +370,4 @@ def _read_markups(text: str, name: str, limits: Limits) -> Table:
         rows.append(
             (label, [read_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)])
         )
-    return Table(rows, unit, system, left_out=skipped)
+    return FiducialTable(rows, unit, system, left_out=skipped)

@@ -22,15 +22,16 @@ from .fiducial_files import FORMATS, FiducialList, format_of, read_fiducials
 from .pointers import find_places, pointer_of, replace_value, suggest
 from .reading import (
     DEFAULT_LIMITS,
+    DocumentSource,
     Format,
     Limits,
-    Source,
     decode,
     name_neighbours,
     plain_data,
     point_list_problem,
     read_bytes,
     read_text,
+    refuse_foreign,
     show,
 )
 from .refusals import place, refuse
@@ -42,7 +43,7 @@ class Design:
 
     document: DesignDocument  # its fields as they were written: lengths in mm, angles in degrees
     fiducials: FiducialList  # labels and positions, con, mm, wherever they were read
-    source: Source  # the plain data, and where it came from
+    source: DocumentSource  # the plain data, and where it came from
     sha256: str  # of the canonical content: defaults filled in, a fiducial file replaced by what it holds
 
     def __repr__(self) -> str:
@@ -83,7 +84,7 @@ class Design:
 
 
 def load_design(
-    source: str | bytes | Path | Mapping[str, Any] | Source,
+    source: str | bytes | Path | Mapping[str, Any] | DocumentSource,
     *,
     form: Format = "auto",
     base_directory: Path | None = None,
@@ -101,26 +102,27 @@ def load_design(
 
 
 def read_source(
-    source: str | bytes | Path | Mapping[str, Any] | Source,
+    source: str | bytes | Path | Mapping[str, Any] | DocumentSource,
     *,
     form: Format = "auto",
     base_directory: Path | None = None,
     limits: Limits = DEFAULT_LIMITS,
-) -> Source:
+) -> DocumentSource:
     """The plain data of a document, not yet checked against the schema."""
-    if isinstance(source, Source):
+    if isinstance(source, DocumentSource):
         return source
     if isinstance(source, Mapping):
-        return Source(plain_data(source, limits), None, base_directory)
+        return DocumentSource(plain_data(source, limits), None, base_directory)
     if isinstance(source, str) and _is_path(source):
         source = Path(source)
     if isinstance(source, Path):
         name = str(source)
-        content = read_bytes(source, limits.document_bytes, name)
+        content = read_bytes(source, limits.document_bytes, name, document=True)
         if form == "auto" and name.lower().endswith(".json"):
             form = "json"
         return read_text(decode(content, name), limits, file=name, directory=source.parent, form=form)
     if isinstance(source, bytes):
+        refuse_foreign(source, None)
         if len(source) > limits.document_bytes:
             raise LimitError(Problem("", "too-large", f"the document is longer than {limits.document_bytes} bytes"))
         source = decode(source, None)
@@ -134,7 +136,7 @@ def _is_path(text: str) -> bool:
     return len(text) <= 1000 and not ("\n" in text or "\r" in text or text.lstrip()[:1] == "{")
 
 
-def _check(source: Source, allow_files: bool, limits: Limits) -> Design:
+def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
     data = source.data
     _check_schema_name(source)
     try:
@@ -147,13 +149,17 @@ def _check(source: Source, allow_files: bool, limits: Limits) -> Design:
     return Design(document, fiducials, source, sha256_of(document, fiducials))
 
 
-def _check_schema_name(source: Source) -> None:
+def _check_schema_name(source: DocumentSource) -> None:
     data = source.data
     if holds_points(data):
         raise DesignError(place(point_list_problem(source.file), source))
     if not isinstance(data, dict):
         detail = f"a design is a mapping of fields; got {show(data)}"
         raise DesignError(place(Problem("", "wrong-type", detail, "start from examples/demo.yaml"), source))
+    if "$schema" in data and "schema" not in data:
+        detail = "this is a JSON schema, the rules for designs and not a design"
+        hint = "editors use it; tailstack init makes a design, tailstack example prints others"
+        raise DesignError(place(Problem("", "schema-file", detail, hint), source))
     if data.get("schema") != SCHEMA_NAME:
         got = show(data["schema"]) if "schema" in data else "no schema"
         problem = Problem(
@@ -183,7 +189,7 @@ def holds_points(data: Any) -> bool:
     return kinds == {list} or (kinds == {dict} and all("position_mm" in each or "position" in each for each in data))
 
 
-def _refuse_all(problems: list[Problem], source: Source, limits: Limits) -> None:
+def _refuse_all(problems: list[Problem], source: DocumentSource, limits: Limits) -> None:
     if not problems:
         return
     source = source.placed()
@@ -193,7 +199,7 @@ def _refuse_all(problems: list[Problem], source: Source, limits: Limits) -> None
     raise DesignError(placed)
 
 
-def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limits: Limits) -> FiducialList:
+def _fiducials(document: DesignDocument, source: DocumentSource, allow_files: bool, limits: Limits) -> FiducialList:
     points = document.fiducials.points
     if points is not None:
         labels = tuple([point.label or f"F{number}" for number, point in enumerate(points, 1)])
@@ -214,7 +220,7 @@ def _fiducials(document: DesignDocument, source: Source, allow_files: bool, limi
         raise type(error)(problems) from None
 
 
-def _describe_missing(name: str, path: Path, source: Source) -> Problem:
+def _describe_missing(name: str, path: Path, source: DocumentSource) -> Problem:
     """A fiducial file that is not there: the folder that was searched, and what may have been meant."""
     assert source.directory is not None
     folder = str(source.directory / Path(name).parent)
@@ -223,7 +229,7 @@ def _describe_missing(name: str, path: Path, source: Source) -> Problem:
     return Problem("", "file-not-found", f"no such file: {name}; looked in {folder}", hint)
 
 
-def _find_file(name: str, source: Source, allow_files: bool) -> Path:
+def _find_file(name: str, source: DocumentSource, allow_files: bool) -> Path:
     """The file a design refers to: relative, and below the design's own directory."""
     if not allow_files:
         raise DesignError(

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
-from .fields import Direction, Distance, HalfWidth, HalfWidthDegrees, Length, Name, Point, Record, refusal
+from ..fields import Direction, Distance, HalfWidth, HalfWidthDegrees, Length, Name, Point, Record, refusal
 
 InterfaceName = Literal["structure_connector", "connector_flange"]
 _Weight = Annotated[float, Field(gt=0, le=1e9)]

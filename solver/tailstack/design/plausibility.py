@@ -7,19 +7,23 @@ any, and each rule states where its numbers come from.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import dist, hypot, pi
 
 import numpy as np
 
+from tailstack.fields import INTERFACES
+
 from ..arrays import Array
+from ..effects import EFFECTS
+from ..effects.kind import Doubt, PlausibilityTest, Subject, guess_unit
 from ..errors import Problem
 from ..geometry.camera import camera_centre
 from ..results import Finding
-from ..system import INTERFACES, System
+from ..system import System
+from ..tolerances import Bias, Tolerances
 from .document import (
-    Bias,
     DesignDocument,
     DistanceView,
     Interface,
@@ -28,62 +32,30 @@ from .document import (
     PresetView,
     Region,
     TargetDocument,
-    Tolerances,
 )
 from .loading import Design
 
 BEAD_MM = 3.0  # diameter of the beads that localisation noise is quoted for
 FINEST_DEG, FINEST_MM = 0.002, 1e-4
 WIDEST_DEG, WIDEST_MM = 1.0, 1.0
-BEST_NOISE_PX = 0.015
+BEST_NOISE_PX, WORST_NOISE_PX = 0.015, 5.0
+WIDEST_REPEATABILITY_MM = 1.0
+WIDEST_LIMIT_MM = 20.0
 SMALLEST_STRUCTURE_MM, LARGEST_STRUCTURE_MM = 5 * BEAD_MM, 750.0
 SHORTEST_DETECTOR_MM, SHORTEST_ISOCENTRE_MM = 200.0, 100.0
 LONGEST_SOURCE_MM = 5000.0
-SMALLEST_BALL_MM = 0.3
 LARGEST_SHARE = 0.2
-SMALLEST_EXPANSION = 0.02
 # A multiple of 30 or 45 degrees, in radians, written with three digits or more: 1.57, 0.785, 3.1416.
 TURNS = sorted({k * pi / n for n in (4, 6) for k in range(1, 2 * n + 1)})
 SAME_TURN = 6e-4  # relative: 1.57 is nearer to a quarter turn
 
-_UNITS = (("centimetres", 10.0), ("metres", 1000.0), ("micrometres", 1e-3))
 _ROTATIONS = ("rx", "ry", "rz")
 _COMPONENTS = (*_ROTATIONS, "tx", "ty", "tz")
 
 
-@dataclass(frozen=True, slots=True)
-class _Met:
-    """A value that a rule doubts."""
-
-    pointer: str
-    message: str
-    value: float
-    limit: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Subject:
-    """What the rules look at."""
-
-    document: DesignDocument
-    fiducials_mm: Array  # (N, 3) con
-    system: System | None  # None: its views could not be compiled
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """One rule: what it doubts, and where its numbers come from."""
-
-    id: str  # stable, the rule of its findings
-    title: str
-    numbers: str  # the bounds and their source
-    find: Callable[[_Subject], Iterator[_Met]]
-    slip: bool = False  # a slip of unit, which may be why a geometry is refused
-
-
 def find_implausible(design: Design, system: System) -> tuple[Finding, ...]:
     """A warning for each value that a rule doubts, in the order of :data:`PLAUSIBILITY`."""
-    subject = _Subject(design.document, system.fiducials_mm, system)
+    subject = Subject(design.document, system.fiducials_mm, system, system.fiducial_labels)
     return tuple(
         Finding(rule.id, "warning", met.message, met.pointer, met.value, met.limit)
         for rule in PLAUSIBILITY.values()
@@ -93,21 +65,13 @@ def find_implausible(design: Design, system: System) -> tuple[Finding, ...]:
 
 def explain_refusal(design: Design, system: System | None = None) -> list[Problem]:
     """Slips of unit, as further problems of a geometry that is refused: they may be why."""
-    subject = _Subject(design.document, np.array(design.fiducials.positions_mm), system)
+    subject = Subject(design.document, np.array(design.fiducials.positions_mm), system, tuple(design.fiducials.labels))
     return [
         Problem(met.pointer, rule.id, met.message)
         for rule in PLAUSIBILITY.values()
         if rule.slip
         for met in rule.find(subject)
     ]
-
-
-def _guess_unit(value: float, low: float, high: float) -> str:
-    """In which unit a length would be plausible, as a sentence; empty if in none."""
-    for unit, factor in _UNITS:
-        if low <= value * factor <= high:
-            return f" It looks like {unit}: write {value * factor:.6g}."
-    return ""
 
 
 _SECTIONS = ("interfaces", "transforms", "execution", "rotation_deg")
@@ -121,7 +85,7 @@ def _name(pointer: str) -> str:
 # --- lengths of the whole ------------------------------------------------------------------------------
 
 
-def _doubt_structure_size(subject: _Subject) -> Iterator[_Met]:
+def _doubt_structure_size(subject: Subject) -> Iterator[Doubt]:
     points = subject.fiducials_mm - subject.fiducials_mm.mean(axis=0)
     square = (points**2).sum(axis=1)
     width = float(np.sqrt(max(0.0, (square[:, None] + square - 2 * points @ points.T).max())))
@@ -133,15 +97,15 @@ def _doubt_structure_size(subject: _Subject) -> Iterator[_Met]:
         if width < limit
         else f"no detector of a C-arm images more than {limit:g} mm at once"
     )
-    unit = _guess_unit(width, 2 * SMALLEST_STRUCTURE_MM, LARGEST_STRUCTURE_MM / 2)
+    unit = guess_unit(width, 2 * SMALLEST_STRUCTURE_MM, LARGEST_STRUCTURE_MM / 2)
     message = f"the two fiducials farthest apart are {width:.4g} mm apart; {why}.{unit} Check the unit of the positions"
     if subject.document.fiducials.points is None:
-        yield _Met("/fiducials/file", f"{message}, which the file states (x_mm, coordinateUnits)", width, limit)
+        yield Doubt("/fiducials/file", f"{message}, which the file states (x_mm, coordinateUnits)", width, limit)
     else:
-        yield _Met("/fiducials/points", message, width, limit)
+        yield Doubt("/fiducials/points", message, width, limit)
 
 
-def _doubt_source_distances(subject: _Subject) -> Iterator[_Met]:
+def _doubt_source_distances(subject: Subject) -> Iterator[Doubt]:
     middle = subject.fiducials_mm.mean(axis=0)
     for index, view in enumerate(subject.document.views):
         at = f"/views/{index}"
@@ -153,32 +117,32 @@ def _doubt_source_distances(subject: _Subject) -> Iterator[_Met]:
                 length = getattr(view, field)
                 if length is not None and length < least:
                     message = _describe_distance(f"view {view.name}: {field}", length, least)
-                    yield _Met(f"{at}/{field}", message, length, least)
+                    yield Doubt(f"{at}/{field}", message, length, least)
         elif subject.system is not None:
             field = "pose" if isinstance(view, PinholeView) else "projection"
             length = float(np.linalg.norm(camera_centre(subject.system.views[index].projection) - middle))
             if length < SHORTEST_ISOCENTRE_MM:
                 what = f"view {view.name}: the distance of the source from the middle of the fiducials"
                 message = _describe_distance(what, length, SHORTEST_ISOCENTRE_MM)
-                yield _Met(f"{at}/{field}", message, length, SHORTEST_ISOCENTRE_MM)
+                yield Doubt(f"{at}/{field}", message, length, SHORTEST_ISOCENTRE_MM)
 
 
 def _describe_distance(what: str, length: float, least: float) -> str:
-    unit = _guess_unit(length, 2 * least, LONGEST_SOURCE_MM) or " Check its unit, which is mm."
+    unit = guess_unit(length, 2 * least, LONGEST_SOURCE_MM) or " Check its unit, which is mm."
     return f"{what} is {length:.4g} mm, less than {least:g} mm: no C-arm is that short.{unit}"
 
 
 # --- angles ---------------------------------------------------------------------------------------------
 
 
-def _doubt_angles(subject: _Subject) -> Iterator[_Met]:
+def _doubt_angles(subject: Subject) -> Iterator[Doubt]:
     for pointer, angle in _list_angles(subject.document):
-        turn = next((each for each in TURNS if abs(abs(angle) - each) <= SAME_TURN * each), None)
-        if turn is not None:
+        turn = angle and next((each for each in TURNS if abs(abs(angle) - each) <= SAME_TURN * each), None)
+        if turn:
             degrees = round(turn * 180 / pi) * (1 if angle > 0 else -1)
             meant = f"{degrees} degrees in radians. Write {degrees} if that is meant."
             message = f"{_name(pointer)}: {angle:g} in a field of degrees is {meant}"
-            yield _Met(pointer, message, angle, degrees)
+            yield Doubt(pointer, message, angle, degrees)
 
 
 def _list_angles(document: DesignDocument) -> Iterator[tuple[str, float]]:
@@ -249,7 +213,7 @@ def _list_components(tolerances: Tolerances, at: str, name: str, *, seat: bool) 
             yield _HalfWidth(f"{at}/{component}/{field}", f"{name} {component}", getattr(entry, field), unit, seat)
 
 
-def _doubt_fine_half_widths(subject: _Subject) -> Iterator[_Met]:
+def _doubt_fine_half_widths(subject: Subject) -> Iterator[Doubt]:
     for width in _list_half_widths(subject.document):
         least = FINEST_DEG if width.unit == "deg" else FINEST_MM
         if 0 < width.size < least:  # 0 says on purpose that it does not vary
@@ -260,10 +224,10 @@ def _doubt_fine_half_widths(subject: _Subject) -> Iterator[_Met]:
                 f"{width.name}: a half-width of {width.size:g} {width.unit} is finer than a kinematic coupling repeats "
                 f"({least:g} {width.unit}). {cure}If it does not vary at all, write 0."
             )
-            yield _Met(width.pointer, message, width.size, least)
+            yield Doubt(width.pointer, message, width.size, least)
 
 
-def _doubt_wide_half_widths(subject: _Subject) -> Iterator[_Met]:
+def _doubt_wide_half_widths(subject: Subject) -> Iterator[Doubt]:
     for width in _list_half_widths(subject.document):
         most = WIDEST_DEG if width.unit == "deg" else WIDEST_MM
         if width.seat and width.size > most:
@@ -274,13 +238,42 @@ def _doubt_wide_half_widths(subject: _Subject) -> Iterator[_Met]:
                 f"{width.name}: a half-width of {width.size:g} {width.unit} is {why}. Check the unit, and that it is "
                 "half of the width and not a sum over parts."
             )
-            yield _Met(width.pointer, message, width.size, most)
+            yield Doubt(width.pointer, message, width.size, most)
+
+
+def _doubt_repeatability(subject: Subject) -> Iterator[Doubt]:
+    scatter = subject.document.execution.repeatability
+    if scatter is None:
+        return
+    for field in ("std_mm", "half_width_mm"):
+        stated = getattr(scatter, field)
+        axes = enumerate(stated) if isinstance(stated, tuple) else [("", stated)]
+        for axis, width in axes:
+            if width is not None and width > WIDEST_REPEATABILITY_MM:
+                at = f"/execution/repeatability/{field}" + (f"/{axis}" if isinstance(stated, tuple) else "")
+                unit = guess_unit(width, 0.005, 0.5) or " Check its unit, which is mm."
+                message = (
+                    f"repeatability {field} is {width:g} mm; robots repeat a position to some 0.02 to 0.5 mm, and "
+                    f"{WIDEST_REPEATABILITY_MM:g} mm is no robot's data sheet.{unit}"
+                )
+                yield Doubt(at, message, width, WIDEST_REPEATABILITY_MM)
+
+
+def _doubt_limits(subject: Subject) -> Iterator[Doubt]:
+    for index, requirement in enumerate(subject.document.requirements):
+        if requirement.limit_mm > WIDEST_LIMIT_MM:
+            unit = guess_unit(requirement.limit_mm, 0.1, 5.0) or " Check its unit, which is mm."
+            message = (
+                f"requirement {requirement.name}: a limit of {requirement.limit_mm:g} mm is wider than any anatomy a "
+                f"robot is asked to keep clear of ({WIDEST_LIMIT_MM:g} mm).{unit}"
+            )
+            yield Doubt(f"/requirements/{index}/limit_mm", message, requirement.limit_mm, WIDEST_LIMIT_MM)
 
 
 # --- noise and lever arms -------------------------------------------------------------------------------
 
 
-def _doubt_noise(subject: _Subject) -> Iterator[_Met]:
+def _doubt_noise(subject: Subject) -> Iterator[Doubt]:
     for index, view in enumerate(subject.document.views):
         for field in ("fiducial_noise_px", "target_noise_px"):
             noise = getattr(view, field)
@@ -290,46 +283,38 @@ def _doubt_noise(subject: _Subject) -> Iterator[_Met]:
                     f"({BEST_NOISE_PX:g} px): the error comes out too small. Write 0.05 for the best, 0.3 for typical, "
                     "0.5 for clinical images."
                 )
-                yield _Met(f"/views/{index}/{field}", message, noise, BEST_NOISE_PX)
+                yield Doubt(f"/views/{index}/{field}", message, noise, BEST_NOISE_PX)
 
 
-# --- what goes wrong in an image ---------------------------------------------------------------------------
+def _doubt_noise_above(subject: Subject) -> Iterator[Doubt]:
+    for index, view in enumerate(subject.document.views):
+        for field in ("fiducial_noise_px", "target_noise_px"):
+            noise = getattr(view, field)
+            if noise > WORST_NOISE_PX:
+                message = (
+                    f"view {view.name}: {field} is {noise:g} px, more than that of a bead clicked by hand "
+                    f"({WORST_NOISE_PX:g} px at most). It is a standard deviation, in pixels: write 0.3 for typical "
+                    "images, 0.5 for clinical ones."
+                )
+                yield Doubt(f"/views/{index}/{field}", message, noise, WORST_NOISE_PX)
 
 
-def _doubt_balls(subject: _Subject) -> Iterator[_Met]:
-    diameter, points = subject.document.fiducials.diameter_mm, subject.fiducials_mm
-    if diameter is None:
-        return
-    gaps = np.linalg.norm(points[:, None] - points, axis=2)[np.triu_indices(len(points), 1)]
-    nearest = float(gaps.min()) if gaps.size else np.inf
-    why, limit = "", SMALLEST_BALL_MM
-    if diameter > nearest:
-        why, limit = f"two of them, {nearest:.4g} mm apart, would be in one place", nearest
-    elif diameter < SMALLEST_BALL_MM:
-        why = f"no smaller ones than {SMALLEST_BALL_MM:g} mm are seen in an X-ray image"
-    if why:
-        unit = _guess_unit(diameter, 0.5, nearest) or " Check its unit, which is mm."
-        yield _Met("/fiducials/diameter_mm", f"balls of {diameter:.4g} mm: {why}.{unit}", diameter, limit)
+# --- what is said in per cent ---------------------------------------------------------------------------
 
 
-def _doubt_shares(subject: _Subject) -> Iterator[_Met]:
+def _doubt_shares(subject: Subject) -> Iterator[Doubt]:
     for pointer, name, share in _list_shares(subject.document):
         if abs(share) > LARGEST_SHARE:
             message = (
                 f"{name} is {share:g}, which is {100 * share:g} %. If {share:g} % is meant, write {share / 100:g}."
             )
-            yield _Met(pointer, message, share, LARGEST_SHARE)
+            yield Doubt(pointer, message, share, LARGEST_SHARE)
 
 
 def _list_shares(document: DesignDocument) -> Iterator[tuple[str, str, float]]:
     """(pointer, name, value) of every part of one that is usually said in per cent."""
-    for index, view in enumerate(document.views):
-        at = f"/views/{index}"
-        if (prior := view.intrinsics_prior) is not None:
-            yield f"{at}/intrinsics_prior/focal_rel_sd", f"view {view.name}: focal_rel_sd", prior.focal_rel_sd
-        if view.intrinsics_error is not None and (focal := view.intrinsics_error.focal) is not None:
-            for field in ("bias_rel", "half_width_rel"):
-                yield f"{at}/intrinsics_error/focal/{field}", f"view {view.name}: focal {field}", getattr(focal, field)
+    for kind in EFFECTS:
+        yield from kind.shares(document)
     fiducials = document.fiducials
     every = [("/fiducials", "loss_probability", fiducials.loss_probability)]
     for index, point in enumerate(fiducials.points or ()):
@@ -338,20 +323,7 @@ def _list_shares(document: DesignDocument) -> Iterator[tuple[str, str, float]]:
     yield from ((f"{at}/loss_probability", name, value) for at, name, value in every if value is not None)
 
 
-def _doubt_expansion(subject: _Subject) -> Iterator[_Met]:
-    if (heat := subject.document.temperature) is None:
-        return
-    for field in ("structure_expansion_um_per_m_k", "connector_expansion_um_per_m_k"):
-        value = getattr(heat, field)
-        if 0 < abs(value) < SMALLEST_EXPANSION:
-            message = (
-                f"{field} is {value:g}, less than that of glass ceramic ({SMALLEST_EXPANSION:g}). If it is in 1/K, "
-                f"write {1e6 * value:g}; if nothing expands, 0."
-            )
-            yield _Met(f"/temperature/{field}", message, value, SMALLEST_EXPANSION)
-
-
-def _doubt_lever_arms(subject: _Subject) -> Iterator[_Met]:
+def _doubt_lever_arms(subject: Subject) -> Iterator[Doubt]:
     turning = [
         (name, interface)
         for name, interface in _list_interfaces(subject.document)
@@ -367,7 +339,7 @@ def _doubt_lever_arms(subject: _Subject) -> Iterator[_Met]:
                     f"of a bead ({BEAD_MM:g} mm): rotations of that seat have no lever arm there. The pivot is the "
                     "place of the seat, not of the target: check both."
                 )
-                yield _Met(f"/interfaces/{name}/pivot_mm", message, lever, BEAD_MM)
+                yield Doubt(f"/interfaces/{name}/pivot_mm", message, lever, BEAD_MM)
 
 
 def _reach(target: TargetDocument, pivot: tuple[float, float, float]) -> float:
@@ -383,8 +355,51 @@ def _reach(target: TargetDocument, pivot: tuple[float, float, float]) -> float:
     return hypot(*(abs(centre - at) + size / 2 for centre, size, at in offsets))
 
 
+def _doubt_pivots(subject: Subject) -> Iterator[Doubt]:
+    targets = [target.position_mm for target in subject.document.targets if target.position_mm is not None]
+    if not targets:
+        return
+    points, middle = np.vstack([subject.fiducials_mm, *targets]), subject.fiducials_mm.mean(axis=0)
+    low, high, away = points.min(axis=0), points.max(axis=0), middle - np.mean(targets, axis=0)
+
+    def among(place: Array) -> bool:
+        return bool(((place > low) & (place < high)).all())
+
+    def behind(place: Array) -> bool:
+        return bool((place - middle) @ away > 0)
+
+    for name, interface in _list_interfaces(subject.document):
+        pivot = np.array(interface.pivot_mm)
+        if pivot.any() and among(pivot) and behind(10 * pivot) and not among(10 * pivot):
+            depth = float(np.minimum(pivot - low, high - pivot).min())
+            written = ", ".join(f"{10 * value:g}" for value in interface.pivot_mm)
+            message = (
+                f"the pivot of {name} lies among the fiducials and targets, {depth:.3g} mm inside the box about them. "
+                "It is the place of a seat, which lies behind the structure; tolerances turn about it. "
+                f"If it is in centimetres, write [{written}]."
+            )
+            yield Doubt(f"/interfaces/{name}/pivot_mm", message, depth, 0.0)
+
+
+def _doubt_targets_in_beads(subject: Subject) -> Iterator[Doubt]:
+    diameter = subject.document.fiducials.diameter_mm
+    radius = (BEAD_MM if diameter is None else diameter) / 2
+    for index, target in enumerate(subject.document.targets):
+        if target.position_mm is None:
+            continue
+        away = np.linalg.norm(subject.fiducials_mm - target.position_mm, axis=1)
+        if away.min() < radius:
+            size = "its radius" if diameter is not None else f"the radius of a bead of {BEAD_MM:g} mm"
+            label = f"fiducial {subject.labels[int(away.argmin())]}"
+            message = (
+                f"target {target.name} lies {away.min():.3g} mm from the centre of {label}, nearer than {size} "
+                f"({radius:g} mm): a tool cannot go there while the bead is in place. Check both positions."
+            )
+            yield Doubt(f"/targets/{index}/position_mm", message, float(away.min()), radius)
+
+
 _RULES = (
-    Rule(
+    PlausibilityTest(
         "structure-size",
         "A structure that is too small for its beads or too large for a detector",
         "15 mm: five beads of 3 mm, a judgement. 750 mm: the space diagonal of a cube as wide as the widest detector "
@@ -392,7 +407,7 @@ _RULES = (
         _doubt_structure_size,
         slip=True,
     ),
-    Rule(
+    PlausibilityTest(
         "source-distance",
         "A source that is nearer than that of any C-arm",
         "Detector below 200 mm, isocentre (or, of a calibrated view, the middle of the fiducials) below 100 mm: a "
@@ -400,21 +415,21 @@ _RULES = (
         _doubt_source_distances,
         slip=True,
     ),
-    Rule(
+    PlausibilityTest(
         "angle-in-radians",
         "An angle in a degree field that is a round angle in radians",
         "Multiples of 30 and 45 degrees to 0.06 %, so that 1.57 counts: a judgement.",
         _doubt_angles,
         slip=True,
     ),
-    Rule(
+    PlausibilityTest(
         "half-width-too-fine",
         "A half-width finer than a kinematic coupling repeats",
         "0.0001 mm: kinematic couplings repeat to less than 0.1 um (Schouten 1997); 0.002 degrees: a judgement from "
         "it. 0 is not remarked: it says that nothing varies.",
         _doubt_fine_half_widths,
     ),
-    Rule(
+    PlausibilityTest(
         "half-width-too-wide",
         "A half-width wider than the play of a clip-on seat",
         "1 degree and 1 mm: the play of a clip-on plate, 0.5 mm at each of two pins 50 mm apart, gives 0.57 to 1.15 "
@@ -422,36 +437,57 @@ _RULES = (
         "eye is not held to it: its measured standard deviation is up to 0.65 mm (arXiv 2404.05884).",
         _doubt_wide_half_widths,
     ),
-    Rule(
+    PlausibilityTest(
         "noise-too-small",
         "Image noise of zero, or below the best that was measured",
         "0.015 px: the centroid of a bead at 0.26 mm pixels is located to 0.015-0.05 px (Zhang 2015).",
         _doubt_noise,
     ),
-    Rule(
-        "ball-size",
-        "Balls that would touch, or that no image shows",
-        "The distance of the nearest two fiducials; 0.3 mm: a judgement, markers of radiostereometry have 0.5 to 1 mm.",
-        _doubt_balls,
+    PlausibilityTest(
+        "noise-too-large",
+        "Image noise beyond that of a bead clicked by hand",
+        "5 px: a judgement, a third of the image of a small bead. Clicks by hand scatter by one to two pixels.",
+        _doubt_noise_above,
     ),
-    Rule(
+    PlausibilityTest(
+        "repeatability-too-wide",
+        "A robot that does not repeat a position",
+        "1 mm: a judgement; data sheets by ISO 9283 state 0.02 to 0.5 mm.",
+        _doubt_repeatability,
+    ),
+    PlausibilityTest(
+        "limit-too-wide",
+        "A limit beyond any anatomy",
+        "20 mm: a judgement; safe zones are 2 to 4 mm (pedicle screws) and at most some 10 mm. 600 is 0.6 in um.",
+        _doubt_limits,
+    ),
+    PlausibilityTest(
         "share-in-percent",
         "A part of one that looks like per cent",
         "0.2: a judgement; errors of the focal length up to 0.14 were tried on five C-arms (arXiv 2603.14031).",
         _doubt_shares,
     ),
-    Rule(
-        "expansion-too-small",
-        "An expansion below that of glass ceramic, and not 0",
-        "0.02 um/(m K): glass ceramic of Zerodur's class 0; a judgement. PEEK in 1/K is 0.000047.",
-        _doubt_expansion,
-    ),
-    Rule(
+    PlausibilityTest(
         "no-lever-arm",
         "A target at the pivot of a seat that may turn",
         "3 mm: the diameter of a bead, a judgement.",
         _doubt_lever_arms,
     ),
+    PlausibilityTest(
+        "pivot-among-fiducials",
+        "A seat among the fiducials and targets that is behind them in centimetres",
+        "Inside the box about fiducials and targets, and ten times the pivot outside of it, on the far side from the "
+        "targets: a judgement. A pivot of [0, 0, 0], as when it is left out, is not remarked.",
+        _doubt_pivots,
+    ),
+    PlausibilityTest(
+        "target-in-bead",
+        "A target inside a fiducial",
+        "The radius that the design gives, otherwise 1.5 mm: that of a bead of 3 mm.",
+        _doubt_targets_in_beads,
+    ),
 )
 
-PLAUSIBILITY: dict[str, Rule] = {rule.id: rule for rule in _RULES}
+PLAUSIBILITY: dict[str, PlausibilityTest] = {
+    rule.id: rule for rule in (*_RULES, *(rule for kind in EFFECTS for rule in kind.doubts))
+}

@@ -1,7 +1,7 @@
 """Places in a design document as people write them, and the document with another value at one of them.
 
 A place is a JSON pointer (RFC 6901), ``/views/0/fiducial_noise_px``, or fields with dots between them,
-``views.AP.fiducial_noise_px``, in which an element of a list goes by its number, its ``name`` or its ``label``.  A step
+``views.AP.fiducial_noise_px``, in which an element goes by its number or field, its ``name`` or its ``label``.  A step
 ``*`` stands for every element of a list or mapping.
 """
 
@@ -25,8 +25,9 @@ def pointer_of(data: Any, path: str) -> str:
     node, steps = data, []
     for word in path.split("."):
         step: str | int = word
-        if isinstance(node, list) and not word.isdecimal() and word != EVERY:
-            called = [k for k, item in enumerate(node) if isinstance(item, dict) and word in _names(item)]
+        if isinstance(node, list | dict) and word not in node and not word.isdecimal() and word != EVERY:
+            items = node.items() if isinstance(node, dict) else enumerate(node)  # an interface has a label, too
+            called = [key for key, item in items if isinstance(item, dict) and word in _names(item)]
             step = called[0] if len(called) == 1 else word
         steps.append(step)
         node = _child(node, int(word) if isinstance(node, list) and word.isdecimal() else step)
@@ -69,7 +70,7 @@ def locate_numbers(data: Any, pointer: str, where: str, refusal: type[TailstackE
     places = find_places(data, pointer)
     cure = "what the design leaves to its default is written out to be varied"
     if not places:
-        hint = " ".join(filter(None, (suggest(data, pointer), cure)))
+        hint = "; ".join(filter(None, (suggest(data, pointer), cure)))
         raise refusal(Problem(where, "not-found", f"the design as it was written has nothing at {pointer}", hint))
     for place in places:
         value = value_at(data, place)
@@ -91,13 +92,59 @@ def set_numbers(data: Any, places: Sequence[Sequence[Place]], values: Sequence[f
     return data
 
 
+def name_of(data: Any, pointer: str) -> str:
+    """A pointer as people write it: fields with dots between them, elements of lists by their names or labels."""
+    node, words = data, []
+    for token in pointer.split("/")[1:]:
+        step: str | int = token.replace("~1", "/").replace("~0", "~")
+        if isinstance(node, list) and str(step).isdecimal() and int(step) < len(node):
+            step = int(step)
+            item = node[step]
+            called = next((word for word in _names(item) if word), None) if isinstance(item, dict) else None
+            unique = called is not None and sum(isinstance(one, dict) and called in _names(one) for one in node) == 1
+            words.append(str(called) if unique and "." not in str(called) else str(step))
+        else:
+            words.append(str(step))
+        node = _child(node, step)
+    return ".".join(words)
+
+
 def suggest(data: Any, pointer: str) -> str:
-    """Which number may have been meant, as a hint; empty where nothing is near."""
-    known = ["".join(f"/{escape(step)}" for step in place) for place in find_numbers(data, ())]
-    close = find_nearest(pointer, known, 3, 0.5)
-    below = [name for name in known if name.startswith(pointer.rstrip("/") + "/")][:3]
-    listed = " or ".join(dict.fromkeys(below or close))
+    """Which number may have been meant, as a hint, or what there is at the step that leads nowhere."""
+    steps = [token.replace("~1", "/").replace("~0", "~") for token in pointer.split("/")[1:]]
+    node, way = data, ""
+    for place, step in enumerate(steps):
+        children = _children(node, step, make=False)
+        if not children:
+            return _suggest_step(data, node, way, steps[place:])
+        node, way = children[0][1], f"{way}/{escape(step)}"
+    inside = sorted(find_numbers(node, ()), key=lambda place: not any("half_width" in str(step) for step in place))
+    below = ["".join(f"/{escape(step)}" for step in place) for place in inside[:3]]
+    listed = " or ".join(name_of(data, way + end) for end in below if end)
     return f"did you mean {listed}?" if listed else ""
+
+
+def _suggest_step(data: Any, node: Any, way: str, steps: Sequence[str]) -> str:
+    """What may have been meant by the first of these steps, which ``node`` at ``way`` does not have."""
+    known: dict[str, str] = {}
+    if isinstance(node, dict):
+        known = {str(key): str(key) for key in node}
+    elif isinstance(node, list):
+        for k in range(len(node)):
+            known[name_of(data, f"{way}/{k}").rpartition(".")[2]] = str(k)
+    for nearest in find_nearest(steps[0], known):
+        meant = "".join(
+            f"{way}/{escape(known[nearest])}" if k == 0 else f"/{escape(step)}" for k, step in enumerate(steps)
+        )
+        if find_places(data, meant):
+            return f"did you mean {name_of(data, meant)}?"
+        return suggest(data, meant)
+    listed = ", ".join(list(known)[:MOST_LISTED]) + (", ..." if len(known) > MOST_LISTED else "")
+    where = name_of(data, way) or "the design"
+    return f"in {where} there is {listed}." if known else ""
+
+
+MOST_LISTED = 10
 
 
 def _children(node: Any, step: str, make: bool) -> list[tuple[str | int, Any]]:

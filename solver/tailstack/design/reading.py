@@ -10,6 +10,9 @@ on the way, an alias at the size of what it stands for.
 Plain scalars follow the core schema of YAML 1.2: ``yes``, ``no``, ``on``, ``off``, ``1:30`` and ``1_000``
 are text, ``1e3`` is a number.  Integers with leading zeros mean different numbers in YAML 1.1 and 1.2,
 so they stay text and a field that wants a number refuses them.
+
+A zero has no sign, in whatever form it arrives: ``-0.0`` is 0.0, since not every writer of JSON keeps the sign, and a
+design has one hash.  Adding 0.0 takes it away.
 """
 
 from __future__ import annotations
@@ -34,9 +37,9 @@ from ..json_text import write_json
 __all__ = [
     "DEFAULT_LIMITS",
     "LOOKS_LIKE_YAML",
+    "DocumentSource",
     "Format",
     "Limits",
-    "Source",
     "Vast",
     "decode",
     "name_neighbours",
@@ -63,16 +66,16 @@ _NESTING = frozenset({dict, list})
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class DocumentSource:
     """A document as it was read: plain data, and the places of its values when it came as text."""
 
     data: Any
     file: str | None  # how the user calls the file
     directory: Path | None  # what file references are relative to
-    place: Place | None = None
+    place: TextPosition | None = None
     json_text: str | None = None  # JSON is located only when an error asks for it
 
-    def placed(self) -> Source:
+    def placed(self) -> DocumentSource:
         """The same source with places, if its text can be located; ask before locating several paths."""
         if self.place is not None or self.json_text is None:
             return self
@@ -90,8 +93,11 @@ class Source:
         return found.line, found.column
 
 
-def read_bytes(path: Path, limit: int, name: str) -> bytes:
-    """The bytes of a regular file of at most ``limit`` bytes.  Raises DesignError or LimitError."""
+def read_bytes(path: Path, limit: int, name: str, *, document: bool = False) -> bytes:
+    """The bytes of a regular file of at most ``limit`` bytes; of a ``document`` what is no text is refused by its kind.
+
+    Raises DesignError or LimitError.
+    """
     try:
         if not path.exists():
             hint = name_neighbours(path, name) or "check the path"
@@ -104,6 +110,8 @@ def read_bytes(path: Path, limit: int, name: str) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = getattr(error, "strerror", None) or str(error)
         raise DesignError(problem("file-unreadable", f"cannot read {name}: {reason}", file=name)) from None
+    if document:
+        refuse_foreign(content, name)
     if len(content) > limit:
         raise LimitError(problem("too-large", f"{name} is longer than {limit} bytes", "make it smaller", file=name))
     return content
@@ -149,6 +157,25 @@ def _list_folder(folder: Path, endings: tuple[str, ...]) -> list[str]:
     return sorted(name for name in shown if not endings or name.lower().endswith(endings))
 
 
+_FOREIGN = (  # files of other kinds by their first bytes: code, what it is, what it is for
+    (b"ISO-10303-21", "step-file", "a STEP file",
+     "tailstack convert {file} -o design.yaml makes a design of its balls"),
+    (b"%PDF-", "report-file", "a PDF", "if it is a report, tailstack report --verify {file} checks it"),
+    (b"PK\x03\x04", "report-file", "a ZIP archive (a spreadsheet, a CAD project)",
+     "if it is a report, tailstack report --verify {file} checks it; a CAD project is exported as STEP first"),
+    (b"<!doctype html", "report-file", "a web page", "if it is a report, tailstack report --verify {file} checks it"),
+)  # fmt: skip
+
+
+def refuse_foreign(content: bytes, name: str | None) -> None:
+    """Raises DesignError for a file of another kind, with what can be done with it."""
+    begin = content[:200].lstrip()
+    for mark, code, what, hint in _FOREIGN:
+        if begin[: len(mark)].lower() == mark.lower():
+            said = f"this is {what}; a design is a text in YAML or JSON"
+            raise DesignError(problem(code, said, hint.format(file=name or "FILE"), file=name))
+
+
 def decode(content: bytes, name: str | None) -> str:
     """Strict UTF-8, or UTF-16/32 with a byte order mark.  Raises DesignError."""
     marked = content.startswith(_MARKS)
@@ -176,7 +203,7 @@ def decode(content: bytes, name: str | None) -> str:
     return text
 
 
-def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | None, form: Format) -> Source:
+def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | None, form: Format) -> DocumentSource:
     """Parse a document.  Raises DesignError (syntax, tags, duplicate keys) or LimitError (size)."""
     if len(text) > limits.document_bytes:
         raise LimitError(
@@ -190,7 +217,7 @@ def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | 
         )
     if form == "json" or (form == "auto" and text.lstrip()[:1] == "{"):
         try:
-            return Source(_from_json(text, limits, file), file, directory, json_text=text)
+            return DocumentSource(_from_json(text, limits, file), file, directory, json_text=text)
         except json.JSONDecodeError as error:
             if form == "json":
                 hint = LOOKS_LIKE_YAML if _YAML.match(text) else ""
@@ -206,7 +233,7 @@ def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | 
         raise
     if isinstance(data, str) and _POINTS.match(text):
         raise DesignError(point_list_problem(file))
-    return Source(data, file, directory, place=place)
+    return DocumentSource(data, file, directory, place=place)
 
 
 LOOKS_LIKE_YAML = "it looks like YAML: call the file .yaml instead of .json"
@@ -258,8 +285,8 @@ def _quick_copy(value: Any, limits: Limits) -> Any:
                 raise _Unusual
             if kind is dict:
                 keys.extend(item)
-                return {key: v if type(v) is float else copy(v, depth + 1) for key, v in item.items()}
-            return [v if type(v) is float else copy(v, depth + 1) for v in item]
+                return {key: v + 0.0 if type(v) is float else copy(v, depth + 1) for key, v in item.items()}
+            return [v + 0.0 if type(v) is float else copy(v, depth + 1) for v in item]
         if kind is str:
             texts.append(item)
         elif not (item is None or kind is bool or kind is float or (kind is int and item.bit_length() <= 64)):
@@ -305,7 +332,9 @@ def _careful_copy(value: Any, limits: Limits) -> Any:
             return _vast(item)
         if isinstance(item, str):
             _refuse_surrogates(item, path, None)
-        if item is None or type(item) in (str, int, float, bool, Vast):
+        if type(item) is float:
+            return item + 0.0
+        if item is None or type(item) in (str, int, bool, Vast):
             return item
         raise DesignError(
             Problem(path, "unsupported-value", f"a document holds texts, numbers, lists and mappings; got {show(item)}")
@@ -342,7 +371,8 @@ def _from_json(text: str, limits: Limits, file: str | None) -> Any:
         return result
 
     try:
-        data = json.loads(text, object_pairs_hook=pairs, parse_int=integer)
+        signed = "-0" in text  # a zero with a sign may be among the numbers
+        data = json.loads(text, object_pairs_hook=pairs, parse_int=integer, parse_float=_number if signed else None)
     except RecursionError:
         raise LimitError(size_problem(limits, file, None)) from None
     # json makes nothing but JSON's types, halves of surrogate pairs only of escapes, and fewer values than characters
@@ -383,14 +413,14 @@ _OTHER = {
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class TextPosition:
     """Where a value stands in its file (1-based), and where its children do."""
 
     line: int
     column: int
-    children: dict[str, tuple[Place, Place]] | list[Place] | None = None  # mapping: key, value
+    children: dict[str, tuple[TextPosition, TextPosition]] | list[TextPosition] | None = None  # mapping: key, value
 
-    def find(self, path: Iterable[str | int], *, key: bool = False) -> Place:
+    def find(self, path: Iterable[str | int], *, key: bool = False) -> TextPosition:
         """The place of a path of keys and indices, or of its nearest ancestor; ``key``: of the key itself."""
         here = self
         at_key = self
@@ -409,6 +439,10 @@ def integer(text: str) -> int | float:
     return int(text) if len(text) < 20 else Vast(text)
 
 
+def _number(text: str) -> float:
+    return float(text) + 0.0
+
+
 def scalar(text: str) -> Any:
     """A plain scalar by the core schema of YAML 1.2, integers with leading zeros excepted."""
     if text in _OTHER:
@@ -416,7 +450,7 @@ def scalar(text: str) -> Any:
     if _INTEGER.match(text):
         return integer(text)
     if _FLOAT.match(text):
-        return float(text)
+        return _number(text)
     return text
 
 
@@ -431,7 +465,7 @@ class _Open:
 
     def __init__(self, data: Any, children: Any, mark: Any, anchor: str | None, start: int) -> None:
         self.data, self.children, self.mark, self.anchor, self.start = data, children, mark, anchor, start
-        self.key: tuple[str, Place] | None = None
+        self.key: tuple[str, TextPosition] | None = None
 
 
 _YAML_CURES = {  # by what the parser says
@@ -442,7 +476,7 @@ _YAML_CURES = {  # by what the parser says
 }
 
 
-def read_yaml(text: str, file: str | None, limits: Limits) -> tuple[Any, Place]:
+def read_yaml(text: str, file: str | None, limits: Limits) -> tuple[Any, TextPosition]:
     """Data and places of one YAML document.  Raises DesignError, LimitError."""
     try:
         loader = _loader(text)
@@ -471,9 +505,9 @@ class _Builder:
 
     def __init__(self, file: str | None, limits: Limits) -> None:
         self.file, self.limits = file, limits
-        self.root: tuple[Any, Place] | None = None
+        self.root: tuple[Any, TextPosition] | None = None
         self._stack: list[_Open] = []  # collections that have begun and not ended
-        self._anchors: dict[str, tuple[Any, Place, int]] = {}  # finished values with their numbers of nodes
+        self._anchors: dict[str, tuple[Any, TextPosition, int]] = {}  # finished values with their numbers of nodes
         self._count = 0  # nodes, those behind aliases counted each time
 
     def take(self, event: Any) -> None:
@@ -487,7 +521,7 @@ class _Builder:
         if isinstance(event, yaml.ScalarEvent):
             # implicit[0] is true for plain scalars only: quoted and block scalars are text whatever they hold
             value = scalar(event.value) if event.implicit[0] else event.value
-            self._finish(value, Place(mark.line + 1, mark.column + 1), mark, event.anchor, 1)
+            self._finish(value, TextPosition(mark.line + 1, mark.column + 1), mark, event.anchor, 1)
         elif isinstance(event, yaml.AliasEvent):
             alias = event.anchor or ""
             if alias not in self._anchors:
@@ -501,7 +535,7 @@ class _Builder:
             self._stack.append(_Open([], [], mark, event.anchor, self._count))
         elif isinstance(event, yaml.CollectionEndEvent):
             done = self._stack.pop()
-            place = Place(done.mark.line + 1, done.mark.column + 1, done.children)
+            place = TextPosition(done.mark.line + 1, done.mark.column + 1, done.children)
             self._finish(done.data, place, done.mark, done.anchor, self._count - done.start + 1)
 
     def _refuse(self, code: str, detail: str, hint: str, mark: Any) -> DesignError:
@@ -512,13 +546,13 @@ class _Builder:
         if self._count > self.limits.nodes or len(self._stack) > self.limits.depth:
             raise LimitError(size_problem(self.limits, self.file, mark))
 
-    def _finish(self, value: Any, place: Place, mark: Any, anchor: str | None, size: int) -> None:
+    def _finish(self, value: Any, place: TextPosition, mark: Any, anchor: str | None, size: int) -> None:
         """A value that is complete; under its anchor it can be named again."""
         if anchor:
             self._anchors[anchor] = (value, place, size)
         self._add(value, place, mark)
 
-    def _add(self, value: Any, place: Place, mark: Any) -> None:
+    def _add(self, value: Any, place: TextPosition, mark: Any) -> None:
         """A value to the collection that is open: an element, a key, or the value of the key before."""
         if not self._stack:
             if self.root is not None:
@@ -563,7 +597,7 @@ class _Builder:
         raise DesignError(replace(where, file=self.file, line=mark.line + 1, column=mark.column + 1))
 
 
-def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, Place]:
+def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, TextPosition]:
     builder = _Builder(file, limits)
     while not isinstance(event := loader.get_event(), yaml.StreamEndEvent):
         builder.take(event)

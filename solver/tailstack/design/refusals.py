@@ -12,7 +12,7 @@ from ..cures import ask_meant, cure_list, cure_range, cure_text, find_nearest
 from ..errors import DesignError, Problem
 from .document import VIEW_KINDS, DesignDocument, Pose
 from .optimise_document import FREE_VIEW_KINDS
-from .reading import Limits, Source, Vast, show
+from .reading import DocumentSource, Limits, Vast, show
 
 _TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, **FREE_VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
 _WANTED = {
@@ -48,7 +48,7 @@ def pointer(path: Sequence[str | int]) -> str:
     return "".join("/" + escape(step) for step in path)
 
 
-def place(problem: Problem, source: Source) -> Problem:
+def place(problem: Problem, source: DocumentSource) -> Problem:
     """The same problem with file, line and column, when the document came as text and it has none yet."""
     if problem.file is not None:
         return problem
@@ -61,7 +61,7 @@ def place(problem: Problem, source: Source) -> Problem:
 
 
 def refuse(
-    error: ValidationError, source: Source, limits: Limits, root: type[BaseModel] = DesignDocument
+    error: ValidationError, source: DocumentSource, limits: Limits, root: type[BaseModel] = DesignDocument
 ) -> DesignError:
     """A DesignError that says what each of pydantic's errors says, in the order of the document.
 
@@ -120,8 +120,9 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
         return _refuse_unknown(raw, path, value, root)
     field = next((step for step in reversed(path) if isinstance(step, str)), "")
     if kind == "missing" and isinstance(path[-1], int):
-        detail = f"the list has too few entries; got {show(value)}"
-        return Problem(pointer(path[:-1]), "too-short", detail, _cure_matrix(field, value))
+        count = len(get_args(_kind_at(raw[:-1], root)))
+        detail = f"needs {count} entries" if count else "the list has too few entries"
+        return Problem(pointer(path[:-1]), "too-short", f"{detail}; got {show(value)}", _cure_matrix(field, value))
     if kind == "missing":
         example = _example(raw, root)
         return Problem(pointer(path), "missing-field", f"the field {path[-1]!r} is required", example)
@@ -161,11 +162,13 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
         return Problem(at, "not-finite", f"must be a finite number; got {show(value)}")
     if kind in ("literal_error", "enum"):
         words = str(context.get("expected", ""))
-        hint = ask_meant(str(value), words.replace("'", "").replace(" or ", ", ").split(", "))
+        hint = _BEAMS.get(str(value).upper(), "") if field == "orientation" else ""
+        hint = hint or ask_meant(str(value), words.replace("'", "").replace(" or ", ", ").split(", "))
         return Problem(at, "unknown-value", f"must be {words}; got {show(value)}", hint)
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
-        many = f"{'at least' if kind == 'too_short' else 'at most'} {bound} {'entry' if bound == 1 else 'entries'}"
+        word = "at least " if kind == "too_short" else "" if context.get("field_type") == "Tuple" else "at most "
+        many = f"{word}{bound} {'entry' if bound == 1 else 'entries'}"
         return Problem(at, kind.replace("_", "-"), f"needs {many}; got {show(value)}")
     if kind in ("string_too_short", "string_too_long", "string_pattern_mismatch"):
         most, pattern = context.get("max_length"), str(context.get("pattern"))
@@ -177,6 +180,11 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
     return Problem(pointer([*path, *inside]), kind.replace("_", "-"), entry["msg"], str(context.get("hint", "")))
 
 
+_ANGLES = ("deg", "rad", "mrad", "arcmin")
+_UNITS = {*_ANGLES, "m", "cm", "mm", "um", "nm", "inch", "in"}  # of lengths, beside those
+_BEAMS = {  # orientations that have no name here
+    "PA": "it is AP the other way round: beam_direction: [0, -1, 0] instead of orientation",
+}
 _SHAPES = {  # of matrices that were written into a field for another, rows and columns
     ("transform", 3, 4): "a transform has four rows: add [0, 0, 0, 1]",
     ("transform", 3, 3): "a rotation goes under rotation: {rotation: [[...], [...], [...]], translation_mm: [x, y, z]}",
@@ -208,6 +216,12 @@ def _is_branch(step: str) -> bool:
 
 def _model_at(raw: Sequence[str | int], root: type[BaseModel]) -> type[BaseModel] | None:
     """The class of the record at an error's path, tags included."""
+    here = _kind_at(raw, root)
+    return here if isinstance(here, type) and issubclass(here, BaseModel) else None
+
+
+def _kind_at(raw: Sequence[str | int], root: type[BaseModel]) -> Any:
+    """What stands at an error's path, tags included; None where no record has such a field."""
     here: Any = root
     for step in raw:
         if isinstance(step, str) and step in _TAGS:
@@ -220,7 +234,7 @@ def _model_at(raw: Sequence[str | int], root: type[BaseModel]) -> type[BaseModel
         else:
             here = _inner(here, isinstance(step, int))
         here = _unwrap(here)
-    return here if isinstance(here, type) and issubclass(here, BaseModel) else None
+    return here
 
 
 def _unwrap(kind: Any) -> Any:
@@ -258,8 +272,13 @@ def _refuse_unknown(raw: Sequence[str | int], path: list[str | int], value: Any,
     elif close:
         hint = f"did you mean {close[0]}?"
         stem, _, unit = close[0].rpartition("_")
-        if stem and stem == name.rpartition("_")[0]:  # the same quantity in another unit: 0.1 mm is not 0.1 deg
-            hint += f" It is in {unit}: convert the number, do not only rename the field"
+        given = name.rpartition("_")[2]
+        if stem and stem == name.rpartition("_")[0] and {given, unit} <= _UNITS:  # 0.1 mm is not 0.1 deg
+            hint += f" It is in {unit}: "
+            if (given in _ANGLES) == (unit in _ANGLES):
+                hint += "convert the number, do not only rename the field"
+            else:
+                hint += "an angle cannot be converted into a length, nor a length into an angle"
     else:
         hint = "fields known here: " + ", ".join(fields) if fields else ""
     return Problem(pointer(path), "unknown-field", f"unknown field {name[:60]!r}; got {show(value)}", hint)

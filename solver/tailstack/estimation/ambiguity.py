@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..system import View
-from .least_squares import Camera, images_of, resect_pose, split, turn
+from .least_squares import SplitProjection, images_of, resect_pose, split, turn
 from .resection import project
 
 FLAT = 0.3  # thickness over width, above which there is no mirrored pose to find
@@ -33,7 +33,7 @@ class Rival(NamedTuple):
 
 
 def find_rival(points: Array, view: View) -> Rival | None:
-    """Another pose of points (n, 3), mm, told and imaged alike, whose images differ by less than ``APART``."""
+    """Another pose of points (n, 3), mm, assumed and imaged alike, whose images differ by less than ``APART``."""
     centre = points.mean(axis=0)
     _, _, axes = np.linalg.svd(points - centre, full_matrices=False)
     extent = np.ptp((points - centre) @ axes.T, axis=0)
@@ -56,7 +56,7 @@ def find_rival(points: Array, view: View) -> Rival | None:
     return _head_on(points, view, camera, axes, tilt)
 
 
-def _head_on(points: Array, view: View, camera: Camera, axes: Array, tilt: float) -> Rival | None:
+def _head_on(points: Array, view: View, camera: SplitProjection, axes: Array, tilt: float) -> Rival | None:
     """The poses one standard deviation of tilt to either side, where foreshortening there is above the noise."""
     centre = points.mean(axis=0)
     place = camera.rotation @ centre + camera.source_mm

@@ -9,24 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from math import asin, degrees
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, frozen
 from ..errors import IllPosedError, Problem
-from ..geometry.camera import camera_centre
+from ..geometry.camera import camera_centre, cross
+from ..geometry.image_gaps import OVERLAP_PX, needed_gap
 from ..geometry.naming import direction_name
 from ..geometry.rotation import displacement
 from ..results import Finding, ViewCheck
-from ..system import Reading, System, Triangulation, View
+from ..system import Reading, System, View, Weighing
 from .ambiguity import find_rival
 from .resection import design_matrix, hartley_similarity, homogeneous
 
-FEWEST = 6  # Eq 2: two rows a fiducial for eleven unknowns
-FEWEST_OF_POSE = 4  # three leave up to four poses
 TOUCHING_MM = 1e-3  # two fiducials closer than this are one
 COLLINEAR = 1e-5  # second over first singular value of the centred fiducials
 COPLANAR = 1e-5  # third over first
@@ -37,13 +38,11 @@ NO_PARALLAX = 1e-4  # sine of the angle between two rays
 SMALL_PARALLAX_DEG = 30.0
 # Remarks that the geometry hardly determines the answer: first order is not believed beside one of them.
 DETERMINATION = ("flat-structure", "weak-resection", "small-parallax", "projected-overlap")
-LINEAR = (Triangulation.NORMALISED, Triangulation.PUBLISHED)  # by the rows of Eq 5, all views alike
-OVERLAP_PX = 10.0  # judgement: images closer than this are not told apart by every segmentation
 
 
 def fewest_fiducials(system: System) -> int:
     """How many fiducials a view has to see for its estimate."""
-    return FEWEST_OF_POSE if system.estimator.believes_intrinsics else FEWEST
+    return system.estimator.traits.fewest_fiducials
 
 
 def check_geometry(system: System) -> tuple[Finding, ...]:
@@ -57,18 +56,18 @@ def check_geometry(system: System) -> tuple[Finding, ...]:
 
 def examine(system: System) -> tuple[tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """:func:`check_geometry` and :func:`check_views` at once."""
-    sights = _look(system)
-    check = _check_few if system.estimator.believes_intrinsics else _check_fiducials
-    findings = check(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm))
-    for share, each in zip(shares(system), sights, strict=True):
+    seen, sights = shares(system), _look(system)
+    check, fewest = _check_few if system.estimator.believes_intrinsics else _check_fiducials, fewest_fiducials(system)
+    findings = check(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm), fewest)
+    for share, each in zip(seen, sights, strict=True):
         if each.view.sees is not None:
-            findings += check(share)
-    views = tuple(map(_check_view, shares(system), sights))
-    findings += _check_visibility(system, views, sights)
+            findings += check(share, fewest)
+    views = _check_views(system, seen, sights)
+    findings += _check_visibility(system, seen, views, sights)
     if system.estimator.believes_intrinsics:
-        _check_poses(system)
+        _check_poses(system, seen)
     else:
-        findings += _check_resection(system, sights)
+        findings += _check_resection(seen, sights)
     _check_noise(system)
     return (*findings, *_check_triangulation(system)), views
 
@@ -86,16 +85,12 @@ def shares(system: System) -> tuple[Share, ...]:
     """What each view sees."""
     found = []
     for index, (view, weights) in enumerate(zip(system.views, system.sees, strict=True)):
-        labels = tuple(label for label, seen in zip(system.fiducial_labels, weights, strict=True) if seen)
-        whole = view.sees is None
-        found.append(
-            Share(
-                "/fiducials" if whole else f"/views/{index}/sees",
-                "" if whole else f"view {view.name}: ",
-                labels,
-                system.fiducials_mm[weights > 0],
-            )
-        )
+        if view.sees is None:
+            found.append(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm))
+        else:
+            labels = tuple(label for label, seen in zip(system.fiducial_labels, weights, strict=True) if seen)
+            who = f"view {view.name}: "
+            found.append(Share(f"/views/{index}/sees", who, labels, system.fiducials_mm[weights > 0]))
     return tuple(found)
 
 
@@ -104,7 +99,7 @@ def imaged_fiducials(system: System) -> Array:
     if system.reading is Reading.EQ18:
         return system.fiducials_mm
     mount = system.structure_connector
-    at = displacement(mount.bias, mount.pivot_mm, system.rotation_form)
+    at = displacement(mount.known, mount.pivot_mm, system.rotation_form)
     return np.asarray(system.fiducials_mm @ at.rotation.T + at.shift_mm)
 
 
@@ -114,7 +109,17 @@ def check_views(system: System) -> tuple[ViewCheck, ...]:
     A margin is the distance of an image from the nearest edge of the image, negative outside; a point at
     or behind the source counts as outside.
     """
-    return tuple(map(_check_view, shares(system), _look(system)))
+    return _check_views(system, shares(system), _look(system))
+
+
+def _check_views(system: System, seen: Sequence[Share], sights: Sequence[Sight]) -> tuple[ViewCheck, ...]:
+    radius = system.fiducial_radius_mm
+    return tuple(_check_view(share, each, radius) for share, each in zip(seen, sights, strict=True))
+
+
+def needed_gaps(view: View, radius_mm: float | None, depth: Array) -> Array:
+    """(N, N) px that the images of any two fiducials at these depths (N,), mm, need to be told apart."""
+    return np.asarray(needed_gap(view.projection, radius_mm, depth[:, None], depth), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,11 +156,21 @@ def closest_two(points: Array) -> tuple[int, int, float]:
 
     Points that are not finite are close to nothing.
     """
-    square = ((points[:, None] - points) ** 2).sum(axis=2)
-    square[np.tril_indices(len(points))] = np.inf
-    square[np.isnan(square)] = np.inf
-    first, second = divmod(int(square.argmin()), len(points))
-    return first, second, float(np.sqrt(square[first, second]))
+    apart = _distances(points)
+    first, second = divmod(int(apart.argmin()), len(points))
+    return first, second, float(apart[first, second])
+
+
+def _distances(points: Array) -> Array:
+    """(N, N) between each of points (N, d) and those after it; inf elsewhere, and to points that are not finite."""
+    apart = np.sqrt(((points[:, None] - points) ** 2).sum(axis=2))
+    return np.where(_later(len(points)) & (apart >= 0), apart, np.inf)
+
+
+@lru_cache(maxsize=64)
+def _later(count: int) -> NDArray[np.bool_]:
+    """(N, N) True where the second of two comes after the first."""
+    return frozen(np.triu(np.ones((count, count), dtype=np.bool_), 1), np.bool_)
 
 
 def sines_between_rays(projections: Array, targets: Array) -> Array:
@@ -163,7 +178,7 @@ def sines_between_rays(projections: Array, targets: Array) -> Array:
     rays = targets[:, None] - np.array([camera_centre(projection) for projection in projections])
     rays /= np.sqrt((rays**2).sum(axis=2, keepdims=True))
     pairs = combinations(range(len(projections)), 2)
-    return np.asarray(np.max([np.sqrt((np.cross(rays[:, v], rays[:, w]) ** 2).sum(axis=1)) for v, w in pairs], axis=0))
+    return np.asarray(np.max([np.sqrt((cross(rays[:, v], rays[:, w]) ** 2).sum(axis=1)) for v, w in pairs], axis=0))
 
 
 def _look(system: System) -> list[Sight]:
@@ -172,11 +187,19 @@ def _look(system: System) -> list[Sight]:
     return [sight(view, np.concatenate([points[weights > 0], targets])) for view, weights in each]
 
 
-def _check_view(share: Share, sight: Sight) -> ViewCheck:
+def _check_view(share: Share, sight: Sight, radius_mm: float | None) -> ViewCheck:
     labels, view = share.labels, sight.view
     depth, margin = sight.depth[: len(labels)], sight.margin[: len(labels)]
     outside = ~(depth > 0) | (margin < 0)
-    first, second, distance = closest_two(sight.images[: len(labels)])
+    images = sight.images[: len(labels)]
+    apart = _distances(images)
+    first, second = divmod(int(apart.argmin()), len(images))
+    distance = float(apart[first, second])
+    needed = needed_gaps(view, radius_mm, np.where(depth > 0, depth, np.nan))
+    if radius_mm is not None and first < second:
+        to_spare = apart - needed
+        first, second = divmod(int(np.where(np.isnan(to_spare), np.inf, to_spare).argmin()), len(images))
+        distance = float(apart[first, second])
     return ViewCheck(
         view=view.name,
         checked=view.image_size_px is not None,
@@ -185,6 +208,7 @@ def _check_view(share: Share, sight: Sight) -> ViewCheck:
         smallest_margin_px=None if np.isnan(margin).all() else float(np.nanmin(margin)),
         closest_pair=(labels[first], labels[second]) if first < second else ("", ""),
         closest_pair_px=distance,
+        closest_pair_needs_px=float(needed[first, second]) if first < second else OVERLAP_PX,
     )
 
 
@@ -233,15 +257,15 @@ def _spread(share: Share, fewest: int, unknowns: str) -> tuple[Array, Array, Arr
     return values, axes, np.ptp(centred @ axes.T, axis=0)
 
 
-def _check_few(share: Share) -> list[Finding]:
+def _check_few(share: Share, fewest: int) -> list[Finding]:
     """What a pose takes: it may be estimated from fiducials in one plane."""
-    _spread(share, FEWEST_OF_POSE, "a pose has 6 unknowns, and three fiducials leave up to four of them")
+    _spread(share, fewest, "a pose has 6 unknowns, and three fiducials leave up to four of them")
     return []
 
 
-def _check_poses(system: System) -> None:
+def _check_poses(system: System, seen: Sequence[Share]) -> None:
     """Refuse a view whose images two poses explain."""
-    for share, view in zip(shares(system), system.views, strict=True):
+    for share, view in zip(seen, system.views, strict=True):
         rival = find_rival(share.points, view)
         if rival is not None:
             raise IllPosedError(
@@ -260,15 +284,15 @@ def _check_noise(system: System) -> None:
     """Weights are inverses of what the noise does."""
     for index, view in enumerate(system.views):
         quiet = not (view.fiducial_noise_px or view.target_noise_px)
-        if quiet and system.triangulation is Triangulation.WEIGHTED:
+        if quiet and system.triangulation.traits.weighing is Weighing.BY_NOISE:
             detail = f"the weighted triangulation divides by the noise of each view, and view {view.name} states none"
             raise IllPosedError(_refuse(f"/views/{index}", "no-noise", detail, "state the noise of the images"))
 
 
-def _check_fiducials(share: Share) -> list[Finding]:
+def _check_fiducials(share: Share, fewest: int) -> list[Finding]:
     pointer, who = share.pointer, share.view
     values, axes, (_, width, thickness) = _spread(
-        share, FEWEST, "a projection has 11 unknowns and a fiducial gives 2 equations"
+        share, fewest, "a projection has 11 unknowns and a fiducial gives 2 equations"
     )
     if values[2] < COPLANAR * values[0]:
         raise IllPosedError(
@@ -299,14 +323,15 @@ def _check_fiducials(share: Share) -> list[Finding]:
 # --- what each view sees ----------------------------------------------------------------------------
 
 
-def _check_visibility(system: System, checks: tuple[ViewCheck, ...], sights: Sequence[Sight]) -> list[Finding]:
+def _check_visibility(
+    system: System, seen: Sequence[Share], checks: tuple[ViewCheck, ...], sights: Sequence[Sight]
+) -> list[Finding]:
     problems: list[Problem] = []
     findings: list[Finding] = []
-    named = shares(system)
     for index, (each, check) in enumerate(zip(sights, checks, strict=True)):
         pointer = f"/views/{index}"
         view, depth = each.view, each.depth
-        labels = named[index].labels
+        labels = seen[index].labels
         behind = [] if each.clear else [_name_of(system, labels, k) for k in np.flatnonzero(depth <= 0).tolist()]
         if behind:
             listed = ", ".join(behind[:6]) + (f" and {len(behind) - 6} more" if len(behind) > 6 else "")
@@ -324,16 +349,18 @@ def _check_visibility(system: System, checks: tuple[ViewCheck, ...], sights: Seq
             findings.append(Finding("field-of-view-not-checked", "note", text, pointer))
         elif not (behind or each.clear):
             problems += _outside(system, labels, each, view.image_size_px, pointer)
-        if check.closest_pair_px < OVERLAP_PX:
+        if check.closest_pair_px < check.closest_pair_needs_px:
+            needed = f", {check.closest_pair_needs_px:.1f} px are needed by their size"
+            size = "" if system.fiducial_radius_mm is None else needed
             findings.append(
                 Finding(
                     "projected-overlap",
                     "warning",
                     f"the images of {check.closest_pair[0]} and {check.closest_pair[1]} in view {view.name} are "
-                    f"{check.closest_pair_px:.1f} px apart: they may not be told apart",
+                    f"{check.closest_pair_px:.1f} px apart{size}: they may not be told apart",
                     pointer,
                     check.closest_pair_px,
-                    OVERLAP_PX,
+                    check.closest_pair_needs_px,
                 )
             )
     if problems:
@@ -367,19 +394,20 @@ def _outside(
 # --- resection --------------------------------------------------------------------------------------
 
 
-def _check_resection(system: System, sights: Sequence[Sight]) -> list[Finding]:
+def _check_resection(seen: Sequence[Share], sights: Sequence[Sight]) -> list[Finding]:
     findings = []
-    for share, each in zip(shares(system), sights, strict=True):
+    for share, each in zip(seen, sights, strict=True):
         nominal = share.points
         view, images = each.view, each.images[: len(nominal)]
         object_frame = hartley_similarity(nominal)
         points = homogeneous(nominal) @ object_frame.T
         image_frame = hartley_similarity(images)
         rows = design_matrix(points, (homogeneous(images) @ image_frame.T)[:, :2])
-        _, singular, right = np.linalg.svd(rows, full_matrices=False)
+        singular = np.linalg.svd(rows, compute_uv=False)
         strength = float(singular[10] / singular[0])
         if strength > WEAK:
             continue
+        _, _, right = np.linalg.svd(rows, full_matrices=False)
         estimate = np.linalg.solve(image_frame, right[11].reshape(3, 4) @ object_frame)
         change = np.linalg.solve(image_frame, right[10].reshape(3, 4) @ object_frame)
         motion = f"the source of view {view.name} may slide along {_slide(estimate, change)}"

@@ -6,14 +6,15 @@ phi, relative, scales the focal lengths and the skew alike, (a, b) px shifts the
 focal lengths and the skew are those of the nominal view and are held.
 
 - *pose*: R and d (six unknowns) for which the sum of squared residuals is least, the intrinsics as they are assumed.
-- *pose with prior*: also phi, a and b, with the square of what they deviate from the assumed ones, over the variance
-  of the prior, added (images over their variance): the most probable of normal laws.
+- *pose and intrinsics*: also phi, a and b, or the first of these, with the square of what they deviate from the
+  assumed ones, over the variance of the prior, added (images over their variance): the most probable of normal laws.
+  Where nothing is known beforehand, nothing is added.
 - *reprojection*: all eleven ratios of P, from DLT onwards.
 
 Each is by Gauss-Newton steps, solved by QR, until no image moves any more; leading dimensions are a batch.  A pose that
 they do not bring to rest is sought by damped steps (Levenberg-Marquardt, from SciPy): where the images of a small
 structure hardly tell its principal point, they bend as much as they slope, and whole steps turn about the answer.  What
-does not come to rest is NaN.  Written for the tests and for single trials, and without a formula of ``propagation``.
+does not converge is NaN.  Written for the tests and for single trials, and without a formula of ``propagation``.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import numpy as np
 
 from ..arrays import Array, frozen
 from ..geometry.rotation import skew, torsor_transform, transform_points
-from ..system import Estimator, Reading, System, Target, Triangulation, View
+from ..system import Reading, System, Target, View, Weighing
 from .resection import hartley_similarity, homogeneous, project, resect, scale_to_depth
 from .triangulation import triangulate
 
@@ -33,9 +34,10 @@ STEPS = 60
 DAMPED_STEPS = 1000  # three poses of two million trials under a prior took more than 300: up to 671
 AT_REST_PX = 1e-9  # the largest move of an image by the last step
 RESTLESS_PX = 1e-6  # a larger one is no rest; between the two it is rounding that moves a badly determined estimate
+NONE_SOUGHT = np.zeros(0)  # precisions where no intrinsic is
 
 
-class Camera(NamedTuple):
+class SplitProjection(NamedTuple):
     """A projection split: ``P = K [R | t]`` with K upper triangular, its last entry 1."""
 
     intrinsics: Array  # (3, 3)
@@ -43,7 +45,7 @@ class Camera(NamedTuple):
     source_mm: Array  # (3,) translation t
 
 
-def split(projection: Array) -> Camera:
+def split(projection: Array) -> SplitProjection:
     """K, R and t of a projection (3, 4) with positive depths; its scale does not matter."""
     scaled = projection / np.linalg.norm(projection[2, :3])
     rows = np.empty((3, 3))
@@ -55,7 +57,7 @@ def split(projection: Array) -> Camera:
     right = scaled[0, :3] - shear * rows[1] - u * rows[2]
     rows[0] = right / np.linalg.norm(right)
     intrinsics = np.array([[np.linalg.norm(right), shear, u], [0.0, np.linalg.norm(down), v], [0.0, 0.0, 1.0]])
-    return Camera(intrinsics, rows, np.linalg.solve(intrinsics, scaled[:, 3]))
+    return SplitProjection(intrinsics, rows, np.linalg.solve(intrinsics, scaled[:, 3]))
 
 
 def turn(vector: Array) -> Array:
@@ -78,40 +80,40 @@ def _solve(rows: Array, right: Array) -> Array:
 
 
 def resect_pose(
-    points: Array, images: Array, view: View, *, error: Array | None = None, precision: Array | None = None
+    points: Array, images: Array, view: View, *, error: Array | None = None, precision: Array = NONE_SOUGHT
 ) -> Array:
-    """Estimate a view's pose, with a precision its intrinsics too; leading dimensions are a batch.
+    """Estimate a view's pose, and as many of its intrinsics as there are precisions; leading dimensions are a batch.
 
-    points (..., N, 3) mm, as the estimator is told them; images (..., N, 2) px; view: its projection gives intrinsics,
+    points (..., N, 3) mm, as the estimator assumes them; images (..., N, 2) px; view: its projection gives intrinsics,
     and with which orientation and distance the search starts; error (..., 3): of the assumed intrinsics, in the order
-    of ``INTRINSICS``; precision (3,) px^2: variance of an image coordinate over that of each intrinsic, None where they
-    are taken for exact.  Returns (..., 3, 4), ``|P[2, :3]| = 1``.
+    of ``INTRINSICS``; precision (f,) px^2: variance of an image coordinate over that of each of the first f intrinsics,
+    0 where nothing is known of it; the others are taken for exact.  Returns (..., 3, 4), ``|P[2, :3]| = 1``.
     """
     batch = np.broadcast_shapes(points.shape[:-2], images.shape[:-2], () if error is None else error.shape[:-1])
     camera = split(view.projection)
-    told = np.broadcast_to(np.zeros(3) if error is None else error, (*batch, 3))
+    assumed = np.broadcast_to(np.zeros(3) if error is None else error, (*batch, 3))
     centre = points.mean(axis=-2, keepdims=True)
     offset = np.broadcast_to(points - centre, (*batch, *points.shape[-2:]))
     images = np.broadcast_to(images, (*batch, *images.shape[-2:]))
     # the search starts before the middle of the images, where the assumed camera images the structure as large
-    depth = (centre[..., 0, :] @ camera.rotation[2] + camera.source_mm[2]) * (1 + told[..., 0])
+    depth = (centre[..., 0, :] @ camera.rotation[2] + camera.source_mm[2]) * (1 + assumed[..., 0])
     middle = homogeneous(images.mean(axis=-2))
-    place = depth[..., None] * np.linalg.solve(_calibration(camera.intrinsics, told), middle[..., None])[..., 0]
-    pose = _Pose(np.broadcast_to(camera.rotation, (*batch, 3, 3)).copy(), place.copy(), told.copy())
+    place = depth[..., None] * np.linalg.solve(_calibration(camera.intrinsics, assumed), middle[..., None])[..., 0]
+    pose = _Pose(np.broadcast_to(camera.rotation, (*batch, 3, 3)).copy(), place.copy(), assumed.copy())
     moved = np.full(batch, np.inf)
     for _ in range(STEPS):
         restless = moved > AT_REST_PX  # what is at rest stays as it is
         if not restless.any():
             break
         equations = _equations_of(
-            camera.intrinsics, offset[restless], images[restless], told[restless], pose.at(restless), precision
+            camera.intrinsics, offset[restless], images[restless], assumed[restless], pose.at(restless), precision
         )
         step = _solve(equations.rows, equations.left)
         pose.put(restless, _move_pose(pose.at(restless), step))
         moved[restless] = _largest_move(equations, step, precision)
     for k in map(tuple, np.argwhere(~(moved <= RESTLESS_PX))):
-        alone = _Pose(camera.rotation, place[k], told[k])
-        settled, moved[k] = _settle(camera.intrinsics, offset[k], images[k], told[k], alone, precision)
+        alone = _Pose(camera.rotation, place[k], assumed[k])
+        settled, moved[k] = _settle(camera.intrinsics, offset[k], images[k], assumed[k], alone, precision)
         pose.put(k, settled)
     in_front = (offset @ pose.rotation[..., 2, :, None] + pose.place_mm[..., None, 2:] > 0).all(axis=(-1, -2))
     shift = pose.place_mm - (pose.rotation @ centre[..., 0, :, None])[..., 0]
@@ -139,41 +141,40 @@ class _Pose(NamedTuple):
 class _Equations(NamedTuple):
     """What is to be made least, linearised at a pose: one row for each image coordinate, then one for each prior."""
 
-    rows: Array  # (..., m, 6 or 9)
+    rows: Array  # (..., m, 6 + f)
     left: Array  # (..., m) residuals
 
 
 def _equations_of(
-    nominal: Array, offset: Array, images: Array, told: Array, pose: _Pose, precision: Array | None
+    nominal: Array, offset: Array, images: Array, assumed: Array, pose: _Pose, precision: Array
 ) -> _Equations:
     found, slopes = images_of(nominal, offset, *pose)
-    batch, free = told.shape[:-1], 6 if precision is None else 9
+    batch, sought = assumed.shape[:-1], len(precision)
+    free = 6 + sought
     rows, left = slopes[..., :free].reshape(*batch, -1, free), (images - found).reshape(*batch, -1)
-    if precision is not None:
-        weight = np.sqrt(precision)
-        known = np.zeros((*batch, 3, 9))
-        known[..., range(3), range(6, 9)] = weight
-        rows = np.concatenate([rows, known], axis=-2)
-        left = np.concatenate([left, weight * (told - pose.intrinsics)], axis=-1)
+    weight = np.sqrt(precision)
+    known = np.zeros((*batch, sought, free))
+    known[..., range(sought), range(6, free)] = weight
+    rows = np.concatenate([rows, known], axis=-2)
+    left = np.concatenate([left, weight * (assumed - pose.intrinsics)[..., :sought]], axis=-1)
     return _Equations(rows, left)
 
 
 def _move_pose(pose: _Pose, step: Array) -> _Pose:
-    """The pose after a step (..., 6 or 9): a turn, a shift, and a change of the intrinsics."""
+    """The pose after a step (..., 6 + f): a turn, a shift, and a change of the first f intrinsics."""
     intrinsics = pose.intrinsics.copy()
-    if step.shape[-1] == 9:
-        intrinsics = intrinsics + step[..., 6:]
+    intrinsics[..., : step.shape[-1] - 6] += step[..., 6:]
     return _Pose(turn(step[..., :3]) @ pose.rotation, pose.place_mm + step[..., 3:6], intrinsics)
 
 
-def _largest_move(equations: _Equations, step: Array, precision: Array | None) -> Array:
+def _largest_move(equations: _Equations, step: Array, precision: Array) -> Array:
     """(...,) px: by how much a step moves the image that it moves most."""
     moves = np.abs(equations.rows @ step[..., None])[..., 0]
-    return np.asarray(moves[..., : moves.shape[-1] - (0 if precision is None else 3)].max(axis=-1))
+    return np.asarray(moves[..., : moves.shape[-1] - len(precision)].max(axis=-1))
 
 
 def _settle(
-    nominal: Array, offset: Array, images: Array, told: Array, start: _Pose, precision: Array | None
+    nominal: Array, offset: Array, images: Array, assumed: Array, start: _Pose, precision: Array
 ) -> tuple[_Pose, Array]:
     """One pose by damped steps, and how far a whole step would still move an image, px."""
     from scipy.optimize import least_squares
@@ -182,23 +183,22 @@ def _settle(
         return _move_pose(start, unknowns)
 
     def residuals(unknowns: Array) -> Array:
-        return -_equations_of(nominal, offset, images, told, pose_at(unknowns), precision).left
+        return -_equations_of(nominal, offset, images, assumed, pose_at(unknowns), precision).left
 
     def slopes(unknowns: Array) -> Array:
         """The rows are by a turn after the one of the unknowns; this is by the vector of the one turn that is both."""
-        rows = _equations_of(nominal, offset, images, told, pose_at(unknowns), precision).rows.copy()
+        rows = _equations_of(nominal, offset, images, assumed, pose_at(unknowns), precision).rows.copy()
         angle, cross = float(np.linalg.norm(unknowns[:3])), skew(unknowns[:3])
         third = (angle - np.sin(angle)) / angle**3 if angle > 1e-4 else 1 / 6
         rows[:, :3] @= np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * cross + third * cross @ cross
         return rows
 
-    free = 6 if precision is None else 9
     found = least_squares(
-        residuals, np.zeros(free), slopes, method="lm", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15,
+        residuals, np.zeros(6 + len(precision)), slopes, method="lm", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15,
         max_nfev=DAMPED_STEPS,
     )  # fmt: skip
     pose = pose_at(found.x)
-    equations = _equations_of(nominal, offset, images, told, pose, precision)
+    equations = _equations_of(nominal, offset, images, assumed, pose, precision)
     return pose, _largest_move(equations, _solve(equations.rows, equations.left), precision)
 
 
@@ -259,68 +259,66 @@ def resect_reprojection(points: Array, images: Array) -> Array:
 
 
 def precisions(system: System) -> Array:
-    """(V, 3) px^2: variance of a fiducial's image over that of each intrinsic; 0 where nothing is known beforehand."""
+    """(V, 3) px^2: variance of a fiducial's image over that of each intrinsic; 0 where nothing is known beforehand, or
+    the estimator does not weigh it."""
     out = np.zeros((len(system.views), 3))
     for v, view in enumerate(system.views):
-        if view.intrinsics_prior is not None:
+        if system.estimator.traits.takes_prior and view.intrinsics_prior is not None:
             focal, centre = view.intrinsics_prior
             out[v] = (view.fiducial_noise_px / np.array([focal, centre, centre])) ** 2
     return out
 
 
-def estimate_views(system: System, told: Array, images: Array, errors: Array | None = None) -> Array:
+def estimate_views(system: System, assumed: Array, images: Array, errors: Array | None = None) -> Array:
     """The projections that the system's estimator makes of its fiducials' images; leading dimensions are a batch.
 
-    told (..., N, 3) mm; images (..., V, N, 2) px; errors (..., V, 3) of the assumed intrinsics, None: they are exact.
-    Returns (..., V, 3, 4), ``|P[2, :3]| = 1``.
+    assumed (..., N, 3) mm; images (..., V, N, 2) px; errors (..., V, 3) of the assumed intrinsics, None:
+    they are exact.  Returns (..., V, 3, 4), ``|P[2, :3]| = 1``.
     """
-    known = precisions(system)
+    traits = system.estimator.traits
+    known = precisions(system)[:, : traits.free_intrinsics]
     found = []
     for v, (view, weights) in enumerate(zip(system.views, system.sees, strict=True)):
-        points, seen = told[..., weights > 0, :], images[..., v, :, :][..., weights > 0, :]
-        if system.estimator is Estimator.DLT:
-            found.append(resect(points, seen))
-        elif system.estimator is Estimator.REPROJECTION:
-            found.append(resect_reprojection(points, seen))
-        else:
+        points, seen = assumed[..., weights > 0, :], images[..., v, :, :][..., weights > 0, :]
+        if traits.seeks_pose:
             error = None if errors is None else errors[..., v, :]
-            precision = known[v] if system.estimator is Estimator.POSE_WITH_PRIOR else None
-            found.append(resect_pose(points, seen, view, error=error, precision=precision))
+            found.append(resect_pose(points, seen, view, error=error, precision=known[v]))
+        else:
+            found.append((resect_reprojection if traits.unknowns else resect)(points, seen))
     return np.stack(found, axis=-3)
 
 
-def row_weights(system: System, projections: Array, told: Array, point: Array) -> Array:
+def row_weights(system: System, projections: Array, assumed: Array, point: Array) -> Array:
     """(V, 2, 2) weights of the weighted triangulation: inverse covariance of each view's rows at a point (3,) mm.
 
-    projections (V, 3, 4) with ``|P[2, :3]| = 1`` and told (N, 3) mm as the estimator meets them without noise.  The
+    projections (V, 3, 4) with ``|P[2, :3]| = 1`` and assumed (N, 3) mm as the estimator meets them without noise.  The
     covariance is that of the image noise alone, of the target's and of the fiducials' through the resection; the
     estimator knows both.  Only ratios between the weights matter, and they are the same at every noise in proportion.
     """
-    known = precisions(system)
-    out = np.empty((len(system.views), 2, 2))
+    traits = system.estimator.traits
+    free = traits.free_intrinsics
+    known, out = precisions(system)[:, :free], np.empty((len(system.views), 2, 2))
     for v, (view, projection, seen) in enumerate(zip(system.views, projections, system.sees, strict=True)):
-        used = told[seen > 0]
+        used = assumed[seen > 0]
         camera = split(projection)
         centre = used.mean(axis=0)
         place = camera.rotation @ centre + camera.source_mm
         both = np.vstack([used, point])
-        if system.estimator.believes_intrinsics:
+        if traits.seeks_pose:
             every = images_of(camera.intrinsics, both - centre, camera.rotation, place, np.zeros(3)).slopes
         else:
             every = _eleven(projection, both, used)
         slopes, aim = every[:-1], every[-1]
         rows = slopes.reshape(2 * len(used), -1)
         weight = np.ones(len(used))
-        if system.estimator is Estimator.DLT:  # its rows are the images' residuals times the depths
+        if not traits.unknowns:  # its rows are the images' residuals times the depths
             weight = homogeneous(used) @ projection[2]
         rows = rows * np.repeat(weight, 2)[:, None]
-        if system.estimator is Estimator.POSE:
-            rows, aim = rows[:, :6], aim[:, :6]
-        gain = np.linalg.pinv(rows)
-        if system.estimator is Estimator.POSE_WITH_PRIOR:
-            prior = np.zeros((3, 9))
-            prior[range(3), range(6, 9)] = np.sqrt(known[v])
-            gain = np.linalg.pinv(np.vstack([rows, prior]))[:, : len(rows)]
+        if traits.seeks_pose:
+            rows, aim = rows[:, : traits.unknowns], aim[:, : traits.unknowns]
+        prior = np.zeros((free, rows.shape[1]))
+        prior[range(free), range(6, 6 + free)] = np.sqrt(known[v])
+        gain = np.linalg.pinv(np.vstack([rows, prior]))[:, : len(rows)]
         gain = aim @ gain * np.repeat(weight, 2)
         covariance = view.fiducial_noise_px**2 * gain @ gain.T + view.target_noise_px**2 * np.eye(2)
         depth = float(projection[2] @ np.append(point, 1.0))
@@ -336,19 +334,19 @@ def weights_at_rest(system: System, target: Target) -> Array:
     digits of a trial are not to depend on it.
     """
     mount = system.structure_connector
-    at_bias = torsor_transform(mount.bias[None], mount.pivot_mm, system.rotation_form)
+    at_bias = torsor_transform(mount.known[None], mount.pivot_mm, system.rotation_form)
     moved = transform_points(at_bias, system.fiducials_mm[None])[0]
     eq18 = system.reading is Reading.EQ18
-    told, truly = (moved, system.fiducials_mm) if eq18 else (system.fiducials_mm, moved)
-    estimates = estimate_views(system, told, np.stack([project(view.projection, truly) for view in system.views]))
+    assumed, truly = (moved, system.fiducials_mm) if eq18 else (system.fiducials_mm, moved)
+    estimates = estimate_views(system, assumed, np.stack([project(view.projection, truly) for view in system.views]))
     aims = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
-    weights = row_weights(system, estimates, told, triangulate(estimates, aims, told))
+    weights = row_weights(system, estimates, assumed, triangulate(estimates, aims, assumed))
     return frozen([[[float(f"{entry:.7e}") for entry in row] for row in view] for view in weights.tolist()])
 
 
-def _eleven(projection: Array, points: Array, told: Array) -> Array:
+def _eleven(projection: Array, points: Array, assumed: Array) -> Array:
     """(n, 2, 11) slopes of the images of points (n, 3) by the ratios of a projection, in the fiducials' frame."""
-    frame = hartley_similarity(told)
+    frame = hartley_similarity(assumed)
     local = homogeneous(points) @ frame.T
     rays = homogeneous(points) @ projection.T
     rows = np.zeros((len(points), 2, 11))
@@ -357,26 +355,25 @@ def _eleven(projection: Array, points: Array, told: Array) -> Array:
     return rows
 
 
-def locate(system: System, projections: Array, images: Array, told: Array, weights: Array | None = None) -> Array:
+def locate(system: System, projections: Array, images: Array, assumed: Array, weights: Array | None = None) -> Array:
     """The target by the system's triangulation; leading dimensions are a batch.
 
-    projections (..., V, 3, 4), images (..., V, 2) px, told (..., N, 3) mm, weights (V, 2, 2) of the weighted form
+    projections (..., V, 3, 4), images (..., V, 2) px, assumed (..., N, 3) mm, weights (V, 2, 2) of the weighted form
     (``row_weights``).  Returns (..., 3) mm, NaN where a projection is.
     """
     known = np.asarray(np.isfinite(projections).all(axis=(-1, -2, -3)))[..., None]
     met = np.where(known[..., None, None], projections, system.projections)
-    return np.where(known, _locate(system, met, images, told, weights), np.nan)
+    return np.where(known, _locate(system, met, images, assumed, weights), np.nan)
 
 
-def _locate(system: System, projections: Array, images: Array, told: Array, weights: Array | None) -> Array:
-    form = system.triangulation
-    if form in (Triangulation.NORMALISED, Triangulation.PUBLISHED):
-        return triangulate(projections, images, told, form)
-    if form is Triangulation.WEIGHTED:
+def _locate(system: System, projections: Array, images: Array, assumed: Array, weights: Array | None) -> Array:
+    weighing, factors = system.triangulation.traits.weighing, None
+    if weighing is Weighing.BY_NOISE:
         assert weights is not None
         factors = np.asarray(np.linalg.cholesky(weights), dtype=np.float64)
-        return triangulate(projections, images, told, Triangulation.NORMALISED, factors)
-    point = triangulate(projections, images, told)
+    point = triangulate(projections, images, assumed, system.triangulation, factors)
+    if weighing is not Weighing.BY_IMAGES:
+        return point
     for _ in range(STEPS):
         rays = (projections @ homogeneous(point)[..., None, :, None])[..., 0]
         found = rays[..., :2] / rays[..., 2:]

@@ -63,7 +63,7 @@ def scale_to_depth(projection: Array, points: Array) -> Array:
 def resect(points: Array, images: Array, *, normalise: bool = True) -> Array:
     """Estimate projections by DLT (Eqs 2-3); leading dimensions are a batch.
 
-    points: (..., N, 3) mm, the coordinates the estimator is told; images: (..., N, 2) px.
+    points: (..., N, 3) mm, the coordinates the estimator assumes; images: (..., N, 2) px.
     ``normalise=False`` leaves Hartley's step out (for comparison only: it is badly conditioned).
     Returns (..., 3, 4), scaled so that ``|P[2, :3]| = 1`` with positive mean depth.
     """

@@ -24,12 +24,12 @@ def triangulate(
     """Triangulate one target; leading dimensions are a batch.
 
     projections: (..., V, 3, 4), mm -> px; images: (..., V, 2) px; points: (..., N, 3) mm, the fiducials
-    as the estimator is told them (they define the frame of the normalised form).  NORMALISED solves in
-    their Hartley frame and is equivariant to rigid motion and units; PUBLISHED solves in plain mm, and
-    its second-order error depends on where the origin lies.  factors: (V, 2, 2) Cholesky factors of the weights of
+    as the estimator assumes them, which define the frame of all forms but the published one.  In
+    it the result is equivariant to rigid motion and units; PUBLISHED solves in plain mm, and its second-order error
+    depends on where the origin lies.  factors: (V, 2, 2) Cholesky factors of the weights of
     each view's rows; None: all alike.  Returns (..., 3) mm.
     """
-    frame = hartley_similarity(points) if form is Triangulation.NORMALISED else np.eye(4)
+    frame = hartley_similarity(points) if form.traits.own_frame else np.eye(4)
     local = projections @ np.linalg.inv(frame)[..., None, :, :]
     local = local / np.linalg.norm(local[..., 2, :3], axis=-1)[..., None, None]
     rows = images[..., :, None] * local[..., 2:3, :] - local[..., :2, :]

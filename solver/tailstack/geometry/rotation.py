@@ -80,34 +80,43 @@ def torsor_transform(torsor: Array, pivot_mm: Array, form: RotationForm = Rotati
     return out
 
 
+def apply(matrix: Array, vector: Array) -> Array:
+    """(..., 3, 3) times (..., 3), leading dimensions broadcast."""
+    return np.asarray((matrix @ vector[..., None])[..., 0])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Displacement:
-    """``x -> R x + s`` with the derivative of R by its three angles: what a mount does at its bias, for any point."""
+    """``x -> R x + s`` with the derivative of R by its three angles: what a mount does at its bias, for any point.
 
-    pivot_mm: Array  # (3,)
-    rotation: Array  # (3, 3)
-    shift_mm: Array  # (3,) p - R p + t
-    by_angle: Array  # (3, 3, 3), angle first
+    Leading dimensions (...) are displacements side by side, and those of points are broadcast with them.
+    """
+
+    pivot_mm: Array  # (..., 3)
+    rotation: Array  # (..., 3, 3)
+    shift_mm: Array  # (..., 3) p - R p + t
+    by_angle: Array  # (..., 3, 3, 3), angle first
 
     def move(self, point_mm: Array) -> Array:
-        """(3,) -> (3,)."""
-        return np.asarray(self.rotation @ point_mm + self.shift_mm)
+        """(..., 3) -> (..., 3)."""
+        return np.asarray(apply(self.rotation, point_mm) + self.shift_mm)
 
     def by_torsor(self, point_mm: Array) -> Array:
-        """Derivative of the displaced point by the torsor at a point (3,) -> (3, 6), mm/rad and mm/mm."""
-        return np.hstack([np.einsum("aij,j->ia", self.by_angle, point_mm - self.pivot_mm), np.eye(3)])
+        """Derivative of the displaced point by the torsor at a point (..., 3) -> (..., 3, 6), mm/rad and mm/mm."""
+        turned = apply(self.by_angle, (point_mm - self.pivot_mm)[..., None, :])  # angle first
+        both = np.swapaxes(turned, -1, -2)
+        return np.concatenate([both, np.broadcast_to(np.eye(3), both.shape)], axis=-1)
 
     def matrix(self) -> Array:
-        """(4, 4)."""
+        """(..., 4, 4)."""
         return rigid_transform(self.rotation, self.shift_mm)
 
 
 def displacement(torsor: Array, pivot_mm: Array, form: RotationForm = RotationForm.FULL) -> Displacement:
-    """The displacement of one torsor (6,) about a pivot (3,), rad and mm, as :func:`torsor_transform` has it."""
-    rotation = rotation_xyz(torsor[:3], form)
-    return Displacement(
-        pivot_mm, rotation, pivot_mm - rotation @ pivot_mm + torsor[3:], rotation_derivatives(torsor[:3], form)
-    )
+    """The displacement of a torsor (..., 6) about a pivot (..., 3), rad and mm, as :func:`torsor_transform` has it."""
+    rotation = rotation_xyz(torsor[..., :3], form)
+    shift = pivot_mm - apply(rotation, pivot_mm) + torsor[..., 3:]
+    return Displacement(pivot_mm, rotation, shift, rotation_derivatives(torsor[..., :3], form))
 
 
 def transform_points(transform: Array, points: Array) -> Array:
@@ -126,11 +135,11 @@ def rotation_from_quaternion(wxyz: Array) -> Array:
 
 
 def rigid_transform(rotation: Array, translation_mm: Array) -> Array:
-    """(3, 3) and (3,) -> (4, 4)."""
-    out = np.zeros((4, 4))
-    out[:3, :3] = rotation
-    out[:3, 3] = translation_mm
-    out[3, 3] = 1.0
+    """(..., 3, 3) and (..., 3) -> (..., 4, 4)."""
+    out = np.zeros((*np.shape(translation_mm)[:-1], 4, 4))
+    out[..., :3, :3] = rotation
+    out[..., :3, 3] = translation_mm
+    out[..., 3, 3] = 1.0
     return out
 
 

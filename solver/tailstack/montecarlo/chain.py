@@ -1,7 +1,7 @@
 """Trials by index or by given deviates: the kernel, with every flagged trial redone by the plain form.
 
 The same chain by the plain estimators of ``tailstack.estimation`` (singular value decompositions, Gauss-Newton steps)
-is for flagged trials, where no reduction is exact or steps do not come to rest: NumPy, batched over trials, about a
+is for flagged trials, where no reduction is exact or steps do not converge: NumPy, batched over trials, about a
 hundred times slower than the kernel and without its conditions.
 
 Where a design says how often fiducials are missed, the shots of a run are sorted by which of them are: those of one
@@ -24,10 +24,11 @@ from ..estimation.least_squares import estimate_views, locate, weights_at_rest
 from ..estimation.resection import project
 from ..estimation.triangulation import reprojection_rms
 from ..geometry.rotation import torsor_transform, transform_points
-from ..system import Law, Reading, Triangulation
+from ..system import Law, Reading, Weighing
 from .kernel import Draws, Results, run_trials, scratch_size
 from .plan import LAW_CODE, ChainPlan, hide_fiducials, replan
 from .streams import draw_columns, stream_key
+from .tables import EXECUTION, MANUFACTURED, MOUNTS, beads_slot, images_slot, intrinsics_slot, shot_slot
 
 PLAIN_BATCH = 1024  # trials of the plain form at once: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
@@ -37,7 +38,7 @@ _NOT_GIVEN = np.empty((0, 0))
 _NO_KEYS = np.zeros(2, dtype=np.uint64)
 
 
-class Outcome(NamedTuple):
+class TrialResults(NamedTuple):
     """Results of one run of trials, in the order of their indices."""
 
     errors: Array  # (T, 2, 3, n): TCP error in tcp, localisation error in con; mm; NaN for a shot without an answer
@@ -122,7 +123,7 @@ def _redo(
 ) -> None:
     """Overwrite these columns of ``errors`` (T, 2, 3, n) by the plain chain of their deviates.
 
-    Raises NotConvergedError where an estimate does not come to rest: such a trial has no answer, and those after its
+    Raises NotConvergedError where an estimate does not converge: such a trial has no answer, and those after its
     batch are not looked at.  Where fiducials are missed, that is one of the things that may become of a shot.
     """
     for start in range(0, len(columns), PLAIN_BATCH):
@@ -135,12 +136,12 @@ def _redo(
         if lost and not missed:
             seen = errors.shape[-1] if part[-1] == columns[-1] else int(part[-1]) + 1
             estimator = plan.system.estimator
-            detail = f"in {lost} of {seen} trials the estimate by {estimator} does not come to rest"
+            detail = f"in {lost} of {seen} trials the estimate by {estimator} does not converge"
             hint = "the noise is too large for these fiducials: add some, spread them, or see the errors of dlt"
             raise NotConvergedError(Problem("/model/estimator", "estimate-not-found", detail, hint))
 
 
-def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reprojection: bool = False) -> Outcome:
+def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reprojection: bool = False) -> TrialResults:
     """Trials first ... first + count - 1 of this seed, with what fiducials they miss."""
     indices = np.arange(first, first + count, dtype=np.int64)
     if not plan.system.loss_probability:
@@ -158,7 +159,7 @@ def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reproject
         redone += own.redone
         if rms is not None:
             rms[columns] = own.reprojection
-    return Outcome(errors, redone, rms, int(lost.any(axis=1).sum()))
+    return TrialResults(errors, redone, rms, int(lost.any(axis=1).sum()))
 
 
 def _patterns(lost: NDArray[np.bool_]) -> Iterator[tuple[bytes, NDArray[np.int64]]]:
@@ -192,7 +193,7 @@ def _without(plan: ChainPlan, pattern: bytes) -> ChainPlan | None:
 
 def _run_at(
     plan: ChainPlan, seed: int, indices: NDArray[np.int64], reprojection: bool, *, missed: bool = False
-) -> Outcome:
+) -> TrialResults:
     """Trials with these indices, all of them by one plan."""
     count = len(indices)
     shape = (len(plan.system.targets), 2, 3)
@@ -202,7 +203,7 @@ def _run_at(
     if len(columns):
         z = draw(plan, seed, indices[columns])
         _redo(plan, z, columns, errors, rms if reprojection else None, missed=missed)
-    return Outcome(errors, len(columns), rms if reprojection else None)
+    return TrialResults(errors, len(columns), rms if reprojection else None)
 
 
 def evaluate(plan: ChainPlan, z: Array) -> Array:
@@ -233,7 +234,7 @@ def evaluate(plan: ChainPlan, z: Array) -> Array:
 def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     """Errors (n, T, 2, 3) mm and reprojection RMS (n,) px of standardised deviates z (n, d), by the plain estimators.
 
-    Axis 2: TCP error (tcp), localisation error (con).  NaN where an estimate does not come to rest.
+    Axis 2: TCP error (tcp), localisation error (con).  NaN where an estimate does not converge.
     """
     system, tables = plan.system, plan.tables
     count, views, targets = len(system.fiducials_mm), len(system.views), len(system.targets)
@@ -241,7 +242,7 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     eq18 = system.reading is Reading.EQ18
     points = np.broadcast_to(system.fiducials_mm, (trials, count, 3))
     true = points
-    if tables.counts[3]:
+    if tables.counts[MANUFACTURED]:
         start = tables.starts[0]
         true = points + tables.spread * z[:, start : start + 3 * count].reshape(trials, count, 3)
 
@@ -255,38 +256,42 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
     def transform(slot: int) -> Array:
         return torsor_transform(tables.torsors[slot] + act(slot, 6), tables.pivots[slot], system.rotation_form)
 
-    grown = tables.growth + act(4 + 2 * views, 3 * (count + 1)).reshape(trials, count + 1, 3)
+    grown = tables.growth + act(beads_slot(views), 3 * (count + 1)).reshape(trials, count + 1, 3)
     true = true + grown[:, :count] @ tables.out_of_frame.reshape(3, 3).T
-    transforms = [transform(k) for k in range(3)]
-    told = transform_points(transforms[0], points) if eq18 else points
+    transforms = [transform(slot) for slot in MOUNTS]
+    assumed = transform_points(transforms[0], points) if eq18 else points
     true = true if eq18 else transform_points(transforms[0], true)
 
     noise = z[:, : 2 * views * (count + targets)].reshape(trials, views, count + targets, 2)
     sigma = tables.noise[:, None, :]  # (V, 1, kind)
     exact = np.stack(
-        [project(view.projection, transform_points(transform(4 + v), true)) for v, view in enumerate(system.views)],
+        [
+            project(view.projection, transform_points(transform(shot_slot(views, v)), true))
+            for v, view in enumerate(system.views)
+        ],
         axis=1,
     )
     shifts = np.stack(
         [
-            tables.image_shifts[v] + act(4 + views + v, 2 * (count + targets)).reshape(trials, -1, 2)
+            tables.image_shifts[v] + act(images_slot(views, v), 2 * (count + targets)).reshape(trials, -1, 2)
             for v in range(views)
         ],
         axis=1,
     )
     images = exact + shifts[:, :, :count] + sigma[:, :, :1] * noise[:, :, :count]
-    wrong = np.stack([act(5 + 2 * views + v, 3) + tables.intrinsics[v, 5:8] for v in range(views)], axis=1)
-    estimates = estimate_views(system, told, images, wrong)
-    reprojection = reprojection_rms(estimates, told, images, system.sees)
+    wrong = np.stack([act(intrinsics_slot(views, v), 3) + tables.intrinsics[v, 5:8] for v in range(views)], axis=1)
+    estimates = estimate_views(system, assumed, images, wrong)
+    reprojection = reprojection_rms(estimates, assumed, images, system.sees)
 
-    executed = act(3, 3) + tables.execution_bias
+    weighed = system.triangulation.traits.weighing is Weighing.BY_NOISE
+    executed = act(EXECUTION, 3) + tables.execution_bias
     errors = np.empty((trials, targets, 2, 3))
     tcp_con = system.T_tcp_con
     for t, target in enumerate(system.targets):
         seen = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
         noisy = seen + shifts[:, :, count + t] + sigma[:, 0, 1:] * noise[:, :, count + t]
-        weights = weights_at_rest(system, target) if system.triangulation is Triangulation.WEIGHTED else None
-        found = locate(system, estimates, noisy, told, weights)
+        weights = weights_at_rest(system, target) if weighed else None
+        found = locate(system, estimates, noisy, assumed, weights)
         errors[:, t, 1] = found - target.position_mm
         tool = transform_points(transforms[1], found[:, None]) + grown[:, count:]
         tool = transform_points(transforms[2], transform_points(tcp_con, tool[:, 0])[:, None])[:, 0]

@@ -23,6 +23,7 @@ from scipy.special import bdtr, betaincinv, gammaln, ndtri
 from ..arrays import Array
 from ..errors import IllPosedError, OutOfRangeError, Problem
 from .simulate import ErrorSample, Samples, deepen
+from .tails import sum_exactly, to_float
 
 SPREAD = 10.0  # standard deviations of a binomial law that are kept: 1e-23 is left out
 Interval = tuple[float, float]
@@ -104,16 +105,19 @@ def enclosing_ranks(trials: int, quantile: float, confidence: float) -> tuple[in
     return (low if low >= 1 else None, high if high <= trials else None)
 
 
-def with_rank(samples: Samples, target: str | int, error: str, rank: int) -> ErrorSample:
-    """The sample, with its ``rank``-th smallest norm in the kept tail."""
+def with_ranks(samples: Samples, target: str | int, error: str, *ranks: int | None) -> ErrorSample:
+    """The sample, with these of its norms (1-based, from the smallest) in the kept tail."""
     sample = samples.of(target, error)
-    if rank >= sample.trials - len(sample.tail) + 1:
+    wanted = [rank for rank in ranks if rank is not None]
+    if all(sample.place_of(rank) is not None for rank in wanted):
         return sample
-    return deepen(samples, sample.trials - rank + 1).of(target, error)
+    return deepen(samples, sample.trials - min(wanted) + 1).of(target, error)
 
 
 def order_statistic(sample: ErrorSample, rank: int) -> float:
-    return float(sample.tail[len(sample.tail) - 1 - (sample.trials - rank)])
+    place = sample.place_of(rank)
+    assert place is not None  # with_ranks saw to it
+    return float(sample.tail[place])
 
 
 def between_ranks(
@@ -125,7 +129,7 @@ def between_ranks(
     an answer leave the quantile without a bound.
     """
     middle = ceil(samples.trials * quantile)
-    sample = with_rank(samples, target, error, middle if low is None else min(low, middle))
+    sample = with_ranks(samples, target, error, low, middle, high)
     ends = (
         0.0 if low is None else order_statistic(sample, low),
         inf if high is None else order_statistic(sample, high),
@@ -158,22 +162,38 @@ def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: flo
     """``E[|e| given |e| beyond its quantile]`` with its standard error.
 
     ``x_q + mean((|e| - x_q)_+) / (1 - q)`` (Rockafellar and Uryasev 2000): first-order insensitive to the error
-    of x_q, so the spread of its summands is its error.  Sums are exact (fsum): no order of summation.  Shots without
-    an answer are beyond x_q and left out of the mean, which is infinite with them.
+    of x_q, so the spread of its summands is its error.  Sums are exact (fsum): no order of summation; of a long run the
+    differences to x_q are too, which up to 2 x_q they always are.  Shots without an answer are beyond x_q and left out
+    of the mean, which is infinite with them.
     """
     _refuse_unless_probability("quantile", quantile)
     n = samples.trials
     rank = ceil(n * quantile)
-    sample = with_rank(samples, target, error, rank)
+    sample = with_ranks(samples, target, error, rank)
     base = order_statistic(sample, rank)
-    answered = len(sample.tail) - samples.unanswered
-    excess = sample.tail[len(sample.tail) - (n - rank) : answered] - base
     share = 1 - quantile - samples.unanswered / n
-    if not len(excess) or share <= 0:
+    count = n - rank - samples.unanswered
+    if count <= 0 or share <= 0:
         return CvarEstimate(quantile, base, 0.0)
-    mean = fsum(excess) / n
-    variance = fsum(excess**2) / n - mean**2
+    total, squares = _sum_beyond(sample, rank, base, count)
+    mean = total / n
+    variance = squares / n - mean**2
     return CvarEstimate(quantile, base + mean / share, sqrt(max(variance, 0.0) / n) / share)
+
+
+def _sum_beyond(sample: ErrorSample, rank: int, base: float, count: int) -> tuple[float, float]:
+    """Sums of the differences to ``base``, mm, and of their squares, mm^2, of the ``count`` norms beyond a rank."""
+    place = sample.place_of(rank)
+    assert place is not None
+    beyond = sample.tail[place + 1 : len(sample.tail) - sample.unanswered]
+    if sample.gaps is None:
+        return fsum(beyond - base), fsum((beyond - base) ** 2)
+    above = sample.gaps_above(base)
+    norms = sum_exactly(beyond) + sum(gap.total for gap in above)
+    squares = sum_exactly(beyond * beyond) + sum(gap.squares for gap in above)
+    each = np.array([base])
+    first = to_float(norms - count * sum_exactly(each))
+    return first, to_float(squares - count * sum_exactly(each * each)) - 2 * base * first
 
 
 def exceedance_estimate(
@@ -186,9 +206,11 @@ def exceedance_estimate(
     if sample.above is not None and sample.above[0] == limit_mm:
         count = sample.above[1]
     else:
-        if len(sample.tail) < n and limit_mm < sample.tail[0]:
+        gaps = sample.gaps or ()
+        if (len(sample.tail) < n and limit_mm < sample.tail[0]) or any(gap.low < limit_mm < gap.high for gap in gaps):
             sample = deepen(samples, n).of(target, error)
         count = len(sample.tail) - int(np.searchsorted(sample.tail, limit_mm, side="right"))
+        count += sum(gap.count for gap in sample.gaps_above(limit_mm))
     alpha = 1 - confidence
     low = float(betaincinv(count, n - count + 1, alpha / 2)) if count > 0 else 0.0
     high = float(betaincinv(count + 1, n - count, 1 - alpha / 2)) if count < n else 1.0

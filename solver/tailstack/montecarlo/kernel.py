@@ -5,7 +5,7 @@ What a function is given, in flat float64 arrays of vectors of eight lanes (vect
 =============  =================  ============================================================================
 argument       vectors            meaning
 =============  =================  ============================================================================
-``tables``                        the compiled system (``plan.Tables``)
+``tables``                        the compiled system (``tables.Tables``)
 ``z``          d                  standardised deviates, in the order of ``plan``
 ``points``     3 N                fiducials with their manufacturing errors, object frame
 ``images``     2 N                noisy images (u, v) of the fiducials in one view, px from their nominal mean
@@ -71,6 +71,27 @@ from .lanes import (
     store,
 )
 from .streams import fill_deviates
+from .tables import (
+    BY_IMAGES,
+    DEVIATES,
+    EQ18,
+    EXECUTION,
+    FIDUCIALS,
+    FLANGE,
+    GROWING,
+    HAND_EYE,
+    HIDDEN,
+    MANUFACTURED,
+    PUBLISHED,
+    SEAT,
+    SHIFTING,
+    SMALL_ANGLE,
+    TARGETS,
+    UNKNOWNS,
+    VIEWS,
+    moves,
+    shot_slot,
+)
 
 STEP = 1e-12  # last step of the triangulation, relative
 MAX_STEPS = 6
@@ -82,17 +103,17 @@ RESULTS = 6  # per target: tcp (3), localisation (3)
 def scratch_size(counts):
     """Doubles of scratch: deviates, points, images of one view, a and p1, p2 per view, rotations, results, and what
     least squares take."""
-    n, v, t, d = counts[0], counts[1], counts[2], counts[6]
+    n, v, t, d = counts[FIDUCIALS], counts[VIEWS], counts[TARGETS], counts[DEVIATES]
     return 8 * (d + 3 * n + 2 * n + 12 * v + 2 * v + 12 * (3 + v) + RESULTS * t + 8 + WORK)
 
 
 @lane_jit
 def target_image(tables, target, view, row, z):
     """Noisy image of a target along u (row = 0) or v, px from the fiducials' nominal mean image."""
-    n = tables.counts[0]
-    deviate = load(z, 16 * view * (n + tables.counts[2]) + 16 * (n + target) + 8 * row)
+    n = tables.counts[FIDUCIALS]
+    deviate = load(z, 16 * view * (n + tables.counts[TARGETS]) + 16 * (n + target) + 8 * row)
     image = fma(splat(tables.noise[view, 1]), deviate, splat(tables.target_images[target, view, row]))
-    if tables.counts[11] != 0:
+    if tables.counts[SHIFTING] != 0:
         image = image + image_shift(tables, view, n + target, row, z)
     return image
 
@@ -115,7 +136,7 @@ def normal_matrix(tables, target, estimates, z):
     """``[[M, b], [b', c]]`` of the rows of all views: (m00, m01, m02, m11, m12, m22, b0, b1, b2, c)."""
     zero = splat(0.0)
     m00, m01, m02, m11, m12, m22, b0, b1, b2, c = zero, zero, zero, zero, zero, zero, zero, zero, zero, zero
-    for view in range(tables.counts[1]):
+    for view in range(tables.counts[VIEWS]):
         at = 112 * view
         weight = load(estimates, at + 88)
         factor = tables.row_factors[target, view]
@@ -212,7 +233,7 @@ def fit_images(tables, target, estimates, z, y0, y1, y2):
     active = one > zero
     for _ in range(FIT_STEPS):
         h00, h01, h02, h11, h12, h22, g0, g1, g2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
-        for view in range(tables.counts[1]):
+        for view in range(tables.counts[VIEWS]):
             at = 112 * view
             a0, a1, a2 = load(estimates, at), load(estimates, at + 8), load(estimates, at + 16)
             inverse = one / fma(a0, y0, fma(a1, y1, fma(a2, y2, one)))
@@ -236,14 +257,14 @@ def fit_images(tables, target, estimates, z, y0, y1, y2):
 
 
 @lane_jit
-def told_metric(tables, pose):
-    """(metric of resection, metric of triangulation) where the estimator is told coordinates that ``I + [w]x`` moved.
+def assumed_metric(tables, pose):
+    """(metric of resection, metric of triangulation) where the estimator assumes coordinates that ``I + [w]x`` moved.
 
     In the object frame w is turned, and ``R'R = (1 + w'w) I - w w'``.  With the mean squares D / N of the fiducials the
-    squared scale of Hartley's frame of what is told, over that of the object frame, is
+    squared scale of Hartley's frame of what is assumed, over that of the object frame, is
     ``kappa = 3 / (3 (1 + w'w) - sum w_k^2 D_k / N)``.
     """
-    into, n = tables.into_frame, tables.counts[0]
+    into, n = tables.into_frame, tables.counts[FIDUCIALS]
     d0, d1, d2 = 0.0, 0.0, 0.0  # of all fiducials, whatever the views see
     for i in range(n):
         y = tables.nominal[i]
@@ -262,24 +283,24 @@ def told_metric(tables, pose):
 
 
 @lane_jit
-def point_metric(tables, pose, told, kappa):
-    """Metric of :func:`triangulate_in_metric`: of Hartley's frame of what the estimator is told, or of con mm.
+def point_metric(tables, pose, assumed, kappa):
+    """Metric of :func:`triangulate_in_metric`: of Hartley's frame of what the estimator assumes, or of con mm.
 
     In con mm a point is ``X = R (E y + c - p) + p + t``, the second and third with Eq 18 only, and its homogeneous
-    length ``|X|^2 + 1``: ``K = E'R'R E``, ``g = E'R'c'``, ``h = c'c' + 1``, c' the centroid as it is told.
+    length ``|X|^2 + 1``: ``K = E'R'R E``, ``g = E'R'c'``, ``h = c'c' + 1``, c' the centroid as it is assumed.
     """
     one, zero = splat(1.0), splat(0.0)
-    _, w0, w1, w2 = told
+    _, w0, w1, w2 = assumed
     stretch = fma(w0, w0, fma(w1, w1, fma(w2, w2, one)))
-    if tables.counts[8] == 0:
+    if tables.counts[PUBLISHED] == 0:
         scale = kappa
         g0, g1, g2, h = zero, zero, zero, one
     else:
         scale = splat(tables.object_scale[1])
         c0, c1, c2 = splat(tables.centre[0]), splat(tables.centre[1]), splat(tables.centre[2])
-        if tables.counts[4] != 0 and (tables.counts[7] & 1) != 0:
-            p0, p1, p2 = splat(tables.pivots[0, 0]), splat(tables.pivots[0, 1]), splat(tables.pivots[0, 2])
-            m0, m1, m2 = rotate(pose, 0, c0 - p0, c1 - p1, c2 - p2)
+        if tables.counts[EQ18] != 0 and moves(tables.counts, SEAT):
+            p0, p1, p2 = splat(tables.pivots[SEAT, 0]), splat(tables.pivots[SEAT, 1]), splat(tables.pivots[SEAT, 2])
+            m0, m1, m2 = rotate(pose, SEAT, c0 - p0, c1 - p1, c2 - p2)
             m0, m1, m2 = m0 + p0 + load(pose, 72), m1 + p1 + load(pose, 80), m2 + p2 + load(pose, 88)
             h = fma(m0, m0, fma(m1, m1, fma(m2, m2, one)))
             c0 = dot3(load(pose, 0), load(pose, 24), load(pose, 48), m0, m1, m2)
@@ -301,36 +322,35 @@ def point_metric(tables, pose, told, kappa):
 @lane_jit
 def chain_errors(tables, target, pose, z, y0, y1, y2, results):
     """Localisation error (con) and TCP error (tcp) of one target into ``results`` (6 vectors)."""
-    active = tables.counts[7]
     nominal = tables.targets_frame[target]
     y0, y1, y2 = y0 - splat(nominal[0]), y1 - splat(nominal[1]), y2 - splat(nominal[2])
     e = tables.out_of_frame
     e0 = dot3(splat(e[0]), splat(e[1]), splat(e[2]), y0, y1, y2)
     e1 = dot3(splat(e[3]), splat(e[4]), splat(e[5]), y0, y1, y2)
     e2 = dot3(splat(e[6]), splat(e[7]), splat(e[8]), y0, y1, y2)
-    if tables.counts[4] != 0 and (active & 1) != 0:
-        # Eq 18: the estimate stands in the coordinates that were told, X = T_err1 (E y + c)
-        e0, e1, e2 = move_error(tables, 0, pose, 0, tables.targets[target], e0, e1, e2)
+    if tables.counts[EQ18] != 0 and moves(tables.counts, SEAT):
+        # Eq 18: the estimate stands in the coordinates that were assumed, X = T_err1 (E y + c)
+        e0, e1, e2 = move_error(tables, SEAT, pose, tables.targets[target], e0, e1, e2)
     store(results, 24, e0)
     store(results, 32, e1)
     store(results, 40, e2)
-    if (active & 2) != 0:
-        e0, e1, e2 = move_error(tables, 1, pose, 96, tables.targets[target], e0, e1, e2)
-    if tables.counts[12] != 0:
-        n = tables.counts[0]
+    if moves(tables.counts, FLANGE):
+        e0, e1, e2 = move_error(tables, FLANGE, pose, tables.targets[target], e0, e1, e2)
+    if tables.counts[GROWING] != 0:
+        n = tables.counts[FIDUCIALS]
         e0, e1, e2 = e0 + growth(tables, z, n, 0), e1 + growth(tables, z, n, 1), e2 + growth(tables, z, n, 2)
     r = tables.to_tcp
     t0 = dot3(splat(r[0]), splat(r[1]), splat(r[2]), e0, e1, e2)
     t1 = dot3(splat(r[3]), splat(r[4]), splat(r[5]), e0, e1, e2)
     t2 = dot3(splat(r[6]), splat(r[7]), splat(r[8]), e0, e1, e2)
-    if (active & 4) != 0:
-        t0, t1, t2 = move_error(tables, 2, pose, 192, tables.targets_tcp[target], t0, t1, t2)
+    if moves(tables.counts, HAND_EYE):
+        t0, t1, t2 = move_error(tables, HAND_EYE, pose, tables.targets_tcp[target], t0, t1, t2)
     t0 = t0 + splat(tables.execution_bias[0])
     t1 = t1 + splat(tables.execution_bias[1])
     t2 = t2 + splat(tables.execution_bias[2])
-    offset, k = tables.gain_starts[3, 0], tables.gain_starts[3, 1]
+    offset, k = tables.gain_starts[EXECUTION, 0], tables.gain_starts[EXECUTION, 1]
     for j in range(k):
-        xi = load(z, 8 * (tables.starts[4] + j))
+        xi = load(z, 8 * (tables.starts[1 + EXECUTION] + j))
         t0 = fma(splat(tables.gains[offset + j]), xi, t0)
         t1 = fma(splat(tables.gains[offset + k + j]), xi, t1)
         t2 = fma(splat(tables.gains[offset + 2 * k + j]), xi, t2)
@@ -342,48 +362,45 @@ def chain_errors(tables, target, pose, z, y0, y1, y2, results):
 @lane_jit
 def run_chain(tables, z, points, images, estimates, pose, results, work, want_reprojection):
     """One group of eight trials from its deviates ``z`` to ``results``; then flag and reprojection RMS."""
-    views, targets, active = tables.counts[1], tables.counts[2], tables.counts[7]
-    for mount in range(3):
-        if (active >> mount) & 1:
-            write_mount(tables, mount, z, pose, 96 * mount)
-    for view in range(views):
-        if (tables.counts[10] >> view) & 1:
-            write_mount(tables, 4 + view, z, pose, 96 * (3 + view))
-    if tables.counts[3] != 0 or tables.counts[12] != 0:
+    views, targets = tables.counts[VIEWS], tables.counts[TARGETS]
+    for slot in range(shot_slot(views, views)):
+        if moves(tables.counts, slot):
+            write_mount(tables, slot, z, pose)
+    if tables.counts[MANUFACTURED] != 0 or tables.counts[GROWING] != 0:
         place_points(tables, z, points)
     good = splat(1.0) > splat(0.0)
     squares, images_used = splat(0.0), 0.0
-    # Eq 18 with small angles: the coordinates that the estimator is told have been stretched, not only turned
-    stretched = tables.counts[4] != 0 and tables.counts[5] != 0 and (active & 1) != 0
+    # Eq 18 with small angles: the coordinates that the estimator assumes have been stretched, not only turned
+    stretched = tables.counts[EQ18] != 0 and tables.counts[SMALL_ANGLE] != 0 and moves(tables.counts, SEAT)
     zero, one = splat(0.0), splat(1.0)
-    told, kappa = (one, zero, zero, zero), one
+    assumed, kappa = (one, zero, zero, zero), one
     if stretched:
-        told, kappa = told_metric(tables, pose)
+        assumed, kappa = assumed_metric(tables, pose)
     for view in range(views):
         projection = true_projection(tables, view, pose)
         image_fiducials(tables, view, points, projection, images, z)
         estimate = estimates[112 * view : 112 * view + 112]
-        if tables.counts[13] != 0:
-            good = good & resect_by_least_squares(tables, view, told, images, projection, z, estimate, work)
+        if tables.counts[UNKNOWNS] != 0:
+            good = good & resect_by_least_squares(tables, view, assumed, images, projection, z, estimate, work)
         elif stretched:
             # What carries an estimate from the frame of its view to the object frame knows no metric
-            own = resect(tables, view, told, images, estimate)
-            good = good & own & (splat(1.0 * tables.counts[9]) < one)
+            own = resect(tables, view, assumed, images, estimate)
+            good = good & own & (splat(1.0 * tables.counts[HIDDEN]) < one)
         else:
             good = good & resect(tables, view, None, images, estimate)
-            if tables.counts[9] != 0:
+            if tables.counts[HIDDEN] != 0:
                 carry_to_object_frame(tables, view, estimate)
         images_used += tables.diagonal[view, 3]
         if want_reprojection:
             squares = squares + squared_reprojection(tables, view, images, estimate)
     for target in range(targets):
-        if stretched or tables.counts[8] != 0:
-            metric = point_metric(tables, pose, told, kappa)
+        if stretched or tables.counts[PUBLISHED] != 0:
+            metric = point_metric(tables, pose, assumed, kappa)
             y0, y1, y2, proven = triangulate_in_metric(tables, target, estimates, z, metric)
         else:
             y0, y1, y2, proven = triangulate(tables, target, estimates, z)
         good = good & proven
-        if tables.counts[14] != 0:
+        if tables.counts[BY_IMAGES] != 0:
             y0, y1, y2, at_rest = fit_images(tables, target, estimates, z, y0, y1, y2)
             good = good & at_rest
         chain_errors(tables, target, pose, z, y0, y1, y2, results[48 * target : 48 * target + 48])
@@ -413,12 +430,13 @@ class Results(NamedTuple):
 def run_trials(tables, draws, results_of, scratch):
     """Run trials in groups of eight.
 
-    tables: ``plan.Tables``; draws: ``Draws``; results_of: ``Results``, filled; scratch: as many float64 as
+    tables: ``tables.Tables``; draws: ``Draws``; results_of: ``Results``, filled; scratch: as many float64 as
     ``scratch_size`` says, 64-byte aligned.
     """
     trials = draws.trials
     want_reprojection = results_of.reprojection.size > 0
-    n, views, targets, d = tables.counts[0], tables.counts[1], tables.counts[2], tables.counts[6]
+    counts = tables.counts
+    n, views, targets, d = counts[FIDUCIALS], counts[VIEWS], counts[TARGETS], counts[DEVIATES]
     at = 0
     z = scratch[at : at + 8 * d]
     at += 8 * d

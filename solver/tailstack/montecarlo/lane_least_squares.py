@@ -1,16 +1,17 @@
-"""Least squares of a view's images, eight trials at a time: six, nine or eleven unknowns by one text.
+"""Least squares of a view's images, eight trials at a time: from six to eleven unknowns by one text.
 
 Fiducials y of the object frame are at ``x = M y + d`` before a view (lengths in the unit of the object frame) and are
 imaged at ``u = f_u p + s r``, ``v = f_v r`` from the principal point, ``p = x_0 / x_2``, ``r = x_1 / x_2``.  Unknown
 are, in this order, with the slopes a of an image coordinate by x:
 
 - six, *pose*: a shift of d, with slopes ``a``, and a turn w of M about the origin of the object frame, ``(M y) x a``;
-- nine, *pose with prior*: also phi, by which f_u, s and f_v grow by the nominal ones times it, and the principal point;
-  how far they are off the assumed ones counts as an image's residual does, times the root of its precision;
+- up to nine, *pose and intrinsics*: also phi, by which f_u, s and f_v grow by the nominal ones times it, and the
+  principal point, or the first of these; how far they are off the assumed ones counts as an image's residual does,
+  times the root of its precision, which is 0 where nothing is known beforehand;
 - eleven, *reprojection*: d but for its depth, and the entries of M, with slopes ``a y'``; the camera is 1, so that
   (M, d) is any projection.
 
-With six and nine M is a rotation.  Where the estimator is told coordinates that an affine map has moved (Eq 18 with
+With up to nine M is a rotation.  Where the estimator assumes coordinates that an affine map has moved (Eq 18 with
 small angles), S y with ``S = 1 + [t]x`` in the place of y, it is a rotation times S: a turn acts from the left, and S
 stays.
 
@@ -24,9 +25,9 @@ the sum of squared moves of the images, px^2.  If the moves of two steps are m a
 ``m'^2 / m``; where that is below ``LEFT_PX``, the lane is at rest.  A target's image moves by no more than that times
 its standard deviation in units of the noise, wherever it lies: Cauchy and Schwarz in the metric H.
 
-A lane that does not come to rest, whose H is not positive definite or whose depth is not between half and twice that of
-its start is flagged.  There the plain form (``estimation.least_squares``) decides; it starts from the nominal pose, or
-from DLT, and solves by QR.
+A lane that does not converge, whose H is not positive definite or whose depth is not between half and twice that of
+its start is flagged, and so is every lane of an estimator whose number of unknowns is not in ``LENGTHS``.  There
+the plain form (``estimation.least_squares``) decides; it starts from the nominal pose, or from DLT, and solves by QR.
 
 Arguments below, lanes unless said:
 
@@ -36,28 +37,31 @@ Arguments below, lanes unless said:
   one text with n at run time takes half as long again;
 - ``work``: scratch of ``WORK`` vectors: slopes of u and of v by the unknowns (11 each), g or the step (11), H (n x n,
   by rows, the upper triangle);
-- ``tables``, ``images``, ``estimate``: as in ``kernel``; ``told``: as ``metric`` in ``lane_resection``.
+- ``tables``, ``images``, ``estimate``: as in ``kernel``; ``assumed``: as ``metric`` in ``lane_resection``.
 """
 
 # mypy: ignore-errors
 from __future__ import annotations
 
+from numba import literal_unroll
+
 from .lane_resection import in_metric
 from .lanes import any_lane, dot3, fma, lane_jit, load, select, splat, square_root, store
+from .tables import EQ18, FIDUCIALS, SMALL_ANGLE, UNKNOWNS, VIEWS, intrinsics_slot
 
 LEFT_PX = 1e-11
 MAX_STEPS = 16
 RENEWAL = 4  # steps with one H
-SIX, NINE, ELEVEN = (0,) * 6, (0,) * 9, (0,) * 11  # unknowns
+LENGTHS = ((0,) * 6, (0,) * 9, (0,) * 11)  # the numbers of unknowns that are compiled, as ``unknowns``
 WORK = 33 + 121
 _V, _G, _H = 8 * 11, 8 * 22, 8 * 33  # where the slopes of v, g and H begin in ``work``
 
 
 @lane_jit
 def assumed_camera(tables, view, z):
-    """The intrinsics that the estimator is told."""
+    """The intrinsics that the estimator assumes."""
     k = tables.intrinsics[view]
-    slot = 5 + 2 * tables.counts[1] + view
+    slot = intrinsics_slot(tables.counts[VIEWS], view)
     offset, sources = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
     focal, shift_u, shift_v = splat(k[5]), splat(k[6]), splat(k[7])
     for j in range(sources):
@@ -93,7 +97,7 @@ def pose_at_start(tables, view, projection, camera):
     r02 = focal_u * fma(-skew, r12, fma(-point_u, r22, size * u2))
     d0 = focal_u * fma(-skew, d1, fma(-camera[3], d2, size * u3))
     d2 = camera[2] / splat(k[2]) * d2
-    if tables.counts[5] == 0:
+    if tables.counts[SMALL_ANGLE] == 0:
         return r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2
     length = one / square_root(dot3(r20, r21, r22, r20, r21, r22))
     r20, r21, r22 = length * r20, length * r21, length * r22
@@ -110,13 +114,13 @@ def pose_at_start(tables, view, projection, camera):
 
 
 @lane_jit
-def stretch(pose, told):
+def stretch(pose, assumed):
     """The pose R to start from, for coordinates S y: ``M = R (S'S)^(1/2) = R (q - t t' / (1 + q))``, q^2 = 1 + t't.
 
     It is a rotation times S, S being a rotation times this root.
     """
     r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2 = pose
-    _, t0, t1, t2 = told
+    _, t0, t1, t2 = assumed
     one = splat(1.0)
     q = square_root(fma(t0, t0, fma(t1, t1, fma(t2, t2, one))))
     less = -(one / (one + q))
@@ -156,10 +160,10 @@ def write_gradient(tables, view, images, unknowns, camera, pose, work):
     zero = splat(0.0)
     g0, g1, g2, g3, g4, g5, g6, g7, g8 = zero, zero, zero, zero, zero, zero, zero, zero, zero
     s0, s1, s2 = zero, zero, zero
-    for i in range(tables.counts[0]):
+    for i in range(tables.counts[FIDUCIALS]):
         if tables.products[view, i, 9] != 0.0:  # it is seen
             x0, x1, x2, inverse, p, r, u, v, e, f = image(tables, images, i, camera, pose)
-            if n == 9:
+            if 6 < n < 11:
                 grown = fma(splat(k[0]), p, splat(k[1]) * r)
                 g6, g7, g8 = fma(e, grown, fma(f, splat(k[2]) * r, g6)), g7 + e, g8 + f
             e, f = inverse * e, inverse * f
@@ -188,7 +192,9 @@ def write_gradient(tables, view, images, unknowns, camera, pose, work):
     store(work, at + 16, g5)
     if n > 6:
         store(work, at + 24, g6)
+    if n > 7:
         store(work, at + 32, g7)
+    if n > 8:
         store(work, at + 40, g8)
 
 
@@ -224,12 +230,14 @@ def write_slopes(tables, view, images, i, unknowns, camera, pose, work):
         store(work, _V + 24, fma(x1, b2, -(x2 * b1)))
         store(work, _V + 32, -(x0 * b2))
         store(work, _V + 40, x0 * b1)
-    if n == 9:
+    if 6 < n < 11:
         store(work, 48, fma(splat(k[0]), p, splat(k[1]) * r))
-        store(work, 56, one)
-        store(work, 64, zero)
         store(work, _V + 48, splat(k[2]) * r)
+    if 7 < n < 11:
+        store(work, 56, one)
         store(work, _V + 56, zero)
+    if 8 < n < 11:
+        store(work, 64, zero)
         store(work, _V + 64, one)
     return e, f
 
@@ -242,10 +250,10 @@ def write_equations(tables, view, images, unknowns, camera, pose, work):
         store(work, _G + 8 * j, splat(0.0))
     for at in range(n * n):
         store(work, _H + 8 * at, splat(0.0))
-    if n == 9:
-        for j in range(3):
-            store(work, _H + 80 * (6 + j), splat(tables.intrinsics[view, 8 + j]))
-    for i in range(tables.counts[0]):
+    if n < 11:
+        for j in range(n - 6):
+            store(work, _H + 8 * (n + 1) * (6 + j), splat(tables.intrinsics[view, 8 + j]))
+    for i in range(tables.counts[FIDUCIALS]):
         if tables.products[view, i, 9] != 0.0:
             e, f = write_slopes(tables, view, images, i, unknowns, camera, pose, work)
             for row in range(n):
@@ -337,25 +345,33 @@ def change(pose, work):
 
 
 @lane_jit
-def move_camera(k, camera, work):
-    """The camera after a step of nine unknowns; k: the view's row of ``tables.intrinsics``."""
+def move_camera(k, unknowns, camera, work):
+    """The camera after a step of a pose and intrinsics; k: the view's row of ``tables.intrinsics``."""
+    n = len(unknowns)
     focal_u, skew, focal_v, point_u, point_v = camera
-    grown = load(work, _G + 48)
-    return (
-        fma(grown, splat(k[0]), focal_u),
-        fma(grown, splat(k[1]), skew),
-        fma(grown, splat(k[2]), focal_v),
-        point_u + load(work, _G + 56),
-        point_v + load(work, _G + 64),
-    )
+    if n > 6:
+        grown = load(work, _G + 48)
+        focal_u = fma(grown, splat(k[0]), focal_u)
+        skew = fma(grown, splat(k[1]), skew)
+        focal_v = fma(grown, splat(k[2]), focal_v)
+    if n > 7:
+        point_u = point_u + load(work, _G + 56)
+    if n > 8:
+        point_v = point_v + load(work, _G + 64)
+    return focal_u, skew, focal_v, point_u, point_v
 
 
 @lane_jit
-def add_prior(k, assumed, camera, work):
-    """What the prior adds to g of nine unknowns: its precisions times how far the camera is off the assumed one."""
-    store(work, _G + 48, fma(splat(k[8] / k[0]), assumed[0] - camera[0], load(work, _G + 48)))
-    store(work, _G + 56, fma(splat(k[9]), assumed[3] - camera[3], load(work, _G + 56)))
-    store(work, _G + 64, fma(splat(k[10]), assumed[4] - camera[4], load(work, _G + 64)))
+def add_prior(k, unknowns, assumed, camera, work):
+    """What the prior adds to g of a pose and intrinsics: its precisions times how far the camera is off the assumed
+    one."""
+    n = len(unknowns)
+    if n > 6:
+        store(work, _G + 48, fma(splat(k[8] / k[0]), assumed[0] - camera[0], load(work, _G + 48)))
+    if n > 7:
+        store(work, _G + 56, fma(splat(k[9]), assumed[3] - camera[3], load(work, _G + 56)))
+    if n > 8:
+        store(work, _G + 64, fma(splat(k[10]), assumed[4] - camera[4], load(work, _G + 64)))
 
 
 @lane_jit
@@ -374,15 +390,15 @@ def refine(tables, view, images, unknowns, camera, pose, work):
             good = good & (factor(unknowns, work) | ~active)
         else:
             write_gradient(tables, view, images, unknowns, camera, pose, work)
-        if n == 9:
-            add_prior(k, assumed, camera, work)
+        if n < 11:
+            add_prior(k, unknowns, assumed, camera, work)
         moved = solve(unknowns, work)
         # lanes at rest keep their pose: a lane's digits do not depend on its neighbours
         for j in range(n):
             store(work, _G + 8 * j, select(active, load(work, _G + 8 * j), zero))
         pose = change(pose, work) if n == 11 else turn(pose, work)
-        if n == 9:
-            camera = move_camera(k, camera, work)
+        if n < 11:
+            camera = move_camera(k, unknowns, camera, work)
         active = active & ~(moved * moved <= splat(LEFT_PX * LEFT_PX) * last)
         last = moved
         if not any_lane(active):
@@ -391,13 +407,13 @@ def refine(tables, view, images, unknowns, camera, pose, work):
 
 
 @lane_jit
-def resect_by_least_squares(tables, view, told, images, projection, z, estimate, work):
+def resect_by_least_squares(tables, view, assumed, images, projection, z, estimate, work):
     """One view into ``estimate``, rows and all as of ``lane_resection.resect``, in the object frame.
 
     projection: rows of :func:`lane_motion.true_projection`.  Images count from the principal point, which stands where
     ``resect`` has the mean image.  Returns the mask of lanes that are at rest.
     """
-    n = tables.counts[13]
+    n = tables.counts[UNKNOWNS]
     zero, one = splat(0.0), splat(1.0)
     if n == 11:
         (u0, u1, u2, u3), (v0, v1, v2, v3), (w0, w1, w2, w3) = projection
@@ -405,21 +421,18 @@ def resect_by_least_squares(tables, view, told, images, projection, z, estimate,
     else:
         camera = assumed_camera(tables, view, z)
         pose = pose_at_start(tables, view, projection, camera)
-        if tables.counts[4] != 0 and tables.counts[5] != 0:
-            pose = stretch(pose, told)
-    start = pose[11]
-    if n == 6:
-        camera, pose, good = refine(tables, view, images, SIX, camera, pose, work)
-    elif n == 9:
-        camera, pose, good = refine(tables, view, images, NINE, camera, pose, work)
-    else:
-        camera, pose, good = refine(tables, view, images, ELEVEN, camera, pose, work)
+        if tables.counts[EQ18] != 0 and tables.counts[SMALL_ANGLE] != 0:
+            pose = stretch(pose, assumed)
+    start, good = pose[11], one < zero
+    for unknowns in literal_unroll(LENGTHS):
+        if n == len(unknowns):
+            camera, pose, good = refine(tables, view, images, unknowns, camera, pose, work)
     focal_u, skew, focal_v, point_u, point_v = camera
     r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2 = pose
     inverse = one / d2
     focal_u, skew, focal_v = inverse * focal_u, inverse * skew, inverse * focal_v
     r20, r21, r22 = inverse * r20, inverse * r21, inverse * r22
-    b0, b1, b2 = in_metric(told, r20, r21, r22)
+    b0, b1, b2 = in_metric(assumed, r20, r21, r22)
     store(estimate, 0, r20)
     store(estimate, 8, r21)
     store(estimate, 16, r22)

@@ -1,8 +1,7 @@
 """What moves before the shutter: mounts, manufacturing errors, and the images that result (conventions, chain 1-2).
 
-Arguments: ``tables``, ``z``, ``points``, ``images`` and ``pose`` as in ``kernel``; ``mount``, 0 ... 2, or 4 + view for
-the motion before its shot, and ``at``, its place in ``pose``; ``view`` and ``row``, numbers from 0; points and errors
-(x, y, z), three lanes each, mm.
+Arguments: ``tables``, ``z``, ``points``, ``images`` and ``pose`` as in ``kernel``; ``slot``, of a mount or of the
+motion before a shot; ``view`` and ``row``, numbers from 0; points and errors (x, y, z), three lanes each, mm.
 """
 
 # mypy: ignore-errors
@@ -10,16 +9,32 @@ from __future__ import annotations
 
 from .lanes import dot3, fma, lane_jit, load, splat, store
 from .streams import sine_cosine
+from .tables import (
+    EQ18,
+    FIDUCIALS,
+    GROWING,
+    MANUFACTURED,
+    SEAT,
+    SHIFTING,
+    SMALL_ANGLE,
+    TARGETS,
+    VIEWS,
+    beads_slot,
+    images_slot,
+    moves,
+    pose_at,
+    shot_slot,
+)
 
 
 @lane_jit
-def mount_torsor(tables, mount, z):
+def mount_torsor(tables, slot, z):
     """The six components of one mount's torsor."""
     gains = tables.gains
-    offset, k = tables.gain_starts[mount, 0], tables.gain_starts[mount, 1]
-    start = 8 * tables.starts[1 + mount]
-    t0, t1, t2 = splat(tables.torsors[mount, 0]), splat(tables.torsors[mount, 1]), splat(tables.torsors[mount, 2])
-    t3, t4, t5 = splat(tables.torsors[mount, 3]), splat(tables.torsors[mount, 4]), splat(tables.torsors[mount, 5])
+    offset, k = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
+    start = 8 * tables.starts[1 + slot]
+    t0, t1, t2 = splat(tables.torsors[slot, 0]), splat(tables.torsors[slot, 1]), splat(tables.torsors[slot, 2])
+    t3, t4, t5 = splat(tables.torsors[slot, 3]), splat(tables.torsors[slot, 4]), splat(tables.torsors[slot, 5])
     for j in range(k):
         xi = load(z, start + 8 * j)
         at = offset + j
@@ -33,11 +48,12 @@ def mount_torsor(tables, mount, z):
 
 
 @lane_jit
-def write_mount(tables, mount, z, pose, at):
+def write_mount(tables, slot, z, pose):
     """Rotation (9, Rx Ry Rz or I + [w]x: Eqs 12, 13) and translation (3) of a mount into ``pose``."""
-    rx, ry, rz, tx, ty, tz = mount_torsor(tables, mount, z)
+    rx, ry, rz, tx, ty, tz = mount_torsor(tables, slot, z)
+    at = pose_at(slot)
     one = splat(1.0)
-    if tables.counts[5] != 0:
+    if tables.counts[SMALL_ANGLE] != 0:
         store(pose, at, one)
         store(pose, at + 8, -rz)
         store(pose, at + 16, ry)
@@ -67,7 +83,8 @@ def write_mount(tables, mount, z, pose, at):
 
 
 @lane_jit
-def rotate(pose, at, x, y, z):
+def rotate(pose, slot, x, y, z):
+    at = pose_at(slot)
     return (
         dot3(load(pose, at), load(pose, at + 8), load(pose, at + 16), x, y, z),
         dot3(load(pose, at + 24), load(pose, at + 32), load(pose, at + 40), x, y, z),
@@ -76,13 +93,14 @@ def rotate(pose, at, x, y, z):
 
 
 @lane_jit
-def move_error(tables, mount, pose, at, nominal, e0, e1, e2):
+def move_error(tables, slot, pose, nominal, e0, e1, e2):
     """Error of ``nominal + e`` after the mount: ``R e + (R - 1)(nominal - p) + t``; no large numbers cancel."""
-    x = splat(nominal[0] - tables.pivots[mount, 0])
-    y = splat(nominal[1] - tables.pivots[mount, 1])
-    z = splat(nominal[2] - tables.pivots[mount, 2])
-    r0, r1, r2 = rotate(pose, at, x, y, z)
-    f0, f1, f2 = rotate(pose, at, e0, e1, e2)
+    x = splat(nominal[0] - tables.pivots[slot, 0])
+    y = splat(nominal[1] - tables.pivots[slot, 1])
+    z = splat(nominal[2] - tables.pivots[slot, 2])
+    r0, r1, r2 = rotate(pose, slot, x, y, z)
+    f0, f1, f2 = rotate(pose, slot, e0, e1, e2)
+    at = pose_at(slot)
     return (
         f0 + ((r0 - x) + load(pose, at + 72)),
         f1 + ((r1 - y) + load(pose, at + 80)),
@@ -93,19 +111,19 @@ def move_error(tables, mount, pose, at, nominal, e0, e1, e2):
 @lane_jit
 def place_points(tables, z, points):
     """Fiducials with their manufacturing errors and grown by heat, object frame."""
-    n = tables.counts[0]
+    n = tables.counts[FIDUCIALS]
     into, spread, start = tables.into_frame, tables.spread, 8 * tables.starts[0]
     for i in range(n):
         for c in range(3):
             store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]))
-        if tables.counts[3] != 0:
+        if tables.counts[MANUFACTURED] != 0:
             m0 = splat(spread[i, 0]) * load(z, start + 24 * i)
             m1 = splat(spread[i, 1]) * load(z, start + 24 * i + 8)
             m2 = splat(spread[i, 2]) * load(z, start + 24 * i + 16)
             for c in range(3):
                 moved = dot3(splat(into[3 * c]), splat(into[3 * c + 1]), splat(into[3 * c + 2]), m0, m1, m2)
                 store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]) + moved)
-        if tables.counts[12] != 0:
+        if tables.counts[GROWING] != 0:
             for c in range(3):
                 at = 24 * i + 8 * c
                 store(points, at, load(points, at) + growth(tables, z, i, c))
@@ -114,7 +132,7 @@ def place_points(tables, z, points):
 @lane_jit
 def growth(tables, z, i, c):
     """What heat does to coordinate c of fiducial i, object frame; with i = N, to con at the flange, mm."""
-    slot = 4 + 2 * tables.counts[1]
+    slot = beads_slot(tables.counts[VIEWS])
     offset, k = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
     grown = splat(tables.growth[i, c])
     for j in range(k):
@@ -127,7 +145,7 @@ def growth(tables, z, i, c):
 @lane_jit
 def image_shift(tables, view, i, c, z):
     """Shift of image i of a view along u (c = 0) or v, px: the ball's, and the field's; targets follow fiducials."""
-    slot = 4 + tables.counts[1] + view
+    slot = images_slot(tables.counts[VIEWS], view)
     offset, k = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
     shift = splat(tables.image_shifts[view, i, c])
     for j in range(k):
@@ -138,17 +156,18 @@ def image_shift(tables, view, i, c, z):
 
 
 @lane_jit
-def moved_row(tables, mount, pose, at, a0, a1, a2, b):
+def moved_row(tables, slot, pose, a0, a1, a2, b):
     """Row ``(A, b)`` of a projection whose points a mount moves first: ``X -> R (X - p) + p + t``.
 
     It comes as ``A R`` and what it is at a point x, ``A R (x - p) + A (p + t) + b``, less the first term: (3 lanes, 1).
     """
+    at = pose_at(slot)
     g0 = dot3(a0, a1, a2, load(pose, at), load(pose, at + 24), load(pose, at + 48))
     g1 = dot3(a0, a1, a2, load(pose, at + 8), load(pose, at + 32), load(pose, at + 56))
     g2 = dot3(a0, a1, a2, load(pose, at + 16), load(pose, at + 40), load(pose, at + 64))
-    s0 = load(pose, at + 72) + splat(tables.pivots[mount, 0])
-    s1 = load(pose, at + 80) + splat(tables.pivots[mount, 1])
-    s2 = load(pose, at + 88) + splat(tables.pivots[mount, 2])
+    s0 = load(pose, at + 72) + splat(tables.pivots[slot, 0])
+    s1 = load(pose, at + 80) + splat(tables.pivots[slot, 1])
+    s2 = load(pose, at + 88) + splat(tables.pivots[slot, 2])
     return g0, g1, g2, dot3(a0, a1, a2, s0, s1, s2) + b
 
 
@@ -158,16 +177,17 @@ def camera_row(tables, view, row, pose):
     k = 4 * row
     a0, a1, a2 = splat(tables.cameras[view, k]), splat(tables.cameras[view, k + 1]), splat(tables.cameras[view, k + 2])
     b = splat(tables.cameras[view, k + 3])
-    if (tables.counts[10] >> view) & 1:
-        p = 4 + view
-        a0, a1, a2, b = moved_row(tables, p, pose, 96 * (3 + view), a0, a1, a2, b)
-        b = b - dot3(a0, a1, a2, splat(tables.pivots[p, 0]), splat(tables.pivots[p, 1]), splat(tables.pivots[p, 2]))
+    shot = shot_slot(tables.counts[VIEWS], view)
+    if moves(tables.counts, shot):
+        a0, a1, a2, b = moved_row(tables, shot, pose, a0, a1, a2, b)
+        p = tables.pivots[shot]
+        b = b - dot3(a0, a1, a2, splat(p[0]), splat(p[1]), splat(p[2]))
     x0, x1, x2 = splat(tables.centre[0]), splat(tables.centre[1]), splat(tables.centre[2])
-    if (tables.counts[7] & 1) != 0 and tables.counts[4] == 0:
-        a0, a1, a2, b = moved_row(tables, 0, pose, 0, a0, a1, a2, b)
-        x0 = splat(tables.centre[0] - tables.pivots[0, 0])
-        x1 = splat(tables.centre[1] - tables.pivots[0, 1])
-        x2 = splat(tables.centre[2] - tables.pivots[0, 2])
+    if moves(tables.counts, SEAT) and tables.counts[EQ18] == 0:
+        a0, a1, a2, b = moved_row(tables, SEAT, pose, a0, a1, a2, b)
+        x0 = splat(tables.centre[0] - tables.pivots[SEAT, 0])
+        x1 = splat(tables.centre[1] - tables.pivots[SEAT, 1])
+        x2 = splat(tables.centre[2] - tables.pivots[SEAT, 2])
     e = tables.out_of_frame
     return (
         dot3(a0, a1, a2, splat(e[0]), splat(e[3]), splat(e[6])),
@@ -187,7 +207,8 @@ def fixed_row(tables, view, row):
 @lane_jit
 def true_projection(tables, view, pose):
     """The three rows (4 lanes each) by which a view images the object frame in these trials."""
-    if ((tables.counts[7] & 1) != 0 and tables.counts[4] == 0) or ((tables.counts[10] >> view) & 1) != 0:
+    shot = shot_slot(tables.counts[VIEWS], view)
+    if (moves(tables.counts, SEAT) and tables.counts[EQ18] == 0) or moves(tables.counts, shot):
         return (
             camera_row(tables, view, 0, pose),
             camera_row(tables, view, 1, pose),
@@ -199,17 +220,17 @@ def true_projection(tables, view, pose):
 @lane_jit
 def image_fiducials(tables, view, points, projection, images, z):
     """Noisy images of all fiducials, by the rows of :func:`true_projection`, into ``images``."""
-    n = tables.counts[0]
+    n = tables.counts[FIDUCIALS]
     (m00, m01, m02, m03), (m10, m11, m12, m13), (m20, m21, m22, m23) = projection
     noise = splat(tables.noise[view, 0])
-    start = 16 * view * (n + tables.counts[2])
+    start = 16 * view * (n + tables.counts[TARGETS])
     one = splat(1.0)
     for i in range(n):
         x0, x1, x2 = load(points, 24 * i), load(points, 24 * i + 8), load(points, 24 * i + 16)
         inverse = one / fma(m20, x0, fma(m21, x1, fma(m22, x2, m23)))
         u = fma(m00, x0, fma(m01, x1, fma(m02, x2, m03))) * inverse
         v = fma(m10, x0, fma(m11, x1, fma(m12, x2, m13))) * inverse
-        if tables.counts[11] != 0:
+        if tables.counts[SHIFTING] != 0:
             u, v = u + image_shift(tables, view, i, 0, z), v + image_shift(tables, view, i, 1, z)
         store(images, 16 * i, fma(noise, load(z, start + 16 * i), u))
         store(images, 16 * i + 8, fma(noise, load(z, start + 16 * i + 8), v))

@@ -16,8 +16,8 @@ If ``D > lam`` and the leading 3x3 block of K(tau) is positive definite (by a bo
 its factorisation), at most one eigenvalue lies below tau (interlacing).  tau is a Rayleigh quotient,
 hence not below the smallest; the eigenvalue found must not exceed it.
 
-**Coordinates that an affine map has moved** (Eq 18 with small angles: the estimator is told ``R X``, R = I + [w]x, and
-normalises that).  In Hartley's frame of what it is told, ``y' = L y``, a row p of the projection is ``L^-T p``, so the
+**Coordinates that an affine map has moved** (Eq 18 with small angles: the estimator assumes ``R X``, R = I + [w]x, and
+normalises that).  In Hartley's frame of what it assumes, ``y' = L y``, a row p of the projection is ``L^-T p``, so the
 unit norm of p becomes ``p'Q p``, ``Q = diag((L'L)^-1, 1)``, and I turns into Q in both places of K:
 
     K(mu) = G_w - mu Q - G_u (D - s^2 mu Q)^-1 G_u - G_v (D - s^2 mu Q)^-1 G_v.
@@ -53,6 +53,7 @@ from .lanes import (
     store,
     symmetric_times,
 )
+from .tables import FIDUCIALS
 
 # Steps stop when the last one is below this (relative to 1, the scale of the unknowns).  The next one would be
 # smaller by the rate of convergence: 1e-6 to 1e-4 on good layouts, and never slow if it got here in so few steps.
@@ -263,7 +264,7 @@ def resect(tables, view, metric, images, estimate):
     d = tables.diagonal[view]
     one, zero = splat(1.0), splat(0.0)
     i0, i1, i2, i3 = splat(d[4]), splat(d[5]), splat(d[6]), splat(d[7])
-    products, n = tables.products[view], tables.counts[0]
+    products, n = tables.products[view], tables.counts[FIDUCIALS]
     gu, gv = moments(products, images, n, 0), moments(products, images, n, 8)
     mean_u, mean_v = gu[9] * i3, gv[9] * i3
     gu, gv = centre(gu, mean_u, d), centre(gv, mean_v, d)
@@ -361,7 +362,7 @@ def squared_reprojection(tables, view, images, estimate):
     one, total = splat(1.0), splat(0.0)
     a0, a1, a2 = load(estimate, 0), load(estimate, 8), load(estimate, 16)
     mean_u, mean_v = load(estimate, 96), load(estimate, 104)
-    for i in range(tables.counts[0]):
+    for i in range(tables.counts[FIDUCIALS]):
         x0, x1, x2 = splat(tables.nominal[i, 0]), splat(tables.nominal[i, 1]), splat(tables.nominal[i, 2])
         inverse = one / fma(a0, x0, fma(a1, x1, fma(a2, x2, one)))
         u = dot3(load(estimate, 24), load(estimate, 32), load(estimate, 40), x0, x1, x2) + load(estimate, 48)

@@ -28,7 +28,7 @@ deviates of a shot are the same whether or not the design says how often fiducia
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any, NamedTuple
@@ -40,69 +40,53 @@ from ..arrays import Array, frozen
 from ..errors import OutOfRangeError, Problem
 from ..estimation.least_squares import precisions, weights_at_rest
 from ..estimation.resection import homogeneous
-from ..geometry.image_shifts import field_shifts, outline_shifts
+from ..geometry.camera import intrinsics_of
 from ..system import (
-    STD_PER_HALF_WIDTH,
+    Act,
+    Drawn,
+    Effect,
     Law,
+    Place,
     Reading,
     RotationForm,
     Sources,
     System,
     Target,
-    Triangulation,
-    no_sources,
+    Weighing,
+    std_per_half_width,
+)
+from .tables import (
+    BY_IMAGES,
+    DEVIATES,
+    EQ18,
+    EXECUTION,
+    FIDUCIALS,
+    GROWING,
+    HIDDEN,
+    INSTALLATION,
+    MANUFACTURED,
+    MOUNTS,
+    MOVING,
+    PUBLISHED,
+    SHIFTING,
+    SHOT,
+    SMALL_ANGLE,
+    TARGETS,
+    UNKNOWNS,
+    VIEWS,
+    Tables,
+    beads_slot,
+    images_slot,
+    intrinsics_slot,
+    shot_slot,
 )
 
+STREAMS = {Drawn.UNIT: INSTALLATION, Drawn.SHOT: SHOT}
 LAW_CODE = {Law.NORMAL: 0, Law.UNIFORM: 1, Law.TRIANGULAR: 2}
-INSTALLATION, SHOT = 0, 1
-
-
-class Tables(NamedTuple):
-    """What the compiled code reads.  C-contiguous float64 unless said; object frame: see ChainPlan."""
-
-    segments: NDArray[np.int64]  # (n, 4): first column, end column, law code, stream
-    counts: NDArray[np.int64]  # (15,): N, V, T, manufacturing?, eq18?, small angle?, d, active-mount bits, published?,
-    # whether a view does not see all fiducials, bits of the views with a motion, image shifts?, temperature?,
-    # unknowns of a view by least squares (0: DLT), target by its images?
-    starts: NDArray[np.int64]  # (6 + 3 V,): first column of manufacturing, and of every slot
-    nominal: Array  # (N, 3) fiducials in the object frame
-    products: (
-        Array  # (V, N, 10) upper triangle of y~ y~^T, row by row, in the frame of each view; 0 where it is not seen
-    )
-    diagonal: Array  # (V, 8) D, then 1 / D, of each view
-    view_frames: Array  # (V, 12) object frame -> frame of the view: linear part, then shift
-    spread: Array  # (N, 3) scale of one manufacturing deviate, mm
-    into_frame: Array  # (9,) con mm -> object frame, linear part
-    out_of_frame: Array  # (9,) object frame -> con mm, linear part
-    object_scale: Array  # (2,) length in the object frame over mm, and its square's inverse
-    cameras: Array  # (V, 12) projection of con mm, pixels counted from the fiducials' nominal mean image
-    fixed_images: Array  # (V, 12) projection of the object frame (where images do not move)
-    intrinsics: (
-        Array  # (V, 11) focal lengths and skew (u, skew, v), principal point from the same origin, px; then by how
-    )
-    # much the assumed ones are off with the bounded sources at their vertex: focal length (relative), principal point;
-    # and the precision of each of these three as a prior has it, px^2 (``least_squares.precisions``)
-    target_images: Array  # (T, V, 2) px from the same origin
-    row_factors: Array  # (T, V, 3) L' of the weight L L' of a view's rows in triangulation: l00, l10, l11
-    noise: Array  # (V, 2) px standard deviations: fiducials, targets
-    gains: Array  # scaled directions one after another: mounts' (6, k), execution's (3, k), motions' (6, k), fields'
-    # (2 (N + T), k), px by image, of one deviate of temperature: of the fiducials, object frame, and at the flange; and
-    # of the assumed intrinsics (3, k)
-    gain_starts: NDArray[np.int64]  # (5 + 3 V, 2): offset into gains, k
-    torsors: Array  # (4 + V, 6) bias of mounts and motions with the bounded sources at their vertex; row 3: not read
-    image_shifts: Array  # (V, N + T, 2) px: balls, and fields with the bounded coefficients at their vertex
-    growth: Array  # (N + 1, 3) known: of the fiducials, object frame, and what moves con at the flange, mm
-    centre: Array  # (3,) centroid of the fiducials, con
-    pivots: Array  # (4 + V, 3) pivots: con, con, tcp, none, con
-    targets: Array  # (T, 3) con
-    targets_frame: Array  # (T, 3) object frame
-    targets_tcp: Array  # (T, 3) tcp
-    to_tcp: Array  # (9,) rotation of T_tcp_con
-    execution_bias: Array  # (3,) tcp
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class DeviateColumns:
     """Columns ``start:stop`` of z."""
 
     name: str
@@ -118,14 +102,14 @@ class ChainPlan:
 
     The object frame is the fiducials' Hartley frame (centroid 0, RMS distance sqrt(3)) turned to their
     principal axes, so that ``D = sum y~ y~^T`` is diagonal.  DLT and triangulation are equivariant to it; where they
-    are told other coordinates, or triangulate in others, the norm that they minimise in is carried over to it.
+    assume other coordinates, or triangulate in others, the norm that they minimise in is carried over to it.
 
     A view that does not see all fiducials is resected in the same frame of those that it sees, a similarity away.
     """
 
     system: System
     tables: Tables
-    blocks: tuple[Block, ...]
+    blocks: tuple[DeviateColumns, ...]
     bounded: tuple[str, ...]  # "structure_connector.rz", ...
     vertex: tuple[float, ...]  # of the bounded sources, fractions of the half-width
     shots_per_unit: int
@@ -133,7 +117,7 @@ class ChainPlan:
     @property
     def dimension(self) -> int:
         """Number of deviates in a trial (columns of z)."""
-        return int(self.tables.counts[6])
+        return int(self.tables.counts[DEVIATES])
 
     def columns_of(self, name: str) -> slice:
         """Where the deviates of a block stand; empty where it has none."""
@@ -151,7 +135,7 @@ class ChainPlan:
     @property
     def standard_std(self) -> Array:
         """(d,) standard deviation of each standardised deviate: 1, 1/sqrt(3) or 1/sqrt(6)."""
-        return np.array([1.0 if law is Law.NORMAL else STD_PER_HALF_WIDTH[law] for law in self.laws])
+        return np.array([std_per_half_width(law) for law in self.laws])
 
 
 def scale_directions(sources: Sources) -> tuple[Array, tuple[Law, ...]]:
@@ -165,71 +149,97 @@ def _list_bounded(sources: Sources) -> list[int]:
     return [j for j, law in enumerate(sources.laws) if law is Law.BOUNDED]
 
 
-class _Slot(NamedTuple):
-    """One place of the chain at which sources act.
-
-    Rows of their direction: a torsor (6); at the tool (3); the images of fiducials and targets in one view, u and v of
-    each; x, y and z of each fiducial, object frame, and of what moves con at the flange; three intrinsics.
-    """
+class _Part(NamedTuple):
+    """A contributor that acts in a slot."""
 
     name: str
     stream: int
-    sources: Sources
-    fixed: Array  # (rows,) bias of the same
+    sources: Sources  # their direction (rows, k) is that of the slot
+    fixed: Array  # (rows,) what is known of it
+
+
+class _Slot(NamedTuple):
+    """One place of the chain, and the contributors that act there.
+
+    Rows of their directions: a torsor (6); at the tool (3); the images of fiducials and targets in one view, u and v of
+    each; x, y and z of each fiducial, object frame, and of what moves con at the flange; three intrinsics.
+    """
+
+    rows: int
+    parts: tuple[_Part, ...]
     pivot_mm: Array = np.zeros(3)
+
+    @property
+    def fixed(self) -> Array:
+        return sum((part.fixed for part in self.parts), np.zeros(self.rows))
 
 
 def _slots(system: System) -> list[_Slot]:
-    """Every place, with sources or without.
+    """Every place, with contributors or without.
 
-    Three mounts, execution, of each view its motion, its image field, heat, of each view its assumed intrinsics.
+    Three mounts, execution, of each view its motion, the images of each view, what moves the fiducials, of each view
+    its assumed intrinsics: the order in which seeds draw.
     """
     slots = [
-        _Slot(mount.name, INSTALLATION, mount.sources, mount.bias, mount.pivot_mm)
-        for mount in (*system.interfaces, system.hand_eye)
+        _Slot(len(link.known), (_Part(link.name, STREAMS[link.drawn], link.sources, link.known),), link.pivot_mm)
+        for link in system.links
     ]
-    slots.append(_Slot("execution", SHOT, system.execution, system.execution_bias_mm))
+    scene = system.scene(np.array([target.position_mm for target in system.targets]), images_of)
+    acts = [(effect, act) for effect in system.effects for act in effect.act(scene)]
+
+    def at(place: Place, view: str) -> tuple[tuple[Effect, Act], ...]:
+        return tuple((effect, act) for effect, act in acts if act.place is place and act.view in (None, view))
+
+    def parts(found: Sequence[tuple[Effect, Act]]) -> tuple[_Part, ...]:
+        return tuple(_part(effect, act) for effect, act in found)
+
     for view in system.views:
-        if (motion := view.motion) is None:
-            slots.append(_Slot(f"motion:{view.name}", SHOT, no_sources(6), np.zeros(6)))
-        else:
-            slots.append(_Slot(motion.name, SHOT, motion.sources, motion.bias, motion.pivot_mm))
-    points = np.vstack([system.fiducials_mm, [target.position_mm for target in system.targets]])
-    for view in system.views:
-        fixed, sources = np.zeros(2 * len(points)), no_sources(2 * len(points))
-        if (balls := system.balls) is not None:
-            shifts = outline_shifts(view.projection, system.fiducials_mm, balls.radius_mm)
-            fixed[: shifts.size] = balls.share * shifts.ravel()
-        if (field := view.image_field) is not None:
-            images = images_of(view.projection, points)
-            moved = field_shifts(images, field.centre_px, field.half_diagonal_px, field.axis, field.powers)
-            sources = replace(field.sources, direction=moved.reshape(2 * len(points), -1))
-        slots.append(_Slot(f"image_field:{view.name}", INSTALLATION, sources, fixed))
-    fixed, sources = np.zeros(3 * len(system.fiducials_mm) + 3), no_sources(3 * len(system.fiducials_mm) + 3)
-    if (heat := system.temperature) is not None:
-        away = heat.structure_per_k * (system.fiducials_mm - heat.seat_mm)
-        into = object_frame(system.fiducials_mm).into
-        per_k = np.append(product(away, into.T), -heat.connector_mm_per_k)
-        fixed, sources = (
-            heat.difference_k * per_k,
-            replace(heat.sources, direction=per_k[:, None] * heat.sources.direction),
-        )
-    slots.append(_Slot("temperature", SHOT, sources, fixed))
-    for view in system.views:  # behind everything that seeds drew before there were such sources
-        fixed, sources = np.zeros(3), no_sources(3)
-        if system.estimator.believes_intrinsics and (error := view.intrinsics_error) is not None:
-            fixed, sources = error.bias, error.sources
-        slots.append(_Slot(f"assumed_intrinsics:{view.name}", INSTALLATION, sources, fixed))
-    return slots
+        moved = at(Place.SHOT, view.name)
+        if len(moved) > 1:
+            detail = f"two effects move the structure before shot {view.name}: {', '.join(e.name for e, _ in moved)}"
+            raise OutOfRangeError(Problem("", "two-motions", detail, "state one torsor that holds both"))
+        slots.append(_Slot(6, parts(moved), moved[0][1].pivot_mm if moved else np.zeros(3)))
+    points = len(system.fiducials_mm) + len(system.targets)
+    slots += [_Slot(2 * points, parts(at(Place.IMAGES, view.name))) for view in system.views]
+    slots.append(_Slot(3 * len(system.fiducials_mm) + 3, _parts_of_beads(system, acts)))
+    believed = zip(system.views, system.believed_errors, strict=True)
+    return slots + [_Slot(3, parts(at(Place.INTRINSICS, view.name)) if error else ()) for view, error in believed]
+
+
+def _part(effect: Effect, act: Act) -> _Part:
+    sources = replace(effect.sources, direction=act.by(effect.sources.direction))
+    return _Part(effect.name, STREAMS[effect.drawn], sources, act.by(effect.known))
+
+
+def _parts_of_beads(system: System, acts: Sequence[tuple[Effect, Act]]) -> tuple[_Part, ...]:
+    """What moves the fiducials, object frame, and what is at the flange; both by the same deviates."""
+    count = 3 * len(system.fiducials_mm)
+    into, found = object_frame(system.fiducials_mm).into, []
+    for effect in system.effects:
+        each = np.eye(len(effect.known))
+        rows = np.zeros((count + 3, len(each)))
+        for _, act in (own for own in acts if own[0] is effect):
+            if act.place is Place.BEADS:
+                for j, column in enumerate(act.by(each).T):
+                    rows[:count, j] += product(column.reshape(-1, 3), into.T).ravel()
+            elif act.place is Place.CONNECTOR:
+                rows[count:] += act.by(each)
+        if rows.any():
+            found.append(_part(effect, Act(Place.BEADS, None, rows)))
+    return tuple(found)
 
 
 def bounded_names(system: System) -> tuple[str, ...]:
     """Names of the sources that have no law, "contributor.component", in the order of a vertex array."""
-    return tuple(f"{slot.name}.{slot.sources.names[j]}" for slot in _slots(system) for j in _list_bounded(slot.sources))
+    return _name_bounded(_slots(system))
 
 
-def _vertex_values(system: System, vertex: Mapping[str, float] | Array | None) -> tuple[float, ...]:
-    names = bounded_names(system)
+def _name_bounded(slots: Sequence[_Slot]) -> tuple[str, ...]:
+    each = [part for slot in slots for part in slot.parts]
+    return tuple(f"{part.name}.{part.sources.names[j]}" for part in each for j in _list_bounded(part.sources))
+
+
+def _vertex_values(names: tuple[str, ...], vertex: Mapping[str, float] | Array | None) -> tuple[float, ...]:
     if vertex is None:
         return (0.0,) * len(names)
     if isinstance(vertex, Mapping):
@@ -306,8 +316,10 @@ def compile_plan(
     """
     if shots_per_unit < 1:
         raise OutOfRangeError(Problem("", "shots-per-unit", f"shots_per_unit must be at least 1, got {shots_per_unit}"))
-    values = _vertex_values(system, vertex)
-    sources = _compile_sources(system, values)
+    slots = _slots(system)
+    bounded = _name_bounded(slots)
+    values = _vertex_values(bounded, vertex)
+    sources = _compile_sources(slots, values)
     blocks, starts = _lay_out(system, sources)
     views = len(system.views)
     tables = Tables(
@@ -319,14 +331,14 @@ def compile_plan(
         noise=np.array([(v.fiducial_noise_px, v.target_noise_px) for v in system.views]),
         gains=np.concatenate([gain.ravel() for gain in sources.gains]),
         gain_starts=sources.gain_starts,
-        torsors=np.array([np.resize(fixed, 6) for fixed in sources.fixed[: 4 + views]]),
-        image_shifts=np.array(sources.fixed[4 + views : 4 + 2 * views]).reshape(views, -1, 2),
-        growth=sources.fixed[4 + 2 * views].reshape(-1, 3),
-        pivots=np.array([slot.pivot_mm for slot in sources.slots[: 4 + views]]),
-        execution_bias=sources.fixed[3],
+        torsors=np.array([np.resize(fixed, 6) for fixed in sources.fixed[: images_slot(views, 0)]]),
+        image_shifts=np.array(sources.fixed[images_slot(views, 0) : beads_slot(views)]).reshape(views, -1, 2),
+        growth=sources.fixed[beads_slot(views)].reshape(-1, 3),
+        pivots=np.array([slot.pivot_mm for slot in sources.slots[: images_slot(views, 0)]]),
+        execution_bias=sources.fixed[EXECUTION],
     )
     tables = Tables(*(frozen(table, table.dtype) for table in tables))
-    return ChainPlan(system, tables, blocks, bounded_names(system), values, shots_per_unit)
+    return ChainPlan(system, tables, blocks, bounded, values, shots_per_unit)
 
 
 def hide_fiducials(system: System, lost: NDArray[np.bool_]) -> System:
@@ -342,10 +354,10 @@ def hide_fiducials(system: System, lost: NDArray[np.bool_]) -> System:
 def replan(plan: ChainPlan, system: System) -> ChainPlan:
     """The plan of a system of which some fiducials were hidden: columns and their deviates stay what they are."""
     tables = plan.tables
-    counts = tables.counts.copy()
-    counts[9] = 1  # a view does not see all
     out, into = tables.out_of_frame.reshape(3, 3), tables.into_frame.reshape(3, 3)
     seen = _tables_of_views(system, ObjectFrame(out, into, tables.centre, tables.nominal))
+    counts = tables.counts.copy()
+    counts[HIDDEN] = 1
     own = {name: frozen(table, table.dtype) for name, table in (seen | {"counts": counts}).items()}
     return replace(plan, system=system, tables=tables._replace(**own))
 
@@ -361,8 +373,8 @@ def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array
     for v, view in enumerate(system.views):
         origin = images_of(view.projection, system.fiducials_mm).mean(axis=0)
         cameras.append(view.projection - np.array([*origin, 0.0])[:, None] * view.projection[2])
-        assumed = sources.fixed[5 + 2 * len(system.views) + v]
-        intrinsics.append(np.concatenate([_intrinsics_of(cameras[-1]), assumed, known[v]]))
+        assumed = sources.fixed[intrinsics_slot(len(system.views), v)]
+        intrinsics.append(np.concatenate([intrinsics_of(cameras[-1]), assumed, known[v]]))
     return {
         "nominal": frame.points,
         **_tables_of_views(system, frame),
@@ -381,17 +393,6 @@ def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array
     }
 
 
-def _intrinsics_of(camera: Array) -> Array:
-    """(5,) focal length along u, skew, focal length along v, principal point (u, v), px; ``|camera[2, :3]| = 1``."""
-    rows, third = camera[:2, :3], camera[2, :3]
-    point = (rows * third).sum(axis=1)
-    u, v = rows - point[:, None] * third
-    focal_v = sqrt(float((v * v).sum()))
-    skew = float((u * v).sum()) / focal_v
-    rest = u - skew * v / focal_v
-    return np.array([sqrt(float((rest * rest).sum())), skew, focal_v, *point])
-
-
 def _tables_of_views(system: System, frame: ObjectFrame) -> dict[str, NDArray[Any]]:
     """The tables that hang on which fiducials a view sees."""
     every = [tuple((seen > 0).tolist()) for seen in system.sees]
@@ -403,7 +404,7 @@ def _tables_of_views(system: System, frame: ObjectFrame) -> dict[str, NDArray[An
 
 def _row_factors(system: System, target: Target) -> Array:
     """(V, 3): l00, l10 and l11 of L L' = the weight of each view's rows in triangulation; all alike unless weighted."""
-    if system.triangulation is not Triangulation.WEIGHTED:
+    if system.triangulation.traits.weighing is not Weighing.BY_NOISE:
         return np.tile([1.0, 0.0, 1.0], (len(system.views), 1))
     (a, b), (_, c) = np.moveaxis(weights_at_rest(system, target), 0, -1)
     first = np.sqrt(a)
@@ -437,32 +438,36 @@ class _SourceTables(NamedTuple):
     slots: list[_Slot]
     gains: list[Array]  # (rows, k) of those that have a law
     gain_starts: NDArray[np.int64]  # (slots, 2): offset of each among all, k
-    laws: list[tuple[Law, ...]]
+    laws: list[list[tuple[Law, ...]]]  # of each part of each slot
     fixed: list[Array]  # (rows,) of each slot
 
     def acts(self, place: int) -> bool:
         """Whether a slot moves anything."""
-        return bool(self.laws[place]) or bool(self.fixed[place].any())
+        return any(self.laws[place]) or bool(self.fixed[place].any())
 
 
-def _compile_sources(system: System, vertex: tuple[float, ...]) -> _SourceTables:
-    slots = _slots(system)
+def _compile_sources(slots: list[_Slot], vertex: tuple[float, ...]) -> _SourceTables:
     gains, laws, fixed, taken = [], [], [], 0
     for slot in slots:
-        sources = slot.sources
-        gain, own = scale_directions(sources)
-        gains.append(gain)
-        laws.append(own)
-        bounded = _list_bounded(sources)
-        at = np.array(vertex[taken : taken + len(bounded)])
-        taken += len(bounded)
-        fixed.append(slot.fixed + (sources.direction[:, bounded] * (sources.half_width[bounded] * at)).sum(axis=1))
+        own_gains, own_laws, here = [np.zeros((slot.rows, 0))], [], slot.fixed
+        for part in slot.parts:
+            sources = part.sources
+            gain, law = scale_directions(sources)
+            own_gains.append(gain)
+            own_laws.append(law)
+            bounded = _list_bounded(sources)
+            at = np.array(vertex[taken : taken + len(bounded)])
+            taken += len(bounded)
+            here = here + (sources.direction[:, bounded] * (sources.half_width[bounded] * at)).sum(axis=1)
+        gains.append(np.hstack(own_gains))
+        laws.append(own_laws)
+        fixed.append(here)
     offsets = np.cumsum([0, *(gain.size for gain in gains[:-1])])
-    starts = np.array([(offset, len(own)) for offset, own in zip(offsets, laws, strict=True)])
+    starts = np.array([(offset, gain.shape[1]) for offset, gain in zip(offsets, gains, strict=True)])
     return _SourceTables(slots, gains, starts, laws, fixed)
 
 
-def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[Block, ...], NDArray[np.int64]]:
+def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[DeviateColumns, ...], NDArray[np.int64]]:
     """The blocks that have columns, and the first column of manufacturing and of every slot."""
     count, targets = len(system.fiducials_mm), len(system.targets)
     manufactured = bool(np.any(_spread(system) != 0))
@@ -471,40 +476,40 @@ def _lay_out(system: System, sources: _SourceTables) -> tuple[tuple[Block, ...],
         every.append((f"fiducial_noise:{view.name}", (Law.NORMAL,) * (2 * count), SHOT))
         every.append((f"target_noise:{view.name}", (Law.NORMAL,) * (2 * targets), SHOT))
     every.append(("fiducial_manufacturing", (system.manufacturing_law,) * (3 * count * manufactured), INSTALLATION))
+    firsts = [len(every) - 1]  # of manufacturing, and of every slot
     for slot, laws in zip(sources.slots, sources.laws, strict=True):
-        every.append((slot.name, laws, slot.stream))
+        firsts.append(len(every))
+        every += [(part.name, own, part.stream) for part, own in zip(slot.parts, laws, strict=True)]
     ends = np.cumsum([0, *(len(laws) for _, laws, _ in every)])
     blocks = (
-        Block(name, int(start), int(start) + len(laws), laws, stream)
+        DeviateColumns(name, int(start), int(start) + len(laws), laws, stream)
         for start, (name, laws, stream) in zip(ends, every, strict=False)
     )
-    return tuple(block for block in blocks if block.stop > block.start), ends[2 * len(system.views) : -1]
+    return tuple(block for block in blocks if block.stop > block.start), ends[firsts]
 
 
-def _counts(system: System, sources: _SourceTables, dimension: int) -> NDArray[np.int64]:
+def _counts(system: System, sources: _SourceTables, deviates: int) -> NDArray[np.int64]:
     views = len(system.views)
-    return np.array(
-        [
-            len(system.fiducials_mm),
-            len(system.views),
-            len(system.targets),
-            bool(np.any(_spread(system) != 0)),
-            system.reading is Reading.EQ18,
-            system.rotation_form is RotationForm.SMALL_ANGLE,
-            dimension,
-            sum(1 << k for k in range(3) if sources.acts(k)),
-            system.triangulation is Triangulation.PUBLISHED,
-            not system.sees.all(),
-            sum(1 << v for v in range(views) if sources.acts(4 + v)),
-            any(sources.acts(4 + views + v) for v in range(views)),
-            sources.acts(4 + 2 * views),
-            system.estimator.unknowns,
-            system.triangulation is Triangulation.REPROJECTION,
-        ]
-    )
+    counts = np.zeros(14, dtype=np.int64)
+    counts[FIDUCIALS] = len(system.fiducials_mm)
+    counts[VIEWS] = views
+    counts[TARGETS] = len(system.targets)
+    counts[DEVIATES] = deviates
+    counts[UNKNOWNS] = system.estimator.traits.unknowns
+    movable = (*MOUNTS, *(shot_slot(views, v) for v in range(views)))
+    counts[MOVING] = sum(1 << slot for slot in movable if sources.acts(slot))
+    counts[MANUFACTURED] = bool(np.any(_spread(system) != 0))
+    counts[GROWING] = sources.acts(beads_slot(views))
+    counts[SHIFTING] = any(sources.acts(images_slot(views, v)) for v in range(views))
+    counts[HIDDEN] = not system.sees.all()
+    counts[EQ18] = system.reading is Reading.EQ18
+    counts[SMALL_ANGLE] = system.rotation_form is RotationForm.SMALL_ANGLE
+    counts[PUBLISHED] = not system.triangulation.traits.own_frame
+    counts[BY_IMAGES] = system.triangulation.traits.weighing is Weighing.BY_IMAGES
+    return counts
 
 
-def _segments(blocks: tuple[Block, ...]) -> NDArray[np.int64]:
+def _segments(blocks: tuple[DeviateColumns, ...]) -> NDArray[np.int64]:
     """Runs of columns with one law and one stream: the unit in which deviates are drawn."""
     runs: list[list[int]] = []
     for block in blocks:

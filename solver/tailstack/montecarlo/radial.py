@@ -49,12 +49,7 @@ class LinearBlock(Protocol):
     def contributor(self) -> str: ...
     @property
     def laws(self) -> tuple[Law, ...]: ...
-    @property
-    def std(self) -> Array: ...
-    @property
-    def tcp(self) -> Array: ...
-    @property
-    def localisation(self) -> Array: ...
+    def scaled(self, error: str) -> Array: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +75,7 @@ class RadialEstimate:
 
 
 def gains_in_plan_order(plan: ChainPlan, blocks: Sequence[LinearBlock], target: int, error: str) -> Array:
-    """(3, d) gains of standardised deviates from a linear model's blocks (mm per native unit, native std).
+    """(3, d) mm: gains of standardised deviates from a linear model's blocks.
 
     Sources that are BOUNDED have no column; target noise of other targets has zero gain.
     """
@@ -91,7 +86,7 @@ def gains_in_plan_order(plan: ChainPlan, blocks: Sequence[LinearBlock], target: 
         block = by_name.get(place.name)
         if block is None:
             continue
-        values = (block.tcp if error == "tcp" else block.localisation) * block.std
+        values = block.scaled(error)
         values = values[:, [k for k, law in enumerate(block.laws) if law is not Law.BOUNDED]]
         start = place.start + (2 * target if place.name.startswith("target_noise:") else 0)
         stop = start + values.shape[1]

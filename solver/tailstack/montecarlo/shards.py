@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from math import ceil, inf, sqrt
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ from ..packed import pack, unpack
 from .chain import run_indices
 from .kernel import reduce_block
 from .plan import ChainPlan
+from .tails import tail_size, take_largest
 
 BLOCK = 8192
 REPROJECTION_TRIALS = 16384  # the first of a run, whose reprojection errors are kept
@@ -81,17 +82,6 @@ class Pending(Exception):
     def __init__(self, wanted: Sequence[Any], remaining: int = 0) -> None:
         super().__init__(f"{len(wanted)} parts are not there yet")
         self.wanted, self.remaining = tuple(wanted), remaining
-
-
-def tail_size(trials: int, quantile: float) -> int:
-    """How many of the largest norms to keep for this quantile: its interval at any usual confidence, and slack."""
-    beyond = trials * (1 - quantile)
-    return min(trials, ceil(beyond + 8 * sqrt(beyond + 1)) + 16)
-
-
-def take_largest(values: Array, count: int) -> Array:
-    """The ``count`` largest, in any order."""
-    return values if len(values) <= count else np.partition(values, len(values) - count)[-count:]
 
 
 def merge_moments(a: Moments, b: Moments) -> Moments:

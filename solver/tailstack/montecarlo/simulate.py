@@ -1,7 +1,7 @@
 """Plain Monte Carlo: many trials, reduced block by block in the order of their indices (:mod:`.shards`).
 
-Of each norm only the largest are kept: enough for the quantiles that will be asked for; ``deepen`` repeats a run when
-more are wanted.
+Of each norm only the largest are kept: enough for the quantiles that will be asked for (:mod:`.tails`); ``deepen``
+repeats a run when more are wanted.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from .shards import (
     TrialsTask,
     draw_shards,
     merge_moments,
-    tail_size,
-    take_largest,
 )
+from .tails import Gap, Tail, tail_size
 
 ERRORS = ("tcp", "localisation")
 Progress = Callable[[int, int], None]
+MOST_KEPT = 2**21  # norms of all errors together that are kept as they are; of more, what no quantile needs is counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +40,7 @@ class Simulation:
     plan: ChainPlan
     seed: int
     quantile: float = 0.95  # the lowest that will be asked for: the tail above it is kept
+    quantiles: tuple[float, ...] = ()  # others that will be; they save a long run from being drawn again
     limits: tuple[float, ...] = ()  # mm, one for each metric (inf: none): how many trials are beyond is counted
     reprojection: bool = False  # RMS reprojection errors of the first trials are kept too
     threads: int | None = None  # None: one for each core
@@ -58,9 +59,26 @@ class ErrorSample:
     mean: Array  # (3,); it, scatter and mean_norm of the trials that have an answer
     scatter: Array  # (3, 3) sum of products about the mean
     mean_norm: float
-    tail: Array  # the largest norms, ascending; every trial above tail[0] is in it
+    tail: Array  # the largest norms, ascending; every trial above tail[0] is in it or in a gap
     above: tuple[float, int] | None = None  # a limit, mm, and how many norms are beyond it
     unanswered: int = 0  # trials without an answer, whose norm is infinite
+    gaps: tuple[Gap, ...] | None = None  # norms among those of the tail that were only counted; None: a short run
+
+    def place_of(self, rank: int) -> int | None:
+        """Where in the tail the ``rank``-th smallest norm (1-based) is; None: it was not kept."""
+        beyond = self.trials - rank
+        for gap in reversed(self.gaps or ()):
+            kept = len(self.tail) - int(np.searchsorted(self.tail, gap.high))
+            if beyond < kept:
+                break
+            beyond -= gap.count
+            if beyond < kept:
+                return None
+        return len(self.tail) - 1 - beyond if beyond < len(self.tail) else None
+
+    def gaps_above(self, norm: float) -> list[Gap]:
+        """The gaps that begin at a norm or above it."""
+        return [gap for gap in self.gaps or () if gap.low >= norm]
 
     @property
     def covariance(self) -> Array:
@@ -70,7 +88,8 @@ class ErrorSample:
     @property
     def worst(self) -> float:
         """The largest norm of a trial that has an answer."""
-        return float(self.tail[len(self.tail) - 1 - self.unanswered])
+        kept = self.tail[: len(self.tail) - self.unanswered]
+        return max(float(part[-1]) for part in (kept, [gap.largest for gap in self.gaps or ()]) if len(part))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,9 +122,7 @@ class Run:
         self._limits = simulation.limits or (inf,) * metrics
         self._moments: Moments | None = None
         self._done = self._missed = self._unanswered = 0  # trials
-        self._tails: list[list[Array]] = [[] for _ in range(metrics)]
-        self._sizes = [0] * metrics  # norms in each tail
-        self._floors = [-inf] * metrics  # every norm above is in the tail
+        self._tails = [Tail() for _ in range(metrics)]
         self._above = [0] * metrics
         self._redone = 0
         self._reprojections: list[Array] = []
@@ -126,6 +143,7 @@ class Run:
             detail = f"a run goes on from a multiple of {BLOCK} trials to a larger number, not from {done} to {trials}"
             raise OutOfRangeError(Problem("", "extend", detail))
         keep = tail_size(trials, what.quantile) if what.keep is None else what.keep
+        thin = what.keep is None and keep * len(self._tails) > MOST_KEPT
         task = TrialsTask(
             what.plan, what.seed, done, trials, what.quantile, what.reprojection, self._limits, then, expected
         )
@@ -139,45 +157,29 @@ class Run:
             self._redone += shard.redone
             for k, norms in enumerate(shard.tails):
                 self._above[k] += shard.above[k]
-                self._add_to_tail(k, norms, shard.floors[k], keep)
+                tail = self._tails[k]
+                tail.add(norms, shard.floors[k])
+                if thin:
+                    tail.thin(self._done, (what.quantile, *what.quantiles), MOST_KEPT // len(self._tails))
+                elif tail.size > 2 * keep + BLOCK:
+                    tail.cut(keep)
             if shard.reprojection is not None:
                 self._reprojections.append(shard.reprojection)
             if what.progress is not None:
                 what.progress(self._done, trials if most is None else most)
-        return self._samples(trials, keep)
+        return self._samples(trials, None if thin else keep)
 
-    def _add_to_tail(self, metric: int, norms: Array, floor: float, keep: int) -> None:
-        """Norms that are complete above their floor; now and then what is too many goes."""
-        tail = self._tails[metric]
-        if floor > self._floors[metric]:
-            self._floors[metric] = floor
-            tail.append(norms)
-        else:
-            tail.append(norms[norms > self._floors[metric]])
-        self._sizes[metric] += len(tail[-1])
-        if self._sizes[metric] > 2 * keep + BLOCK:
-            norms = np.concatenate(tail)
-            tail.clear()  # at a thousand million trials the tail is 400 MB: what is left of it is all that stays
-            norms.partition(len(norms) - keep)
-            tail.append(norms[-keep:].copy())
-            self._sizes[metric] = keep
-            self._floors[metric] = max(self._floors[metric], float(norms[-keep]))
-
-    def _samples(self, trials: int, keep: int) -> Samples:
+    def _samples(self, trials: int, keep: int | None) -> Samples:
+        """keep: norms of each error; None: what was left by thinning."""
         moments = self._moments
         assert moments is not None  # there is at least one part
         if moments.trials < 2:
             detail = f"{self._unanswered} of {trials} shots miss so many fiducials that they have no answer"
             raise IllPosedError(Problem("/fiducials/loss_probability", "no-answer", detail, "use more fiducials"))
         errors = []
-        for k, parts in enumerate(self._tails):
-            norms = np.concatenate(parts)
-            parts.clear()
-            tail = np.sort(take_largest(norms[norms >= self._floors[k]], keep))
+        for k, kept in enumerate(self._tails):
+            tail = kept.settle(keep)
             tail.setflags(write=False)
-            parts.append(tail)
-            self._sizes[k] = len(tail)
-            self._floors[k] = -inf if len(tail) == trials else float(tail[0])
             limit = self._limits[k]
             errors.append(
                 ErrorSample(
@@ -190,6 +192,7 @@ class Run:
                     tail=tail,
                     above=None if limit == inf else (limit, self._above[k]),
                     unanswered=self._unanswered,
+                    gaps=None if keep is not None else tuple(replace(gap) for gap in kept.gaps),
                 )
             )
         shots = self._reprojections
@@ -219,7 +222,7 @@ def simulate(
 
 def deepen(samples: Samples, keep: int) -> Samples:
     """The same run with at least ``keep`` of the largest norms: itself, or repeated from its seed."""
-    if all(len(sample.tail) >= min(keep, sample.trials) for sample in samples.errors):
+    if all(sample.gaps is None and len(sample.tail) >= min(keep, sample.trials) for sample in samples.errors):
         return samples
     again = replace(samples.simulation, keep=min(samples.trials, keep), limits=(), sampler=None, progress=None)
     return Run(again).grow(samples.trials)

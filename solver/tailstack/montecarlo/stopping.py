@@ -38,7 +38,7 @@ class Goal:
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class LimitQuestion:
     """Does a quantile of an error at a target keep a limit?"""
 
     target: str
@@ -151,7 +151,7 @@ def simulate_to_precision(
 
 def simulate_to_decision(
     simulation: Simulation,
-    questions: Sequence[Question],
+    questions: Sequence[LimitQuestion],
     *,
     confidence: float,
     max_trials: int,
@@ -198,19 +198,19 @@ def _grow(
 
 
 def _interval(
-    samples: Samples, question: Question, looks: tuple[int, ...], look: int, confidence: float
+    samples: Samples, question: LimitQuestion, looks: tuple[int, ...], look: int, confidence: float
 ) -> RepeatedInterval:
     ranks = repeated_ranks(looks, question.quantile, confidence)[look]
     return repeated_interval(samples, question.target, question.error, question.quantile, ranks)
 
 
-def _answers(found: RepeatedInterval, question: Question) -> bool:
+def _answers(found: RepeatedInterval, question: LimitQuestion) -> bool:
     """Whether an interval leaves the limit on one side."""
     low, high = found.interval_mm
     return high <= question.limit_mm or low > question.limit_mm
 
 
-def _trials_needed(samples: Samples, question: Question, found: RepeatedInterval) -> float:
+def _trials_needed(samples: Samples, question: LimitQuestion, found: RepeatedInterval) -> float:
     """Trials with which a question would be answered if quantile and density stayed as they look now."""
     low, high = found.interval_mm
     gap = abs(found.value_mm - question.limit_mm)

@@ -21,7 +21,7 @@ from .allocation import best_budget, budgets_of
 from .exact_law import evaluate_demand
 from .problem import PlacementProblem, for_people, present_choice
 from .program import Program
-from .request import Request
+from .request import OptimiseRequest
 from .search import (
     Control,
     Search,
@@ -34,7 +34,7 @@ from .search import (
     worst_ratio,
 )
 from .starts import careless_layouts, textbook_layout
-from .task import Task
+from .task import OptimisationTask
 from .terms import is_singular
 from .tightening import CheckSettings, VerifiedOptimum, tighten, trials_for
 
@@ -43,7 +43,7 @@ ABOVE_LEAST = 1.02  # the tightest limit, as a multiple of the smallest quantile
 LOOSEST = 2.0  # the loosest, as a multiple of the requirement's
 
 
-def trace_front(task: Task, search: Search, control: Control) -> tuple[FrontPoint, ...]:
+def trace_front(task: OptimisationTask, search: Search, control: Control) -> tuple[FrontPoint, ...]:
     """One point for each limit, ascending; those without a design say why."""
     factors = front_factors(task.request, search)
     points: list[FrontPoint] = []
@@ -56,7 +56,7 @@ def trace_front(task: Task, search: Search, control: Control) -> tuple[FrontPoin
     return mark_dominated(points)
 
 
-def front_point(task: Task, search: Search, number: int, factor: float, control: Control) -> FrontPoint:
+def front_point(task: OptimisationTask, search: Search, number: int, factor: float, control: Control) -> FrontPoint:
     """The least cost at ``factor`` times the limit, solved from each of the search's best layouts."""
     problem = search.program.problem
     settings = CheckSettings(
@@ -105,7 +105,7 @@ def _empty(
     return FrontPoint(factor, limit, status, note, None, None, None, (), (), (), ())
 
 
-def front_factors(request: Request, search: Search) -> tuple[float, ...]:
+def front_factors(request: OptimiseRequest, search: Search) -> tuple[float, ...]:
     """Multiples of the requirement's limit, evenly spaced in logarithm."""
     limit = search.program.problem.requirements[0].limit_mm
     front = request.section.front

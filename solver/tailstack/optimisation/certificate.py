@@ -10,7 +10,6 @@ from math import floor, log10, radians
 import numpy as np
 
 from ..errors import InfeasibleError, NotConvergedError
-from ..propagation.linear import believed_errors
 from ..results import Relaxation, ShadowPrice
 from ..system import Law
 from .allocation import gaussian_bracket
@@ -18,8 +17,8 @@ from .exact_law import error_moments, evaluate_demand
 from .grades import Optimum
 from .prices import slope_of
 from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice, unit_of
-from .program import Parameters, Point, Program, Row
-from .regions import Box
+from .program import ConstraintRow, Parameters, Point, Program
+from .regions import BoxRegion
 from .search import Search
 from .terms import free_laws, mechanics_of
 
@@ -51,7 +50,7 @@ def name_binding(program: Program, point: Point, parameters: Parameters) -> tupl
     return (*found, *_faces(program, point), *_bounds_on_widths(program, point), *_bounds_on_mechanics(program, point))
 
 
-def _upper_text(program: Program, t: int, row: Row) -> str:
+def _upper_text(program: Program, t: int, row: ConstraintRow) -> str:
     if row.kind == "cost":
         return f"the cost limit of {program.problem.cost_limit:g}"
     requirement = program.terms[t].demand.requirement
@@ -83,7 +82,7 @@ def _faces(program: Program, point: Point) -> list[str]:
     problem = program.problem
     found: dict[str, list[str]] = {}
     for g, place in enumerate(problem.places):
-        if not isinstance(place.region, Box):
+        if not isinstance(place.region, BoxRegion):
             continue
         sides = [(k, _at_bound(program, point, 3 * g + k)) for k in range(3)]
         faces = [
@@ -223,7 +222,7 @@ def _places(program: Program, point: Point, objective: float, add: Add) -> None:
     problem = program.problem
     pressed: dict[tuple[str, int, str], float] = {}
     for g, place in enumerate(problem.places):
-        if not isinstance(place.region, Box):
+        if not isinstance(place.region, BoxRegion):
             continue
         for k in range(3):
             half = float(program.half[g, k])
@@ -310,7 +309,7 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
 
 def _varies_unlike_normal(problem: PlacementProblem) -> bool:
     made = bool(problem.system.manufacturing_half_width_mm.any()) and problem.system.manufacturing_law is not Law.NORMAL
-    told = [error.sources.laws for error in believed_errors(problem.system) if error is not None]
+    told = [error.sources.laws for error in problem.system.believed_errors if error]
     return made or any(law is not Law.NORMAL for laws in told for law in laws)
 
 

@@ -26,8 +26,19 @@ from .problem import (
     label_of,
     present_choice,
 )
-from .regions import Ball, Box, Cylinder, KeepOut, Shape, bounding_box, corners, diameter_mm, distinct, furthest_mm
-from .terms import Estimator, estimator_of
+from .regions import (
+    Ball,
+    BoxRegion,
+    Cylinder,
+    KeepOut,
+    Shape,
+    bounding_box,
+    corners,
+    diameter_mm,
+    distinct,
+    furthest_mm,
+)
+from .terms import EstimationTerms, estimator_of
 
 FLAT = 1e-6  # thickness over width of a region that is a plane
 MOST_ENDS = 6  # bounded sources that move images together: 64 vertices for each quantile
@@ -52,9 +63,9 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
         found += _flat(problem)
         estimator = estimator_of(problem.system)
         found += refuse_regions(problem, estimator)
-        told = estimator.intrinsics_covariance.any() or estimator.intrinsics_bias.any()
+        assumed = estimator.intrinsics_covariance.any() or estimator.intrinsics_bias.any()
         random = estimator.fiducial_px.any() or estimator.manufacturing_std_mm.any()
-        if not (random or told or problem.system.common_shifts):
+        if not (random or assumed or problem.system.shared_image_errors):
             found.append(
                 Problem(
                     problem.places[0].pointer,
@@ -112,7 +123,7 @@ def _ends(problem: PlacementProblem) -> list[Problem]:
         return []
     return [
         Problem(
-            problem.system.common_shifts[0],
+            problem.system.shared_image_errors[0].pointer,
             "not-optimised",
             f"positions or pivots are free, and {count} bounded quantities move the images of all fiducials together: "
             f"which of their 2^{count} combinations is worst changes with the layout, and {MOST_ENDS} quantities are "
@@ -244,7 +255,7 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
     return found[:5]
 
 
-def refuse_regions(problem: PlacementProblem, estimator: Estimator) -> list[Problem]:
+def refuse_regions(problem: PlacementProblem, estimator: EstimationTerms) -> list[Problem]:
     """The first contradiction of each different region."""
     regions, which = distinct(place.region for place in problem.places)
     found = []
@@ -267,7 +278,7 @@ def _word(region: Shape) -> str:
 
 def _empty(place: FreeFiducial) -> list[Problem]:
     region = place.region
-    if isinstance(region, Box):
+    if isinstance(region, BoxRegion):
         if (region.low_mm <= region.high_mm).all():
             return []
         axis = int(np.argmax(region.low_mm > region.high_mm))
@@ -285,10 +296,12 @@ def _empty(place: FreeFiducial) -> list[Problem]:
     return [Problem(place.pointer, "empty-region", detail, "make inner_radius_mm the smaller one")]
 
 
-def _behind(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
+def _behind(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFiducial) -> list[Problem]:
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
-        row = projection[2, :3] @ estimator.told
-        depth = -furthest_mm(place.region, -row) + float(projection[2, :3] @ estimator.told_shift_mm + projection[2, 3])
+        row = projection[2, :3] @ estimator.assumed
+        depth = -furthest_mm(place.region, -row) + float(
+            projection[2, :3] @ estimator.assumed_shift_mm + projection[2, 3]
+        )
         if depth <= 0:
             return [
                 Problem(
@@ -301,7 +314,7 @@ def _behind(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial
     return []
 
 
-def _image_rows(problem: PlacementProblem, estimator: Estimator, view: View, v: int) -> tuple[Array, Array]:
+def _image_rows(problem: PlacementProblem, estimator: EstimationTerms, view: View, v: int) -> tuple[Array, Array]:
     """``a x <= b`` for a position x to lie inside the image of one view: linear, as the depth is positive."""
     assert view.image_size_px is not None
     rows, limits = [], []
@@ -309,13 +322,13 @@ def _image_rows(problem: PlacementProblem, estimator: Estimator, view: View, v: 
     for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
         edge = problem.image_margin_px if sign > 0 else view.image_size_px[axis] - 1 - problem.image_margin_px
         row = -sign * (projection[axis] - edge * projection[2])
-        rows.append(row[:3] @ estimator.told)
-        limits.append(-(row[:3] @ estimator.told_shift_mm + row[3]))
+        rows.append(row[:3] @ estimator.assumed)
+        limits.append(-(row[:3] @ estimator.assumed_shift_mm + row[3]))
     scale = np.linalg.norm(rows, axis=1)
     return np.array(rows) / scale[:, None], np.array(limits) / scale
 
 
-def _field(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
+def _field(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFiducial) -> list[Problem]:
     """Whether any point of the bounding box lies in every image; the views one by one first."""
     sized = [(v, view) for v, view in enumerate(problem.system.views) if view.image_size_px is not None]
     parts = [_image_rows(problem, estimator, view, v) for v, view in sized]
@@ -361,7 +374,7 @@ def _refuse_kept_out(problem: PlacementProblem, place: FreeFiducial) -> list[Pro
 def _swallows(zone: KeepOut, region: Shape) -> bool:
     """Whether every point of the region is certainly too near the zone."""
     shape, gap = zone.shape, zone.clearance_mm - INSIDE_MM
-    if isinstance(shape, Box):
+    if isinstance(shape, BoxRegion):
         low, high = bounding_box(region)
         return bool((low > shape.low_mm - gap).all() and (high < shape.high_mm + gap).all())
     if isinstance(shape, Cylinder):
@@ -419,7 +432,7 @@ def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]
     ]
 
 
-def _packing(problem: PlacementProblem, estimator: Estimator, place: FreeFiducial) -> list[Problem]:
+def _packing(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFiducial) -> list[Problem]:
     """Balls of diameter d about the fiducials lie in the bounding box grown by d/2 and cannot fill more than Kepler's
     share of it (copies of a box tile space); likewise discs in the rectangle about the box's image."""
     region, word = place.region, _word(place.region)
@@ -431,10 +444,10 @@ def _packing(problem: PlacementProblem, estimator: Estimator, place: FreeFiducia
     box = bounding_box(region)
     if d > diameter_mm(region) + 1e-9 or _too_many(count, d, box[1] - box[0]):
         return [_refuse_crowd("/optimise/min_spacing_mm", count, f"{d:g} mm", f"the {word}", word)]
-    told = corners(box) @ estimator.told.T + estimator.told_shift_mm
+    assumed = corners(box) @ estimator.assumed.T + estimator.assumed_shift_mm
     d = problem.min_projected_spacing_px
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
-        image = told @ projection[:, :3].T + projection[:, 3]
+        image = assumed @ projection[:, :3].T + projection[:, 3]
         if image[:, 2].min() <= 0:
             continue
         image = image[:, :2] / image[:, 2:]

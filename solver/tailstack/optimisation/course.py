@@ -34,7 +34,7 @@ from .offer import weigh_offer
 from .placement import settle
 from .reporting import add_aims, report
 from .search import Control, Progress, Search, Stop, search
-from .task import Task, locate_refusals, read_task
+from .task import OptimisationTask, locate_refusals, read_task
 from .tightening import CheckSettings, VerifiedOptimum, tighten
 from .views import aim_views
 
@@ -87,14 +87,14 @@ def optimise(
         return weigh_offer(design, added, optimise_views, control)
 
 
-def least_objective(task: Task, control: Control) -> float:
+def least_objective(task: OptimisationTask, control: Control) -> float:
     """The objective by the closed form, over all numbers of fiducials.  Raises what refuses a search."""
     searches, counts = search_counts(task, LocalSearcher(task, control), control)
     reached = [one.cost if one.worst_ratio is None else one.worst_ratio for one in counts]
     return min((value for value in reached if value is not None), default=searches[0].best_objective)
 
 
-def optimise_task(task: Task, searcher: Searcher, control: Control) -> Optimisation:
+def optimise_task(task: OptimisationTask, searcher: Searcher, control: Control) -> Optimisation:
     """:func:`optimise` of what was read, with searches and fronts from a searcher: made here, or recorded elsewhere.
 
     Raises InfeasibleError, IllPosedError, NotConvergedError, and what the searcher raises.
@@ -120,7 +120,7 @@ class Searcher(Protocol):
 class LocalSearcher:
     """Everything solved here and now."""
 
-    task: Task
+    task: OptimisationTask
     control: Control
 
     def search(self, position: int) -> Search:
@@ -139,7 +139,9 @@ class LocalSearcher:
         return trace_front(self.task, search, self.control)
 
 
-def search_counts(task: Task, searcher: Searcher, control: Control) -> tuple[list[Search], tuple[CountTried, ...]]:
+def search_counts(
+    task: OptimisationTask, searcher: Searcher, control: Control
+) -> tuple[list[Search], tuple[CountTried, ...]]:
     """Searches at every number of fiducials, best objective first (a tie goes to fewer), and what each reached.
 
     Raises what the search at the first number raises if none found anything.
@@ -177,7 +179,7 @@ def search_counts(task: Task, searcher: Searcher, control: Control) -> tuple[lis
     return ranked, () if count is None else tuple(tried)
 
 
-def take_first_verified(task: Task, searches: list[Search], control: Control) -> VerifiedOptimum:
+def take_first_verified(task: OptimisationTask, searches: list[Search], control: Control) -> VerifiedOptimum:
     """The best of the optima that verifies.
 
     Where first order does not hold at the best one (a nearly flat layout of few fiducials), another may do; where a

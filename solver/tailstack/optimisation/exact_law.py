@@ -18,15 +18,15 @@ import numpy as np
 from scipy.special import ndtri
 
 from ..arrays import Array
-from ..contributors import Part, WorstCase, declared_law, law_of, part_of, worst_case
+from ..contributors import WorstCase, columns_of, declared_law, law_of, worst_case
 from ..losses import without_fiducials
 from ..propagation.linear import LinearModel, linearise
-from ..system import Law
+from ..system import ArrayLike, Law, Way
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
 from ..tail.declared import column_gradient, law_gradient, law_quantile
 from ..tail.per_unit import UnitQuantile, unit_quantile
-from .problem import Choice, Demand, PlacementProblem, apply_choice
-from .symbols import Duck, plain, times
+from .problem import Choice, PlacementProblem, QuantileConstraint, apply_choice
+from .symbols import plain, times
 from .terms import DemandTerms, ImageParts, Mechanics, at_ends, mechanics_of
 
 LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
@@ -65,12 +65,10 @@ def image_parts(model: LinearModel, error: str) -> ImageParts:
     """What comes through the images by the linear model."""
     noise, made, gains = np.zeros((3, 3)), np.zeros((3, 3)), [np.zeros((0, 3))]
     for block in model.blocks:
-        gain = model.gain(block, error)
-        if block.imaged:
-            scaled = gain * block.std
-            (made if block.per_unit else noise)[...] += scaled @ scaled.T
-        elif block.common:
-            gains.append(gain.T)
+        if block.effect.way is Way.IMAGES:
+            (made if block.per_unit else noise)[...] += block.covariance(error)
+        elif block.effect.way is Way.SHARED:
+            gains.append(block.gain(error).T)
     return ImageParts(noise, made, model.imaged_bias_mm(error), np.concatenate(gains))
 
 
@@ -105,7 +103,7 @@ class ExactQuantile:
     worst: WorstCase
 
 
-def exact_quantile(model: LinearModel, demand: Demand) -> ExactQuantile:
+def exact_quantile(model: LinearModel, demand: QuantileConstraint) -> ExactQuantile:
     """Quantile of the declared law; per unit, the required fraction of units' own quantile (sampled)."""
     requirement = demand.requirement
     worst = worst_case(model, requirement.error, requirement.quantile)
@@ -118,19 +116,17 @@ def exact_quantile(model: LinearModel, demand: Demand) -> ExactQuantile:
 
 
 def _unit_quantile(
-    model: LinearModel, demand: Demand, mean_mm: Array, stretch: Mapping[str, Array] | None = None
+    model: LinearModel, demand: QuantileConstraint, mean_mm: Array, stretch: Mapping[str, Array] | None = None
 ) -> UnitQuantile:
     """The required fraction of units' own quantile; ``stretch``: (3, 3) by which gains of some contributors are
     multiplied."""
     requirement = demand.requirement
-    unit: list[Part] = []
-    shot: list[Part] = []
-    for block in model.blocks:
-        gain = model.gain(block, requirement.error)
-        if stretch is not None and block.contributor in stretch:
-            gain = stretch[block.contributor] @ gain
-        (unit if block.per_unit else shot).append(part_of(block, gain))
-    laws = law_of(mean_mm, unit), law_of(np.zeros(3), shot)
+    columns = columns_of(model, requirement.error)
+    if stretch is not None:
+        gains = [stretch.get(block.contributor, np.eye(3)) @ block.gain(requirement.error) for block in model.blocks]
+        columns = columns._replace(gain=np.concatenate(gains, axis=1))
+    once = columns.per_unit
+    laws = law_of(mean_mm, columns.only(once)), law_of(np.zeros(3), columns.only(~once))
     return unit_quantile(*laws, requirement.quantile, demand.fraction, log2_units=LOG2_UNITS)
 
 
@@ -204,7 +200,7 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
 
 def _by_common_gains(terms: DemandTerms, evaluation: Evaluation, by_covariance: Mapping[bool, Array]) -> Array:
     """(C, 3) gradient of the quantile by the gains of the common sources, through the covariance: for uniform and
-    triangular ones it is that of a normal law as wide; bounded ones have none (``Demand.ends``)."""
+    triangular ones it is that of a normal law as wide; bounded ones have none (``QuantileConstraint.ends``)."""
     return np.array(
         [
             2 * (source.std_per_half_width * source.half_width) ** 2 * by_covariance[source.per_unit] @ gain
@@ -244,8 +240,8 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
         return _unit_quantile(evaluation.model, terms.demand, mean_mm, stretch).value_mm
 
     def by_covariance(per_unit: bool) -> Array:
-        blocks = [b for b in evaluation.model.blocks if (b.imaged or b.common) and b.per_unit == per_unit]
-        scaled = np.hstack([np.zeros((3, 0)), *(evaluation.model.gain(b, error) * b.std for b in blocks)])
+        blocks = [b for b in evaluation.model.blocks if b.effect.way is not Way.LINK and b.per_unit == per_unit]
+        scaled = np.hstack([np.zeros((3, 0)), *(b.scaled(error) for b in blocks)])
         names = [block.contributor for block in blocks]
         lengths, axes = np.linalg.eigh(scaled @ scaled.T)
         found = np.zeros((3, 3))
@@ -361,17 +357,17 @@ class ErrorMoments:
     """Mean (3,), covariances (3, 3) of what is drawn once per unit and at each shot, and the displacement (3,) at one
     end of each source that is not normal; mm."""
 
-    mean: Duck
-    unit: Duck
-    shot: Duck
-    unit_uniform: tuple[Duck, ...]
-    unit_triangular: tuple[Duck, ...]
-    shot_uniform: tuple[Duck, ...]
-    shot_triangular: tuple[Duck, ...]
+    mean: ArrayLike
+    unit: ArrayLike
+    shot: ArrayLike
+    unit_uniform: tuple[ArrayLike, ...]
+    unit_triangular: tuple[ArrayLike, ...]
+    shot_uniform: tuple[ArrayLike, ...]
+    shot_triangular: tuple[ArrayLike, ...]
 
 
 def error_moments(
-    terms: DemandTerms, images: ImageParts, half_width: Duck, mechanics: Mechanics, signs: Duck
+    terms: DemandTerms, images: ImageParts, half_width: ArrayLike, mechanics: Mechanics, signs: ArrayLike
 ) -> ErrorMoments:
     """Moments at one target.
 
@@ -382,7 +378,7 @@ def error_moments(
     mean = (plain(bias) if bias.dtype != object else bias) + images.shift
     gains = (*terms.gains.at(mechanics), *images.gains)
     covariance = {True: images.made, False: images.noise}
-    columns: dict[tuple[bool, Law], list[Duck]] = {
+    columns: dict[tuple[bool, Law], list[ArrayLike]] = {
         (per_unit, law): [] for per_unit in (True, False) for law in (Law.UNIFORM, Law.TRIANGULAR)
     }
     fixed = {True: np.zeros((3, 3)), False: np.zeros((3, 3))}
@@ -414,7 +410,7 @@ def error_moments(
     )
 
 
-def squared_quantile(demand: Demand, law: ErrorMoments) -> Duck:
+def squared_quantile(demand: QuantileConstraint, law: ErrorMoments) -> ArrayLike:
     """The smooth closed form of the limited quantile, squared, mm^2.
 
     Pooled: of everything together.  Per unit: of each unit's own shots, that of the required fraction of units.

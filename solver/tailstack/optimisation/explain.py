@@ -14,16 +14,26 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import brentq
 
+from tailstack.fields import INTERFACES
+
 from ..arrays import Array
 from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedError, Problem
 from ..estimation.checks import check_geometry
 from ..propagation.linear import LinearModel, linearise
 from ..results import Finding
-from ..system import INTERFACES
+from ..system import Way
 from ..verification import UNITS
 from .exact_law import Evaluation, evaluate_demand, exact_quantile
-from .problem import Demand, PlacementProblem, apply_choice, in_words, label_of, least_half_widths, present_choice
-from .program import QUIET, Parameters, Point, Program, Row
+from .problem import (
+    PlacementProblem,
+    QuantileConstraint,
+    apply_choice,
+    in_words,
+    label_of,
+    least_half_widths,
+    present_choice,
+)
+from .program import QUIET, ConstraintRow, Parameters, Point, Program
 from .terms import DemandTerms, blind_half_widths, every_terms, is_singular, scatter
 
 LEADING = 3  # contributors named
@@ -63,7 +73,7 @@ def _shares(worst: Evaluation, error: str) -> str:
     """What makes up the mean square, largest first."""
     shares: dict[str, float] = {}
     for block in worst.model.blocks:
-        scaled = worst.model.gain(block, error) * block.std
+        scaled = block.scaled(error)
         shares[block.contributor] = shares.get(block.contributor, 0.0) + float((scaled**2).sum())
     if float(worst.mean_mm @ worst.mean_mm) > 0:
         shares["bias and bounded components"] = float(worst.mean_mm @ worst.mean_mm)
@@ -72,13 +82,13 @@ def _shares(worst: Evaluation, error: str) -> str:
     return ", ".join(f"{name} {100 * value / whole:.0f} %" for name, value in leading if value > 0.01 * whole)
 
 
-def _cures(problem: PlacementProblem, demand: Demand, model: LinearModel) -> list[str]:
+def _cures(problem: PlacementProblem, demand: QuantileConstraint, model: LinearModel) -> list[str]:
     """By how much one contributor at a time would have to shrink; all of them together where none is enough."""
     limit = demand.requirement.limit_mm
     names = {block.contributor: _noise_or_itself(block.contributor) for block in model.blocks}
     weight: dict[str, float] = {}
     for block in model.blocks:
-        size = float(((model.gain(block, demand.requirement.error) * block.half_width) ** 2).sum())
+        size = float(((block.gain(demand.requirement.error) * block.half_width) ** 2).sum())
         weight[names[block.contributor]] = weight.get(names[block.contributor], 0.0) + size
     found = []
     for name in sorted(weight, key=lambda name: -weight[name])[:LEADING]:
@@ -104,14 +114,12 @@ def _in_words(problem: PlacementProblem, name: str) -> str:
     return {"image noise": "the image noise"}.get(name, f"{name}")
 
 
-def _factor(model: LinearModel, demand: Demand, contributors: set[str], limit_mm: float) -> float | None:
+def _factor(model: LinearModel, demand: QuantileConstraint, contributors: set[str], limit_mm: float) -> float | None:
     """Largest factor on these contributors with which the quantile is within the limit, rounded down; or None."""
 
     def quantile(factor: float) -> float:
         blocks = tuple(
-            block._replace(half_width=block.half_width * factor, std=block.std * factor)
-            if block.contributor in contributors
-            else block
+            block.with_half_widths(block.half_width * factor) if block.contributor in contributors else block
             for block in model.blocks
         )
         return exact_quantile(replace(model, blocks=blocks), demand).value_mm
@@ -179,7 +187,7 @@ def refuse_geometry(program: Program, points: list[tuple[Point, Parameters]]) ->
 
 def _relax(
     program: Program, points: list[tuple[Point, Parameters]], kinds: list[str]
-) -> tuple[Array, list[tuple[float, Row]]]:
+) -> tuple[Array, list[tuple[float, ConstraintRow]]]:
     """(slack of each rule, rows with their violation) where the sum of slacks is least."""
     nlp, rows = program.expressions, program.rows
     geometric = [k for k, row in enumerate(rows) if row.kind in kinds]
@@ -224,6 +232,8 @@ def _in_its_unit(problem: PlacementProblem, kind: str, slack: float) -> str:
     if kind in sizes:
         field, size = sizes[kind]
         return f"{field} {size * max(1 - slack, 0.0) ** 0.5:.4g} instead of {size:g}"
+    if kind == "image_gap":
+        return f"shadows at {max(1 - slack, 0.0) ** 0.5:.0%} of the distance that the fiducials' diameter asks for"
     name = {"field": "the field of view", "region": "the regions", "keep_out": "the keep-out zones"}[kind]
     return f"{name} exceeded by {100 * slack:.2g} % of their size"
 
@@ -282,7 +292,7 @@ def refuse_incurable(problem: PlacementProblem) -> None:
     for index, requirement in enumerate(problem.system.requirements):
         provable = ((1 - requirement.confidence) / 2) ** (1 / UNITS)  # lower limit when every unit meets the limit
         if requirement in problem.requirements and requirement.risk == "per_unit":
-            wanted = Demand(requirement, problem.system.targets[0]).fraction
+            wanted = QuantileConstraint(requirement, problem.system.targets[0]).fraction
             if wanted >= provable:
                 raise DesignError(
                     Problem(
@@ -331,7 +341,7 @@ def _layouts(problem: PlacementProblem) -> list[Finding]:
     return found
 
 
-def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
+def _layout(problem: PlacementProblem, demand: QuantileConstraint) -> Finding | None:
     """How far the best imaginable layout could bring one quantile: to what perfect fiducials leave.
 
     The noise of the target's own images stays: it passes through the projections, which no layout changes.
@@ -347,7 +357,7 @@ def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
     floor = exact_quantile(with_perfect_fiducials(model), demand).value_mm
     gain = 1 - floor / now
     what = "the fiducials' own image noise and manufacturing errors"
-    if any(block.common for block in model.blocks) or model.imaged_bias_mm("tcp").any():
+    if any(block.effect.way is Way.SHARED for block in model.blocks) or model.imaged_bias_mm("tcp").any():
         what = "image noise, manufacturing errors and systematic errors of the images"
     return Finding(
         "layout-influence",
@@ -363,7 +373,7 @@ def _layout(problem: PlacementProblem, demand: Demand) -> Finding | None:
 def with_perfect_fiducials(model: LinearModel) -> LinearModel:
     """The linear model without what comes by way of the fiducials: their noise, their manufacture, assumed intrinsics,
     what moves their images together; and without any bias where some of it comes that way too."""
-    rest = tuple(b for b in model.blocks if not (b.imaged or b.common) or b.contributor.startswith("target_noise:"))
+    rest = tuple(b for b in model.blocks if b.effect.way is Way.LINK or b.contributor.startswith("target_noise:"))
     if not model.imaged_bias_mm("tcp").any():
         return replace(model, blocks=rest)
     return replace(model, blocks=rest, localisation_bias_mm=np.zeros(3), tcp_bias_mm=np.zeros(3))

@@ -35,7 +35,7 @@ from ..results import Relaxation
 from .allocation import best_budget, budgets_of
 from .exact_law import closed_form_at, evaluate_demand, exact_ratios
 from .placement import PlacementSolution, settle
-from .prices import Grade, Price, cost_of, drop_dominated
+from .prices import Price, PricedGrade, cost_of, drop_dominated
 from .problem import Choice, PlacementProblem, apply_choice, present_choice
 from .program import build_program, solve
 from .search import Iterate, Search, Stop, start_at
@@ -227,13 +227,13 @@ def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: Placem
     )
 
 
-def _no_looser(ladder: tuple[Grade, ...], half_width: float) -> int:
+def _no_looser(ladder: tuple[PricedGrade, ...], half_width: float) -> int:
     """The loosest grade that holds a half-width."""
     return max([level for level, grade in enumerate(ladder) if grade.half_width <= half_width * (1 + 1e-9)], default=0)
 
 
 def _descend(
-    cost: Callable[[tuple[int, ...]], float], ladders: list[tuple[Grade, ...]], start: tuple[int, ...]
+    cost: Callable[[tuple[int, ...]], float], ladders: list[tuple[PricedGrade, ...]], start: tuple[int, ...]
 ) -> None:
     """One grade up or down at a time, and exchanges of one up for one down, as long as one pays."""
     here = start
@@ -314,7 +314,7 @@ class _SpentError(Exception):
 class _Descent:
     """What is known so far.  Feasible assignments are closed downwards, infeasible ones upwards."""
 
-    ladders: tuple[tuple[Grade, ...], ...]
+    ladders: tuple[tuple[PricedGrade, ...], ...]
     worst_ratio: Callable[[Array], float]
     max_evaluations: int
     stop: Callable[[], bool]
@@ -373,15 +373,15 @@ def choose_grades(
     return _answer(search, lower_bound)
 
 
-def _half_widths(ladders: Sequence[Sequence[Grade]], levels: Levels) -> Array:
+def _half_widths(ladders: Sequence[Sequence[PricedGrade]], levels: Levels) -> Array:
     return np.array([ladder[level].half_width for ladder, level in zip(ladders, levels, strict=True)])
 
 
-def _cost(ladders: Sequence[Sequence[Grade]], levels: Levels) -> float:
+def _cost(ladders: Sequence[Sequence[PricedGrade]], levels: Levels) -> float:
     return sum((ladder[level].price for ladder, level in zip(ladders, levels, strict=True)), 0.0)
 
 
-def _round_down(ladders: Sequence[Sequence[Grade]], half_width: Array) -> Levels:
+def _round_down(ladders: Sequence[Sequence[PricedGrade]], half_width: Array) -> Levels:
     """The loosest grades not above the half-widths; the tightest where there is none."""
     return tuple(
         max(0, sum(grade.half_width <= h * (1 + 1e-9) for grade in ladder) - 1)

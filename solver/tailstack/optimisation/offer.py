@@ -99,7 +99,8 @@ def _choose(
         p95_with_mm=p95_with_mm, sentence=f"{words}.",
     )  # fmt: skip
     if isinstance(without, TailstackError) or offer.added:
-        return _record(replace(found, cost_after=found.cost_after + added.price), offer)
+        exact = None if found.cost_exact_law is None else found.cost_exact_law + added.price
+        return _record(replace(found, cost_after=found.cost_after + added.price, cost_exact_law=exact), offer)
     return _record(without, offer)
 
 

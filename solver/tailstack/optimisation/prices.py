@@ -13,7 +13,7 @@ Curve = Literal["power", "exponential", "grades"]
 
 
 @dataclass(frozen=True, slots=True)
-class Grade:
+class PricedGrade:
     """One process: the half-width it holds (native unit) and its price."""
 
     name: str
@@ -33,7 +33,7 @@ class Price:
     weight: float
     exponent: float = 1.0
     scale: float = 1.0
-    grades: tuple[Grade, ...] = ()  # ascending half-width
+    grades: tuple[PricedGrade, ...] = ()  # ascending half-width
 
 
 def reciprocal(weight: float = 1.0) -> Price:
@@ -41,7 +41,7 @@ def reciprocal(weight: float = 1.0) -> Price:
     return Price("power", weight)
 
 
-def of_grades(grades: tuple[Grade, ...]) -> Price:
+def of_grades(grades: tuple[PricedGrade, ...]) -> Price:
     """A table; its power law is the least-squares line through the logarithms of its useful grades."""
     ordered = tuple(sorted(grades, key=lambda grade: (grade.half_width, grade.price)))
     useful = [grade for grade in drop_dominated(ordered) if grade.price > 0]
@@ -53,13 +53,13 @@ def of_grades(grades: tuple[Grade, ...]) -> Price:
     return Price("grades", weight, grades=ordered)
 
 
-def drop_dominated(grades: tuple[Grade, ...]) -> tuple[Grade, ...]:
+def drop_dominated(grades: tuple[PricedGrade, ...]) -> tuple[PricedGrade, ...]:
     """Grades without those that a looser and not dearer one, or a tighter and cheaper one, makes pointless.
 
     A tighter grade is always acceptable, so one that costs no more than a looser one replaces it; equal prices
     keep the tighter one.
     """
-    kept: list[Grade] = []
+    kept: list[PricedGrade] = []
     for grade in sorted(grades, key=lambda grade: (grade.half_width, grade.price)):
         if not kept or grade.price < kept[-1].price:
             kept.append(grade)

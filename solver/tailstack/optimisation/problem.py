@@ -11,10 +11,9 @@ from typing import Any, Literal
 import numpy as np
 
 from ..arrays import Array, frozen
-from ..system import Law, Mount, Requirement, System, Target
+from ..system import ArrayLike, DirectEffect, Requirement, System, Target, put_mounts
 from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
-from .symbols import Duck
 
 Objective = Literal["cost", "quantile", "scaling"]
 MOST_FIDUCIALS = 64  # memory and time of the programme go as their square
@@ -42,7 +41,7 @@ class FreeFiducial:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FreePivot:
+class PivotVariable:
     """The pivot of a mount, free in a box."""
 
     contributor: str
@@ -77,7 +76,7 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Demand:
+class QuantileConstraint:
     """One requirement at one target: one quantile that has one limit."""
 
     requirement: Requirement
@@ -134,7 +133,7 @@ class PlacementProblem:
     requirements: tuple[Requirement, ...]
     places: tuple[FreeFiducial, ...] = ()
     half_widths: tuple[FreeHalfWidth, ...] = ()
-    pivots: tuple[FreePivot, ...] = ()
+    pivots: tuple[PivotVariable, ...] = ()
     spacings: tuple[FreeSpacing, ...] = ()
     objective: Objective = "cost"
     cost_limit: float | None = None
@@ -152,11 +151,11 @@ class PlacementProblem:
         return tuple(sorted(i for place in self.places for i in place.fiducials))
 
     @property
-    def demands(self) -> tuple[Demand, ...]:
+    def demands(self) -> tuple[QuantileConstraint, ...]:
         """Every requirement at every target it names, in the order of the system; then what must hold after every
         loss."""
         asked = tuple(
-            Demand(requirement, target)
+            QuantileConstraint(requirement, target)
             for requirement in self.requirements
             for target in self.system.targets
             if target.name in requirement.targets
@@ -164,7 +163,7 @@ class PlacementProblem:
         if self.survival is None:
             return asked
         losses = combinations(self.system.fiducial_labels, self.survival.lost)
-        survived = (Demand(self.survival.requirement, *each) for each in product(self.targets, losses))
+        survived = (QuantileConstraint(self.survival.requirement, *each) for each in product(self.targets, losses))
         return (*asked, *survived)
 
     @property
@@ -197,21 +196,17 @@ class PlacementProblem:
 
 def count_ends(system: System) -> int:
     """How many bounded sources move the images of all fiducials of a view together."""
-    declared = [view.motion for view in system.views] + [view.image_field for view in system.views]
-    found = [each.sources for each in (*declared, system.temperature) if each is not None]
-    return sum(
-        law is Law.BOUNDED and h > 0 for each in found for law, h in zip(each.laws, each.half_width, strict=True)
-    )
+    return sum(int(effect.sources.bounded.sum()) for effect in system.shared_image_errors)
 
 
-def mount_named(system: System, contributor: str) -> Mount:
+def mount_named(system: System, contributor: str) -> DirectEffect:
     """The interface a contributor name stands for."""
     return {mount.name: mount for mount in system.interfaces}[contributor]
 
 
 def label_of(problem: PlacementProblem, contributor: str) -> str:
     """What people call an interface."""
-    return mount_named(problem.system, contributor).title
+    return mount_named(problem.system, contributor).label
 
 
 def in_words(problem: PlacementProblem, index: int) -> str:
@@ -286,11 +281,10 @@ def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
     return with_pivots(system, pivots)
 
 
-def with_pivots(system: System, pivots_mm: Mapping[str, Duck]) -> System:
+def with_pivots(system: System, pivots_mm: Mapping[str, ArrayLike]) -> System:
     """The system with the pivots (3,) of some interfaces elsewhere, and what is seated at them: numbers or symbols."""
     first, second = (
         replace(mount, pivot_mm=pivots_mm[mount.name]) if mount.name in pivots_mm else mount
         for mount in system.interfaces
     )
-    heat = system.temperature and system.temperature.follow(first, second)
-    return replace(system, structure_connector=first, connector_flange=second, temperature=heat)
+    return put_mounts(system, first, second)

@@ -21,13 +21,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..system import View
+from ..geometry.image_gaps import needed_gap
+from ..system import ArrayLike, View
 from .exact_law import Correction, count_seen, error_moments, squared_quantile
 from .prices import smooth_cost
 from .problem import Choice, FreeFiducial, PlacementProblem, present_choice, width_bounds
-from .regions import Box, bounding_box, clearest_piece, contains, corners, inside_rows, move, outside_pieces, sample
-from .symbols import Duck, elements, plain
-from .terms import DemandTerms, Estimator, Mechanics, estimator_affine, image_parts_at, lay
+from .regions import (
+    BoxRegion,
+    bounding_box,
+    clearest_piece,
+    contains,
+    corners,
+    inside_rows,
+    move,
+    outside_pieces,
+    sample,
+)
+from .symbols import elements, plain
+from .terms import DemandTerms, EstimationTerms, Mechanics, estimator_affine, image_parts_at, lay
 
 QUIET: dict[str, Any] = {
     "print_time": False,
@@ -101,7 +112,7 @@ class Program:
 
     problem: PlacementProblem
     terms: tuple[DemandTerms, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[ConstraintRow, ...]
     movable: NDArray[np.int64]  # (G,) index of the fiducial each free position is of
     centre: Array  # (G + P, 3) mm
     half: Array  # (G + P, 3) mm
@@ -188,7 +199,7 @@ class Program:
 
 
 def build_program(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], threads: int = 1
+    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], threads: int = 1
 ) -> Program:
     """Build expressions, exact derivatives, a solver for each thread and one that polishes, which share them."""
     movable = np.array([place.fiducials[0] for place in problem.places], dtype=np.int64)
@@ -270,15 +281,15 @@ def _make_symbols(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> 
     )
 
 
-class _Design(NamedTuple):
+class _SymbolicDesign(NamedTuple):
     """A design in symbols."""
 
-    points: Duck  # (N, 3) mm
-    logs: Duck  # (K,) of the half-widths, native units
+    points: ArrayLike  # (N, 3) mm
+    logs: ArrayLike  # (K,) of the half-widths, native units
     mechanics: Mechanics
 
 
-def _express_design(problem: PlacementProblem, symbols: _Symbols, centre: Array, half: Array) -> _Design:
+def _express_design(problem: PlacementProblem, symbols: _Symbols, centre: Array, half: Array) -> _SymbolicDesign:
     points = plain(problem.system.fiducials_mm)
     for g, place in enumerate(problem.places):
         first = place.fiducials[0]
@@ -294,51 +305,60 @@ def _express_design(problem: PlacementProblem, symbols: _Symbols, centre: Array,
         pivots - plain(present.pivots_mm.ravel()),
         np.array([ca.exp(-value) - 1 for value in elements(symbols.tau)], dtype=object),
     )
-    return _Design(points, log_half_widths(problem, present.half_width, symbols.u), mechanics)
+    return _SymbolicDesign(points, log_half_widths(problem, present.half_width, symbols.u), mechanics)
 
 
-def log_half_widths(problem: PlacementProblem, present: Array, u: Any) -> Duck:
+def log_half_widths(problem: PlacementProblem, present: Array, u: Any) -> ArrayLike:
     """(K,) logarithms of all free half-widths from the variables that stand for them; present (K,) native units."""
     if problem.objective != "scaling":
         return elements(u)
     return np.array([float(np.log(value)) + u[0] for value in present], dtype=object)
 
 
-def log_cost(problem: PlacementProblem, logs: Duck) -> Any:
+def log_cost(problem: PlacementProblem, logs: ArrayLike) -> Any:
     """Logarithm of the cost of half-widths given by theirs."""
     return ca.log(sum(smooth_cost(f.price, value, ca.exp) for f, value in zip(problem.half_widths, logs, strict=True)))
 
 
 def _quantile_rows(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], symbols: _Symbols, design: _Design
-) -> Iterator[tuple[Row, Any]]:
+    problem: PlacementProblem,
+    estimator: EstimationTerms,
+    terms: tuple[DemandTerms, ...],
+    symbols: _Symbols,
+    design: _SymbolicDesign,
+) -> Iterator[tuple[ConstraintRow, Any]]:
     """``log r^2 + correction - 2 log limit - s <= 0`` of every quantile in the programme."""
     half_width = np.array([ca.exp(value) for value in design.logs], dtype=object)
     mechanics = design.mechanics
-    projections, told_shift = (_duck(part.at(mechanics)) for part in estimator_affine(problem))
+    projections, assumed_shift = (_duck(part.at(mechanics)) for part in estimator_affine(problem))
     laid = lay(problem, design.points, mechanics)
     for t, term in enumerate(terms):
         reconstructed = _duck(term.reconstructed.at(mechanics))
-        images = image_parts_at(estimator, term, laid, projections, told_shift, reconstructed)
+        images = image_parts_at(estimator, term, laid, projections, assumed_shift, reconstructed)
         law = error_moments(term, images, half_width, mechanics, elements(symbols.signs[:, t]))
         seen = [1.0, *images.numbers, *design.logs, *mechanics.pivot_shift, *elements(symbols.tau)]
         correction = sum(symbols.corrections[i, t] * value for i, value in enumerate(seen))
         form = ca.log(squared_quantile(term.demand, law))
-        yield Row("quantile", term.demand.text, -np.inf, 0.0), form + correction - 2 * symbols.limits[t] - symbols.s
+        yield (
+            ConstraintRow("quantile", term.demand.text, -np.inf, 0.0),
+            form + correction - 2 * symbols.limits[t] - symbols.s,
+        )
 
 
-def _cost_row(problem: PlacementProblem, cost: Any) -> Iterator[tuple[Row, Any]]:
+def _cost_row(problem: PlacementProblem, cost: Any) -> Iterator[tuple[ConstraintRow, Any]]:
     if problem.cost_limit is not None:
-        yield Row("cost", "cost", -np.inf, 0.0), cost - float(np.log(problem.cost_limit * (1 - ROUNDED)))
+        yield ConstraintRow("cost", "cost", -np.inf, 0.0), cost - float(np.log(problem.cost_limit * (1 - ROUNDED)))
 
 
-def _keep_out_rows(problem: PlacementProblem, points: Duck, choosers: list[Any]) -> Iterator[tuple[Row, Any]]:
+def _keep_out_rows(
+    problem: PlacementProblem, points: ArrayLike, choosers: list[Any]
+) -> Iterator[tuple[ConstraintRow, Any]]:
     """Every free fiducial in the piece of the outside of each zone that its parameter chooses."""
     for chosen, (zone, i) in zip(choosers, product(problem.keep_out, problem.free_fiducials), strict=True):
         text = f"{problem.system.fiducial_labels[i]} outside keep-out zone {zone.name!r}"
         pieces = outside_pieces(zone, points[i])
         yield (
-            Row("keep_out", text, 0.0, np.inf, (i,)),
+            ConstraintRow("keep_out", text, 0.0, np.inf, (i,)),
             sum(chosen[j] * value for j, (_, value) in enumerate(pieces)),
         )
 
@@ -424,10 +444,10 @@ def _complementarity(multiplier: Array, value: Array, lower: Array, upper: Array
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ConstraintRow:
     """One constraint ``lower <= g <= upper`` and what it is about, in the user's words."""
 
-    kind: str  # quantile, cost, spacing, projected_spacing, target_clearance, field, region, keep_out
+    kind: str  # quantile, cost, spacing, projected_spacing, image_gap, target_clearance, field, region, keep_out
     text: str
     lower: float
     upper: float
@@ -435,17 +455,18 @@ class Row:
 
 
 def geometric_rows(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], points: Duck
-) -> Iterator[tuple[Row, Any]]:
+    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], points: ArrayLike
+) -> Iterator[tuple[ConstraintRow, Any]]:
     """Row and expression, each about 1 in size; points (N, 3) mm, floats or symbols."""
     if not problem.places:
         return
     yield from _spacing(problem, points)
-    told = points @ plain(estimator.told).T + plain(estimator.told_shift_mm)
+    assumed = points @ plain(estimator.assumed).T + plain(estimator.assumed_shift_mm)
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
-        homogeneous = told @ plain(projection[:, :3]).T + plain(projection[:, 3])
+        homogeneous = assumed @ plain(projection[:, :3]).T + plain(projection[:, 3])
         image = homogeneous[:, :2] / homogeneous[:, 2:]
         yield from _projected_spacing(problem, view, image)
+        yield from _image_gap(problem, view, image, homogeneous[:, 2])
         yield from _target_clearance(problem, terms, view, projection, image)
         yield from _field(problem, estimator, view, projection, homogeneous)
     yield from _regions(problem, points)
@@ -457,7 +478,7 @@ def _pairs(problem: PlacementProblem) -> list[tuple[int, int]]:
     return [(i, j) for i, j in combinations(range(count), 2) if i in free or j in free]
 
 
-def _spacing(problem: PlacementProblem, points: Duck) -> Iterator[tuple[Row, Any]]:
+def _spacing(problem: PlacementProblem, points: ArrayLike) -> Iterator[tuple[ConstraintRow, Any]]:
     """One row per distance: under a symmetry two free fiducials and their images are equally far apart."""
     if problem.min_spacing_mm <= 0:
         return
@@ -468,10 +489,10 @@ def _spacing(problem: PlacementProblem, points: Duck) -> Iterator[tuple[Row, Any
             continue
         gap = points[i] - points[j]
         text = f"spacing of {labels[i]} and {labels[j]}"
-        yield Row("spacing", text, 0.0, np.inf, (i, j)), (gap @ gap) / problem.min_spacing_mm**2 - 1
+        yield ConstraintRow("spacing", text, 0.0, np.inf, (i, j)), (gap @ gap) / problem.min_spacing_mm**2 - 1
 
 
-def _projected_spacing(problem: PlacementProblem, view: View, image: Duck) -> Iterator[tuple[Row, Any]]:
+def _projected_spacing(problem: PlacementProblem, view: View, image: ArrayLike) -> Iterator[tuple[ConstraintRow, Any]]:
     if problem.min_projected_spacing_px <= 0:
         return
     labels = problem.system.fiducial_labels
@@ -479,14 +500,27 @@ def _projected_spacing(problem: PlacementProblem, view: View, image: Duck) -> It
         gap = image[i] - image[j]
         text = f"images of {labels[i]} and {labels[j]} in {view.name}"
         yield (
-            Row("projected_spacing", text, 0.0, np.inf, (i, j)),
+            ConstraintRow("projected_spacing", text, 0.0, np.inf, (i, j)),
             (gap @ gap) / problem.min_projected_spacing_px**2 - 1,
         )
 
 
+def _image_gap(
+    problem: PlacementProblem, view: View, image: ArrayLike, depth: ArrayLike
+) -> Iterator[tuple[ConstraintRow, Any]]:
+    """Shadows of balls must not merge, whatever distance of their middles is asked for."""
+    if problem.system.fiducial_radius_mm is None:
+        return
+    labels, radius = problem.system.fiducial_labels, problem.system.fiducial_radius_mm
+    for i, j in _pairs(problem):
+        gap, needed = image[i] - image[j], needed_gap(view.projection, radius, depth[i], depth[j])
+        text = f"shadows of {labels[i]} and {labels[j]} in {view.name}"
+        yield ConstraintRow("image_gap", text, 0.0, np.inf, (i, j)), (gap @ gap) / needed**2 - 1
+
+
 def _target_clearance(
-    problem: PlacementProblem, terms: tuple[DemandTerms, ...], view: View, projection: Array, image: Duck
-) -> Iterator[tuple[Row, Any]]:
+    problem: PlacementProblem, terms: tuple[DemandTerms, ...], view: View, projection: Array, image: ArrayLike
+) -> Iterator[tuple[ConstraintRow, Any]]:
     if problem.target_clearance_px <= 0:
         return
     named = {term.demand.target.name: term.reconstructed_mm for term in terms}
@@ -496,14 +530,14 @@ def _target_clearance(
             gap = image[i] - plain(centre[:2] / centre[2])
             text = f"images of {problem.system.fiducial_labels[i]} and of target {name!r} in {view.name}"
             yield (
-                Row("target_clearance", text, 0.0, np.inf, (i,)),
+                ConstraintRow("target_clearance", text, 0.0, np.inf, (i,)),
                 (gap @ gap) / problem.target_clearance_px**2 - 1,
             )
 
 
 def _field(
-    problem: PlacementProblem, estimator: Estimator, view: View, projection: Array, homogeneous: Duck
-) -> Iterator[tuple[Row, Any]]:
+    problem: PlacementProblem, estimator: EstimationTerms, view: View, projection: Array, homogeneous: ArrayLike
+) -> Iterator[tuple[ConstraintRow, Any]]:
     """Inside the image with its margin, multiplied by the depth: linear in the position.
 
     A side that the whole bounding box of a region keeps (its corners do, and the constraint is linear) gives no rows.
@@ -515,7 +549,7 @@ def _field(
             reach = corners(bounding_box(place.region))
             if copy:
                 reach = move(problem.symmetry[copy - 1], reach)
-            seen = (reach @ estimator.told.T + estimator.told_shift_mm) @ projection[:, :3].T + projection[:, 3]
+            seen = (reach @ estimator.assumed.T + estimator.assumed_shift_mm) @ projection[:, :3].T + projection[:, 3]
             scale = float(np.abs(seen[:, 2]).mean()) * max(view.image_size_px)
             for axis, sign, name in ((0, 1, "left"), (0, -1, "right"), (1, 1, "top"), (1, -1, "bottom")):
                 edge = problem.image_margin_px if sign > 0 else view.image_size_px[axis] - 1 - problem.image_margin_px
@@ -523,10 +557,10 @@ def _field(
                     continue
                 text = f"{problem.system.fiducial_labels[i]} at the {name} edge of {view.name}"
                 inside = sign * (homogeneous[i, axis] - float(edge) * homogeneous[i, 2]) / scale
-                yield Row("field", text, 0.0, np.inf, (i,)), inside
+                yield ConstraintRow("field", text, 0.0, np.inf, (i,)), inside
 
 
-def _regions(problem: PlacementProblem, points: Duck) -> Iterator[tuple[Row, Any]]:
+def _regions(problem: PlacementProblem, points: ArrayLike) -> Iterator[tuple[ConstraintRow, Any]]:
     """A box is held by the bounds of its variables; other regions, and boxes of copies, by rows."""
     for place in problem.places:
         for copy, i in enumerate(place.fiducials):
@@ -534,15 +568,15 @@ def _regions(problem: PlacementProblem, points: Duck) -> Iterator[tuple[Row, Any
                 continue
             for face, expression, equal in inside_rows(place.region, points[i]):
                 text = f"{problem.system.fiducial_labels[i]} at the {face} of its region"
-                yield Row("region", text, 0.0, 0.0 if equal else np.inf, (i,)), expression
+                yield ConstraintRow("region", text, 0.0, 0.0 if equal else np.inf, (i,)), expression
 
 
 def _keeps_anyway(problem: PlacementProblem, place: FreeFiducial, copy: int) -> bool:
     """Whether the bounds, or the rows of the first of the group, already keep this one in the region."""
     if copy == 0:
-        return isinstance(place.region, Box)
+        return isinstance(place.region, BoxRegion)
     isometry = problem.symmetry[copy - 1]
-    if isinstance(place.region, Box):
+    if isinstance(place.region, BoxRegion):
         reach = corners(bounding_box(place.region))
     else:
         reach = sample(place.region, np.random.default_rng(0), 400, 0.5)

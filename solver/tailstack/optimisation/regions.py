@@ -1,6 +1,6 @@
 """Where fiducials may and may not be: boxes, cylinders and balls in con, and the isometries of a symmetric layout.
 
-Positions are in mm.  Functions marked Duck take floats, arrays over many points, or CasADi scalars: they use
+Positions are in mm.  Functions marked ArrayLike take floats, arrays over many points, or CasADi scalars: they use
 + - * / alone.
 """
 
@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from .symbols import Duck, plain
+from ..system import ArrayLike
+from .symbols import plain
 
 ROUNDING = 1e-9  # of a scaled piece: a point on the border of a keep-out zone is clear
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Box:
+class BoxRegion:
     """Axis-parallel box; an axis may have no extent."""
 
     low_mm: Array  # (3,)
@@ -48,7 +49,7 @@ class Ball:
     inner_radius_mm: float = 0.0
 
 
-Shape = Box | Cylinder | Ball
+Shape = BoxRegion | Cylinder | Ball
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +90,7 @@ def corners(low_high_mm: Array) -> Array:
 
 def bounding_box(shape: Shape) -> Array:
     """(2, 3) lowest and highest coordinates, mm, each reached."""
-    if isinstance(shape, Box):
+    if isinstance(shape, BoxRegion):
         return np.array([shape.low_mm, shape.high_mm])
     if isinstance(shape, Ball):
         return np.array([shape.centre_mm - shape.radius_mm, shape.centre_mm + shape.radius_mm])
@@ -100,7 +101,7 @@ def bounding_box(shape: Shape) -> Array:
 
 def furthest_mm(shape: Shape, direction: Array) -> float:
     """Largest ``direction @ x`` over the region (its support function); direction (3,) of any length."""
-    if isinstance(shape, Box):
+    if isinstance(shape, BoxRegion):
         return float(np.maximum(direction * shape.low_mm, direction * shape.high_mm).sum())
     length_squared = float(direction @ direction)
     if isinstance(shape, Ball):
@@ -112,7 +113,7 @@ def furthest_mm(shape: Shape, direction: Array) -> float:
 
 def diameter_mm(shape: Shape) -> float:
     """Largest distance between two points of the region."""
-    if isinstance(shape, Box):
+    if isinstance(shape, BoxRegion):
         return float(np.linalg.norm(shape.high_mm - shape.low_mm))
     height = shape.height_mm if isinstance(shape, Cylinder) else 0.0
     return hypot(2 * shape.radius_mm, height)
@@ -125,7 +126,7 @@ def contains(shape: Shape, points: Array, tolerance_mm: float = 1e-6) -> NDArray
 
 def clip(shape: Shape, points: Array) -> Array:
     """(M, 3) nearest points of the region; from the axis of a tube or the centre of a shell, in a fixed direction."""
-    if isinstance(shape, Box):
+    if isinstance(shape, BoxRegion):
         return np.clip(points, shape.low_mm, shape.high_mm)
     if isinstance(shape, Ball):
         return shape.centre_mm + _between(points - shape.centre_mm, np.eye(3)[0], shape)
@@ -156,7 +157,7 @@ def sample(shape: Shape, rng: np.random.Generator, count: int, on_surface: float
     ``on_surface`` is the probability that a coordinate (of a box, or along the axis of a cylinder) goes to the
     nearer end, and that a radius becomes the outer one.
     """
-    if isinstance(shape, Box):
+    if isinstance(shape, BoxRegion):
         unit = rng.uniform(-1, 1, (count, 3))
         unit = np.where(rng.random(unit.shape) < on_surface, np.sign(unit), unit)
         return (shape.low_mm + shape.high_mm) / 2 + (shape.high_mm - shape.low_mm) / 2 * unit
@@ -178,13 +179,13 @@ def sample(shape: Shape, rng: np.random.Generator, count: int, on_surface: float
     return np.asarray(shape.base_mm + radius[:, None] * across + along[:, None] * shape.axis)
 
 
-def inside_rows(shape: Shape, point: Duck) -> list[tuple[str, Any, bool]]:
+def inside_rows(shape: Shape, point: ArrayLike) -> list[tuple[str, Any, bool]]:
     """(name, expression about 1 in size, equality) of each face: ``>= 0`` inside, ``== 0`` where equality.
 
-    Duck: point (3,).  Polynomials of the position, at most squares.
+    ArrayLike: point (3,).  Polynomials of the position, at most squares.
     """
     rows: list[tuple[str, Any, bool]] = []
-    if isinstance(shape, Box):
+    if isinstance(shape, BoxRegion):
         extent = shape.high_mm - shape.low_mm
         largest = float(extent.max()) or 1.0
         for k, axis in enumerate("xyz"):
@@ -213,7 +214,7 @@ def inside_rows(shape: Shape, point: Duck) -> list[tuple[str, Any, bool]]:
     return rows
 
 
-def _across_and_along(shape: Cylinder | Ball, point: Duck) -> tuple[Any, Any]:
+def _across_and_along(shape: Cylinder | Ball, point: ArrayLike) -> tuple[Any, Any]:
     """Squared distance from the axis (or the centre), and the coordinate along the axis (0 for a ball)."""
     origin = shape.centre_mm if isinstance(shape, Ball) else shape.base_mm
     offset = [point[k] - float(origin[k]) for k in range(3)]
@@ -228,15 +229,15 @@ def _dot(direction: Array, offset: list[Any]) -> Any:
     return sum(value * float(part) for part, value in zip(direction, offset, strict=True))
 
 
-def outside_pieces(zone: KeepOut, point: Duck) -> list[tuple[str, Any]]:
+def outside_pieces(zone: KeepOut, point: ArrayLike) -> list[tuple[str, Any]]:
     """(name, expression about 1 in size) of the pieces of the outside: a point is clear iff any is ``>= 0``.
 
-    Duck: point (3,), or (3, M) for many points at once.  Each face is moved out by the clearance, which at the
+    ArrayLike: point (3,), or (3, M) for many points at once.  Each face is moved out by the clearance, which at the
     edges and corners of a box, and at the rims of a cylinder, keeps more than the clearance (conservative).
     """
     shape, gap = zone.shape, float(zone.clearance_mm)
     pieces: list[tuple[str, Any]] = []
-    if isinstance(shape, Box):
+    if isinstance(shape, BoxRegion):
         scale = float((shape.high_mm - shape.low_mm).max()) / 2 + gap or 1.0
         for k, axis in enumerate("xyz"):
             low, high = float(shape.low_mm[k]), float(shape.high_mm[k])
@@ -284,8 +285,8 @@ def turns(point_mm: Array, axis: Array, order: int) -> tuple[Isometry, ...]:
     return tuple(found)
 
 
-def move(isometry: Isometry, points: Duck) -> Duck:
-    """Points (..., 3) after the isometry.  Duck."""
+def move(isometry: Isometry, points: ArrayLike) -> ArrayLike:
+    """Points (..., 3) after the isometry.  ArrayLike."""
     if np.asarray(points).dtype == object:
         return points @ plain(isometry.rotation).T + plain(isometry.shift_mm)
     return points @ isometry.rotation.T + isometry.shift_mm

@@ -32,15 +32,15 @@ from .exact_law import exact_quantile
 from .explain import influence_of
 from .placement import PlacementSolution
 from .prices import cost_of
-from .problem import Choice, Demand, PlacementProblem, for_people, in_words, label_of, present_choice
-from .request import Request, read_request
-from .task import Task
+from .problem import Choice, PlacementProblem, QuantileConstraint, for_people, in_words, label_of, present_choice
+from .request import OptimiseRequest, read_request
+from .task import OptimisationTask
 from .terms import DemandTerms, mechanics_of
 from .tightening import VerifiedOptimum
 
 
 def report(
-    task: Task,
+    task: OptimisationTask,
     verified: VerifiedOptimum,
     counts: tuple[CountTried, ...],
     front: tuple[FrontPoint, ...],
@@ -58,7 +58,8 @@ def report(
     cost_before = request.problem.cost(before.half_width) if priced else 0.0
     count_price = request.section.count.cost_per_fiducial if request.section.count is not None else 0.0
     cost_before += count_price * len(before_system.fiducial_labels)
-    cost_after = (problem.cost(now.half_width) if priced else 0.0) + count_price * len(after_system.fiducial_labels)
+    fiducials_cost = count_price * len(after_system.fiducial_labels)
+    cost_after = (problem.cost(now.half_width) if priced else 0.0) + fiducials_cost
     minimised = problem.objective != "quantile"
     return Optimisation(
         schema="tailstack/optimisation/1",
@@ -67,7 +68,7 @@ def report(
         cost_before=cost_before if np.isfinite(cost_before) else None,
         cost_after=cost_after,
         cost_closed_form=search.best_objective if minimised else None,
-        cost_exact_law=None if verified.exact is None else verified.exact.cost,
+        cost_exact_law=None if verified.exact is None else verified.exact.cost + fiducials_cost,
         p95_before_mm=_p95_before(request.problem),
         p95_after_mm=_p95(after_system, after.demands),
         moved=_list_moves(request.problem.system, after_system, problem),
@@ -145,7 +146,7 @@ def _p95_before(problem: PlacementProblem) -> float | None:
         return None
 
 
-def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:
+def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
     limits = ", ".join(
         f"P{100 * item.quantile:g} of {ERRORS[item.error]}"
         + (f" of each of {100 * item.min_yield:g} % of units" if item.min_yield is not None else "")
@@ -173,7 +174,7 @@ def _in_a_sentence(request: Request, problem: PlacementProblem) -> str:
     return f"least cost ({made_of} over {count} free tolerances{fiducials}) with {limits}"
 
 
-def _p95(system: System, demands: tuple[Demand, ...]) -> float:
+def _p95(system: System, demands: tuple[QuantileConstraint, ...]) -> float:
     """Largest P95 over the demanded errors and targets, pooled, whatever the requirements limit."""
     values = []
     for demand in demands:
@@ -181,7 +182,7 @@ def _p95(system: System, demands: tuple[Demand, ...]) -> float:
             continue
         wanted = replace(demand.requirement, quantile=0.95, risk="pooled", min_yield=None)
         model = linearise(system, demand.target)
-        values.append(exact_quantile(model, Demand(wanted, demand.target)).value_mm)
+        values.append(exact_quantile(model, QuantileConstraint(wanted, demand.target)).value_mm)
     return max(values)
 
 
@@ -223,7 +224,7 @@ def _list_moves(before: System, after: System, problem: PlacementProblem) -> tup
 
 
 def _tolerances(
-    request: Request, verified: VerifiedOptimum, before: Choice, now: Choice
+    request: OptimiseRequest, verified: VerifiedOptimum, before: Choice, now: Choice
 ) -> tuple[ChangedTolerance, ...]:
     """Lever by the linear model at the demand with the largest quantile over its limit."""
     optimum = verified.optimum

@@ -7,6 +7,8 @@ from math import degrees, floor, radians
 
 import numpy as np
 
+from tailstack.fields import INTERFACES
+
 from ..arrays import Array, frozen
 from ..design import Design, Revision, compile_design, revise_design
 from ..design.compile import torsor_from_locators
@@ -24,20 +26,20 @@ from ..design.optimise_document import (
     TranslationBounds,
 )
 from ..errors import DesignError, Problem
-from ..system import INTERFACES, Requirement, System
-from .prices import Grade, Price, of_grades, reciprocal
+from ..system import Requirement, System
+from .prices import Price, PricedGrade, of_grades, reciprocal
 from .problem import (
     MOST_FIDUCIALS,
     Choice,
     FreeFiducial,
     FreeHalfWidth,
-    FreePivot,
     FreeSpacing,
+    PivotVariable,
     PlacementProblem,
     Survival,
     unit_of,
 )
-from .regions import Ball, Box, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
+from .regions import Ball, BoxRegion, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
 
 POSITION_DECIMALS = (3, 6)  # mm: a micrometre, unless that breaks the spacing
 WIDTH_DECIMALS = 6  # degrees and mm, rounded down
@@ -45,7 +47,7 @@ AT_BOUND = 1e-6  # relative: a half-width that near its bound is at it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Request:
+class OptimiseRequest:
     """What a document asks for."""
 
     design: Design
@@ -54,7 +56,7 @@ class Request:
     graded: tuple[int, ...]  # free half-widths that a table of grades is given for
 
 
-def read_request(design: Design) -> Request:
+def read_request(design: Design) -> OptimiseRequest:
     """The freedom that the document's ``optimise`` section gives, on the compiled design.  Raises DesignError."""
     section = design.document.optimise
     if section is None:
@@ -92,7 +94,7 @@ def read_request(design: Design) -> Request:
     if section.survive is not None:
         problem = replace(problem, survival=_survival(section.survive, problem))
     graded = tuple(k for k, free in enumerate(half_widths) if free.price.curve == "grades")
-    return Request(design, section, problem, graded)
+    return OptimiseRequest(design, section, problem, graded)
 
 
 def _requirements(system: System, named: str | list[str] | None) -> tuple[Requirement, ...]:
@@ -107,7 +109,7 @@ def _survival(wanted: Survive, problem: PlacementProblem) -> Survival:
 
 def _shape(shape: SearchBox | SearchCylinder | SearchBall) -> Shape:
     if isinstance(shape, SearchBox):
-        return Box(np.array(shape.min_mm), np.array(shape.max_mm))
+        return BoxRegion(np.array(shape.min_mm), np.array(shape.max_mm))
     if isinstance(shape, SearchBall):
         return Ball(np.array(shape.centre_mm), shape.radius_mm, shape.inner_radius_mm)
     axis = np.array(shape.axis, dtype=float)
@@ -199,7 +201,8 @@ def _read_listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
     native = radians if free.unit == "deg" else float
     if free.grades is not None:
         grades = tuple(
-            Grade(grade.name, native(getattr(grade, f"half_width_{free.unit}")), grade.price) for grade in free.grades
+            PricedGrade(grade.name, native(getattr(grade, f"half_width_{free.unit}")), grade.price)
+            for grade in free.grades
         )
         price = of_grades(grades)
         low, high = min(g.half_width for g in grades), max(g.half_width for g in grades)
@@ -209,9 +212,9 @@ def _read_listed(free: FreeTolerance, pointer: str) -> FreeHalfWidth:
     return FreeHalfWidth(free.interface, free.component, low, high, price, pointer)
 
 
-def _pivots(section: Optimise) -> tuple[FreePivot, ...]:
+def _pivots(section: Optimise) -> tuple[PivotVariable, ...]:
     return tuple(
-        FreePivot(
+        PivotVariable(
             free.interface,
             np.array(free.box.min_mm),
             np.array(free.box.max_mm),
@@ -246,7 +249,7 @@ def _spacings(design: Design, section: Optimise) -> tuple[FreeSpacing, ...]:
     return tuple(found)
 
 
-def with_count(request: Request, count: int) -> PlacementProblem:
+def with_count(request: OptimiseRequest, count: int) -> PlacementProblem:
     """The problem with so many fiducials: the last free ones left out, or new ones added to the region.
 
     New ones take the next free labels F1, F2, ... and the manufacturing tolerance of the others.
@@ -279,7 +282,7 @@ def with_count(request: Request, count: int) -> PlacementProblem:
     return replace(problem, system=system, places=_places(system, section))
 
 
-def list_counts(request: Request) -> tuple[int, ...]:
+def list_counts(request: OptimiseRequest) -> tuple[int, ...]:
     """The numbers of fiducials to be tried, ascending.  Raises DesignError when the symmetry allows none."""
     count, problem = request.section.count, request.problem
     present = len(problem.system.fiducial_labels)
@@ -303,7 +306,7 @@ def list_counts(request: Request) -> tuple[int, ...]:
     return tried
 
 
-def revise(request: Request, problem: PlacementProblem, choice: Choice) -> Design:
+def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) -> Design:
     """The design with a choice written into it: positions rounded to a micrometre, half-widths rounded down."""
     fiducials = _round_positions(problem, choice)
     widths = {
@@ -332,11 +335,11 @@ def _round_positions(problem: PlacementProblem, choice: Choice) -> Array:
     """Positions to a micrometre where that keeps the spacing; copies of a symmetry and curved regions to 1e-6 mm."""
     free = list(problem.free_fiducials)
     fiducials = problem.system.fiducials_mm.copy()
-    coarse = not problem.symmetry and all(isinstance(place.region, Box) for place in problem.places)
+    coarse = not problem.symmetry and all(isinstance(place.region, BoxRegion) for place in problem.places)
     for decimals in POSITION_DECIMALS if coarse else POSITION_DECIMALS[1:]:
         fiducials[free] = np.round(choice.fiducials_mm[free], decimals) + 0.0  # no negative zeros
         for place in problem.places:
-            if isinstance(place.region, Box) and not problem.symmetry:
+            if isinstance(place.region, BoxRegion) and not problem.symmetry:
                 index = place.fiducials[0]
                 fiducials[index] = np.clip(fiducials[index], place.region.low_mm, place.region.high_mm)
         if smallest_gap(fiducials, free) >= problem.min_spacing_mm:

@@ -34,7 +34,7 @@ from .problem import Choice, PlacementProblem, least_half_widths, present_choice
 from .program import Parameters, Point, Program, build_program, solve
 from .regions import bounding_box
 from .starts import starting_layouts
-from .terms import DemandTerms, Estimator, estimator_of, every_terms, is_singular
+from .terms import DemandTerms, EstimationTerms, estimator_of, every_terms, is_singular
 
 POLISHED = 3  # best explored points that are solved to full precision
 ATTEMPTS = 8  # starts asked for the smallest quantile before a limit is called out of reach
@@ -96,7 +96,7 @@ class Search:
     program: Program
     iterates: tuple[Iterate, ...]
     terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
-    estimator: Estimator
+    estimator: EstimationTerms
     starts: int
     converged: int
     optima: tuple[LocalOptimum, ...]  # ascending
@@ -114,7 +114,7 @@ class PreparedSearch:
 
     program: Program
     terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
-    estimator: Estimator
+    estimator: EstimationTerms
     starts: tuple[Start, ...]
     ends: dict[int, Iterate]  # that are known already
 
@@ -158,13 +158,15 @@ def prepare_search(
 
 
 def _prepare(
-    program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array], control: Control
+    program: Program, terms: tuple[DemandTerms, ...], estimator: EstimationTerms, layouts: list[Array], control: Control
 ) -> PreparedSearch:
     starts, ends = _lead(program, _starts(program, layouts, control))
     return PreparedSearch(program, terms, estimator, tuple(starts), ends)
 
 
-def explore(program: Program, terms: tuple[DemandTerms, ...], estimator: Estimator, layouts: list[Array]) -> Search:
+def explore(
+    program: Program, terms: tuple[DemandTerms, ...], estimator: EstimationTerms, layouts: list[Array]
+) -> Search:
     """Solve from given layouts."""
     return _solve_prepared(_prepare(program, terms, estimator, layouts, ALONE), ALONE)
 

@@ -21,8 +21,20 @@ from ..arrays import Array
 from ..kernels import kernel
 from ..propagation.noise import Estimation, noise_gains
 from .problem import PlacementProblem
-from .regions import Box, Cylinder, Shape, across_axis, clear_of, clip, contains, diameter_mm, distinct, move, sample
-from .terms import DemandTerms, Estimator, free_laws
+from .regions import (
+    BoxRegion,
+    Cylinder,
+    Shape,
+    across_axis,
+    clear_of,
+    clip,
+    contains,
+    diameter_mm,
+    distinct,
+    move,
+    sample,
+)
+from .terms import DemandTerms, EstimationTerms, free_laws
 
 CANDIDATES = 60
 SWEEPS = 3
@@ -33,9 +45,9 @@ CARELESS = 0xCA7E  # keeps these seeds apart from those of the starts
 
 
 def in_field(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], points: Array
+    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], points: Array
 ) -> NDArray[np.bool_]:
-    """(M,) whether each told point (M, 3) is in front of every source, inside every image with its margin, and
+    """(M,) whether each assumed point (M, 3) is in front of every source, inside every image with its margin, and
     clear of the targets' images."""
     kept = np.ones(len(points), dtype=bool)
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
@@ -57,36 +69,36 @@ def with_copies(problem: PlacementProblem, points: Array) -> Array:
     return np.stack([points, *(move(isometry, points) for isometry in problem.symmetry)], axis=1)
 
 
-def _displace(estimator: Estimator, points: Array) -> Array:
-    """Positions (..., 3) as the estimator is told them."""
-    flat = points.reshape(-1, 3) @ estimator.told.T + estimator.told_shift_mm
+def _displace(estimator: EstimationTerms, points: Array) -> Array:
+    """Positions (..., 3) as the estimator assumes them."""
+    flat = points.reshape(-1, 3) @ estimator.assumed.T + estimator.assumed_shift_mm
     return np.ascontiguousarray(flat.reshape(points.shape))
 
 
 def _keep_rules(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], region: Shape, drawn: Array
+    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], region: Shape, drawn: Array
 ) -> NDArray[np.bool_]:
     """(M,) whether points (M, G, 3) of a region and its copies keep every rule but the spacing to other fiducials."""
     count = drawn.shape[1]
-    told = _displace(estimator, drawn)
-    kept = in_field(problem, estimator, terms, told.reshape(-1, 3)).reshape(-1, count).all(axis=1)
+    assumed = _displace(estimator, drawn)
+    kept = in_field(problem, estimator, terms, assumed.reshape(-1, 3)).reshape(-1, count).all(axis=1)
     for zone in problem.keep_out:
         kept &= clear_of(zone, drawn.reshape(-1, 3)).reshape(-1, count).all(axis=1)
     for m in range(1, count):
         kept &= contains(region, drawn[:, m])
     if count > 1:
-        kept &= apart_from_copies(told, np.ascontiguousarray(estimator.projections), _spacing(problem))
+        kept &= apart_from_copies(assumed, np.ascontiguousarray(estimator.projections), _spacing(problem))
     return np.asarray(kept)
 
 
 def _candidates(
     problem: PlacementProblem,
-    estimator: Estimator,
+    estimator: EstimationTerms,
     terms: tuple[DemandTerms, ...],
     region: Shape,
     rng: np.random.Generator,
 ) -> Array:
-    """(C, G, 3) told: at most CANDIDATES that keep the rules, or any when a thousand draws hold none."""
+    """(C, G, 3) assumed: at most CANDIDATES that keep the rules, or any when a thousand draws hold none."""
     kept: list[Array] = []
     for _ in range(BATCHES):
         drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, ON_FACE))
@@ -115,7 +127,7 @@ def _spread(
 
 def starting_layouts(
     problem: PlacementProblem,
-    estimator: Estimator,
+    estimator: EstimationTerms,
     terms: tuple[DemandTerms, ...],
     starts: int,
     seed: int,
@@ -135,7 +147,7 @@ def starting_layouts(
     least_gap = APART * max(diameter_mm(region) for region in regions)
     spacing = Spacing(max(float(problem.min_spacing_mm), least_gap), float(problem.min_projected_spacing_px))
     layouts = [present]
-    inverse = np.linalg.inv(estimator.told)
+    inverse = np.linalg.inv(estimator.assumed)
     for k in range(1, starts):
         rng = np.random.default_rng([seed, k])
         pools = [_candidates(problem, estimator, terms, region, rng) for region in regions]
@@ -147,7 +159,7 @@ def starting_layouts(
         exchange(points, groups, Candidates(np.concatenate(pools), first, last), spacing, model, SWEEPS)
         layout = present.copy()
         free = list(problem.free_fiducials)
-        layout[free] = ((points - estimator.told_shift_mm) @ inverse.T)[free]
+        layout[free] = ((points - estimator.assumed_shift_mm) @ inverse.T)[free]
         layouts.append(_clip_to_regions(problem, layout))
         if progress is not None:
             progress(k + 1, starts)
@@ -158,7 +170,9 @@ def _spacing(problem: PlacementProblem) -> Spacing:
     return Spacing(float(problem.min_spacing_mm), float(problem.min_projected_spacing_px))
 
 
-def _exchange_model(problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...]) -> ExchangeModel:
+def _exchange_model(
+    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...]
+) -> ExchangeModel:
     """Errors relative to their limits, free half-widths at their smallest."""
     smallest = problem.lower * [per for _, per in free_laws(problem)]
     limits = np.array([term.demand.requirement.limit_mm for term in terms])
@@ -169,7 +183,7 @@ def _exchange_model(problem: PlacementProblem, estimator: Estimator, terms: tupl
     ]
     return ExchangeModel(
         projections=np.ascontiguousarray(estimator.projections),
-        told=np.ascontiguousarray(estimator.told),
+        assumed=np.ascontiguousarray(estimator.assumed),
         reconstructed=np.array([term.reconstructed_mm for term in terms]),
         to_error=np.array([term.to_error for term in terms]) * share[:, None, None],
         constant=np.array(constant) * share**2,
@@ -191,7 +205,7 @@ def _clip_to_regions(problem: PlacementProblem, fiducials_mm: Array) -> Array:
 
 
 def careless_layouts(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], count: int, seed: int
+    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], count: int, seed: int
 ) -> list[Array]:
     """Up to ``count`` layouts (N, 3) mm as a careless designer might draw them: random, but within every rule.
 
@@ -216,25 +230,25 @@ def careless_layouts(
 
 
 def _draw_layout(
-    problem: PlacementProblem, estimator: Estimator, groups: NDArray[np.int64], pools: list[Array]
+    problem: PlacementProblem, estimator: EstimationTerms, groups: NDArray[np.int64], pools: list[Array]
 ) -> Array | None:
     """Each group on the first point of its pool (M, G, 3), con, that keeps its spacing; None when a pool runs out."""
     projections, spacing = np.ascontiguousarray(estimator.projections), _spacing(problem)
     layout = problem.system.fiducials_mm.copy()
-    told = _displace(estimator, layout)
-    told[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]
+    assumed = _displace(estimator, layout)
+    assumed[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]
     for group, pool in zip(groups, pools, strict=True):
         tried = _displace(estimator, pool)
-        free = (c for c in range(len(pool)) if keeps_distance(told, group, tried[c], projections, spacing))
+        free = (c for c in range(len(pool)) if keeps_distance(assumed, group, tried[c], projections, spacing))
         chosen = next(free, None)
         if chosen is None:
             return None
-        layout[group], told[group] = pool[chosen], tried[chosen]
+        layout[group], assumed[group] = pool[chosen], tried[chosen]
     return layout
 
 
 def textbook_layout(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...]
+    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...]
 ) -> tuple[str, Array] | None:
     """What a textbook would do with the free fiducials, as (name, layout (N, 3) mm), or None where it has no answer.
 
@@ -247,7 +261,7 @@ def textbook_layout(
         return None
     region = regions[0]
     made = None
-    if isinstance(region, Box):
+    if isinstance(region, BoxRegion):
         made = _on_lattice(region, len(free))
     elif isinstance(region, Cylinder):
         made = _on_rings(region, len(free))
@@ -261,7 +275,7 @@ def textbook_layout(
     return name, layout
 
 
-def _on_lattice(box: Box, count: int) -> tuple[str, Array] | None:
+def _on_lattice(box: BoxRegion, count: int) -> tuple[str, Array] | None:
     """Up to 27 points (count, 3) of a box: opposite ones follow each other."""
     if count > 27 or not (box.high_mm > box.low_mm).all():
         return None
@@ -292,14 +306,15 @@ def _on_rings(cylinder: Cylinder, count: int) -> tuple[str, Array] | None:
 
 
 def _keeps_every_rule(
-    problem: PlacementProblem, estimator: Estimator, terms: tuple[DemandTerms, ...], region: Shape, layout: Array
+    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], region: Shape, layout: Array
 ) -> bool:
     """Whether the free fiducials of a layout without symmetry keep every rule."""
     projections, spacing = np.ascontiguousarray(estimator.projections), _spacing(problem)
     free = np.array(problem.free_fiducials, dtype=np.int64)
-    told = _displace(estimator, layout)
+    assumed = _displace(estimator, layout)
     return bool(_keep_rules(problem, estimator, terms, region, layout[free, None]).all()) and all(
-        keeps_distance(told, free[m : m + 1], told[free[m : m + 1]], projections, spacing) for m in range(len(free))
+        keeps_distance(assumed, free[m : m + 1], assumed[free[m : m + 1]], projections, spacing)
+        for m in range(len(free))
     )
 
 
@@ -311,7 +326,7 @@ class Spacing(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Where groups of G fiducials (a fiducial and its copies) may go, as the estimator is told them."""
+    """Where groups of G fiducials (a fiducial and its copies) may go, as the estimator assumes them."""
 
     points: Array  # (C, G, 3) mm
     first: NDArray[np.int64]  # (P,) the candidates of group p are those from first[p]
@@ -321,8 +336,8 @@ class Candidates(NamedTuple):
 class ExchangeModel(NamedTuple):
     """What the mean square of the error at T demands depends on, but for the layout."""
 
-    projections: Array  # (V, 3, 4) of told mm, |p3| = 1
-    told: Array  # (3, 3) displacement of a fiducial to that of its told position
+    projections: Array  # (V, 3, 4) of assumed mm, |p3| = 1
+    assumed: Array  # (3, 3) displacement of a fiducial to that of its assumed position
     reconstructed: Array  # (T, 3) mm: targets as the estimator sees them
     to_error: Array  # (T, 3, 3) displacement of the triangulated point to the limited error, over its limit
     constant: Array  # (T,) mm^2: what no fiducial changes, likewise
@@ -341,7 +356,7 @@ gains_or_infinity = register_jitable(noise_gains)
 def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, Array, Array, Array]) -> float:
     """Largest over the demands of E|e|^2, mm^2; inf where the layout is singular.
 
-    points: (N, 3) mm as the estimator is told them; work: arrays for the gains (V, N, 3, 2), (V, 3, 2), (V, N, 3, 3),
+    points: (N, 3) mm as the estimator assumes them; work: arrays for the gains (V, N, 3, 2), (V, 3, 2), (V, N, 3, 3),
     (V, 3, 3), and for weights (V, 2, 2), overwritten.
     """
     fiducial, target_gain, manufacturing, intrinsics, row_weights = work
@@ -374,7 +389,7 @@ def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, A
                     for v in range(views):
                         for k in range(3):
                             for m in range(3):
-                                g += model.to_error[t, r, k] * manufacturing[v, i, k, m] * model.told[m, c]
+                                g += model.to_error[t, r, k] * manufacturing[v, i, k, m] * model.assumed[m, c]
                     total += (g * model.manufacturing_std_mm[i, c]) ** 2
         for v in range(views):
             through = np.zeros((3, 3))
@@ -394,7 +409,7 @@ def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, A
 
 @kernel(nogil=True)
 def far_enough(a: Array, b: Array, projections: Array, spacing: Spacing) -> bool:
-    """Whether two told points a, b (3,) mm are far enough apart, and their images under projections (V, 3, 4) are."""
+    """Whether assumed points a, b (3,) mm are far enough apart, and their images under projections (V, 3, 4) are."""
     apart = 0.0
     for k in range(3):
         apart += (a[k] - b[k]) ** 2
@@ -423,7 +438,7 @@ def far_enough(a: Array, b: Array, projections: Array, spacing: Spacing) -> bool
 def keeps_distance(
     points: Array, group: NDArray[np.int64], candidate: Array, projections: Array, spacing: Spacing
 ) -> bool:
-    """Whether a group (G,) of the points (N, 3), put at a candidate (G, 3), is far enough from all others; mm, told.
+    """Whether a group (G,) of the points (N, 3), put at a candidate (G, 3), is far enough from all others; mm, assumed.
 
     projections: (V, 3, 4).
     """
@@ -438,7 +453,7 @@ def keeps_distance(
 
 @kernel(nogil=True)
 def apart_from_copies(candidates: Array, projections: Array, spacing: Spacing) -> NDArray[np.bool_]:
-    """(C,) whether the points of each candidate (C, G, 3), mm, told, are far enough apart; projections: (V, 3, 4)."""
+    """(C,) whether the points of each candidate (C, G, 3) mm, assumed, are far enough apart; projections: (V, 3, 4)."""
     kept = np.ones(candidates.shape[0], np.bool_)
     for c in range(candidates.shape[0]):
         for m in range(candidates.shape[1]):
@@ -457,7 +472,7 @@ def exchange(
     model: ExchangeModel,
     sweeps: int,
 ) -> float:
-    """Move each group (P, G) of the points (N, 3), mm, told, to its best candidate in place; returns the mean square
+    """Move each group (P, G) of the points (N, 3), mm, assumed, to its best candidate in place; returns the mean square
     reached, mm^2.  At most so many sweeps over all groups.
     """
     views, count = model.projections.shape[0], points.shape[0]

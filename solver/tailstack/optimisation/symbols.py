@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
-# Floats, or object arrays of CasADi SX scalars; static typing cannot say both.
-Duck = Any
+from ..system import ArrayLike
 
 
-def plain(values: Any) -> Duck:
+def plain(values: Any) -> ArrayLike:
     """An object array of Python numbers: numpy's own scalars would not hand over to symbols."""
     return np.asarray(values, dtype=float).astype(object)
 
 
-def times(values: Duck, factor: Duck) -> Duck:
+def times(values: ArrayLike, factor: ArrayLike) -> ArrayLike:
     """``values * factor`` for an object array and one symbol: CasADi would make a matrix of its own of the product."""
     out = np.empty(values.shape, dtype=object)
     for index in np.ndindex(values.shape):
@@ -23,7 +22,7 @@ def times(values: Duck, factor: Duck) -> Duck:
     return out
 
 
-def elements(vector: Any) -> Duck:
+def elements(vector: Any) -> ArrayLike:
     """A CasADi column as an object array of its scalars."""
     out = np.empty(vector.numel(), dtype=object)
     for k in range(vector.numel()):

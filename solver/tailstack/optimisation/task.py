@@ -13,14 +13,14 @@ from ..results import Finding
 from .contradictions import refuse_contradictions
 from .explain import influence_of, refuse_incurable
 from .problem import PlacementProblem
-from .request import Request, list_counts, read_request, with_count
+from .request import OptimiseRequest, list_counts, read_request, with_count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
+class OptimisationTask:
     """What a document asks for."""
 
-    request: Request
+    request: OptimiseRequest
     seed: int
     starts: int
     counts: tuple[int, ...]  # numbers of fiducials to be tried
@@ -28,7 +28,7 @@ class Task:
     remarks: tuple[Finding, ...]  # what the free variables can and cannot do
 
 
-def read_task(design: Design, *, seed: int | None = None, starts: int | None = None) -> Task:
+def read_task(design: Design, *, seed: int | None = None, starts: int | None = None) -> OptimisationTask:
     """Read the ``optimise`` section of a design.  Raises DesignError, InfeasibleError."""
     with locate_refusals(design):
         request = read_request(design)
@@ -37,7 +37,7 @@ def read_task(design: Design, *, seed: int | None = None, starts: int | None = N
         for problem in problems:
             refuse_contradictions(problem)
         refuse_incurable(request.problem)
-        return Task(
+        return OptimisationTask(
             request=request,
             seed=section.seed if seed is None else seed,
             starts=section.starts if starts is None else starts,

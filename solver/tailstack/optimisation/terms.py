@@ -28,17 +28,25 @@ from ..propagation.linear import (
     Block,
     KnownShift,
     LinearModel,
-    believed_errors,
+    believed_knowns,
     estimation_of,
     estimator_geometry,
     linearise,
 )
 from ..propagation.noise import Estimation, noise_gains
 from ..propagation.systematic import systematic_errors
-from ..system import STD_PER_HALF_WIDTH, IntrinsicsError, Law, System
-from .problem import Choice, Demand, PlacementProblem, apply_choice, mount_named, present_choice, with_pivots
+from ..system import ArrayLike, DirectEffect, Law, System, Way, std_per_half_width
+from .problem import (
+    Choice,
+    PlacementProblem,
+    QuantileConstraint,
+    apply_choice,
+    mount_named,
+    present_choice,
+    with_pivots,
+)
 from .regions import bounding_box
-from .symbols import Duck, plain, times
+from .symbols import plain, times
 
 PIVOT_STEP_MM = 64.0  # any step would do for an affine function; a large one loses no digits
 
@@ -55,7 +63,7 @@ class Affine:
     by_spacing: Array  # (L, ...)
     cross: Array  # (3P, L, ...)
 
-    def at(self, mechanics: Mechanics) -> Duck:
+    def at(self, mechanics: Mechanics) -> ArrayLike:
         """Value for floats or symbols; the base itself when nothing mechanical is free."""
         value: Any = self.base
         for w, slope in zip(mechanics.pivot_shift, self.by_pivot, strict=True):
@@ -67,7 +75,7 @@ class Affine:
         return value
 
 
-def _plus(value: Duck, slope: Array, factor: Any) -> Duck:
+def _plus(value: ArrayLike, slope: Array, factor: Any) -> ArrayLike:
     return value + times(plain(slope), factor) if slope.any() else value
 
 
@@ -84,12 +92,12 @@ def mechanics_of(problem: PlacementProblem, choice: Choice) -> Mechanics:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimator:
+class EstimationTerms:
     """What the layout enters through, the same for every target."""
 
     projections: Array  # (V, 3, 4) effective, |p3| = 1
-    told: Array  # (3, 3): fiducials as the estimator is told them are X @ told.T + told_shift_mm
-    told_shift_mm: Array  # (3,)
+    assumed: Array  # (3, 3): fiducials as the estimator assumes them are X @ assumed.T + assumed_shift_mm
+    assumed_shift_mm: Array  # (3,)
     fiducial_px: Array  # (V,) standard deviations
     target_px: Array  # (V,)
     manufacturing_std_mm: Array  # (N, 3)
@@ -99,24 +107,24 @@ class Estimator:
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
 
 
-def estimator_of(system: System) -> Estimator:
-    projections, told, per_error = estimator_geometry(system)
-    # In the physical reading the estimator is told X itself, in the Eq 18 reading the displaced X.
-    return Estimator(
+def estimator_of(system: System) -> EstimationTerms:
+    projections, assumed, per_error = estimator_geometry(system)
+    # In the physical reading the estimator assumes X itself, in the Eq 18 reading the displaced X.
+    return EstimationTerms(
         projections=projections,
-        told=per_error,
-        told_shift_mm=told[0] - per_error @ system.fiducials_mm[0],
+        assumed=per_error,
+        assumed_shift_mm=assumed[0] - per_error @ system.fiducials_mm[0],
         fiducial_px=np.array([view.fiducial_noise_px for view in system.views]),
         target_px=np.array([view.target_noise_px for view in system.views]),
         manufacturing_std_mm=system.manufacturing_std_mm,
         estimation=estimation_of(system),
-        intrinsics_covariance=np.array([_covariance(error) for error in believed_errors(system)]),
-        intrinsics_bias=np.array([np.zeros(3) if error is None else error.bias for error in believed_errors(system)]),
+        intrinsics_covariance=np.array([_covariance(error) for error in system.believed_errors]),
+        intrinsics_bias=believed_knowns(system.believed_errors),
         weights=system.sees,
     )
 
 
-def _covariance(error: IntrinsicsError | None) -> Array:
+def _covariance(error: DirectEffect | None) -> Array:
     """(3, 3) of the assumed intrinsics of a view."""
     if error is None:
         return np.zeros((3, 3))
@@ -141,7 +149,7 @@ class SourceTerm:
 class DemandTerms:
     """One quantile: the linear model's parts that no fiducial changes."""
 
-    demand: Demand
+    demand: QuantileConstraint
     reconstructed: Affine  # (3,) con: the target as the estimator sees it, noise-free
     bias: Affine  # (3,) mm, without what comes through the images
     gains: Affine  # (S, 3) mm per native unit of each source
@@ -205,7 +213,7 @@ def every_terms(problem: PlacementProblem) -> tuple[DemandTerms, ...]:
     return tuple(found)
 
 
-def terms_of(problem: PlacementProblem, demand: Demand) -> DemandTerms:
+def terms_of(problem: PlacementProblem, demand: QuantileConstraint) -> DemandTerms:
     """Coefficients of one quantile.  They do not depend on the layout, so a singular one is scattered first."""
     system = problem.system
     if is_singular(system, system.fiducials_mm):
@@ -275,38 +283,38 @@ class _Parts:
     values: tuple[Array, Array, Array]  # reconstructed, bias less what comes through the images, gains
 
 
-def _parts(problem: PlacementProblem, choice: Choice, demand: Demand) -> _Parts:
+def _parts(problem: PlacementProblem, choice: Choice, demand: QuantileConstraint) -> _Parts:
     model = at_ends(linearise(apply_choice(problem, choice), demand.target), demand.ends)
     error = demand.requirement.error
-    gains = [model.gain(block, error).T for block in model.blocks if _is_constant(block)]
+    gains = [block.gain(error).T for block in model.blocks if _is_constant(block)]
     stacked = np.vstack(gains) if gains else np.zeros((0, 3))
     return _Parts(model, (model.reconstructed_mm, model.bias_mm(error) - model.imaged_bias_mm(error), stacked))
 
 
 def vertices_of(model: LinearModel, ends: tuple[float, ...]) -> list[Array]:
-    """(k,) native unit for each common block in turn: its bounded sources at ``Demand.ends``, 0 of all others."""
+    """(k,) native unit for each common block in turn: bounded sources at ``QuantileConstraint.ends``, others 0."""
     left = iter(ends)
     return [
         np.array([
             h * next(left, 0.0) if law is Law.BOUNDED and h > 0 else 0.0
             for law, h in zip(block.laws, block.half_width, strict=True)
         ])
-        for block in model.blocks if block.common
+        for block in model.blocks if _is_common(block)
     ]  # fmt: skip
 
 
 def at_ends(model: LinearModel, ends: tuple[float, ...]) -> LinearModel:
-    """The linear model with the bounded common sources at ``Demand.ends``: part of what is known."""
+    """The linear model with the bounded common sources at ``QuantileConstraint.ends``: part of what is known."""
     if not ends:
         return model
     places = iter(vertices_of(model, ends))
     blocks, known = [], []
     for block in model.blocks:
-        if block.common:
+        if _is_common(block):
             place = next(places)
             shifts = block.localisation @ place, block.tcp @ place
             known.append(KnownShift(block.contributor, *shifts, block.label))
-            block = block._replace(half_width=np.where(place != 0, 0.0, block.half_width))
+            block = block.with_half_widths(np.where(place != 0, 0.0, block.half_width))
         blocks.append(block)
     return replace(
         model,
@@ -318,11 +326,11 @@ def at_ends(model: LinearModel, ends: tuple[float, ...]) -> LinearModel:
 
 
 def _is_constant(block: Block) -> bool:
-    return not (block.imaged or block.common)
+    return block.effect.way is Way.LINK
 
 
 def _is_common(block: Block) -> bool:
-    return block.common
+    return block.effect.way is Way.SHARED
 
 
 def _sources(problem: PlacementProblem, model: LinearModel, wanted: Callable[[Block], bool]) -> tuple[SourceTerm, ...]:
@@ -354,26 +362,26 @@ def free_laws(problem: PlacementProblem) -> tuple[tuple[Law, float], ...]:
         sources = mount_named(problem.system, free.contributor).sources
         j = sources.names.index(free.component)
         law = sources.laws[j]
-        found.append((law, 1 / float(sources.coverage_factor[j]) if law is Law.NORMAL else STD_PER_HALF_WIDTH[law]))
+        found.append((law, std_per_half_width(law, float(sources.coverage_factor[j]))))
     return tuple(found)
 
 
 class ImageParts(NamedTuple):
     """What comes through the images and depends on the layout, of one error and in its frame: floats or symbols."""
 
-    noise: Duck  # (3, 3) mm^2, covariance of image noise
-    made: Duck  # (3, 3) mm^2, of manufacturing errors and assumed intrinsics, which are drawn once per unit
-    shift: Duck  # (3,) mm, known
-    gains: Duck  # (C, 3) mm per native unit of each of ``DemandTerms.common``
+    noise: ArrayLike  # (3, 3) mm^2, covariance of image noise
+    made: ArrayLike  # (3, 3) mm^2, of manufacturing errors and assumed intrinsics, which are drawn once per unit
+    shift: ArrayLike  # (3,) mm, known
+    gains: ArrayLike  # (C, 3) mm per native unit of each of ``DemandTerms.common``
 
     @property
-    def numbers(self) -> Duck:
+    def numbers(self) -> ArrayLike:
         """(15 + 3 C,) all of them in a row, the covariances by their upper triangles."""
         upper = np.triu_indices(3)
         return np.concatenate([self.noise[upper], self.made[upper], self.shift, self.gains.ravel()])
 
     @staticmethod
-    def of(numbers: Duck) -> ImageParts:
+    def of(numbers: ArrayLike) -> ImageParts:
         """Back from ``numbers``."""
         upper = np.triu_indices(3)
         covariances = np.zeros((2, 3, 3), numbers.dtype)
@@ -384,27 +392,32 @@ class ImageParts(NamedTuple):
 
 
 def image_parts_at(
-    estimator: Estimator, terms: DemandTerms, laid: System, projections: Duck, told_shift: Duck, reconstructed: Duck
+    estimator: EstimationTerms,
+    terms: DemandTerms,
+    laid: System,
+    projections: ArrayLike,
+    assumed_shift: ArrayLike,
+    reconstructed: ArrayLike,
 ) -> ImageParts:
     """What comes through the images at a layout.
 
-    laid: a system whose fiducials and pivots, as projections (V, 3, 4), told_shift (3,) and reconstructed (3,), are
+    laid: a system whose fiducials and pivots, as projections (V, 3, 4), assumed_shift (3,) and reconstructed (3,), are
     object arrays of numbers or symbols.
     """
     fiducials = laid.fiducials_mm
-    points = fiducials @ plain(estimator.told).T + told_shift
+    points = fiducials @ plain(estimator.assumed).T + assumed_shift
     views, count = len(estimator.projections), points.shape[0]
     kind = points.dtype
     fiducial, target = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
     manufacturing, intrinsics = np.zeros((views, count, 3, 3), kind), np.zeros((views, 3, 3), kind)
-    told = estimator.estimation._replace(
+    assumed = estimator.estimation._replace(
         precision=plain(estimator.estimation.precision), noise=plain(estimator.estimation.noise)
     )
     noise_gains(
         projections,
         points,
         estimator.weights * terms.kept,
-        told,
+        assumed,
         reconstructed,
         fiducial,
         target,
@@ -422,7 +435,7 @@ def image_parts_at(
     if estimator.manufacturing_std_mm.any():
         shared = manufacturing.sum(axis=0)
         for i in range(count):
-            scaled = shared[i] @ plain(estimator.told) * plain(estimator.manufacturing_std_mm[i])
+            scaled = shared[i] @ plain(estimator.assumed) * plain(estimator.manufacturing_std_mm[i])
             made = made + scaled @ scaled.T
     for gain, covariance in zip(intrinsics, estimator.intrinsics_covariance, strict=True):
         if covariance.any():
@@ -432,7 +445,7 @@ def image_parts_at(
     gains = [np.zeros((0, 3), kind)]
     seat = laid.structure_connector
     for each in systematic_errors(
-        laid, displacement(seat.bias, seat.pivot_mm, laid.rotation_form), terms.demand.target
+        laid, displacement(seat.known, seat.pivot_mm, laid.rotation_form), terms.demand.target
     ):
         by_source, fixed = each.localise(by_image)
         gains.append((to_error @ by_source + terms.flange_to_error @ each.at_flange_mm).T)
@@ -442,7 +455,7 @@ def image_parts_at(
     return ImageParts(to_error @ noise @ to_error.T, to_error @ made @ to_error.T, known, stacked)
 
 
-def lay(problem: PlacementProblem, points: Duck, mechanics: Mechanics) -> System:
+def lay(problem: PlacementProblem, points: ArrayLike, mechanics: Mechanics) -> System:
     """The system with fiducials and pivots in numbers or symbols."""
     present = present_choice(problem).pivots_mm
     shifts = np.asarray(mechanics.pivot_shift).reshape(present.shape)
@@ -451,7 +464,7 @@ def lay(problem: PlacementProblem, points: Duck, mechanics: Mechanics) -> System
 
 
 def estimator_affine(problem: PlacementProblem) -> tuple[Affine, Affine]:
-    """Projections (V, 3, 4) and the shift of the told fiducials (3,) as functions of the pivots."""
+    """Projections (V, 3, 4) and the shift of the assumed fiducials (3,) as functions of the pivots."""
     here = present_choice(problem)
     base = estimator_of(problem.system)
     slopes = []
@@ -462,7 +475,7 @@ def estimator_affine(problem: PlacementProblem) -> tuple[Affine, Affine]:
         slopes.append(
             (
                 _clean((moved.projections - base.projections) / PIVOT_STEP_MM),
-                _clean((moved.told_shift_mm - base.told_shift_mm) / PIVOT_STEP_MM),
+                _clean((moved.assumed_shift_mm - base.assumed_shift_mm) / PIVOT_STEP_MM),
             )
         )
     count, spacings = here.pivots_mm.size, here.spacing.size
@@ -471,7 +484,7 @@ def estimator_affine(problem: PlacementProblem) -> tuple[Affine, Affine]:
         by_pivot = np.array([slope[part] for slope in slopes]).reshape(count, *start.shape)
         return Affine(start, by_pivot, np.zeros((spacings, *start.shape)), np.zeros((count, spacings, *start.shape)))
 
-    return affine(base.projections, 0), affine(base.told_shift_mm, 1)
+    return affine(base.projections, 0), affine(base.assumed_shift_mm, 1)
 
 
 def blind_half_widths(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> NDArray[np.bool_]:

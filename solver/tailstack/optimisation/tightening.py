@@ -19,8 +19,8 @@ from ..verification import UNITS, verify
 from .exact_law import Evaluation, evaluate_demand
 from .grades import Optimum, settle_grades
 from .placement import PlacementSolution, settle
-from .problem import Demand, PlacementProblem, Survival
-from .request import Request, revise
+from .problem import PlacementProblem, QuantileConstraint, Survival
+from .request import OptimiseRequest, revise
 from .search import Control, Search
 
 # Trials of a check: 2^20 hold P95 within 0.13 %, and every bit of that interval is paid for in tolerance.  Fewer
@@ -60,7 +60,11 @@ class VerifiedOptimum:
 
 
 def tighten(
-    request: Request, search: Search, settings: CheckSettings, control: Control, start: PlacementSolution | None = None
+    request: OptimiseRequest,
+    search: Search,
+    settings: CheckSettings,
+    control: Control,
+    start: PlacementSolution | None = None,
 ) -> VerifiedOptimum:
     """Solve, check by Monte Carlo, tighten by the measured ratio, until the check's upper limit is within the limit.
 
@@ -166,7 +170,7 @@ def first_aims(search: Search, trials: int) -> Array:
     )
 
 
-def _aim(exact: Evaluation, demand: Demand, trials: int) -> float:
+def _aim(exact: Evaluation, demand: QuantileConstraint, trials: int) -> float:
     requirement = demand.requirement
     if exact.density <= 0:
         return 1.0

@@ -7,40 +7,107 @@ sources are second order and left out; ``second_order`` and the Monte Carlo acco
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..errors import IllPosedError, Problem
-from ..geometry.rotation import Displacement, displacement
-from ..system import Estimator, IntrinsicsError, Law, Reading, System, Target, Triangulation
-from .noise import Estimation, noise_gains, noise_gains_jit
-from .nonlinearity import Nonlinearity, matrix_covariance, nonlinearity
-from .systematic import systematic_errors
-
-ASSUMED = "assumed_intrinsics:"  # followed by the name of a view: the contributor
-ROWS = {Triangulation.WEIGHTED: 1, Triangulation.REPROJECTION: 2}  # the others: 0
-NO_GAIN = np.zeros((3, 0))
+from ..estimation.least_squares import precisions
+from ..geometry.rotation import Displacement, apply, displacement
+from ..system import DirectEffect, Drawn, Effect, Law, Place, Reading, System, Target, Way
+from .noise import Estimation, noise_gains, noise_gains_jit, stack_columns, stack_columns_jit
+from .nonlinearity import Common, MatrixGains, Nonlinearity, matrix_covariance, nonlinearity, view_matrix_gains
+from .systematic import Systematic, systematic_errors
+from .turns import (
+    ANGLES_1,
+    ANGLES_2,
+    ANGLES_3,
+    IMAGES,
+    NO_TURNS,
+    SIZE,
+    Turns,
+    images_beside_bias,
+    second_order,
+    turns_of,
+)
 
 
 class Block(NamedTuple):
-    """One contributor: k independent scalar sources and what one native unit of each does to the error."""
+    """An effect, and what one native unit of each of its k sources does to the error."""
 
-    contributor: str
-    components: tuple[str, ...]
-    laws: tuple[Law, ...]
-    half_width: Array  # (k,) native unit: rad, mm, px, N; sigma for image noise
-    std: Array  # (k,) native unit
-    units: tuple[str, ...]
+    effect: Effect
     localisation: Array  # (3, k) con, mm per native unit
     tcp: Array  # (3, k) tcp, mm per native unit
-    grouped: bool  # reported as one line (all columns are alike), not component by component
-    per_unit: bool  # drawn once per installed unit (True) or at each shot (False)
-    label: str = ""  # what people call the contributor
-    imaged: bool = False  # acts through the images: its gains are those of ``image_gains`` and depend on the layout
-    common: bool = False  # moves the images of all fiducials of a view together: so do its gains
+
+    @property
+    def contributor(self) -> str:
+        """Name of the effect."""
+        return self.effect.name
+
+    @property
+    def label(self) -> str:
+        """What people call it."""
+        return self.effect.label
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """k names."""
+        return self.effect.sources.names
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        return self.effect.sources.laws
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Native unit of each source."""
+        return self.effect.sources.units
+
+    @property
+    def half_width(self) -> Array:
+        """(k,) native unit: rad, mm, px, N; sigma for image noise."""
+        return self.effect.sources.half_width
+
+    @property
+    def std(self) -> Array:
+        """(k,) native unit."""
+        return self.effect.sources.std
+
+    @property
+    def spread(self) -> Array:
+        """(k,) native unit: as ``Sources.spread``."""
+        return self.effect.sources.spread
+
+    @property
+    def grouped(self) -> bool:
+        """Whether it is one line of a budget, not component by component."""
+        return self.effect.grouped
+
+    @property
+    def per_unit(self) -> bool:
+        """Whether it is drawn once per installed unit, not at each shot."""
+        return self.effect.drawn is Drawn.UNIT
+
+    def with_half_widths(self, half_width: Array) -> Block:
+        """The same of sources with other half-widths (k,)."""
+        return self._replace(effect=replace(self.effect, sources=replace(self.effect.sources, half_width=half_width)))
+
+    def gain(self, error: str) -> Array:
+        """(3, k) mm per native unit of each source, of one error and in its frame."""
+        return self.tcp if error == "tcp" else self.localisation
+
+    def scaled(self, error: str) -> Array:
+        """(3, k) mm: what a standard deviation of each source does."""
+        return self.gain(error) * self.std
+
+    def covariance(self, error: str) -> Array:
+        """(3, 3) mm^2."""
+        scaled = self.scaled(error)
+        return np.asarray(scaled @ scaled.T)
 
 
 class KnownShift(NamedTuple):
@@ -56,139 +123,147 @@ class KnownShift(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Mounts:
+    """What the mounts do at their biases.  Leading dimensions (...) are biases and pivots side by side."""
+
+    first: Displacement
+    undone: Array  # (..., 3, 3) inverse of the first interface's rotation
+    second: Displacement
+    third: Displacement
+    to_tool: Array  # (4, 4) con -> tcp
+    reading: Reading
+    execution_bias_mm: Array  # (3,) tcp
+
+
+class Passage(NamedTuple):
+    """A target's way through the mounts to the tool; leading dimensions (...) as those of mounts and target."""
+
+    reconstructed_mm: Array  # (..., 3) con: q_hat without noise and without the known shifts
+    localisation_bias_mm: Array  # (..., 3) con, without these
+    tcp_bias_mm: Array  # (..., 3) tcp, without these
+    at_tool_mm: Array  # (..., 3) tcp: what the third mount displaces
+    tcp_from_localisation: Array  # (..., 3, 3)
+    tcp_from_flange: Array  # (..., 3, 3)
+    by_torsors: tuple[Array, Array, Array]  # (..., 3, 6) of each mount: of the first in con, of the others in tcp
+
+    def mount_gains(self, system: System) -> dict[str, tuple[Array, Array]]:
+        """Gains (..., 3, k) on localisation and TCP error of the sources of each mount and of the execution.
+
+        What acts before the reconstructed point is also seen at the tool; what acts behind it is seen there alone.
+        """
+        seat, *behind = system.links
+        first = self.by_torsors[0] @ seat.sources.direction
+        found = {seat.name: (first, self.tcp_from_localisation @ first)}
+        at_tool = np.broadcast_to(np.eye(3), (*first.shape[:-1], 3))
+        for link, to_tool in zip(behind, (*self.by_torsors[1:], at_tool), strict=True):
+            gain = to_tool @ link.sources.direction
+            found[link.name] = np.zeros_like(gain), gain
+        return found
+
+
+def mounts_of(
+    system: System, biases: Sequence[Array] | None = None, pivots_mm: Sequence[Array] | None = None
+) -> Mounts:
+    """The mounts of a system; with other biases (..., 6), rad and mm, and pivots (..., 3) of its three mounts, theirs
+    side by side."""
+    each = system.mounts
+    first, second, third = (
+        displacement(bias, pivot, system.rotation_form)
+        for bias, pivot in zip(
+            biases or [mount.known for mount in each], pivots_mm or [mount.pivot_mm for mount in each], strict=True
+        )
+    )
+    undone = np.asarray(np.linalg.inv(first.rotation))
+    return Mounts(first, undone, second, third, system.T_tcp_con, system.reading, system.execution.known)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Chain:
     """What a system does at its bias, for all targets alike."""
 
     system: System
     projections: Array  # (V, 3, 4), |p3| = 1: effective ones
-    points: Array  # (N, 3) mm, the fiducials as the estimator is told them
+    points: Array  # (N, 3) mm, the fiducials as the estimator assumes them
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
     estimation: Estimation  # what the estimator is and knows
-    intrinsics: tuple[IntrinsicsError | None, ...]  # of each view: the error of what it is told; None: no such error
+    intrinsics: tuple[DirectEffect | None, ...]  # of each view: the error of what it assumes; None: no such error
     per_error: Array  # (3, 3) from a manufacturing error to a displacement of those
-    first: Displacement
-    undone: Array  # (3, 3) inverse of the first interface's rotation
-    second: Displacement
-    third: Displacement
-    to_tool: Array  # (4, 4) con -> tcp
+    mounts: Mounts
     manufacturing_std_mm: Array  # (N, 3)
     target_noise_px: Array  # (V,)
-    matrix_covariance: Array  # (12 V, 12 V) of the resected matrices (``nonlinearity.matrix_covariance``)
+    matrix_gains: tuple[MatrixGains, ...]  # of the resected matrices (``nonlinearity.view_matrix_gains``)
+    matrix_covariance: Array  # (12 V, 12 V) of them (``nonlinearity.matrix_covariance``)
     manufactured: bool  # whether fiducials have manufacturing errors, which the views share
-    blocks: tuple[Block, ...]  # in the order of the chain, their gains left out
+    effects: tuple[Effect, ...]  # that have a gain of their own, in the order of the chain
 
 
 def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
     """What the estimator meets at the bias, in its own coordinates.
 
-    Returns projections (V, 3, 4) with ``|p3| = 1``, the fiducials it is told (N, 3), and the linear map
+    Returns projections (V, 3, 4) with ``|p3| = 1``, the fiducials that it assumes (N, 3), and the linear map
     (3, 3) from a manufacturing error to a displacement of those.  Physical: ``P_v T_err1`` and the nominal
     fiducials.  Eq 18: ``P_v T_err1^-1`` and the moved ones.  The rescaling matters for the small-angle form,
     which is not rigid.
     """
     mount = system.structure_connector
-    return _estimator_geometry(system, displacement(mount.bias, mount.pivot_mm, system.rotation_form))
+    first = displacement(mount.known, mount.pivot_mm, system.rotation_form)
+    return geometry_at(system.projections, system.fiducials_mm, first, system.reading)
 
 
-def _estimator_geometry(system: System, first: Displacement) -> tuple[Array, Array, Array]:
-    projections = system.projections
-    if system.reading is Reading.PHYSICAL:
-        nominal, per_error, effective = system.fiducials_mm.copy(), np.eye(3), projections @ first.matrix()
+def geometry_at(
+    projections: Array, fiducials: Array, first: Displacement, reading: Reading
+) -> tuple[Array, Array, Array]:
+    """:func:`estimator_geometry` of projections (V, 3, 4), fiducials (..., N, 3) mm and displacements (...)."""
+    if reading is Reading.PHYSICAL:
+        nominal, per_error, between = fiducials.copy(), np.eye(3), first.matrix()
     else:
         per_error = first.rotation.copy()  # writable as the identity is: kernels see one kind
-        nominal = system.fiducials_mm @ per_error.T + first.shift_mm
-        effective = projections @ np.linalg.inv(first.matrix())
-    return effective / np.linalg.norm(effective[:, 2, :3], axis=1)[:, None, None], nominal, per_error
+        nominal = fiducials @ np.swapaxes(per_error, -1, -2) + first.shift_mm[..., None, :]
+        between = np.asarray(np.linalg.inv(first.matrix()), dtype=np.float64)
+    effective = projections @ between[..., None, :, :]
+    return np.asarray(effective / np.linalg.norm(effective[..., 2, :3], axis=-1)[..., None, None]), nominal, per_error
 
 
 def estimation_of(system: System) -> Estimation:
     """What the estimator of a system is and knows, in the numbers that the gains take."""
-    precision = np.zeros((len(system.views), 3))
-    for v, view in enumerate(system.views):
-        if system.estimator is Estimator.POSE_WITH_PRIOR and view.intrinsics_prior is not None:
-            focal, centre = view.intrinsics_prior
-            precision[v] = (view.fiducial_noise_px / np.array([focal, centre, centre])) ** 2
     return Estimation(
-        system.estimator.unknowns,
-        ROWS.get(system.triangulation, 0),
-        precision,
+        system.estimator.traits.unknowns,
+        int(system.triangulation.traits.weighing),
+        precisions(system),
         np.array([(view.fiducial_noise_px, view.target_noise_px) for view in system.views]),
     )
 
 
-def believed_errors(system: System) -> tuple[IntrinsicsError | None, ...]:
-    """For each view the error of the intrinsics that its estimate believes; None where there is none."""
-    if not system.estimator.believes_intrinsics:
-        return (None,) * len(system.views)
-    return tuple(view.intrinsics_error for view in system.views)
-
-
-def _label(contributor: str) -> str:
-    return contributor.replace("_", " ").replace(":", ", ")
-
-
-def _blocks(system: System) -> tuple[Block, ...]:
-    """In the order of the chain, without gains: image noise view by view, manufacturing, mounts, execution."""
-    blocks: list[Block] = []
-    count = len(system.fiducials_mm)
-    std = system.manufacturing_std_mm.ravel()
-
-    def add_group(name: str, unit: str, law: Law, half_width: Array, std: Array, per_unit: bool) -> None:
-        k = len(std)
-        what = ("all",) * k, (law,) * k, half_width, std, (unit,) * k
-        blocks.append(Block(name, *what, NO_GAIN, NO_GAIN, True, per_unit, _label(name), True))
-
-    for view in system.views:
-        for name, sigma in (
-            (f"fiducial_noise:{view.name}", np.full(2 * count, view.fiducial_noise_px)),
-            (f"target_noise:{view.name}", np.full(2, view.target_noise_px)),
-        ):
-            add_group(name, "px", Law.NORMAL, sigma, sigma, False)
-    if std.any():
-        wide = system.manufacturing_half_width_mm.ravel()
-        add_group("fiducial_manufacturing", "mm", system.manufacturing_law, wide, std, True)
-    told = [
-        (f"{ASSUMED}{view.name}", _label(f"{ASSUMED}{view.name}"), error.sources, True, True)
-        for view, error in zip(system.views, believed_errors(system), strict=True)
-        if error is not None
-    ]
-    mounts = [(mount.name, mount.title, mount.sources, True, False) for mount in (*system.interfaces, system.hand_eye)]
-    every = (*told, *mounts, ("execution", "execution", system.execution, False, False))
-    for name, title, sources, per_unit, imaged in every:
-        if sources.names:
-            what = sources.names, sources.laws, sources.half_width, sources.std, sources.units
-            blocks.append(Block(name, *what, NO_GAIN, NO_GAIN, False, per_unit, title, imaged))
-    return tuple(blocks)
+def _acting(system: System) -> tuple[Effect, ...]:
+    """The effects that have sources and do not move images together, in the order of the chain: image noise view by
+    view, manufacturing, what views believe, mounts, execution."""
+    believed = (error for error in system.believed_errors if error is not None)
+    return tuple(each for each in (*system.errors_of_points, *believed, *system.links) if each.sources.count)
 
 
 def chain_of(system: System) -> Chain:
     """Everything :func:`linearise` needs that does not depend on the target."""
-    form = system.rotation_form
-    first, second, third = (
-        displacement(mount.bias, mount.pivot_mm, form) for mount in (*system.interfaces, system.hand_eye)
-    )
-    projections, points, per_error = _estimator_geometry(system, first)
+    mounts = mounts_of(system)
+    projections, points, per_error = geometry_at(system.projections, system.fiducials_mm, mounts.first, system.reading)
     std, weights, estimation = system.manufacturing_std_mm, system.sees, estimation_of(system)
+    gains = view_matrix_gains(projections, points, weights, estimation)
     return Chain(
         system=system,
         projections=projections,
         points=points,
         weights=weights,
         estimation=estimation,
-        intrinsics=believed_errors(system),
+        intrinsics=system.believed_errors,
         per_error=per_error,
-        first=first,
-        undone=np.asarray(np.linalg.inv(first.rotation)),
-        second=second,
-        third=third,
-        to_tool=system.T_tcp_con,
+        mounts=mounts,
         manufacturing_std_mm=std,
         target_noise_px=np.array([view.target_noise_px for view in system.views]),
+        matrix_gains=gains,
         matrix_covariance=matrix_covariance(
-            projections, points, weights, estimation, per_error, std, believed_errors(system)
+            gains, projections, points, estimation, per_error, std, system.believed_errors
         ),
         manufactured=bool(std.any()),
-        blocks=_blocks(system),
+        effects=_acting(system),
     )
 
 
@@ -206,15 +281,13 @@ class LinearModel:
     tcp_from_flange: Array  # (3, 3): what a displacement behind q_hat, at the flange, does in tcp
     manufacturing_block_diagonal: Array  # (3, 3) con, covariance of Eq 16: cross-view terms dropped
     nonlinearity: Nonlinearity
+    turns: Turns
     extrapolation: float  # distance of the point from the fiducials' centroid over their RMS radius
 
     @property
     def nu(self) -> float:
         """The validity number: the largest of the relative errors that first order takes for small."""
         return self.nonlinearity.nu
-
-    def gain(self, block: Block, error: str) -> Array:
-        return block.tcp if error == "tcp" else block.localisation
 
     def bias_mm(self, error: str) -> Array:
         return self.tcp_bias_mm if error == "tcp" else self.localisation_bias_mm
@@ -224,17 +297,30 @@ class LinearModel:
         return np.asarray(sum((each.of(error) for each in self.known), np.zeros(3)))
 
 
-def _reconstruct(chain: Chain, target: Target) -> tuple[Array, Array]:
-    """``q_hat`` without noise and its derivative by the torsor of the first interface (3, 6).
+def pass_mounts(mounts: Mounts, target_mm: Array) -> Passage:
+    """The way of targets (..., 3) mm, con, through the mounts.
 
-    Physical: ``T^-1 q``, what DLT makes of a structure that moved.  From ``T(b) T(b)^-1 x = x`` the derivative is
-    ``-(dTy_dy)^-1 dTy_db`` at ``y = T^-1 x``.
+    Reconstructed is, by the physical reading, ``T^-1 q``, what DLT makes of a structure that moved.  From
+    ``T(b) T(b)^-1 x = x`` its derivative by the torsor is ``-(dTy_dy)^-1 dTy_db`` at ``y = T^-1 x``.
     """
-    first = chain.first
-    if chain.system.reading is Reading.PHYSICAL:
-        back = chain.undone @ (target.position_mm - first.shift_mm)
-        return back, -chain.undone @ first.by_torsor(back)
-    return first.move(target.position_mm), first.by_torsor(target.position_mm)
+    first, second, third = mounts.first, mounts.second, mounts.third
+    if mounts.reading is Reading.PHYSICAL:
+        reconstructed = apply(mounts.undone, target_mm - first.shift_mm)
+        by_first = -mounts.undone @ first.by_torsor(reconstructed)
+    else:
+        reconstructed, by_first = first.move(target_mm), first.by_torsor(target_mm)
+    turn, shift = mounts.to_tool[:3, :3], mounts.to_tool[:3, 3]
+    at_tool = apply(turn, second.move(reconstructed)) + shift
+    from_moved = third.rotation @ turn
+    return Passage(
+        reconstructed_mm=reconstructed,
+        localisation_bias_mm=reconstructed - target_mm,
+        tcp_bias_mm=third.move(at_tool) + mounts.execution_bias_mm - (apply(turn, target_mm) + shift),
+        at_tool_mm=at_tool,
+        tcp_from_localisation=from_moved @ second.rotation,
+        tcp_from_flange=from_moved,
+        by_torsors=(by_first, from_moved @ second.by_torsor(reconstructed), third.by_torsor(at_tool)),
+    )
 
 
 def linearise(system: System, target: Target) -> LinearModel:
@@ -251,10 +337,11 @@ def linearise_all(system: System) -> dict[str, LinearModel]:
     return {target.name: linearise_at(chain, target) for target in system.targets}
 
 
-def linearise_at(chain: Chain, target: Target, numbers: Nonlinearity | None = None) -> LinearModel:
-    """:func:`linearise` where the chain is known already, and with ``numbers`` what its validity is judged by."""
+def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None) -> LinearModel:
+    """:func:`linearise` where the chain is known already; by what its validity is judged is taken from ``whole``."""
     system = chain.system
-    reconstructed, torsor_1 = _reconstruct(chain, target)
+    passage = pass_mounts(chain.mounts, target.position_mm)
+    reconstructed = passage.reconstructed_mm
     images = image_gains(chain, reconstructed)
     if not np.isfinite(images.columns).all():
         raise IllPosedError(
@@ -266,56 +353,122 @@ def linearise_at(chain: Chain, target: Target, numbers: Nonlinearity | None = No
             )
         )
 
-    moved, torsor_2 = chain.second.move(reconstructed), chain.second.by_torsor(reconstructed)
-    turn, shift = chain.to_tool[:3, :3], chain.to_tool[:3, 3]
-    at_tool = turn @ moved + shift
-    from_moved = chain.third.rotation @ turn
-    to_tcp = from_moved @ chain.second.rotation
-    # What acts before the reconstructed point is also seen at the tool; what acts behind it is seen there alone.
-    before = {system.structure_connector.name: torsor_1 @ system.structure_connector.sources.direction}
-    behind = {
-        system.connector_flange.name: from_moved @ torsor_2 @ system.connector_flange.sources.direction,
-        system.hand_eye.name: chain.third.by_torsor(at_tool) @ system.hand_eye.sources.direction,
-        "execution": system.execution.direction,
-    }
+    to_tcp, from_moved = passage.tcp_from_localisation, passage.tcp_from_flange
+    of_mounts = passage.mount_gains(system)
     blocks, start = [], 0
-    for block in chain.blocks:
-        if block.imaged:
-            localisation = images.columns[:, start : start + len(block.laws)]
-            start += len(block.laws)
+    for effect in chain.effects:
+        if effect.way is Way.IMAGES:
+            localisation = images.columns[:, start : start + effect.sources.count]
+            start += effect.sources.count
+            tcp = to_tcp @ localisation
         else:
-            localisation = before.get(block.contributor, np.zeros((3, len(block.laws))))
-        tcp = behind[block.contributor] if block.contributor in behind else to_tcp @ localisation
-        blocks.append(block._replace(localisation=localisation, tcp=tcp))
-    shifts, systematic = common_shifts(chain, target, images.columns, to_tcp, from_moved)
-    known = (*_assumed_shifts(system, images.assumed_mm, to_tcp), *shifts)
-    if numbers is None:
+            localisation, tcp = of_mounts[effect.name]
+        blocks.append(Block(effect, localisation, tcp))
+    found = systematic_errors(system, chain.mounts.first, target)
+    shifts, systematic = common_shifts(chain, found, images.columns, to_tcp, from_moved)
+    known = (*_assumed_shifts(chain, images.assumed_mm, to_tcp), *shifts)
+    localisation_bias = passage.localisation_bias_mm + sum(each.localisation_mm for each in known)
+    tcp_bias = passage.tcp_bias_mm + sum(each.tcp_mm for each in known)
+    every = (*blocks, *systematic)
+    if whole is None:
         numbers = nonlinearity(
             chain.projections,
             chain.points,
             chain.weights,
             reconstructed,
             chain.matrix_covariance,
+            _common(chain, found),
             chain.target_noise_px,
             images.row_weights,
-            published=system.triangulation is Triangulation.PUBLISHED,
+            published=not system.triangulation.traits.own_frame,
         )
+        biases = {"localisation": localisation_bias, "tcp": tcp_bias}
+        turns = _turns(chain, (reconstructed, reconstructed, passage.at_tool_mm), every, biases, to_tcp, numbers.nu)
+    else:
+        numbers, turns = whole.nonlinearity, whole.turns
     return LinearModel(
         target=target,
         reconstructed_mm=reconstructed,
-        localisation_bias_mm=reconstructed - target.position_mm + sum(each.localisation_mm for each in known),
-        tcp_bias_mm=chain.third.move(at_tool)
-        + system.execution_bias_mm
-        - (turn @ target.position_mm + shift)
-        + sum(each.tcp_mm for each in known),
+        localisation_bias_mm=localisation_bias,
+        tcp_bias_mm=tcp_bias,
         known=known,
-        blocks=(*blocks, *systematic),
+        blocks=every,
         tcp_from_localisation=to_tcp,
         tcp_from_flange=from_moved,
         manufacturing_block_diagonal=images.block_diagonal,
         nonlinearity=numbers,
+        turns=turns,
         extrapolation=_extrapolation(chain.points, reconstructed),
     )
+
+
+def _turns(
+    chain: Chain,
+    points: tuple[Array, Array, Array],
+    blocks: tuple[Block, ...],
+    biases: dict[str, Array],
+    to_tcp: Array,
+    nu: float,
+) -> Turns:
+    """What first order leaves out because mounts turn or something is known, of both errors.
+
+    points: that the three mounts displace; nu: of the images.  What is BOUNDED counts as known, with the signs that
+    lengthen the bias.
+    """
+    system = chain.system
+    mounts = system.mounts
+    if any(Law.BOUNDED in block.laws for block in blocks):
+        biases = {error: _lengthened(bias, error, blocks) for error, bias in biases.items()}
+    turning = any(mount.sources.direction[:3].any() for mount in mounts)
+    if not turning and not any(bias.any() for bias in biases.values()):
+        return NO_TURNS
+    z = np.zeros((SIZE, SIZE))
+    for mount, start in zip(mounts, (ANGLES_1.start, ANGLES_2.start, ANGLES_3.start), strict=True):
+        own = mount.sources.direction * mount.sources.spread
+        z[start : start + 6, start : start + 6] = own @ own.T
+    through = [block.localisation * block.spread for block in blocks if block.effect.way is not Way.LINK]
+    images = np.hstack(through)
+    z[IMAGES, IMAGES] = images @ images.T
+    shared = [block for block in blocks if block.effect.way is Way.SHARED]
+    behind = [block.tcp * block.spread for block in blocks if block.effect.acts_at(Place.TOOL)]
+    behind += [(block.tcp - to_tcp @ block.localisation) * block.spread for block in shared]
+    beside = np.hstack([np.zeros((3, 1)), *behind])
+    local, bent, at_tool, bent_at_tool = second_order(
+        (chain.mounts.first, chain.mounts.second, chain.mounts.third),
+        mounts,
+        chain.mounts.to_tool[:3, :3],
+        points,
+        system.reading is Reading.PHYSICAL,
+    )
+    out = NO_TURNS
+    for error, jacobian, second, rest, of_images in (
+        ("localisation", local, bent, np.zeros((3, 3)), np.eye(3)),
+        ("tcp", at_tool, bent_at_tool, beside @ beside.T, to_tcp),
+    ):
+        total = jacobian @ z @ jacobian.T + rest
+        found = turns_of(jacobian, second, z, total, biases[error])
+        grown = images_beside_bias(nu, z[IMAGES, IMAGES], of_images, total, biases[error])
+        out = out.larger(found._replace(images_beside_bias=grown))
+    if any(
+        law is Law.BOUNDED and mount.sources.direction[:3, j].any()
+        for mount in mounts
+        for j, law in enumerate(mount.sources.laws)
+    ):  # a turn that stands at an end is itself known: its second order has one direction, and errs in its first power
+        out = out._replace(along_bias=max(out[:2]))
+    return out
+
+
+def _lengthened(bias: Array, error: str, blocks: tuple[Block, ...]) -> Array:
+    """A bias (3,) with each BOUNDED source at the end at which it lengthens it, the longest first."""
+    columns = [
+        (block.tcp if error == "tcp" else block.localisation)[:, j] * block.half_width[j]
+        for block in blocks
+        for j, law in enumerate(block.laws)
+        if law is Law.BOUNDED
+    ]
+    for column in sorted(columns, key=lambda column: -float(column @ column)):
+        bias = bias + (column if bias @ column >= 0 else -column)
+    return bias
 
 
 class ImageGains(NamedTuple):
@@ -327,16 +480,16 @@ class ImageGains(NamedTuple):
     row_weights: Array  # (V, 2, 2) of the rows of triangulation
 
 
-def _assumed_shifts(system: System, assumed_mm: Array, to_tcp: Array) -> tuple[KnownShift, ...]:
+def _assumed_shifts(chain: Chain, assumed_mm: Array, to_tcp: Array) -> tuple[KnownShift, ...]:
     """What the known errors of assumed intrinsics do: assumed_mm (3, V) con, to_tcp (3, 3)."""
-    each = zip((f"{ASSUMED}{view.name}" for view in system.views), assumed_mm.T, strict=True)
-    return tuple(KnownShift(name, shift, to_tcp @ shift, _label(name)) for name, shift in each if shift.any())
+    each = zip(chain.intrinsics, assumed_mm.T, strict=True)
+    return tuple(KnownShift(e.name, shift, to_tcp @ shift, e.label) for e, shift in each if e and shift.any())
 
 
 def common_shifts(
-    chain: Chain, target: Target, of_images: Array, to_tcp: Array, from_moved: Array
+    chain: Chain, found: tuple[Systematic, ...], of_images: Array, to_tcp: Array, from_moved: Array
 ) -> tuple[tuple[KnownShift, ...], tuple[Block, ...]]:
-    """What moves the images of all beads together: what is known of it, and its blocks.
+    """What moves the images of all beads together, as it was found: what is known of it, and its blocks.
 
     of_images (3, K): see :func:`image_gains`; to_tcp, from_moved (3, 3): from a displacement of the reconstructed point
     and of its place on the flange, in con, to tcp.
@@ -344,17 +497,50 @@ def common_shifts(
     known, blocks = [], []
     width = 2 * len(chain.points) + 2
     gains = [of_images[:, v * width : (v + 1) * width] for v in range(len(chain.projections))]
-    for each in systematic_errors(chain.system, chain.first, target):
+    for each in found:
+        effect = each.effect
         localisation, fixed = each.localise(gains)
         if each.known_shift_px.any() or each.known_at_flange_mm.any():
             tcp = to_tcp @ fixed + from_moved @ each.known_at_flange_mm
-            known.append(KnownShift(each.contributor, fixed, tcp, each.label))
-        if (sources := each.sources).count:
+            known.append(KnownShift(effect.name, fixed, tcp, effect.label))
+        if effect.sources.count:
             tcp = to_tcp @ localisation + from_moved @ each.at_flange_mm
-            what = sources.names, sources.laws, sources.half_width, sources.std, sources.units
-            block = Block(each.contributor, *what, localisation, tcp, False, each.per_unit, each.label, common=True)
-            blocks.append(block)
+            blocks.append(Block(effect, localisation, tcp))
     return tuple(known), tuple(blocks)
+
+
+def _common(chain: Chain, found: tuple[Systematic, ...]) -> Common:
+    """All that moves the images of a view together, and the known errors of believed intrinsics, for the validity."""
+    views, rows = len(chain.projections), 2 * len(chain.points)
+    shifts = [each.shifts * each.effect.sources.spread for each in found]
+    known = sum((each.known_shift_px for each in found), np.zeros((views, rows + 2)))
+    assumed = np.zeros((views, 12))
+    for v, error in enumerate(chain.intrinsics):
+        if error is not None:
+            assumed[v] = chain.matrix_gains[v].by_intrinsics @ error.known
+    steady = bool(known.any() or assumed.any())
+    if steady:
+        shifts.append(known[:, :, None])
+    if not shifts:
+        return Common(np.zeros((views, 12, 0)), np.zeros((views, 2, 0)), 0)
+    every = np.concatenate(shifts, axis=2)
+    by_noise = np.array([gains.by_noise.reshape(12, rows) for gains in chain.matrix_gains])
+    of_matrices = by_noise @ every[:, :rows]
+    if steady:
+        of_matrices[:, :, -1] += assumed
+    return Common(of_matrices, every[:, rows:], int(steady))
+
+
+def believed_directions(errors: Sequence[DirectEffect | None]) -> tuple[Array, NDArray[np.int64]]:
+    """Directions (3, B) of every source of the errors of the intrinsics that views believe, and the view of each."""
+    each = [(v, error.sources) for v, error in enumerate(errors) if error is not None]
+    views_of = np.array([v for v, sources in each for _ in sources.names], dtype=np.int64)
+    return np.hstack([np.zeros((3, 0)), *(sources.direction for _, sources in each)]), views_of
+
+
+def believed_knowns(errors: Sequence[DirectEffect | None]) -> Array:
+    """(V, 3) what is known of the error of the intrinsics that each view believes, 0 where there is none."""
+    return np.array([np.zeros(3) if error is None else error.known for error in errors])
 
 
 def image_gains(chain: Chain, target_mm: Array) -> ImageGains:
@@ -383,20 +569,19 @@ def image_gains(chain: Chain, target_mm: Array) -> ImageGains:
         assumed,
         row_weights,
     )
-    columns = []
-    for v in range(views):
-        columns += [fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count), aimed[v]]
+    believed = [(v, error) for v, error in enumerate(chain.intrinsics) if error is not None]
+    directions, views_of = believed_directions(chain.intrinsics)
+    columns = np.zeros((3, views * (2 * count + 2) + 3 * count * chain.manufactured + len(views_of)), kind)
+    stack = stack_columns if kind == np.complex128 else stack_columns_jit
+    stack(fiducial, aimed, made, assumed, chain.per_error, chain.manufactured, directions, views_of, columns)
     block_diagonal, shifts = np.zeros((3, 3), kind), np.zeros((3, views), kind)
     if chain.manufactured:
         through = made @ chain.per_error
-        columns.append(through.sum(axis=0).transpose(1, 0, 2).reshape(3, 3 * count))
         scaled = (through * chain.manufacturing_std_mm[:, None, :]).transpose(2, 0, 1, 3).reshape(3, -1)
         block_diagonal = scaled @ scaled.T
-    for v, error in enumerate(chain.intrinsics):
-        if error is not None:
-            columns.append(assumed[v] @ error.sources.direction)
-            shifts[:, v] = assumed[v] @ error.bias
-    return ImageGains(np.hstack(columns), block_diagonal, shifts, row_weights)
+    for v, error in believed:
+        shifts[:, v] = assumed[v] @ error.known
+    return ImageGains(columns, block_diagonal, shifts, row_weights)
 
 
 def _extrapolation(points: Array, target_mm: Array) -> float:
@@ -407,32 +592,16 @@ def _extrapolation(points: Array, target_mm: Array) -> float:
 
 def covariance(model: LinearModel, error: str) -> Array:
     """(3, 3) mm^2 covariance of the error, every random source included (bounded ones have none)."""
-    total = np.zeros((3, 3))
-    for block in model.blocks:
-        scaled = model.gain(block, error) * block.std
-        total += scaled @ scaled.T
-    return total
+    return sum((block.covariance(error) for block in model.blocks), np.zeros((3, 3)))
 
 
 def covariance_block_diagonal(model: LinearModel, error: str) -> Array:
     """The paper's Eq 16 as printed: shared fiducial errors treated as independent in each view."""
     total = covariance(model, error)
     for block in model.blocks:
-        if block.contributor == "fiducial_manufacturing":
-            shared = block.localisation * block.std
+        if block.grouped and block.effect.acts_at(Place.BEADS):
+            shared = block.scaled("localisation")
             change = model.manufacturing_block_diagonal - shared @ shared.T
             to_frame = model.tcp_from_localisation if error == "tcp" else np.eye(3)
             total += to_frame @ change @ to_frame.T
     return total
-
-
-def largest_rotation_rad(model: LinearModel) -> float:
-    """Largest standard deviation of a random rotation, half-width where it is bounded; rad."""
-    largest = 0.0
-    for block in model.blocks:
-        if "rad" not in block.units:
-            continue
-        for unit, law, std, half_width in zip(block.units, block.laws, block.std, block.half_width, strict=True):
-            if unit == "rad":
-                largest = max(largest, float(half_width if law is Law.BOUNDED else std))
-    return largest

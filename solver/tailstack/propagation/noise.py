@@ -29,21 +29,18 @@ do, and with ``|p3| = 1`` the principal point is ``(p1 . p3, p2 . p3)``.  ``docs
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
 from ..kernels import kernel
-
-# The arrays are numpy arrays of floats or of CasADi SX scalars; static typing cannot say both.
-Duck = Any
+from ..system import ArrayLike, Weighing
 
 
 @register_jitable
-def inverse3(m: Duck) -> Duck:
-    """Inverse of a 3x3 by cofactors: no pivoting, so that it also runs on symbols."""
-    out = np.zeros((3, 3), m.dtype)
+def invert3(m: ArrayLike, out: ArrayLike) -> None:
+    """Fills ``out`` (3, 3): the inverse of a 3x3 by cofactors: no pivoting, so that it also runs on symbols."""
     for i in range(3):
         for j in range(3):
             a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
@@ -52,11 +49,10 @@ def inverse3(m: Duck) -> Duck:
     for i in range(3):
         for j in range(3):
             out[i, j] = out[i, j] / det
-    return out
 
 
 @register_jitable
-def sum_of(weights: Duck) -> Duck:
+def sum_of(weights: ArrayLike) -> ArrayLike:
     """Sum of weights (N,): how many fiducials an estimate uses."""
     total = 0.0
     for i in range(weights.shape[0]):
@@ -65,52 +61,88 @@ def sum_of(weights: Duck) -> Duck:
 
 
 @register_jitable
-def mean_rows(points: Duck, weights: Duck) -> Duck:
+def mean_rows(points: ArrayLike, weights: ArrayLike) -> ArrayLike:
     """Centroid of (N, 3) with weights (N,)."""
     total = sum_of(weights)
     out = np.zeros(3, points.dtype)
     for i in range(points.shape[0]):
         for k in range(3):
-            out[k] = out[k] + points[i, k] * weights[i] / total
+            out[k] = out[k] + points[i, k] * weights[i]
+    for k in range(3):
+        out[k] = out[k] / total
     return out
 
 
+class Eliminated(NamedTuple):
+    """The normal equations of the resection of each view, p1 and p2 eliminated: what every gain of a view takes.
+
+    Their coordinates have their origin in the centroid of the fiducials that the view's estimate uses, and their image
+    origin in the image of that.
+    """
+
+    head: ArrayLike  # (V, 3, 4) the projection
+    image: ArrayLike  # (V, N, 3) u, v and depth of each fiducial
+    local: ArrayLike  # (V, N, 4) the fiducials
+    d_inv: ArrayLike  # (V, 3, 3) D^-1
+    du: ArrayLike  # (V, 4, 4) D^-1 Gu
+    dv: ArrayLike  # (V, 4, 4) D^-1 Gv
+    s_inv: ArrayLike  # (V, 3, 3) S^-1
+    origin: ArrayLike  # (V, 2) px: the image origin
+    centre: ArrayLike  # (V, 3) mm: the centroid
+
+
 @register_jitable
-def eliminate(projection: Duck, points: Duck, weights: Duck) -> Duck:
-    """The normal equations of one view's resection with p1 and p2 eliminated: what every gain of the view takes.
+def room_for(views: int, points: ArrayLike) -> ArrayLike:
+    """An ``Eliminated`` of so many views and points (N, 3), to be filled."""
+    count, kind = points.shape[0], points.dtype
+    return Eliminated(
+        np.zeros((views, 3, 4), kind),
+        np.zeros((views, count, 3), kind),
+        np.zeros((views, count, 4), kind),
+        np.zeros((views, 3, 3), kind),
+        np.zeros((views, 4, 4), kind),
+        np.zeros((views, 4, 4), kind),
+        np.zeros((views, 3, 3), kind),
+        np.zeros((views, 2), kind),
+        np.zeros((views, 3), kind),
+    )
+
+
+@register_jitable
+def eliminate(projection: ArrayLike, points: ArrayLike, weights: ArrayLike, out: ArrayLike, view: int) -> None:
+    """Fills what ``out`` (``Eliminated``) has of a view.
 
     projection (3, 4) with |p3| = 1; points (N, 3) in mm; weights (N,): 1 of a fiducial that the estimate uses, 0 of
-    one that the view does not see.  Returns, in coordinates whose origin is the weighted centroid and whose image
-    origin is the image (u0, v0) of that: the projection's rows (3, 4); the images (N, 3), u, v and depth; the points
-    (N, 4); D^-1 (3, 3); D^-1 Gu and D^-1 Gv (4, 4); S^-1 (3, 3); (u0, v0) (2,); the centroid (3,).
+    one that the view does not see.
     """
+    head, image, local = out.head[view], out.image[view], out.local[view]
+    origin, centre = out.origin[view], out.centre[view]
+    d_inv, du, dv = out.d_inv[view], out.du[view], out.dv[view]
     count = points.shape[0]
     total = sum_of(weights)
-    centre = mean_rows(points, weights)
-    head = np.zeros((3, 4), points.dtype)  # rows p1, p2, p3 in coordinates centred on the fiducials
+    for k in range(3):
+        centre[k] = points[0, k] * weights[0]
+        for i in range(1, count):
+            centre[k] = centre[k] + points[i, k] * weights[i]
+        centre[k] = centre[k] / total
     for r in range(3):
         head[r, 3] = projection[r, 3]
         for k in range(3):
             head[r, k] = projection[r, k]
             head[r, 3] = head[r, 3] + projection[r, k] * centre[k]
     # Image origin at the image of the centroid: without it Gw - Gu D^-1 Gu loses six digits to cancellation.
-    origin = np.zeros(2, points.dtype)
-    origin[0] = origin[0] + head[0, 3] / head[2, 3]
-    origin[1] = origin[1] + head[1, 3] / head[2, 3]
+    origin[0] = head[0, 3] / head[2, 3]
+    origin[1] = head[1, 3] / head[2, 3]
     for k in range(4):
         head[0, k] = head[0, k] - origin[0] * head[2, k]
         head[1, k] = head[1, k] - origin[1] * head[2, k]
 
-    image = np.zeros((count, 3), points.dtype)  # u, v, depth of each fiducial
-    local = np.zeros((count, 4), points.dtype)
-    scatter = np.zeros((3, 3), points.dtype)
-    gu = np.zeros((4, 4), points.dtype)
-    gv = np.zeros((4, 4), points.dtype)
-    s = np.zeros((3, 3), points.dtype)
+    sums = np.zeros((4, 4, 4), points.dtype)
+    gu, gv, scatter, s = sums[0], sums[1], sums[2], sums[3]
     for i in range(count):
         for k in range(3):
             local[i, k] = points[i, k] - centre[k]
-        local[i, 3] = local[i, 3] + 1.0
+        local[i, 3] = 1.0
         h0 = head[0, 3]
         h1 = head[1, 3]
         h2 = head[2, 3]
@@ -123,22 +155,30 @@ def eliminate(projection: Duck, points: Duck, weights: Duck) -> Duck:
         image[i, 0] = u
         image[i, 1] = v
         image[i, 2] = h2
+        square = u * u + v * v
         for j in range(4):
-            for k in range(4):
+            for k in range(j + 1):  # all four are symmetric
                 yy = local[i, j] * local[i, k] * weights[i]
                 gu[j, k] = gu[j, k] + u * yy
                 gv[j, k] = gv[j, k] + v * yy
-                if j < 3 and k < 3:
+                if j < 3:
                     scatter[j, k] = scatter[j, k] + yy
-                    s[j, k] = s[j, k] + (u * u + v * v) * yy
-    d_inv = inverse3(scatter)
+                    s[j, k] = s[j, k] + square * yy
+    for j in range(4):
+        for k in range(j):
+            gu[k, j] = gu[j, k]
+            gv[k, j] = gv[j, k]
+            if j < 3:
+                scatter[k, j] = scatter[j, k]
+                s[k, j] = s[j, k]
+    invert3(scatter, d_inv)
 
     # D^-1 Gu and D^-1 Gv: (4, 4), last row divided by N because D is block diagonal.
-    du = np.zeros((4, 4), points.dtype)
-    dv = np.zeros((4, 4), points.dtype)
     for k in range(4):
         for j in range(3):
-            for m in range(3):
+            du[j, k] = d_inv[j, 0] * gu[0, k]
+            dv[j, k] = d_inv[j, 0] * gv[0, k]
+            for m in range(1, 3):
                 du[j, k] = du[j, k] + d_inv[j, m] * gu[m, k]
                 dv[j, k] = dv[j, k] + d_inv[j, m] * gv[m, k]
         du[3, k] = gu[3, k] / total
@@ -147,22 +187,38 @@ def eliminate(projection: Duck, points: Duck, weights: Duck) -> Duck:
         for k in range(3):
             for m in range(4):
                 s[j, k] = s[j, k] - gu[j, m] * du[m, k] - gv[j, m] * dv[m, k]
-    return head, image, local, d_inv, du, dv, inverse3(s), origin, centre
+    invert3(s, out.s_inv[view])
 
 
 @register_jitable
-def linear_residual_gains(projection: Duck, points: Duck, weights: Duck, target: Duck, gains: Duck) -> Duck:
+def eliminate_views(projections: ArrayLike, points: ArrayLike, weights: ArrayLike, out: ArrayLike) -> None:
+    """:func:`eliminate` of every view: projections (V, 3, 4), weights (V, N)."""
+    for v in range(projections.shape[0]):
+        eliminate(projections[v], points, weights[v], out, v)
+
+
+@register_jitable
+def linear_residual_gains(
+    eliminated: ArrayLike, v: int, weights: ArrayLike, target: ArrayLike, gains: ArrayLike
+) -> ArrayLike:
     """One view by DLT: gains of the target's residual by the fiducials' image noise.
 
-    projection (3, 4) with |p3| = 1; points (N, 3), target (3,) in mm; weights (N,): see ``eliminate``.  Fills
+    eliminated: what ``eliminate`` filled, of view v with weights (N,); target (3,) in mm.  Fills
     ``gains`` (N, 2, 2): residual (rows u, v) per px of noise (columns u, v), zero of what the view does not see.
     Returns (target image u, v relative to the centroid's image; the centroid's image u, v; target depth) as a (5,)
     array.
     """
-    count = points.shape[0]
+    head, image, local, origin, centre = (
+        eliminated.head[v],
+        eliminated.image[v],
+        eliminated.local[v],
+        eliminated.origin[v],
+        eliminated.centre[v],
+    )
+    d_inv, du, dv, s_inv = eliminated.d_inv[v], eliminated.du[v], eliminated.dv[v], eliminated.s_inv[v]
+    count = image.shape[0]
     total = sum_of(weights)
-    head, image, local, d_inv, du, dv, s_inv, origin, centre = eliminate(projection, points, weights)
-    tq = np.zeros(4, points.dtype)
+    tq = np.zeros(4, image.dtype)
     for k in range(3):
         tq[k] = target[k] - centre[k]
     tq[3] = tq[3] + 1.0
@@ -177,9 +233,9 @@ def linear_residual_gains(projection: Duck, points: Duck, weights: Duck, target:
     tv = t1 / t2
 
     # y = (M'M)^+ h for the u row and the v row (columns 0, 1).
-    y = np.zeros((3, 4, 2), points.dtype)  # [p1|p2|p3, coordinate, column]
+    y = np.zeros((3, 4, 2), image.dtype)  # [p1|p2|p3, coordinate, column]
     for c in range(2):
-        rhs = np.zeros(3, points.dtype)
+        rhs = np.zeros(3, image.dtype)
         for j in range(3):
             if c == 0:
                 rhs[j] = rhs[j] - tu * tq[j]
@@ -212,7 +268,7 @@ def linear_residual_gains(projection: Duck, points: Duck, weights: Duck, target:
                 e3 = e3 + local[i, k] * y[2, k, c]
             gains[i, c, 0] = w * (e1 - image[i, 0] * e3)
             gains[i, c, 1] = w * (e2 - image[i, 1] * e3)
-    out = np.zeros(5, points.dtype)
+    out = np.zeros(5, image.dtype)
     out[0] = tu
     out[1] = tv
     out[2] = origin[0]
@@ -222,7 +278,7 @@ def linear_residual_gains(projection: Duck, points: Duck, weights: Duck, target:
 
 
 @register_jitable
-def solve_symmetric(matrix: Duck, right: Duck) -> None:
+def solve_symmetric(matrix: ArrayLike, right: ArrayLike) -> None:
     """``right`` (n, m) becomes matrix^-1 right, by L D L' without pivoting; the positive definite matrix (n, n) is
     overwritten."""
     size = matrix.shape[0]
@@ -246,14 +302,16 @@ def solve_symmetric(matrix: Duck, right: Duck) -> None:
 
 
 @register_jitable
-def image_slopes(projection: Duck, point: Duck, centre: Duck, origin: Duck, unknowns: int, out: Duck) -> Duck:
+def image_slopes(
+    projection: ArrayLike, point: ArrayLike, centre: ArrayLike, origin: ArrayLike, unknowns: int, out: ArrayLike
+) -> ArrayLike:
     """Fills ``out`` (2, 11): how the image of a point moves with a view's unknowns; returns its u, v and depth (3,).
 
     projection (3, 4) with |p3| = 1; point (3,) and centre (3,) mm; origin (2,) px.  With eleven unknowns they are the
     entries of the matrix about the centre and its image, the depth of the centre held.  Otherwise columns 0-5 are a
     turn, rad, of the point about the centre and its shift, mm, which do to an image what a turn and a shift of the
-    camera do; columns 6-8 are the intrinsics: the focal length (relative; the slopes grow from the principal point,
-    which is ``(p1 . p3, p2 . p3)``) and the principal point itself.
+    camera do; columns 6-8 are the intrinsics, of which the first ``unknowns - 6`` are sought: the focal length
+    (relative; the slopes grow from the principal point, ``(p1 . p3, p2 . p3)``) and the principal point itself.
     """
     image = np.zeros(3, point.dtype)
     for r in range(3):
@@ -290,22 +348,23 @@ def image_slopes(projection: Duck, point: Duck, centre: Duck, origin: Duck, unkn
 
 @register_jitable
 def least_squares_residual_gains(
-    projection: Duck,
-    points: Duck,
-    weights: Duck,
-    target: Duck,
+    projection: ArrayLike,
+    points: ArrayLike,
+    weights: ArrayLike,
+    target: ArrayLike,
     unknowns: int,
-    precision: Duck,
-    gains: Duck,
-    intrinsics: Duck,
-) -> Duck:
+    precision: ArrayLike,
+    gains: ArrayLike,
+    intrinsics: ArrayLike,
+) -> ArrayLike:
     """One view by least squares of the images: gains of the target's residual.
 
-    As ``linear_residual_gains``, which see; unknowns: 6, 9 or 11; precision (3,) px^2: variance of an image coordinate
-    over that of each intrinsic beforehand, 0 where nothing is known (read with nine unknowns).  The unknowns a move by
-    ``I^-1 J' n`` with ``I = J'J + precision``, n the fiducials' noise, and the image of the target by its own slopes.
-    Also fills ``intrinsics`` (2, 3): residual per unit of error of the assumed intrinsics (with six or nine unknowns):
-    an error d moves the images that are expected by J3 d, to which the unknowns give way as to noise of - J3 d.
+    As ``linear_residual_gains``, which see; unknowns: 6 to 9, or 11; precision (3,) px^2: variance of an image
+    coordinate over that of each intrinsic beforehand, 0 where nothing is known (read of those that are sought).  The
+    unknowns a move by ``I^-1 J' n`` with ``I = J'J + precision``, n the fiducials' noise, and the image of the target
+    by its own slopes.  Also fills ``intrinsics`` (2, 3): residual per unit of error of the assumed intrinsics (but with
+    eleven unknowns): an error d moves the images that are expected by J3 d, to which the unknowns give way as to noise
+    of - J3 d.
     """
     count = points.shape[0]
     centre = mean_rows(points, weights)
@@ -323,8 +382,8 @@ def least_squares_residual_gains(
             for j in range(unknowns):
                 for k in range(unknowns):
                     information[j, k] = information[j, k] + slopes[i, c, j] * slopes[i, c, k] * weights[i]
-    if unknowns == 9:
-        for k in range(3):
+    if unknowns < 11:
+        for k in range(unknowns - 6):
             information[6 + k, 6 + k] = information[6 + k, 6 + k] + precision[k]
     y = np.zeros((unknowns, 2), points.dtype)
     for k in range(unknowns):
@@ -356,22 +415,33 @@ def least_squares_residual_gains(
 class Estimation(NamedTuple):
     """What an estimator is and knows, in numbers (``linear.estimation_of`` makes it of a system)."""
 
-    unknowns: int  # of a view: 0 eleven by DLT; 6, 9 or 11 by least squares of the images
-    rows: int  # of triangulation: 0 by depth, 1 by the inverse of their covariance, 2 by images
-    precision: Duck  # (V, 3) px^2: variance of an image coordinate over that of each intrinsic; 0: nothing is known
-    noise: Duck  # (V, 2) px: of fiducials and target; read by the weighted rows
+    unknowns: int  # of a view: 0 eleven by DLT; 6 to 9, or 11 by least squares of the images
+    weighing: int  # of ``system.Weighing``: by what triangulation weighs the rows of a view
+    precision: (
+        ArrayLike  # (V, 3) px^2: variance of an image coordinate over that of each intrinsic; 0: nothing is known
+    )
+    noise: ArrayLike  # (V, 2) px: of fiducials and target; read by the weighted rows
 
 
 @register_jitable
-def weigh_rows(rows: int, gains: Duck, noise: Duck, depth: Duck, out: Duck) -> None:
+def eliminate_for(
+    estimation: ArrayLike, projections: ArrayLike, points: ArrayLike, weights: ArrayLike, out: ArrayLike
+) -> None:
+    """Fills what :func:`gains_after` takes: :func:`eliminate_views` if the estimator is DLT; no other reads it."""
+    if estimation.unknowns == 0:
+        eliminate_views(projections, points, weights, out)
+
+
+@register_jitable
+def weigh_rows(weighing: int, gains: ArrayLike, noise: ArrayLike, depth: ArrayLike, out: ArrayLike) -> None:
     """Fills ``out`` (2, 2): the weight of one view's rows in triangulation.
 
-    rows: see ``Estimation``; gains (N, 2, 2) of the residual; noise (2,) px; depth of the target, mm.
+    weighing: see ``Estimation``; gains (N, 2, 2) of the residual; noise (2,) px; depth of the target, mm.
     """
-    if rows == 0:
+    if weighing == Weighing.ALIKE:
         out[0, 0] = 1.0
         out[1, 1] = 1.0
-    elif rows == 2:
+    elif weighing == Weighing.BY_IMAGES:
         out[0, 0] = 1.0 / (depth * depth)
         out[1, 1] = 1.0 / (depth * depth)
     else:
@@ -391,16 +461,16 @@ def weigh_rows(rows: int, gains: Duck, noise: Duck, depth: Duck, out: Duck) -> N
 
 @register_jitable
 def noise_gains(
-    projections: Duck,
-    points: Duck,
-    weights: Duck,
-    estimation: Duck,
-    target: Duck,
-    fiducial: Duck,
-    target_gain: Duck,
-    manufacturing: Duck,
-    intrinsics: Duck,
-    row_weights: Duck,
+    projections: ArrayLike,
+    points: ArrayLike,
+    weights: ArrayLike,
+    estimation: ArrayLike,
+    target: ArrayLike,
+    fiducial: ArrayLike,
+    target_gain: ArrayLike,
+    manufacturing: ArrayLike,
+    intrinsics: ArrayLike,
+    row_weights: ArrayLike,
 ) -> None:
     """Gains of the triangulated point, in the frame of ``points``, by every random image-side input.
 
@@ -417,6 +487,39 @@ def noise_gains(
       estimator believes none;
     - row_weights (V, 2, 2): the weight of each view's rows in triangulation.
     """
+    eliminated = room_for(projections.shape[0], points)
+    eliminate_for(estimation, projections, points, weights, eliminated)
+    gains_after(
+        eliminated,
+        projections,
+        points,
+        weights,
+        estimation,
+        target,
+        fiducial,
+        target_gain,
+        manufacturing,
+        intrinsics,
+        row_weights,
+    )
+
+
+@register_jitable
+def gains_after(
+    eliminated: ArrayLike,
+    projections: ArrayLike,
+    points: ArrayLike,
+    weights: ArrayLike,
+    estimation: ArrayLike,
+    target: ArrayLike,
+    fiducial: ArrayLike,
+    target_gain: ArrayLike,
+    manufacturing: ArrayLike,
+    intrinsics: ArrayLike,
+    row_weights: ArrayLike,
+) -> None:
+    """:func:`noise_gains`, which see, with what ``eliminate`` filled for each view, if the estimator is DLT: it is the
+    same for all targets."""
     views = projections.shape[0]
     count = points.shape[0]
     residual = np.zeros((views, count, 2, 2), points.dtype)
@@ -427,7 +530,7 @@ def noise_gains(
     normal = np.zeros((3, 3), points.dtype)
     for v in range(views):
         if estimation.unknowns == 0:
-            image = linear_residual_gains(projections[v], points, weights[v], target, residual[v])
+            image = linear_residual_gains(eliminated, v, weights[v], target, residual[v])
         else:
             image = least_squares_residual_gains(
                 projections[v],
@@ -440,19 +543,20 @@ def noise_gains(
                 assumed[v],
             )
         depth[v] = image[4]
-        weigh_rows(estimation.rows, residual[v], estimation.noise[v], image[4], row_weights[v])
+        weigh_rows(estimation.weighing, residual[v], estimation.noise[v], image[4], row_weights[v])
         for c in range(2):
             for k in range(3):
                 rows[v, c, k] = projections[v, c, k] - (image[c] + image[2 + c]) * projections[v, 2, k]
         for c in range(2):
             for k in range(3):
                 weighed[v, c, k] = rows[v, c, k] * row_weights[v, c, c]
-                if estimation.rows == 1:
+                if estimation.weighing == Weighing.BY_NOISE:
                     weighed[v, c, k] = weighed[v, c, k] + rows[v, 1 - c, k] * row_weights[v, c, 1 - c]
         for j in range(3):
             for k in range(3):
                 normal[j, k] = normal[j, k] + rows[v, 0, j] * weighed[v, 0, k] + rows[v, 1, j] * weighed[v, 1, k]
-    inverse = inverse3(normal)
+    inverse = np.zeros((3, 3), points.dtype)
+    invert3(normal, inverse)
     for v in range(views):
         to_point = np.zeros((3, 2), points.dtype)  # dq per unit residual of view v: -(J'WJ)^-1 J_v' W_v
         for j in range(3):
@@ -463,17 +567,22 @@ def noise_gains(
             for k in range(3):
                 intrinsics[v, j, k] = to_point[j, 0] * assumed[v, 0, k] + to_point[j, 1] * assumed[v, 1, k]
         for i in range(count):
-            h = np.zeros(3, points.dtype)
-            for r in range(3):
-                h[r] = h[r] + projections[v, r, 3]
-                for k in range(3):
-                    h[r] = h[r] + projections[v, r, k] * points[i, k]
+            h0 = projections[v, 0, 3]
+            h1 = projections[v, 1, 3]
+            h2 = projections[v, 2, 3]
+            for k in range(3):
+                h0 = h0 + projections[v, 0, k] * points[i, k]
+                h1 = h1 + projections[v, 1, k] * points[i, k]
+                h2 = h2 + projections[v, 2, k] * points[i, k]
+            per = 1.0 / h2
+            h0 = h0 * per
+            h1 = h1 * per
             for j in range(3):
                 for c in range(2):
                     fiducial[v, i, j, c] = to_point[j, 0] * residual[v, i, 0, c] + to_point[j, 1] * residual[v, i, 1, c]
             for k in range(3):
-                du = (projections[v, 0, k] - h[0] / h[2] * projections[v, 2, k]) / h[2]
-                dv = (projections[v, 1, k] - h[1] / h[2] * projections[v, 2, k]) / h[2]
+                du = (projections[v, 0, k] - h0 * projections[v, 2, k]) * per
+                dv = (projections[v, 1, k] - h1 * projections[v, 2, k]) * per
                 for j in range(3):
                     manufacturing[v, i, j, k] = fiducial[v, i, j, 0] * du + fiducial[v, i, j, 1] * dv
 
@@ -482,55 +591,55 @@ def noise_gains(
 noise_gains_jit = kernel(nogil=True)(noise_gains)
 
 
-@kernel(nogil=True)
-def square_gains(
-    projections: Duck,
-    points: Duck,
-    weights: Duck,
-    estimation: Duck,
-    per_error: Duck,
-    made: Duck,
-    aims: Duck,
-    squares: Duck,
+@register_jitable
+def stack_columns(
+    fiducial: ArrayLike,
+    target_gain: ArrayLike,
+    manufacturing: ArrayLike,
+    intrinsics: ArrayLike,
+    per_error: ArrayLike,
+    made: bool,
+    believed: ArrayLike,
+    views_of: ArrayLike,
+    columns: ArrayLike,
 ) -> None:
-    """What a unit of variance of each group of image-side sources does to each target, for many layouts in one go.
+    """Fills ``columns`` (3, K): the gains of every source that acts through the images, side by side.
 
-    projections (V, 3, 4) with |p3| = 1; points (n or 1, N, 3) mm as the estimator is told them; weights (n or 1, V, N)
-    of them in each view; estimation: see ``Estimation``; per_error (3, 3) from a manufacturing error to their
-    displacement, made (N, 3) the size of these errors that counts as a unit, mm; aims (T, 3) mm without noise.  Fills
-    squares (n, T, 2 V + 3, 3, 3), con, mm^2 per px^2 or per unit: for each view its fiducials' noise and its target's,
-    then the manufacturing errors along x, y and z of all fiducials.
+    For each view u and v of each fiducial's noise, then of the target's, mm per px; if made, x, y and z of each
+    fiducial's manufacturing error, mm per mm, per_error (3, 3) being its displacement of the fiducial as the estimator
+    is told it; then each source of an error of believed intrinsics, believed (3, B) its direction among them and
+    views_of (B,) its view.  The other arguments are what ``noise_gains`` fills.
     """
-    views, count = projections.shape[0], points.shape[1]
-    fiducial = np.zeros((views, count, 3, 2))
-    aimed = np.zeros((views, 3, 2))
-    by_made = np.zeros((views, count, 3, 3))
-    assumed, row_weights = np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
-    through = np.zeros((3, 3))
-    for row in range(squares.shape[0]):
-        told = points[row if points.shape[0] > 1 else 0]
-        left = weights[row if weights.shape[0] > 1 else 0]
-        for t in range(aims.shape[0]):
-            noise_gains_jit(
-                projections, told, left, estimation, aims[t], fiducial, aimed, by_made, assumed, row_weights
-            )
-            out = squares[row, t]
-            for v in range(views):
-                for c in range(2):
-                    for a in range(3):
-                        for b in range(3):
-                            out[2 * v + 1, a, b] += aimed[v, a, c] * aimed[v, b, c]
-                            for i in range(count):
-                                out[2 * v, a, b] += fiducial[v, i, a, c] * fiducial[v, i, b, c]
+    views, count = fiducial.shape[0], fiducial.shape[1]
+    for k in range(3):
+        n = 0
+        for v in range(views):
             for i in range(count):
-                for a in range(3):
-                    for k in range(3):
-                        through[a, k] = 0.0
-                        for v in range(views):
-                            for m in range(3):
-                                through[a, k] += by_made[v, i, a, m] * per_error[m, k]
-                        through[a, k] *= made[i, k]
-                for k in range(3):
-                    for a in range(3):
-                        for b in range(3):
-                            out[2 * views + k, a, b] += through[a, k] * through[b, k]
+                columns[k, n] = fiducial[v, i, k, 0]
+                columns[k, n + 1] = fiducial[v, i, k, 1]
+                n += 2
+            columns[k, n] = target_gain[v, k, 0]
+            columns[k, n + 1] = target_gain[v, k, 1]
+            n += 2
+        if made:
+            for i in range(count):
+                for c in range(3):
+                    total = manufacturing[0, i, k, 0] * per_error[0, c]
+                    for m in range(1, 3):
+                        total = total + manufacturing[0, i, k, m] * per_error[m, c]
+                    for v in range(1, views):
+                        for m in range(3):
+                            total = total + manufacturing[v, i, k, m] * per_error[m, c]
+                    columns[k, n] = total
+                    n += 1
+        for b in range(views_of.shape[0]):
+            v = views_of[b]
+            columns[k, n] = (
+                intrinsics[v, k, 0] * believed[0, b]
+                + intrinsics[v, k, 1] * believed[1, b]
+                + intrinsics[v, k, 2] * believed[2, b]
+            )
+            n += 1
+
+
+stack_columns_jit = kernel(nogil=True)(stack_columns)

@@ -51,8 +51,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..kernels import kernel
-from ..system import IntrinsicsError
-from .noise import Estimation, eliminate
+from ..system import DirectEffect
+from .noise import Estimation, eliminate, room_for
 
 
 class Nonlinearity(NamedTuple):
@@ -62,6 +62,7 @@ class Nonlinearity(NamedTuple):
     crossing: float
     disagreement: float
     gap: float
+    known: float = 0.0  # what known shifts of images do of the first three: P95 errs in proportion to it
 
     @property
     def divisor(self) -> float:
@@ -71,7 +72,7 @@ class Nonlinearity(NamedTuple):
     @property
     def nu(self) -> float:
         """The validity number."""
-        return max(self)
+        return max(self.depth, self.crossing, self.disagreement, self.gap)
 
 
 @kernel(nogil=True)
@@ -84,7 +85,10 @@ def matrix_gains(projection: Array, points: Array, weights: Array) -> Array:
     """
     count = points.shape[0]
     total = weights.sum()
-    _, image, local, d_inv, du, dv, s_inv, _, _ = eliminate(projection, points, weights)
+    of_view = room_for(1, points)
+    eliminate(projection, points, weights, of_view, 0)
+    image, local, d_inv = of_view.image[0], of_view.local[0], of_view.d_inv[0]
+    du, dv, s_inv = of_view.du[0], of_view.dv[0], of_view.s_inv[0]
     out = np.zeros((12, count, 2))
     y = np.empty((3, 4))
     selected = np.zeros((3, 4))
@@ -157,8 +161,9 @@ def least_squares_matrix_gains(
     rows = slopes[..., :unknowns].reshape(-1, unknowns)
     seen_rows = rows * np.repeat(weights, 2)[:, None]
     information = seen_rows.T @ rows
-    if unknowns == 9:
-        information[range(6, 9), range(6, 9)] += precision
+    if unknowns < 11:
+        sought = range(6, unknowns)
+        information[sought, sought] += precision[: len(sought)]
     flat = by_unknown.reshape(len(by_unknown), 12).T
     by_noise = flat[:, :unknowns] @ np.linalg.solve(information, seen_rows.T)
     by_intrinsics = np.zeros((12, 3))
@@ -167,44 +172,79 @@ def least_squares_matrix_gains(
     return MatrixGains(by_noise.reshape(12, len(points), 2), by_intrinsics)
 
 
+def view_matrix_gains(
+    projections: Array, points: Array, weights: Array, estimation: Estimation
+) -> tuple[MatrixGains, ...]:
+    """Of each view; projections (V, 3, 4) with |p3| = 1, points (N, 3) mm; weights (V, N): 1 where a view sees one."""
+    if estimation.unknowns == 0:
+        return tuple(
+            MatrixGains(matrix_gains(projection, points, weights[v]), np.zeros((12, 3)))
+            for v, projection in enumerate(projections)
+        )
+    return tuple(
+        least_squares_matrix_gains(projection, points, weights[v], estimation.unknowns, estimation.precision[v])
+        for v, projection in enumerate(projections)
+    )
+
+
 def matrix_covariance(
+    gains: Sequence[MatrixGains],
     projections: Array,
     points: Array,
-    weights: Array,
     estimation: Estimation,
     per_error: Array,
     std: Array,
-    intrinsics: Sequence[IntrinsicsError | None],
+    intrinsics: Sequence[DirectEffect | None],
 ) -> Array:
-    """(12 V, 12 V) covariance of the resected matrices, entries as in ``matrix_gains``.
+    """(12 V, 12 V) covariance of the resected matrices by what moves each fiducial's image by itself.
 
-    projections (V, 3, 4) with |p3| = 1, points (N, 3) mm; weights (V, N): 1 where a view sees one; estimation: what the
-    estimator is, and the noise of the images; per_error (3, 3): what a manufacturing error does to the points; std
-    (N, 3) mm of it; intrinsics: the errors that each view believes.  One view knows of another only through the
-    manufacturing errors that they share.
+    gains: of each view, entries as in ``matrix_gains``; projections (V, 3, 4) with |p3| = 1, points (N, 3) mm;
+    estimation: the noise of the images; per_error (3, 3): what a manufacturing error does to the points; std (N, 3) mm
+    of it; intrinsics: the errors that each view believes.  One view knows of another only through the manufacturing
+    errors that they share.
     """
-    out = np.zeros((12 * len(projections), 12 * len(projections)))
+    out = np.zeros((12 * len(gains), 12 * len(gains)))
     shared = []
-    for v, projection in enumerate(projections):
-        if estimation.unknowns == 0:
-            gains = MatrixGains(matrix_gains(projection, points, weights[v]), np.zeros((12, 3)))
-        else:
-            gains = least_squares_matrix_gains(
-                projection, points, weights[v], estimation.unknowns, estimation.precision[v]
-            )
-        flat = estimation.noise[v, 0] * gains.by_noise.reshape(12, -1)
-        error = intrinsics[v]
+    for v, (gain, projection, error) in enumerate(zip(gains, projections, intrinsics, strict=True)):
+        flat = estimation.noise[v, 0] * gain.by_noise.reshape(12, -1)
         if error is not None:
-            flat = np.hstack([flat, gains.by_intrinsics @ (error.sources.direction * error.sources.std)])
+            flat = np.hstack([flat, gain.by_intrinsics @ (error.sources.direction * error.sources.spread)])
         out[12 * v : 12 * v + 12, 12 * v : 12 * v + 12] = flat @ flat.T
         motion = motion_of_images(projection, points) @ per_error * std[:, None, :]
-        shared.append(np.einsum("anc,nck->ank", gains.by_noise, motion).reshape(12, -1))
+        shared.append(np.einsum("anc,nck->ank", gain.by_noise, motion).reshape(12, -1))
     through = np.concatenate(shared)
     return np.asarray(out + through @ through.T)
 
 
-class Aim(NamedTuple):
-    """What V views see of a target, each in coordinates about the centroid of its fiducials and the image of that."""
+class Common(NamedTuple):
+    """What moves all images of a view together, at one target: K columns, each one standard deviation of a source."""
+
+    of_matrices: Array  # (V, 12, K) of the resected matrices, entries as in ``matrix_gains``
+    of_target: Array  # (V, 2, K) px, of the target's image
+    known: int  # the last so many columns are no random sources: they are known
+
+    def part(self, columns: slice) -> Common:
+        return Common(self.of_matrices[:, :, columns], self.of_target[:, :, columns], 0)
+
+    @property
+    def random(self) -> Common:
+        """Without what is known."""
+        return self.part(slice(0, self.of_target.shape[2] - self.known))
+
+    @property
+    def steady(self) -> Common:
+        """What is known alone."""
+        return self.part(slice(self.of_target.shape[2] - self.known, None))
+
+    @property
+    def flat(self) -> Array:
+        """(12 V, K) of all matrices."""
+        return self.of_matrices.reshape(-1, self.of_matrices.shape[2])
+
+
+class TargetImages(NamedTuple):
+    """What V views see of a target, each in coordinates about the centroid of its fiducials and the image of that, and
+    what goes wrong there: each fiducial by itself (``covariance``), and all of a view together (``common``)."""
 
     heads: Array  # (V, 3, 4) matrices
     place: Array  # (V, 4) the target, mm
@@ -212,18 +252,27 @@ class Aim(NamedTuple):
     depths: Array  # (V,) mm
     rows: Array  # (V, 2, 3) of J, px
     covariance: Array  # (12 V, 12 V) of the matrices: ``matrix_covariance``
+    common: Common
 
-    def functionals(self, left: Array) -> Array:
-        """(V k, V k) covariance of linear functionals of the matrices: left (V, k, 12), each of its own view's."""
+    def functionals(self, left: Array, by_image: Array | None = None) -> Array:
+        """(V k, V k) second moments of linear functionals, each of its own view's: left (V, k, 12) of its matrix,
+        by_image (V, k, 2) of the image of the target by what is common."""
         views, size, _ = left.shape
         every = np.zeros((views, size, views, 12))
         for v in range(views):
             every[v, :, v] = left[v]
         flat = every.reshape(views * size, 12 * views)
-        return np.asarray(flat @ self.covariance @ flat.T)
+        out = flat @ self.covariance @ flat.T
+        if self.common.of_target.shape[2]:
+            together = left @ self.common.of_matrices
+            if by_image is not None:
+                together = together + by_image @ self.common.of_target
+            together = together.reshape(views * size, -1)
+            out += together @ together.T
+        return np.asarray(out)
 
 
-def _aim(projections: Array, centres: Array, target: Array, covariance: Array) -> Aim:
+def _aim(projections: Array, centres: Array, target: Array, covariance: Array, common: Common) -> TargetImages:
     heads = projections.copy()
     heads[:, :, 3] += (projections[:, :, :3] @ centres[:, :, None])[:, :, 0]
     heads[:, :2] -= (heads[:, :2, 3] / heads[:, 2:, 3])[:, :, None] * heads[:, 2:]
@@ -231,20 +280,21 @@ def _aim(projections: Array, centres: Array, target: Array, covariance: Array) -
     projected = (heads @ place[:, :, None])[:, :, 0]
     images = projected[:, :2] / projected[:, 2:]
     rows = heads[:, :2, :3] - images[:, :, None] * heads[:, 2:, :3]
-    return Aim(heads, place, images, projected[:, 2], rows, covariance)
+    return TargetImages(heads, place, images, projected[:, 2], rows, covariance, common)
 
 
-def _depth(aim: Aim) -> float:
+def _depth(aim: TargetImages) -> float:
     """The first number, squared."""
     largest = 0.0
     for v, depth in enumerate(aim.depths.tolist()):
         block = aim.covariance[12 * v + 8 : 12 * v + 11, 12 * v + 8 : 12 * v + 11]
         away = aim.place[v, :3]
-        largest = max(largest, float(away @ block @ away) / depth**2)
+        together = away @ aim.common.of_matrices[v, 8:11]
+        largest = max(largest, float(away @ block @ away + together @ together) / depth**2)
     return largest
 
 
-def _crossing(aim: Aim) -> float:
+def _crossing(aim: TargetImages) -> float:
     """The second number, squared."""
     views = len(aim.depths)
     moved = aim.rows / aim.depths[:, None, None]  # px per mm along x, y, z
@@ -265,11 +315,12 @@ def _crossing(aim: Aim) -> float:
     return float(max(variance, 0.0) / squares[0])
 
 
-def _row_errors(aim: Aim, target_noises: Array) -> Array:
-    """(4, 4, 2 V, 2 V) covariance of the errors of each row: of J (3, with the gauge |p3| = 1) and of rho."""
+def _row_errors(aim: TargetImages, target_noises: Array) -> Array:
+    """(4, 4, 2 V, 2 V) second moments of the errors of each row: of J (3, with the gauge |p3| = 1) and of rho."""
     views = len(aim.depths)
     left = np.zeros((views, 8, 12))
-    by_image = np.zeros((views, 8, 8))
+    by_noise = np.zeros((views, 8, 8))
+    by_image = np.zeros((views, 8, 2))
     for c in range(2):
         image = aim.images[:, c, None]
         for k in range(3):
@@ -278,15 +329,19 @@ def _row_errors(aim: Aim, target_noises: Array) -> Array:
             left[:, 4 * c + k, 8:11] -= aim.rows[:, c, k, None] * aim.heads[:, 2, :3]
         left[:, 4 * c + 3, 4 * c : 4 * c + 4] += aim.place
         left[:, 4 * c + 3, 8:] -= image * aim.place
-        noise = target_noises[:, None] * np.column_stack([aim.heads[:, 2, :3], aim.depths])
-        by_image[:, 4 * c : 4 * c + 4, 4 * c : 4 * c + 4] = noise[:, :, None] * noise[:, None]
-    errors = aim.functionals(left)
+        own = np.column_stack([aim.heads[:, 2, :3], aim.depths])
+        by_image[:, 4 * c : 4 * c + 4, c] = -own
+        noise = target_noises[:, None] * own
+        by_noise[:, 4 * c : 4 * c + 4, 4 * c : 4 * c + 4] = noise[:, :, None] * noise[:, None]
+    errors = aim.functionals(left, by_image)
     for v in range(views):
-        errors[8 * v : 8 * v + 8, 8 * v : 8 * v + 8] += by_image[v]
+        errors[8 * v : 8 * v + 8, 8 * v : 8 * v + 8] += by_noise[v]
     return np.asarray(errors.reshape(2 * views, 4, 2 * views, 4).transpose(1, 3, 0, 2))
 
 
-def _disagreement(aim: Aim, target_noises: Array, row_weights: Array, away: Array, unit: float) -> tuple[float, float]:
+def _disagreement(
+    aim: TargetImages, target_noises: Array, row_weights: Array, away: Array, unit: float
+) -> tuple[float, float]:
     """The third number and the fourth, squared.
 
     row_weights (V, 2, 2); away (3,), from the origin to the target, and unit: mm, of the frame of the unit vector.
@@ -328,25 +383,32 @@ def nonlinearity(
     weights: Array,
     target: Array,
     covariance: Array,
+    common: Common,
     target_noises: Array,
     row_weights: Array,
     *,
     published: bool,
 ) -> Nonlinearity:
-    """The four numbers at one target.
+    """The numbers at one target.
 
     projections (V, 3, 4) with |p3| = 1, points (N, 3) and target (3,) mm as the estimator meets them; weights (V, N):
-    1 where a view sees a fiducial; covariance: see ``matrix_covariance``; target_noises (V,) px of the target's images;
-    row_weights (V, 2, 2) of the triangulation, published: its form.
+    1 where a view sees a fiducial; covariance: see ``matrix_covariance``; common: what moves all images of a view;
+    target_noises (V,) px of the target's images; row_weights (V, 2, 2) of the triangulation, published: its form.
     """
     centre = points.mean(axis=0)
-    aim = _aim(projections, weights @ points / weights.sum(axis=1)[:, None], target, covariance)
     away, unit = target - centre, sqrt(float(((points - centre) ** 2).sum()) / len(points) / 3.0)
     if published:
         away, unit = target, 1.0
-    return Nonlinearity(
-        *(
-            sqrt(square)
-            for square in (_depth(aim), _crossing(aim), *_disagreement(aim, target_noises, row_weights, away, unit))
-        )
-    )
+    aim = _aim(projections, weights @ points / weights.sum(axis=1)[:, None], target, covariance, common)
+
+    def disagreement(aim: TargetImages) -> tuple[float, float]:
+        return _disagreement(aim, target_noises, row_weights, away, unit)
+
+    depth, crossing = _depth(aim), _crossing(aim)
+    apart, gap = disagreement(aim)
+    known = 0.0
+    if common.known:
+        steady = aim._replace(covariance=np.zeros_like(covariance), common=common.steady)
+        without, _ = disagreement(aim._replace(common=common.random))
+        known = sqrt(max(_depth(steady), _crossing(steady), apart - without))
+    return Nonlinearity(sqrt(depth), sqrt(crossing), sqrt(apart), sqrt(gap), known)

@@ -1,5 +1,4 @@
-"""What moves the images of all beads of a view together: motion between the shots, temperature, an image's residual
-field, balls that are no points.
+"""What effects that move the images of all beads of a view together do there, to first order.
 
 Each is a shift of the images that the estimator knows nothing of, so its gain on the reconstructed point is the sum of
 the gains of image noise, each times the shift of its image: no derivative of its own is needed, whatever the estimator.
@@ -11,33 +10,26 @@ As in ``noise.py``, fiducials and pivots may be floats, complex numbers or CasAD
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..estimation.resection import project
-from ..geometry.image_shifts import field_shifts, outline_shifts
 from ..geometry.rotation import Displacement, displacement
-from ..system import Reading, Sources, System, Target, no_sources
+from ..system import Act, ArrayLike, Effect, Place, Reading, System, Target
 from .nonlinearity import motion_of_images
-
-# The arrays are numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that.
-Duck = Any
 
 
 class Systematic(NamedTuple):
-    """One contributor of this kind, at one target.  Rows: u and v of each fiducial's image, then of the target's."""
+    """One effect of this kind, at one target.  Rows: u and v of each fiducial's image, then of the target's."""
 
-    contributor: str
-    label: str
-    per_unit: bool  # drawn once per installed unit, or at every shot
-    sources: Sources  # k of them; none where all is known
-    shifts: Duck  # (V, 2 N + 2, k) px per native unit
-    at_flange_mm: Duck  # (3, k) con, mm per native unit: behind the reconstructed point
-    known_shift_px: Duck  # (V, 2 N + 2)
-    known_at_flange_mm: Duck  # (3,) con
+    effect: Effect
+    shifts: ArrayLike  # (V, 2 N + 2, k) px per native unit of each source
+    at_flange_mm: ArrayLike  # (3, k) con, mm per native unit: behind the reconstructed point
+    known_shift_px: ArrayLike  # (V, 2 N + 2)
+    known_at_flange_mm: ArrayLike  # (3,) con
 
-    def localise(self, gains: Sequence[Duck]) -> tuple[Duck, Duck]:
+    def localise(self, gains: Sequence[ArrayLike]) -> tuple[ArrayLike, ArrayLike]:
         """What one native unit of each source, (3, k), and what is known, (3,), do to the reconstructed point, mm.
 
         gains: of the images of each view, (3, 2 N + 2) mm per px in the order of ``shifts``.
@@ -46,65 +38,63 @@ class Systematic(NamedTuple):
         return by_source, sum(gain @ shift for gain, shift in zip(gains, self.known_shift_px, strict=True))
 
 
+def shift_together(system: System, first: Displacement, target: Target) -> tuple[ArrayLike, ArrayLike]:
+    """What all of them do side by side: to the images (V, 2 N + 2, C + 1) px and, behind the reconstructed point,
+    (3, C + 1) mm; per native unit of each of the C sources, last what is known.  first: as ``systematic_errors``."""
+    found = systematic_errors(system, first, target)
+    known = np.zeros((len(system.views), 2 * len(system.fiducials_mm) + 2))
+    known_at_flange = np.zeros(3)
+    for each in found:
+        known, known_at_flange = known + each.known_shift_px, known_at_flange + each.known_at_flange_mm
+    shifts = np.concatenate([*(each.shifts for each in found), known[..., None]], axis=2)
+    return shifts, np.column_stack([*(each.at_flange_mm for each in found), known_at_flange])
+
+
 def systematic_errors(system: System, first: Displacement, target: Target) -> tuple[Systematic, ...]:
-    """All that the system declares: motions, image fields, temperature, balls.
+    """All of them that the system declares.
 
     first: the displacement of the structure by its installation at the bias.
     """
+    scene = system.scene(target.position_mm[None], project)
     views, rows, kind = len(system.views), 2 * len(system.fiducials_mm) + 2, system.fiducials_mm.dtype
     moved, turned = system.fiducials_mm, np.eye(3)
     if system.reading is Reading.PHYSICAL:
         moved, turned = moved @ first.rotation.T + first.shift_mm, first.rotation
 
-    def in_views(shifts: dict[int, Duck], count: int) -> Duck:
-        every = np.zeros((views, rows, count), kind)
-        for v, shift in shifts.items():
-            every[v, : len(shift)] = shift
-        return every
+    def see(v: int, steps: ArrayLike) -> ArrayLike:
+        """(2 N, q) px: how the fiducials' images in a view move when they move by steps (N, 3, q) mm."""
+        slopes = motion_of_images(system.views[v].projection, moved)
+        return np.asarray((slopes @ steps).reshape(rows - 2, -1))
 
-    def see(v: int, steps: Duck) -> Duck:
-        """(2 N, k) px: how the fiducials' images in a view move when they move by steps (N, 3, k) mm."""
-        return np.asarray((motion_of_images(system.views[v].projection, moved) @ steps).reshape(rows - 2, -1))
-
-    nothing, still = np.zeros((views, rows)), np.zeros(3)
-    found = []
-    for v, view in enumerate(system.views):
-        if (motion := view.motion) is not None:
-            act = displacement(motion.bias, motion.pivot_mm, system.rotation_form)
-            steps = np.array([act.by_torsor(point) for point in moved]) @ motion.sources.direction
-            count = motion.sources.count
-            shifts = in_views({v: see(v, steps)}, count)
-            found.append(
-                Systematic(
-                    motion.name, motion.title, False, motion.sources, shifts, np.zeros((3, count)), nothing, still
-                )
-            )
-    for v, view in enumerate(system.views):
-        if (field := view.image_field) is not None:
-            images = project(view.projection, np.vstack([system.fiducials_mm, target.position_mm]))
-            shift = field_shifts(images, field.centre_px, field.half_diagonal_px, field.axis, field.powers)
-            count = field.sources.count
-            shifts = in_views({v: shift.reshape(rows, count)}, count)
-            name, label = f"image_field:{view.name}", f"image field, {view.name}"
-            found.append(Systematic(name, label, True, field.sources, shifts, np.zeros((3, count)), nothing, still))
-    if (heat := system.temperature) is not None:
-        steps = heat.structure_per_k * (system.fiducials_mm - heat.seat_mm) @ turned.T
-        per_k = in_views({v: see(v, steps[:, :, None]) for v in range(views)}, 1)
-        away = -heat.connector_mm_per_k[:, None]
-        direction, known = heat.sources.direction, heat.difference_k
-        found.append(
-            Systematic(
-                "temperature", "temperature", False, heat.sources, per_k @ direction, away @ direction,
-                per_k[:, :, 0] * known, away[:, 0] * known,
-            )
-        )  # fmt: skip
-    if (balls := system.balls) is not None:
-        each = (outline_shifts(view.projection, system.fiducials_mm, balls.radius_mm) for view in system.views)
-        shifts = in_views({v: balls.share * shift.reshape(-1, 1) for v, shift in enumerate(each)}, 1)
-        label = "shift of the balls' images"
-        found.append(
-            Systematic(
-                "ball_images", label, True, no_sources(1), shifts[:, :, :0], np.zeros((3, 0)), shifts[:, :, 0], still
-            )
+    def shift(act: Act, v: int, parameters: ArrayLike) -> ArrayLike:
+        """(2 N or 2 N + 2, q) px: how images in a view move by parameters (m, q), the last of which are known."""
+        each = act.by(parameters)
+        if act.place is Place.IMAGES:
+            return each
+        if act.place is Place.BEADS:
+            steps = each.reshape(-1, 3, each.shape[1])
+            return see(v, np.swapaxes(np.swapaxes(steps, 1, 2) @ turned.T, 1, 2))
+        assert act.place is Place.SHOT
+        at = displacement(each[:, -1], act.pivot_mm, system.rotation_form)
+        shifts = see(v, at.by_torsor(moved) @ each)
+        images = (
+            project(system.views[v].projection, points) for points in (moved @ at.rotation.T + at.shift_mm, moved)
         )
+        shifts[:, -1] = np.subtract(*images).ravel()
+        return shifts
+
+    found = []
+    for effect in system.shared_image_errors:
+        parameters = np.column_stack([effect.sources.direction, effect.known])
+        count = effect.sources.count
+        images, flange = np.zeros((views, rows, count + 1), kind), np.zeros((3, count + 1))
+        for act in effect.act(scene):
+            if act.place is Place.CONNECTOR:
+                flange = flange + act.by(parameters)
+                continue
+            for v, view in enumerate(system.views):
+                if act.view in (None, view.name):
+                    shifts = shift(act, v, parameters)
+                    images[v, : len(shifts)] += shifts
+        found.append(Systematic(effect, images[..., :-1], flange[:, :-1], images[..., -1], flange[:, -1]))
     return tuple(found)

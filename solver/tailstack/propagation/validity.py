@@ -12,15 +12,18 @@ expected at P95 is multiplied.
 
 from __future__ import annotations
 
-from math import degrees, inf, pi, sqrt
+from collections.abc import Sequence
+from math import inf, sqrt
 from typing import Literal
 
 import numpy as np
 
-from ..estimation.checks import LINEAR
+from ..effects import EFFECTS
+from ..effects.kind import Excess, Limit, Proportional
 from ..results import Validity
-from ..system import Estimator, Law, RotationForm, System, Triangulation
+from ..system import DEFAULT_ESTIMATOR, RotationForm, System
 from .nonlinearity import Nonlinearity, motion_of_images
+from .turns import NO_TURNS, Turns
 
 Level = Literal["good to 1 %", "good to 5 %", "good to 20 %"]
 
@@ -30,16 +33,18 @@ LEVELS: tuple[tuple[float, Level, float], ...] = (
     (0.08, "good to 5 %", 5.0),
     (0.15, "good to 20 %", 20.0),
 )
+# of the designs that a level is said of, so many of 100 are within its error of P95: 95 % bound (Clopper and Pearson)
+# of every class in the table of ``docs/method.md``, its levels together
+PROMISED_PERCENT = 95
 # what nu does not see, and up to what size each level holds
-ROTATION_LIMITS_RAD = (0.1, 0.22, 0.45)  # 0.7 times their squares: 0.7, 3.4 and 14 %
-GROWTH_LIMITS = (0.005, 0.03, 0.12)  # of the structure by temperature, relative; it errs by as much
-KNOWN_INTRINSICS_LIMITS = (0.005, 0.03, 0.12)  # a known error that is believed, relative; it errs by up to 1.3 times it
+TURN_LIMITS = (0.1, 0.22, 0.45)  # of ``Turns.size``; 0.7 times their squares: 0.7, 3.4 and 14 %
+# what errs in its first power: ``Turns.along_bias`` and ``images_beside_bias``, ``Nonlinearity.known``, and what
+# effects say of themselves
+BIAS_LIMITS = (0.005, 0.03, 0.12)
 COUNTED = {4: 5.0, 5: 5.0, 6: 5.0, 7: 2.0, 8: 2.0}  # how often nu counts with so many fiducials
 # (quantile up to, how many times the error of P95 its error may be)
 QUANTILES = ((0.95, 1.0), (0.99, 2.5), (0.999, 6.0))
 CALIBRATED_VIEWS = (2, 8)
-CALIBRATED_FIDUCIALS = (6, 40)
-CALIBRATED_OF_POSE = (4, 40)  # of the estimators that know the intrinsics
 # (focal length, principal point in px) up to which intrinsics may be in doubt under pose_with_prior: nu does not see
 # them, and of 40 layouts beyond, two left their band (by -8 % at "good to 5 %" and by +3.5 % at "good to 1 %")
 CALIBRATED_PRIOR = (0.03, 30.0)
@@ -47,16 +52,6 @@ CALIBRATED_PRIOR = (0.03, 30.0)
 # it takes them for noise, which sets the intrinsics free. From 2 to 30, 9 of 25 layouts left their band, optimistic by
 # up to 86 %; a random design with 11 was passed although its P95 was 15 % beyond first order
 CALIBRATED_MANUFACTURE = 2.0
-# (mm, rad) standard deviation of a motion between the shots, which nu does not see either: with half-widths up to 0.3
-# mm and deg none of 200 layouts left its band, up to 0.5 four of 250 did, and at 9 mm P95 was 2.7 times first order's
-CALIBRATED_MOTION = (0.15, 0.15 * pi / 180)
-# the forms of triangulation that were sampled with each estimator
-CALIBRATED_FORMS: dict[Estimator, tuple[Triangulation, ...]] = {
-    Estimator.DLT: (*LINEAR, Triangulation.WEIGHTED),
-    Estimator.POSE: (*LINEAR, Triangulation.WEIGHTED),
-    Estimator.POSE_WITH_PRIOR: (Triangulation.NORMALISED, Triangulation.WEIGHTED),
-    Estimator.REPROJECTION: (Triangulation.NORMALISED,),
-}
 SECOND_ORDER_LIMIT = 0.05  # second order is offered below; at nu = 0.10 it errs by +26 % and -41 %
 
 PARTS = {
@@ -79,19 +74,6 @@ def _fewest_seen(system: System) -> int:
     return int(system.sees.sum(axis=1).min())
 
 
-def _largest_motion(system: System) -> tuple[float, float]:
-    """(mm, rad) of the motions between the shots: the largest standard deviation, half-width where it is bounded."""
-    largest = {"mm": 0.0, "rad": 0.0}
-    for view in system.views:
-        if view.motion is not None:
-            sources = view.motion.sources
-            for unit, law, std, half_width in zip(
-                sources.units, sources.laws, sources.std.tolist(), sources.half_width.tolist(), strict=True
-            ):
-                largest[unit] = max(largest[unit], half_width if law is Law.BOUNDED else std)
-    return largest["mm"], largest["rad"]
-
-
 def _manufacture_over_noise(system: System) -> float:
     """Manufacturing errors in the images over the noise there, standard deviations; of the view where it is most."""
     std, centre = float(system.manufacturing_std_mm.max()), system.fiducials_mm.mean(axis=0)
@@ -103,34 +85,20 @@ def _manufacture_over_noise(system: System) -> float:
     return max(px / noise if noise else inf for px, noise in zip(moved, noises, strict=True))
 
 
-def _largest_growth(system: System) -> float:
-    """How much the structure grows or shrinks at most, relative."""
-    heat = system.temperature
-    return 0.0 if heat is None else abs(heat.structure_per_k) * (abs(heat.difference_k) + heat.sources.half_width.sum())
-
-
-def _known_intrinsics(system: System) -> float:
-    """The largest known error of intrinsics that are believed, relative; 1000 px of the principal point count as 1."""
-    errors = [view.intrinsics_error for view in system.views if view.intrinsics_error is not None]
-    if not system.estimator.believes_intrinsics or not errors:
-        return 0.0
-    return max(float(abs(error.bias / (1.0, 1000.0, 1000.0)).max()) for error in errors)
-
-
-def _class_of(system: System) -> tuple[str, str]:
+def _class_of(system: System, limits: Sequence[Limit]) -> tuple[str, str]:
     """(the class of a system in words, why it was not calibrated or "")."""
     views, fiducials = len(system.views), _fewest_seen(system)
     words = f"{views} views, {fiducials} fiducials, {system.triangulation} triangulation"
-    if system.estimator is not Estimator.DLT:
+    if system.estimator is not DEFAULT_ESTIMATOR:
         words += f", estimator {system.estimator}"
-    if system.triangulation not in CALIBRATED_FORMS[system.estimator]:
+    if system.triangulation not in system.estimator.traits.trusted_forms:
         return words, f"{system.triangulation} triangulation with the estimator {system.estimator}"
     if not CALIBRATED_VIEWS[0] <= views <= CALIBRATED_VIEWS[1]:
         return words, f"{views} views (calibrated: {CALIBRATED_VIEWS[0]} to {CALIBRATED_VIEWS[1]})"
-    low, high = CALIBRATED_OF_POSE if system.estimator.believes_intrinsics else CALIBRATED_FIDUCIALS
+    low, high = system.estimator.traits.trusted_fiducials
     if not low <= fiducials <= high:
         return words, f"{fiducials} fiducials (calibrated: {low} to {high})"
-    if system.estimator is Estimator.POSE_WITH_PRIOR:
+    if system.estimator.traits.takes_prior:
         priors = [view.intrinsics_prior or (inf, inf) for view in system.views]
         focal, centre = (max(prior[k] for prior in priors) for k in (0, 1))
         if focal > CALIBRATED_PRIOR[0] or centre > CALIBRATED_PRIOR[1]:
@@ -144,38 +112,49 @@ def _class_of(system: System) -> tuple[str, str]:
                 f"manufacturing errors that are {ratio:.2g} times the noise in the images "
                 f"(calibrated: to {CALIBRATED_MANUFACTURE:g} times)"
             )
-    shift, turn = _largest_motion(system)
-    if shift > CALIBRATED_MOTION[0] or turn > CALIBRATED_MOTION[1]:
-        return words, (
-            f"a motion between the shots of {shift:.3g} mm and {degrees(turn):.3g} deg, standard deviation "
-            f"(calibrated: to {CALIBRATED_MOTION[0]:g} mm and {degrees(CALIBRATED_MOTION[1]):g} deg)"
-        )
+    for limit in limits:
+        if isinstance(limit, Excess):
+            return words, limit.words
     if system.rotation_form is not RotationForm.FULL:
         return words, "rotations in their small-angle form"
     return words, ""
 
 
-def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -> Validity:
+def worst_validity(found: Sequence[tuple[Nonlinearity, Turns]], system: System) -> Validity:
+    """The statement of a system from the numbers of its targets: of each the largest."""
+    numbers = max((each for each, _ in found), key=lambda each: each.nu)
+    turns = NO_TURNS
+    for each, own in found:
+        numbers, turns = numbers._replace(known=max(numbers.known, each.known)), turns.larger(own)
+    return validity(numbers, system, turns)
+
+
+def validity(numbers: Nonlinearity, system: System, turns: Turns = NO_TURNS) -> Validity:
     """Statement about the linearisation of a system.
 
-    numbers: at the worst target.  rotation_rad: largest standard deviation (half-width if bounded) of a random
-    rotation.  Its second order is some 0.7 of its square: 0.08, 0.20 and 0.54 % were measured at 1, 2 and 5 degrees.
+    numbers, turns: at the worst target.
     """
     fiducials = _fewest_seen(system)
-    words, uncalibrated = _class_of(system)
+    limits = [limit for kind in EFFECTS for limit in kind.limits(system)]
+    words, uncalibrated = _class_of(system, limits)
     times = COUNTED.get(fiducials, 1.0)
-    part = max(numbers._asdict(), key=numbers._asdict().__getitem__)
+    part = max(PARTS, key=numbers._asdict().__getitem__)
     counted = f"nu = {numbers.nu:.2g} ({PARTS[part]}" + (
         f"; counted {times:g} times: {fiducials} fiducials)" if times > 1 else ")"
     )
-    if rotation_rad > ROTATION_LIMITS_RAD[0]:
-        counted += f", random rotations of {degrees(rotation_rad):.3g} deg"
-    growth, known = _largest_growth(system), _known_intrinsics(system)
-    if growth > GROWTH_LIMITS[0]:
-        counted += f", growth by temperature of {100 * growth:.2g} %"
-    if known > KNOWN_INTRINSICS_LIMITS[0]:
-        counted += f", intrinsics that are known to be {100 * known:.2g} % wrong"
-    unseen = zip(ROTATION_LIMITS_RAD, GROWTH_LIMITS, KNOWN_INTRINSICS_LIMITS, strict=True)
+    if turns.size > TURN_LIMITS[0]:
+        counted += f", mounts that turn so far that {100 * turns.size:.2g} % of the error is of second order"
+    in_proportion = {
+        "mounts that turn about a lever with a known error along it, which changes P95 by {:.2g} %": turns.along_bias,
+        "a known error beside errors by the images that grow with it, which may change P95 by {:.2g} %": (
+            turns.images_beside_bias
+        ),
+        "known shifts of images of {:.2g} % of what they are seen by": numbers.known,
+    } | {limit.words: limit.size for limit in limits if isinstance(limit, Proportional)}
+    for said, size in in_proportion.items():
+        if size > BIAS_LIMITS[0]:
+            counted += ", " + said.format(100 * size)
+    linear = max(in_proportion.values())
 
     def state(status: Level | Literal["not valid"], percent: float | None, statement: str) -> Validity:
         return Validity(
@@ -189,6 +168,8 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
             nu_gap=numbers.gap,
             layout_class=words,
             calibrated=not uncalibrated,
+            nu_turns=turns.size,
+            nu_bias=linear,
         )
 
     if uncalibrated:
@@ -198,19 +179,19 @@ def validity(numbers: Nonlinearity, system: System, rotation_rad: float = 0.0) -
             f"{counted}; first order was not calibrated for {uncalibrated}: what its P95 is worth is not known, and "
             "only Monte Carlo (`tailstack verify`) decides",
         )
-    for (limit, status, percent), (turn, grown, wrong) in zip(LEVELS, unseen, strict=True):
-        if times * numbers.nu <= limit and rotation_rad <= turn and growth <= grown and known <= wrong:
+    for (limit, status, percent), of_turns, of_bias in zip(LEVELS, TURN_LIMITS, BIAS_LIMITS, strict=True):
+        if times * numbers.nu <= limit and turns.size <= of_turns and linear <= of_bias:
             return state(
                 status,
                 percent,
-                f"{counted}: first-order P95 agrees with the full chain within {percent:g} %"
-                + ("" if percent <= 1 else "; where it errs it is mostly optimistic: verify by Monte Carlo"),
+                f"{counted}: first-order P95 agrees with the full chain within {percent:g} %, in at least "
+                f"{PROMISED_PERCENT:g} of 100 designs that it is said of"
+                + ("" if percent <= 1 else "; it may be optimistic: verify by Monte Carlo"),
             )
     return state(
         "not valid",
         None,
-        f"{counted}, beyond nu = {LEVELS[-1][0]:g}, {degrees(ROTATION_LIMITS_RAD[-1]):.0f} deg or "
-        f"{100 * GROWTH_LIMITS[-1]:g} %: first order may be optimistic here by a factor and its P95 must not be used; "
-        "only Monte Carlo (`tailstack verify`) speaks"
+        f"{counted}, beyond nu = {LEVELS[-1][0]:g}, or too much that turns or is known: first order may be optimistic "
+        "here by a factor and its P95 must not be used; only Monte Carlo (`tailstack verify`) speaks"
         + (", and beyond nu = 0.2 not even the standard deviation exists" if numbers.divisor > LEVELS[-1][0] else ""),
     )

@@ -153,3 +153,7 @@ __all__ = [
 ]
 
 __getattr__ = load_on_first_use(__name__, _HOME)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from .record import Published
 from .verdicts import Provenance
 
 Cells = tuple[float | str | None, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class ScoredTable:
+@dataclass(frozen=True, slots=True, repr=False)
+class ScoredTable(Published):
     """A design scored for each row of a table: the table's own columns, and those of the answer."""
 
     schema: Literal["tailstack/batch/1"]
@@ -26,8 +27,8 @@ class ScoredTable:
     refused: int
     """Rows that could not be scored."""
     ways: dict[str, int]
-    """Rows that were computed compiled, linearised and in full."""
+    """Rows that were computed compiled and in full."""
     why: str
-    """Why not all were computed by the fastest of these ways; empty: they were."""
+    """All that keeps rows from the fastest of these ways, with `; ` between: each has to go; empty: nothing does."""
     provenance: Provenance
     """Of the design as it stands."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from html import escape
-from typing import Any
 
 from .look import BAR
-from .outline import Column, Outline, Row, Table
+from .outline import Outline
+from .tables import Column, On, Row, Table, write_cell
 from .verdicts import STATED
 
 MOST_ROWS = 12
@@ -36,9 +36,9 @@ def html_of(outline: Outline) -> str:
         f'<div style="font-size:15px;font-weight:600;margin:2px 0 6px">{escape(outline.title)}</div>'
         f"<div>{_badge(outline.status)} {escape(outline.sentence)}</div>"
     ]
-    for table in outline.tables:
-        if table.shown and table.rows:
-            parts.append(_table(table))
+    for frame in outline.frames:
+        if frame.shown is not None and frame.shown.rows:
+            parts.append(_table(frame.shown.on(On.NOTEBOOK), frame.name))
     remarks = [remark for remark in outline.remarks if remark.rule not in STATED]
     if remarks:
         items = "".join(
@@ -62,17 +62,21 @@ def _title(words: str) -> str:
     return f'<div style="font-weight:600;margin:10px 0 3px">{escape(words)}</div>'
 
 
-def _table(table: Table) -> str:
-    rows = table.selected or table.rows
+def _table(table: Table, name: str) -> str:
     heads = "".join(
-        f'<th scope="col" style="{CELL}text-align:{_side(table, column)};font-weight:600">{escape(column.heading)}</th>'
-        for column in table.shown
+        f'<th scope="col" style="{CELL}text-align:{_side(column)};font-weight:600">{escape(_heading(column))}</th>'
+        for column in table.columns
     )
-    body = "".join(f"<tr>{''.join(_cells(table, row))}</tr>" for row in rows[:MOST_ROWS])
+    body = "".join(f"<tr>{''.join(_cells(table, row))}</tr>" for row in table.rows[:MOST_ROWS])
     return (
-        f'{_title(table.title)}<table style="border-collapse:collapse;font-size:13px;margin:0">'
-        f"<thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>{_more(len(rows), table.name)}"
+        f'{_title(table.caption)}<table style="border-collapse:collapse;font-size:13px;margin:0">'
+        f"<thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>{_more(len(table.rows), name)}"
     )
+
+
+def _heading(column: Column) -> str:
+    """Its name and unit on one line."""
+    return f"{column.title}, {column.unit}" if column.unit else column.title
 
 
 def _more(count: int, name: str) -> str:
@@ -84,30 +88,18 @@ def _more(count: int, name: str) -> str:
 
 
 def _cells(table: Table, row: Row) -> Iterator[str]:
-    for column in table.shown:
-        words = escape(text_of(row.get(column.name), column.decimals))
-        if column.name in ("status", "verdict", "severity"):
-            words = _badge(str(row.get(column.name)))
-        if column.bar:
-            share = min(max(float(row[column.name] or 0.0), 0.0), 100.0)
+    for k, (cell, column) in enumerate(zip(row.cells, table.columns, strict=True)):
+        words = "–" if cell is None else escape(write_cell(cell, column))
+        if column.kind == "status":
+            words = _badge("" if cell is None else str(cell))
+        if column.bar and not isinstance(cell, str):
+            share = min(max(100 * float(cell or 0.0), 0.0), 100.0)
             look = f"height:3px;width:{share:.1f}%;background:{BAR};margin:2px 0 0 auto"
             words += f'<div aria-hidden="true" style="{look}"></div>'
-        yield f'<td style="{CELL}text-align:{_side(table, column)}">{words}</td>'
+        indent = "padding-left:20px;" if k == 0 and row.depth else ""
+        yield f'<td style="{CELL}{indent}text-align:{_side(column)}">{words}</td>'
 
 
-def _side(table: Table, column: Column) -> str:
+def _side(column: Column) -> str:
     """Numbers stand right, texts left."""
-    values = [row.get(column.name) for row in table.selected or table.rows]
-    numbers = all(value is None or isinstance(value, int | float) for value in values)
-    return "right" if numbers and any(value is not None for value in values) else "left"
-
-
-def text_of(value: Any, decimals: int | None = None) -> str:
-    """A value of a cell in words."""
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.4g}" if decimals is None else f"{value:.{decimals}f}"
-    return f"{value:,}" if isinstance(value, int) else str(value)
+    return "right" if column.numeric else "left"

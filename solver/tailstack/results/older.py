@@ -11,7 +11,8 @@ NUMBERED = {"interface_1": "structure_connector", "interface_2": "connector_flan
 def in_words_of_today(data: Any) -> Any:
     """Plain data of a result, its sources of error named as in the design document; the data itself stays as it is.
 
-    Until version 0.1 results called the interfaces ``interface_1`` and ``interface_2``, and stated no labels.
+    Until version 0.1 results called the interfaces ``interface_1`` and ``interface_2``, and stated neither labels nor
+    shares of the localisation error.
     """
     if isinstance(data, list):
         return [in_words_of_today(entry) for entry in data]
@@ -24,7 +25,22 @@ def in_words_of_today(data: Any) -> Any:
         read.setdefault("label", read[key].replace("_", " ").replace(":", ", ") if name not in NUMBERED else read[key])
     if isinstance(ends := read.get("worst_vertex"), list):
         read["worst_vertex"] = [_rename(end) for end in ends]
+    if isinstance(lines := read.get("contributors"), list) and isinstance(read.get("localisation"), dict):
+        _share_localisation(read, lines)
     return read
+
+
+def _share_localisation(target: dict[str, Any], lines: list[Any]) -> None:
+    """Fill in the shares of the localisation error: only rigid motions lie behind it, which keep the trace of a
+    covariance.  (Temperature also acts behind it, which such a result does not say.)
+    """
+    try:
+        tool, located = (sum(std**2 for std in of["std_mm"]) for of in (target, target["localisation"]))
+        for line in lines:
+            behind = line["name"] in ("connector_flange", "hand_eye", "execution")
+            line.setdefault("localisation_share", 0.0 if behind else line["variance_share"] * tool / (located or 1.0))
+    except (KeyError, TypeError):  # no result: what reads it says so
+        return
 
 
 def _rename(end: Any) -> Any:

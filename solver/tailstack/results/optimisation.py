@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import dist
+from operator import attrgetter, itemgetter
 from typing import Literal
 
-from .outline import Bar, Bars, Column, Outline, checks_table, table, verdict_sentence
+from .digits import count_decimals, decimals_of
+from .outline import Bar, Bars, Outline, checks_frame, frame, verdict_sentence
 from .record import Result
+from .tables import EVERYWHERE, PAPER, TERMINAL, Column, On, Table, fill, tabulate
 from .verdicts import Check, Finding, Provenance, Vector3
 from .verification import TargetEstimate, Verification
 
@@ -312,7 +317,7 @@ class PlacementValue:
     """The comparison as a sentence."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Optimisation(Result):
     """A design that keeps its limit at least cost (or what was asked for), verified by Monte Carlo.
 
@@ -331,10 +336,10 @@ class Optimisation(Result):
     cost_after: float
     """Cost of the new design, that of a view that was added included."""
     cost_closed_form: float | None
-    """Cost of the optimum by the smooth closed form that drives the search; null where no cost is minimised."""
+    """Cost of the half-widths by the smooth closed form that drives the search; null where no cost is minimised."""
     cost_exact_law: float | None
-    """Cost of the optimum by the exact law at the limit itself, before the check's margin; null where no cost is
-    minimised.
+    """Cost of the optimum by the exact law at the limit itself, before the check's margin, what fiducials and a view
+    that was added cost included; null where no cost is minimised.
     """
     p95_before_mm: float | None
     """First-order P95 of the worst target before, mm; null: the layout as it stood does not determine it."""
@@ -400,19 +405,6 @@ class Optimisation(Result):
     def outline(self) -> Outline:
         """What changed, what it costs, and what the check says of the new design."""
         verdict = self.certificate.verification.verdict
-        changes = table(
-            ChangedTolerance, "tolerances", "Tolerances", self.tolerances,
-            Column("label", "tolerance"), Column("before_half_width", "half-width before"),
-            Column("after_half_width", "after"), Column("unit", "unit"),
-            Column("at_target_before_mm", "at the tool before, mm", 3), Column("at_target_mm", "after, mm", 3),
-            Column("grade", "grade"),
-        )  # fmt: skip
-        fiducials = table(
-            MovedFiducial, "fiducials", "Fiducials, con, mm", self.moved,
-            Column("label", "fiducial"),
-            *(Column(f"before_{axis}_mm", f"{axis} before", 2) for axis in "xyz"),
-            *(Column(f"after_{axis}_mm", f"{axis} after", 2) for axis in "xyz"),
-        )  # fmt: skip
         bars = [Bar(entry.label, entry.at_target_mm, before=entry.at_target_before_mm) for entry in self.tolerances]
         chart = Bars("What each half-width moves the worst target by", "half-width times lever, mm", tuple(bars))
         if not bars:
@@ -424,17 +416,11 @@ class Optimisation(Result):
             self.verdict_status,
             f"{self._cost_sentence()} {verdict_sentence(verdict)}",
             (
-                changes,
-                fiducials,
-                table(
-                    ShadowPrice,
-                    "limits",
-                    "What each limit costs",
-                    self.shadow_prices,
-                    Column("sentence", "by a small step"),
-                ),
-                table(FrontPoint, "front", "Front of cost and limit", self.front),
-                checks_table(verdict),
+                frame(ChangedTolerance, "tolerances", self.tolerances, changes_table(self)),
+                frame(MovedFiducial, "fiducials", self.moved, moved_table(self)),
+                frame(ShadowPrice, "limits", self.shadow_prices, limits_table(self)),
+                frame(FrontPoint, "front", self.front),
+                checks_frame(verdict),
             ),
             chart,
             (*self.influence, *verdict.findings),
@@ -442,7 +428,172 @@ class Optimisation(Result):
 
     def _cost_sentence(self) -> str:
         """What it costs, against what the design as it stood did."""
-        p95 = f"P95 of the worst target is {self.p95_after_mm:.3f} mm"
-        p95 += "." if self.p95_before_mm is None else f", before {self.p95_before_mm:.3f} mm."
+        decimals = decimals_of(self.certificate.verification.verdict.checks)
+        p95 = f"P95 of the worst target is {self.p95_after_mm:.{decimals}f} mm"
+        p95 += "." if self.p95_before_mm is None else f", before {self.p95_before_mm:.{decimals}f} mm."
         before = "" if self.cost_before is None else f", before {self.cost_before:.4g}"
         return f"Cost {self.cost_after:.4g}{before}. {p95}"
+
+
+# --- tables ---------------------------------------------------------------------------------------------------
+
+
+def changes_table(found: Optimisation) -> Table:
+    """Half-widths that were free, what they move the target by, and what they cost."""
+    graded = any(entry.grade is not None for entry in found.tolerances)
+    columns = (
+        Column("Tolerance", of=attrgetter("label")),
+        *((Column("Grade", of=attrgetter("grade")),) if graded else ()),
+        Column("Unit", kind="unit", of=attrgetter("unit")),
+        Column("Before", "unit", "significant", brief="±\nbefore", of=attrgetter("before_half_width")),
+        Column("After", "unit", "significant", brief="±\nafter", of=attrgetter("after_half_width")),
+        Column(
+            "At target, before", "mm", "fixed", on=EVERYWHERE & ~On.PLAIN, brief="moves the tool\nbefore, mm",
+            of=attrgetter("at_target_before_mm"),
+        ),
+        Column("At target, after", "mm", "fixed", brief="moves the tool\nafter, mm", of=attrgetter("at_target_mm")),
+        Column("Cost before", "", "significant", 4, brief="cost\nbefore", of=attrgetter("cost_before")),
+        Column("Cost after", "", "significant", 4, brief="cost\nafter", of=attrgetter("cost_after")),
+    )  # fmt: skip
+    return tabulate("Tolerances", "Tolerances that were free, as half-widths", columns, found.tolerances)
+
+
+Move = MovedFiducial | MovedPivot  # a place before and after
+
+
+def _position_columns(what: str, brief: str, gone: str = "") -> tuple[Column, ...]:
+    """Label, place before, place after, and how far that is, of a :data:`Move`."""
+
+    def coordinate(when: str, k: int) -> Column:
+        def read(entry: Move) -> float | None:
+            place: Vector3 | None = getattr(entry, f"{when}_mm")
+            return None if place is None else place[k]
+
+        head = f"{when}\nx, mm" if k == 0 else f"\n{'xyz'[k]}, mm"
+        return Column(f"{when.capitalize()} {'xyz'[k]}", "mm", "fixed", 2, brief=head, of=read)
+
+    return (
+        Column(what, brief=brief, of=attrgetter("label")),
+        *(coordinate(when, k) for when in ("before", "after") for k in range(3)),
+        Column("Moved", "mm", "fixed", 2, TERMINAL, "moved\nmm", of=lambda entry: _way(entry, gone)),
+    )
+
+
+def _way(entry: Move, gone: str) -> float | str:
+    if entry.before_mm is None:
+        return "new"
+    return gone if entry.after_mm is None else dist(entry.after_mm, entry.before_mm)
+
+
+def _positions(name: str, caption: str, columns: tuple[Column, ...], entries: Sequence[Move], note: str = "") -> Table:
+    """A terminal has those that moved."""
+    rows = [
+        fill(columns, entry, on=EVERYWHERE if entry.before_mm != entry.after_mm else ~TERMINAL) for entry in entries
+    ]
+    return Table(name, caption, columns, tuple(rows), note)
+
+
+def moved_table(found: Optimisation) -> Table:
+    """Fiducials that could move, are new or were left out."""
+    columns = _position_columns("Fiducial", "fiducial,\nin con", "left out")
+    note = "Before empty: new; after empty: left out."
+    return _positions("Fiducials", "Fiducials that could move, frame con", columns, found.moved, note)
+
+
+def pivots_table(found: Optimisation) -> Table:
+    """Pivots that could move."""
+    columns = _position_columns("Interface", "pivot,\nin con")
+    return _positions("Pivots", "Pivots that could move, frame con", columns, found.pivots)
+
+
+def spacings_table(found: Optimisation) -> Table:
+    """Locators that were spread."""
+    columns = (Column("Interface", of=attrgetter("label")), Column("Factor", "", "fixed", of=attrgetter("scale")))
+    return tabulate("Locators", "Locators spread about their centre", columns, found.spacings)
+
+
+def offer_table(offer: ViewOffer) -> Table:
+    """The design without and with the view that could be had for a price."""
+    with_it = (f"with {offer.view}", offer.cost_with, offer.price, offer.p95_with_mm)
+    columns = (
+        Column("Design", of=itemgetter(0)),
+        Column("Cost", "", "significant", 4, of=itemgetter(1)),
+        Column("Price of the view", "", "significant", 4, of=itemgetter(2)),
+        Column("In all", "", "significant", 4, of=lambda row: None if row[1] is None else row[1] + row[2]),
+        Column("P95 as it stood", "mm", "fixed", of=itemgetter(3)),
+    )
+    rows = ((f"without {offer.view}", offer.cost_without, 0.0, offer.p95_without_mm), with_it)
+    return tabulate("A view more", "The view that could be added", columns, rows, offer.sentence)
+
+
+def aims_table(aimed: ViewSearch) -> Table:
+    """Views that could be turned."""
+
+    def beam(k: int) -> Callable[[AimedView], float]:
+        return lambda entry: entry.beam_direction[k]
+
+    columns = (
+        Column("View", of=attrgetter("view")),
+        Column("Turned by", "deg", "fixed", 1, of=attrgetter("turn_deg")),
+        *(Column(f"Beam {axis}", "", "fixed", of=beam(k)) for k, axis in enumerate("xyz")),
+        Column("Source to isocentre, before", "mm", "fixed", 1, of=attrgetter("source_isocentre_before_mm")),
+        Column("After", "mm", "fixed", 1, of=attrgetter("source_isocentre_mm")),
+    )
+    return tabulate("Views", "Views that could be aimed", columns, aimed.views, aimed.sentence)
+
+
+def limits_table(found: Optimisation) -> Table:
+    """What giving way at a limit or bound would save."""
+    columns = (
+        Column("Limit or bound", on=PAPER, of=attrgetter("name")),
+        Column("Unit", kind="unit", on=PAPER, of=attrgetter("unit")),
+        Column("Change", "per unit", "significant", 4, PAPER, of=attrgetter("cost_per_unit")),
+        Column("In words", of=attrgetter("sentence")),
+    )
+    caption = "What one unit more of a limit or bound changes"
+    return tabulate("Shadow prices", caption, columns, found.shadow_prices)
+
+
+def counts_table(found: Optimisation) -> Table:
+    """The best design with each number of fiducials that was tried."""
+    cost = Column("Cost", "", "significant", 4, of=attrgetter("cost"))
+    over = Column("Error over limit", "", "significant", 4, brief="error over\nlimit", of=attrgetter("worst_ratio"))
+    columns = (
+        Column("Fiducials", of=lambda entry: str(entry.fiducials)),
+        Column("", of=attrgetter("note")),
+        *((cost,) if any(entry.cost is not None for entry in found.counts) else ()),
+        *((over,) if any(entry.worst_ratio is not None for entry in found.counts) else ()),
+    )
+    return tabulate("Counts", "The best design with each number of fiducials", columns, found.counts)
+
+
+def front_table(found: Optimisation) -> Table:
+    """Least cost at a row of limits."""
+    decimals = max((count_decimals(point.limit_mm) for point in found.front), default=3)
+    columns = (
+        Column("Limit", "mm", "stated", decimals, of=attrgetter("limit_mm")),
+        Column("Cost", "", "significant", 4, of=attrgetter("cost")),
+        Column("Estimate", "mm", "fixed", decimals, of=attrgetter("quantile_mm")),
+        Column("Simulated, at most", "mm", "fixed", decimals, brief="simulated, at\nmost, mm", of=attrgetter(
+            "verified_upper_mm"
+        )),
+        Column("Status", brief="\n", of=attrgetter("status")),
+    )  # fmt: skip
+    return tabulate("Front", "Least cost at a row of limits", columns, found.front)
+
+
+MOST_OPTIMA = 5
+
+
+def optima_table(found: Optimisation) -> Table:
+    """The best of the optima that searches ended in."""
+    columns = (
+        Column("Objective", "", "significant", 5, of=attrgetter("objective")),
+        Column("Starts", kind="whole", of=attrgetter("starts")),
+        Column("First start", kind="whole", brief="first\nstart", of=attrgetter("first_start")),
+        Column(
+            "Fiducials from the best, rms", "mm", "fixed", 2, brief="fiducials from\nthe best, rms mm",
+            of=attrgetter("rms_distance_mm"),
+        ),
+    )  # fmt: skip
+    return tabulate("Optima", "Distinct optima", columns, found.certificate.optima[:MOST_OPTIMA])

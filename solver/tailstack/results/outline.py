@@ -12,7 +12,8 @@ from functools import cache
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from .verdicts import Check, Finding, Interval, Matrix3, Vector3, Verdict, check_sentence, decisive_check
+from .tables import Table
+from .verdicts import Check, Finding, Interval, Matrix3, Vector3, Verdict, checks_sentence, checks_table
 
 Row = Mapping[str, Any]  # by column; units are in the names of the columns
 UNITS = ("mm", "mm2", "px", "deg")
@@ -27,25 +28,13 @@ PARTS: dict[Any, tuple[tuple[str, tuple[int, ...]], ...]] = {  # of a field of s
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
-    """A column of a table as people see it."""
-
-    name: str  # in the rows
-    heading: str
-    decimals: int | None = None  # of a number; None: as many as it has
-    bar: bool = False  # a share, per cent, drawn as a bar too
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of a result, by a name that ``to_frame`` takes."""
+class Frame:
+    """Rows of a result as data, by a name that ``to_frame`` takes."""
 
     name: str
-    title: str
     rows: tuple[Row, ...]  # all with the same columns
-    shown: tuple[Column, ...] = ()  # what a notebook shows of it; empty: nothing
-    selected: tuple[Row, ...] = ()  # the rows that it shows; empty: the first ones
-    columns: tuple[str, ...] = ()  # of a table that may have no rows
+    columns: tuple[str, ...] = ()  # of one that may have no rows
+    shown: Table | None = None  # what a notebook shows of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +75,7 @@ class Curves:
     up: str  # what is drawn, with its unit
     places: tuple[float, ...]
     curves: tuple[Curve, ...]
+    limits: tuple[tuple[float, str], ...] = ()  # value, what it is called
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +86,7 @@ class Outline:
     title: str  # name of the design
     status: str
     sentence: str
-    tables: tuple[Table, ...]  # the first is what ``to_frame`` gives unless asked for another
+    frames: tuple[Frame, ...]  # the first is what ``to_frame`` gives unless asked for another
     chart: Bars | Curves
     remarks: tuple[Finding, ...] = ()
 
@@ -162,23 +152,18 @@ def plain(value: Any) -> Any:
 # --- what several results say alike -----------------------------------------------------------------------
 
 
-def table(kind: type, name: str, title: str, records: Sequence[Any], *shown: Column) -> Table:
-    """Records of one kind as a table."""
+def frame(kind: type, name: str, records: Sequence[Any], shown: Table | None = None) -> Frame:
+    """Records of one kind as data."""
     columns = tuple(column for column, _ in _columns(kind, None))
-    return Table(name, title, tuple(row_of(record) for record in records), shown, columns=columns)
+    return Frame(name, tuple(row_of(record) for record in records), columns, shown)
 
 
 def verdict_sentence(verdict: Verdict) -> str:
-    """The check that decides, in words."""
-    check = decisive_check(verdict.checks)
-    return "The design states no requirement." if check is None else check_sentence(check)
+    """How many requirements are kept, and the check that decides, in words."""
+    return checks_sentence(verdict.checks) or "The design states no requirement."
 
 
-def checks_table(verdict: Verdict) -> Table:
+def checks_frame(verdict: Verdict) -> Frame:
     """Every requirement at every target; a single one is shown as the sentence alone."""
-    columns = (
-        Column("requirement", "requirement"), Column("target", "target"), Column("headline", "of the error"),
-        Column("value_mm", "value, mm", 3), Column("interval_low_mm", "from", 3), Column("interval_high_mm", "to", 3),
-        Column("limit_mm", "limit, mm"), Column("status", "status"),
-    )  # fmt: skip
-    return table(Check, "checks", "Requirements", verdict.checks, *(columns if len(verdict.checks) > 1 else ()))
+    shown = checks_table(verdict) if len(verdict.checks) > 1 else None
+    return frame(Check, "checks", verdict.checks, shown)

@@ -104,10 +104,12 @@ def _draw_curves(ax: Axes, chart: Curves) -> None:
         if any(curve.intervals):
             ends = [curve.intervals[k] or (nan, nan) for k in order]
             ax.fill_between(across, [low for low, _ in ends], [high for _, high in ends], color=colour, alpha=0.18)
+    for limit, name in chart.limits:
+        ax.axhline(limit, label=f"{name} {limit:g} mm", **LIMIT_LOOK)
     ax.margins(0.04, 0.12)
     ax.set_xlabel(chart.across)
     ax.set_ylabel(chart.up, color=MUTED)
-    _explain(ax, len(chart.curves) > 1)
+    _explain(ax, len(chart.curves) + len(chart.limits) > 1)
 
 
 def _explain(ax: Axes, wanted: bool = True) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,19 @@ def data_frame(data: Any, columns: Sequence[str] = ()) -> Any:
     return pandas.DataFrame(data, columns=columns or None)
 
 
-class Result:
+class Published:
+    """A record with a schema of its own: ``repr`` says which and of what, for all that it holds is many screens."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        provenance = getattr(self, "provenance", None)
+        name = getattr(provenance, "design_name", None) or getattr(self, "name", None)
+        of = "" if name is None else f" of {name!r}"
+        return f"<{type(self).__name__}{of}; fields {', '.join(field.name for field in fields(self))}>"  # type: ignore[arg-type]
+
+
+class Result(Published):
     """An answer of the library: a frozen record that says of itself (``outline``) what people see of it first."""
 
     __slots__ = ()
@@ -45,7 +58,7 @@ class Result:
         table: its name; the first unless said.  Raises ValueError for a name that this result does not have,
         MissingExtraError where pandas is not installed.
         """
-        tables = {entry.name: entry for entry in self.outline().tables}
+        tables = {entry.name: entry for entry in self.outline().frames}
         name = next(iter(tables)) if table is None else table
         if name not in tables:
             raise ValueError(f"{type(self).__name__} has the tables {', '.join(tables)}; got {name!r}")
@@ -57,6 +70,13 @@ class Result:
         ax: where to draw; without it in a new figure.  Raises MissingExtraError where matplotlib is not installed.
         """
         return plot.draw(self.outline().chart, ax)
+
+    def __repr__(self) -> str:
+        """What an interpreter shows: what it is of, its verdict in words, and where the rest is."""
+        shown = self.outline()
+        status = f"{shown.status}: " if shown.status else ""
+        tables = ", ".join(frame.name for frame in shown.frames)
+        return f"<{type(self).__name__} of {shown.title!r}\n {status}{shown.sentence}\n tables of to_frame(): {tables}>"
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from math import hypot
+from typing import Any, Literal, NamedTuple, Protocol
 
-from .outline import Bar, Bars, Column, Outline, Table, checks_table, row_of, table, verdict_sentence
+from tailstack.fields import INTERFACES
+
+from .digits import decimals_of
+from .outline import Bar, Bars, Frame, Outline, checks_frame, frame, row_of, verdict_sentence
 from .record import Result
+from .tables import EVERYWHERE, IN_DETAIL, PAPER, Cell, Column, On, Row, Table, fill, tabulate
 from .verdicts import Matrix3, Provenance, Vector3, Verdict, ViewCheck
 
 MOST_BARS = 12
@@ -15,10 +20,12 @@ MOST_BARS = 12
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Upper bounds of the quantile under ever weaker assumptions on the law of the error."""
+    """The quantile under ever weaker assumptions on the law of the error."""
 
     gaussian: float
-    """95 % quantile if the error were Gaussian with this mean and covariance, mm."""
+    """95 % quantile if the error were Gaussian with this mean and covariance, mm.  No bound: under uniform laws beside
+    a bias the quantile may be larger, by some tenths of a per cent.
+    """
     unimodal: float
     """Upper bound of it for any law that is symmetric and unimodal about its mean, mm."""
     moments: float
@@ -31,9 +38,7 @@ class Contributor:
 
     name: str
     """Source of error: fiducial_noise:VIEW, target_noise:VIEW, fiducial_manufacturing, structure_connector,
-    connector_flange, hand_eye, execution, assumed_intrinsics:VIEW, motion:VIEW, image_field:VIEW, temperature or
-    ball_images.
-    """
+    connector_flange, hand_eye, execution, or an effect that the design declares (motion:VIEW, temperature, ...)."""
     component: str
     """Its component: rx ... tz, repeatability.x, load.x, the name of a locator, or all for the source as a whole;
     known for what does not vary.
@@ -57,6 +62,10 @@ class Contributor:
     """P95 with this contributor removed, mm."""
     label: str = ""
     """What people call the source: the label that the design gives an interface, otherwise its name or words for it."""
+    localisation_share: float = 0.0
+    """Share of the trace of the covariance of the localisation error, 0 to 1: that before connector_flange, hand_eye
+    and execution, which have none.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +129,7 @@ class MetricScore:
     law_error_mm: float
     """Numerical error of the quantile itself, mm; it says nothing of the linearisation."""
     bounds_mm: Bounds
-    """Upper bounds of the quantile if less is assumed of the law, mm."""
+    """The quantile if the law were Gaussian, and upper bounds of it if less is assumed of the law, mm."""
     cvar95_mm: float
     """Mean of the worst 5 % of the error's norm, mm."""
     limit_mm: float | None
@@ -152,7 +161,7 @@ class TargetScore:
     law_error_mm: float
     """Numerical error of the quantile itself, mm; it says nothing of the linearisation."""
     bounds_mm: Bounds
-    """Upper bounds of the quantile if less is assumed of the law, mm."""
+    """The quantile if the law were Gaussian, and upper bounds of it if less is assumed of the law, mm."""
     cvar95_mm: float
     """Mean of the worst 5 % of the error's norm, mm."""
     limit_mm: float | None
@@ -182,9 +191,11 @@ class Validity:
     nu: float
     """Validity number: how large what linearising leaves out is, against what it keeps."""
     status: Literal["good to 1 %", "good to 5 %", "good to 20 %", "not valid"]
-    """What the number was calibrated to mean for P95."""
+    """What the number was calibrated to mean for P95: within so much of the full chain's in at least 95 of 100 designs
+    that it is said of."""
     expected_error_percent: float | None
-    """Largest relative error of P95 that is to be expected, %; null where first order is not valid."""
+    """Relative error of P95 that at least 95 of 100 designs with this status keep, %; null where first order is not
+    valid."""
     statement: str
     """The same as a sentence."""
     nu_depth: float
@@ -200,6 +211,13 @@ class Validity:
     """What decides whether the thresholds were calibrated for a design: views, fiducials, form of triangulation."""
     calibrated: bool
     """Whether they were. If not, first order is not valid, and only Monte Carlo decides a limit."""
+    nu_turns: float = 0.0
+    """What first order leaves out because mounts turn, over the whole error: root mean squares. P95 errs by some 0.7 of
+    its square."""
+    nu_bias: float = 0.0
+    """What errs in its first power: the relative change of P95 by a known error along the lever of mounts that turn, or
+    beside errors by the images that grow with it, or a known relative error of images, growth or believed intrinsics,
+    whichever is largest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,7 +307,7 @@ class SlipReliability:
     """Target at which it does."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Score(Result):
     """First order: bias, covariance, tail and budget at every target."""
 
@@ -317,42 +335,32 @@ class Score(Result):
         """The target with the largest P95 at the tool."""
         return max(self.targets, key=lambda target: target.p95_mm)
 
+    @property
+    def decimals(self) -> int:
+        """Decimals of its lengths."""
+        return decimals_of(self.verdict.checks, max((target.p95_mm for target in self.targets), default=1.0))
+
     def outline(self) -> Outline:
         """Errors at the targets and the budget of the worst of them."""
-        worst = self.worst_target
+        worst, decimals = self.worst_target, self.decimals
         lines = single_lines(worst.contributors)
-        errors = table(
-            TargetScore, "targets", "Error at the tool", self.targets,
-            Column("name", "target"), Column("mean_norm_mm", "mean, mm", 3), Column("p95_mm", "P95, mm", 3),
-            Column("cvar95_mm", "mean of the worst 5 %, mm", 3), Column("limit_mm", "limit, mm"),
-        )  # fmt: skip
-        budget = Table(
-            "budget",
-            f"Budget at target {worst.name}: what each source of error contributes",
-            tuple(row_of(line, target=target.name) for target in self.targets for line in target.contributors),
-            (
-                Column("source", "source"), Column("half_width", "half-width, σ of noise"), Column("unit", "unit"),
-                Column("percent", "share of the variance, %", 1, bar=True),
-                Column("dp95_per_unit", "P95, mm per unit"), Column("p95_without_mm", "P95 without it, mm", 3),
-            ),
-            tuple(
-                row_of(line, source=source_name(line), percent=100 * line.variance_share)
-                for line in lines
-                if line.variance_share > 0 or line.law in ("bounded", "known")
-            ),
-        )  # fmt: skip
         shares = [Bar(source_name(line), 100 * line.variance_share) for line in lines if line.variance_share > 0]
         rest = sum(bar.value for bar in shares[MOST_BARS:])
         more = [Bar(f"{len(shares) - MOST_BARS} more", rest)] if len(shares) > MOST_BARS else []
         limit = "" if worst.limit_mm is None else f", limit {worst.limit_mm:g} mm"
+        budget = [row_of(line, target=target.name) for target in self.targets for line in target.contributors]
         return Outline(
             "Score, an estimate",
             self.provenance.design_name,
             self.verdict.status,
             verdict_sentence(self.verdict),
-            (errors, budget, checks_table(self.verdict)),
+            (
+                frame(TargetScore, "targets", self.targets, targets_table(self)),
+                Frame("budget", tuple(budget), shown=budget_table(worst, decimals)),
+                checks_frame(self.verdict),
+            ),
             Bars(
-                f"Budget at target {worst.name}: P95 {worst.p95_mm:.3f} mm{limit}",
+                f"Budget at target {worst.name}: P95 {worst.p95_mm:.{decimals}f} mm{limit}",
                 "share of the variance, %",
                 (*shares[:MOST_BARS], *more),
             ),
@@ -360,7 +368,7 @@ class Score(Result):
         )
 
 
-class Line(Protocol):
+class NamedLine(Protocol):
     """What is said of one line of a budget, wherever it stands."""
 
     @property
@@ -369,7 +377,7 @@ class Line(Protocol):
     def component(self) -> str: ...
 
 
-def source_name(line: Line) -> str:
+def source_name(line: NamedLine) -> str:
     """A line of the budget as people call it: the label of its source and the component."""
     return line.label if line.component in ("all", "known") else f"{line.label} {line.component}"
 
@@ -381,3 +389,208 @@ def single_lines(contributors: Sequence[Contributor]) -> list[Contributor]:
         counts[entry.name] = counts.get(entry.name, 0) + 1
     own = [entry for entry in contributors if entry.component != "all" or counts[entry.name] == 1]
     return sorted(own, key=lambda entry: entry.variance_share, reverse=True)
+
+
+# --- tables ---------------------------------------------------------------------------------------------------
+
+LOCATED = "as located"  # the row below a target: the error as found in the images
+
+
+def axes(word: str, decimals: int, on: On) -> tuple[Column, Column, Column]:
+    """Three columns of a vector of a metric: ``bias_mm`` or ``std_mm``."""
+    field = f"{word.lower()}_mm"
+
+    def component(k: int) -> Column:
+        brief = f"{word.lower()} {'xyz'[k]}\nmm"
+        return Column(
+            f"{word} {'xyz'[k]}", "mm", "fixed", decimals, on, brief, of=lambda row: getattr(row[1], field)[k]
+        )
+
+    return component(0), component(1), component(2)
+
+
+def norm_columns(decimals: int, *between: Column) -> tuple[Column, ...]:
+    """What the error's size comes to; ``between`` stands behind P95."""
+    return (
+        Column("Mean |e|", "mm", "fixed", decimals, brief="mean\nmm", of=lambda row: row[1].mean_norm_mm),
+        Column("P95", "mm", "fixed", decimals, brief="P95\nmm", of=lambda row: row[1].p95_mm),
+        *between,
+        Column("CVaR95", "mm", "fixed", decimals, brief="mean of worst\n5 %, mm", of=lambda row: row[1].cvar95_mm),
+    )
+
+
+def bias_columns(decimals: int) -> tuple[Column, ...]:
+    """What is known of the error: its size where there is little room, otherwise by axis."""
+    size = Column("|bias|", "mm", "fixed", decimals, On.DETAIL, of=lambda row: hypot(*row[1].bias_mm))
+    return (size, *axes("Bias", decimals, PAPER), *axes("Std", decimals, IN_DETAIL))
+
+
+TARGET = Column("Target", brief="error at the tool,\nby target", of=lambda row: row[0])
+
+
+def pair_rows(targets: Sequence[Any], columns: Sequence[Column]) -> tuple[Row, ...]:
+    """Each target and, below it, what is located of it; largest P95 first."""
+    rows = []
+    for target in sorted(targets, key=lambda entry: entry.p95_mm, reverse=True):
+        rows += [fill(columns, (target.name, target)), fill(columns, (LOCATED, target.localisation), 1)]
+    return tuple(rows)
+
+
+def targets_table(score: Score) -> Table:
+    """First order: error at the tool, and as localised before the second interface; largest P95 first."""
+    decimals = score.decimals
+    columns = (
+        TARGET,
+        Column("Frame", on=IN_DETAIL, of=lambda row: row[1].frame),
+        *bias_columns(decimals),
+        *norm_columns(decimals),
+        Column("Limit", "mm", "stated", decimals, brief="limit\nmm", of=lambda row: row[1].limit_mm),
+        Column(
+            "Beyond limit", "%", "percent", 2, brief="over the\nlimit, %",
+            of=lambda row: row[1].exceedance_probability,
+        ),
+    )  # fmt: skip
+    return Table(
+        "Targets", "Estimate: the error at each target, in the frame named", columns,
+        pair_rows(score.targets, columns),
+        "Bias and standard deviation by axis of the frame; P95 and CVaR95 (the mean of the worst 5 %) of the "
+        "error's size, bias included. As located: the target as found in the images, before flange and robot.",
+    )  # fmt: skip
+
+
+class BudgetLine(NamedTuple):
+    """What a row of a budget is about."""
+
+    line: Contributor
+    label: str
+    parts: Sequence[Contributor] = ()  # components of a whole contributor
+
+    @property
+    def width(self) -> tuple[float | None, str]:
+        """Half-width and unit."""
+        return width_of(self.line, self.parts)
+
+
+BUDGET_NOTE = (
+    "Half-width, standard deviation and sensitivity are per component in the unit named (image noise: one standard "
+    "deviation); dP95/dh is what one unit of it changes P95 by. A line of a whole contributor sums up the components "
+    "below it, and has a half-width where all of them have the same."
+)
+SMALL = {On.PLAIN | On.NOTEBOOK: 5e-3, On.DETAIL: 5e-4}  # share of the variance below which components are summed up
+
+
+def budget_columns(decimals: int) -> tuple[Column, ...]:
+    """Every column of a budget."""
+    return (
+        Column("Contributor", brief="source of error", of=lambda row: row.label),
+        Column("Law", on=IN_DETAIL, of=lambda row: row.line.law),
+        Column("Half-width", "unit", "given", brief="±\n", of=lambda row: row.width[0]),
+        Column("Unit", kind="unit", brief="unit\n", of=lambda row: row.width[1]),
+        Column("Std", "unit", "significant", on=IN_DETAIL, of=lambda row: row.line.std),
+        Column("Sensitivity", "mm/unit", "significant", on=IN_DETAIL, of=lambda row: row.line.sensitivity_mm_per_unit),
+        Column(
+            "Share of variance", "%", "percent", 1, brief="variance\nshare, %", bar=True,
+            of=lambda row: row.line.variance_share,
+        ),
+        Column("dP95/dh", "mm/unit", "significant", on=IN_DETAIL, of=lambda row: row.line.dp95_per_unit),
+        Column(
+            "P95 without", "mm", "fixed", decimals, brief="P95 without\nit, mm",
+            of=lambda row: row.line.p95_without_mm,
+        ),
+        Column(
+            "A tenth tighter saves", "mm", "saving", decimals, On.PLAIN | On.NOTEBOOK | On.SHEET,
+            "a tenth tighter\nsaves, mm", of=lambda row: tenth_of(row.parts or (row.line,)),
+        ),
+    )  # fmt: skip
+
+
+def budget_table(
+    target: TargetScore, decimals: int = 3, name: str = "Budget", more: Sequence[Column] = (), note: str = ""
+) -> Table:
+    """Every contributor and component: tolerance, sensitivity, share, marginal P95, P95 without.
+
+    more: columns beside these, of :class:`BudgetLine`; note: what is said of them.
+    """
+    columns, rows = (*budget_columns(decimals), *more), []
+    for total, parts in group(target.contributors):
+        rows.append(fill(columns, BudgetLine(total, heading_of(total), parts)))
+        left = {place: [part for part in parts if _is_small(part, least)] for place, least in SMALL.items()}
+        for part in parts:
+            on = EVERYWHERE
+            for place, small in left.items():
+                on &= ~place if part in small else EVERYWHERE
+            rows.append(fill(columns, BudgetLine(part, part.component), 1, on))
+        rows += [_sum_up(columns, small, SMALL[place], place) for place, small in left.items() if small]
+    caption = f"Budget at target {target.name} (estimate, P95 {target.p95_mm:.{decimals}f} mm)"
+    return Table(name, caption, columns, tuple(rows), BUDGET_NOTE + note)
+
+
+def _is_small(part: Contributor, least: float) -> bool:
+    """A bounded component has no variance, but it moves the quantile."""
+    return part.variance_share < least and part.law != "bounded"
+
+
+def _sum_up(columns: Sequence[Column], small: Sequence[Contributor], least: float, on: On) -> Row:
+    """The row that stands for small components: how many, and their share."""
+    cells: list[Cell] = [None if column.numeric else "" for column in columns]
+    cells[0] = f"{len(small)} more, < {100 * least:g} % each"
+    for k, column in enumerate(columns):
+        if column.bar:
+            cells[k] = sum(part.variance_share for part in small)
+        elif column.numeric:
+            cells[k] = ""
+    return Row(tuple(cells), 1, on)
+
+
+def group(contributors: Sequence[Contributor]) -> list[tuple[Contributor, list[Contributor]]]:
+    """(line of the whole contributor, its components), both by falling share of the variance."""
+    names = dict.fromkeys((entry.name, entry.law == "known") for entry in contributors)  # what is known stands alone
+    groups = []
+    for each in names:
+        lines = [entry for entry in contributors if (entry.name, entry.law == "known") == each]
+        total = next((entry for entry in lines if entry.component == "all"), None)
+        parts = sorted((e for e in lines if e is not total), key=lambda e: e.variance_share, reverse=True)
+        if total is not None:
+            groups.append((total, parts))
+        else:
+            groups += [(entry, []) for entry in parts]
+    return sorted(groups, key=lambda group: group[0].variance_share, reverse=True)
+
+
+def heading_of(total: Contributor) -> str:
+    """A source as people call it; an interface by its name in the design document and by its label there."""
+    return f"{total.name}: {total.label}" if total.name in INTERFACES and total.label != total.name else total.label
+
+
+def tenth_of(lines: Sequence[Contributor]) -> float | None:
+    """By how much P95 falls, mm, where these components are tighter by a tenth; None: none of them can be."""
+    steps = [line.dp95_per_unit * line.half_width / 10 for line in lines
+             if line.dp95_per_unit is not None and line.half_width]  # fmt: skip
+    return sum(steps) if steps else None
+
+
+def width_of(line: Contributor, components: Sequence[Contributor]) -> tuple[float | None, str]:
+    """Half-width of a whole source and its unit, where its components have one and the same."""
+    widths = {(part.half_width, part.unit) for part in components}
+    return widths.pop() if line.half_width is None and len(widths) == 1 else (line.half_width, line.unit)
+
+
+def views_table(views: Sequence[ViewCheck]) -> Table:
+    """What each view sees of the fiducials."""
+    columns = (
+        Column("View", of=lambda view: view.view),
+        Column(
+            "Outside", brief="outside\nthe image",
+            of=lambda view: (", ".join(view.outside) or "none") if view.checked else "image size not stated",
+        ),
+        Column("Closest pair", brief="closest\npair", of=lambda view: " – ".join(view.closest_pair)),
+        Column("Their distance", "px", "fixed", 1, brief="distance\npx", of=lambda view: view.closest_pair_px),
+        Column(
+            "Margin to border", "px", "fixed", 1, brief="margin to\nborder, px",
+            of=lambda view: view.smallest_margin_px,
+        ),
+        Column("Depth from", "mm", "fixed", 1, brief="depth\nfrom, mm", of=lambda view: view.depth_range_mm[0]),
+        Column("Depth to", "mm", "fixed", 1, brief="to\nmm", of=lambda view: view.depth_range_mm[1]),
+    )  # fmt: skip
+    caption = "What each view sees of the fiducials, at the biased geometry without noise"
+    return tabulate("Views", caption, columns, views)

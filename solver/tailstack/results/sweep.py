@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
-from .outline import Column, Curve, Curves, Outline, Table, row_of
+from .digits import count_decimals
+from .outline import Curve, Curves, Frame, Outline, row_of
 from .record import Result
+from .tables import EVERYWHERE, PAPER, TERMINAL, Column, On, Table, fill
 from .verdicts import Interval, Provenance
 
 MOST_TARGETS = 6  # with a curve of their own
+MOST_LIMITS = 3  # drawn
+CONTAINERS = ("interfaces", "locators", "tolerances")
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +30,20 @@ class SweepAxis:
     """What the design as it stands has there; null where a pointer with * leads to several values."""
     values: tuple[float, ...]
     """Values that were put there, in `unit`."""
+    name: str = ""
+    """The same place by names, as people write it: interfaces.structure_connector.locators.A3.half_width_mm; empty in
+    records of older versions.
+    """
+
+    @property
+    def called(self) -> str:
+        """What to call it: its name, or the pointer where there is none."""
+        return self.name or self.pointer
+
+    @property
+    def short(self) -> str:
+        """The same without the fields that hold lists and tables, for legends and narrow columns."""
+        return ".".join(word for word in self.name.split(".") if word not in CONTAINERS) or self.pointer
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +62,8 @@ class SweepTarget:
     """Norm of the mean TCP error, mm."""
     localisation_p95_mm: float
     """95 % quantile of the localisation error's norm, mm."""
+    limit_mm: float | None = None
+    """Limit that the design sets on the error there, mm; null where it sets none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +82,7 @@ class SweepPoint:
     """Verdict on the design with these values; null where it was refused."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Sweep(Result):
     """A grid of designs: every combination of the axes' values, the last axis running fastest."""
 
@@ -85,22 +106,15 @@ class Sweep(Result):
     def outline(self) -> Outline:
         """A row for each point and target, and curves of P95 over an axis."""
         pointers = [axis.pointer for axis in self.axes]
-        rows, worst = [], []
+        rows = []
         for point in self.points:
             said = {**dict(zip(pointers, point.values, strict=True)), "status": point.status, "verdict": point.verdict}
-            own = [
+            rows += [
                 {**said, "target": found.pop("name"), **found, "reason": point.reason}
                 for found in ([row_of(target) for target in point.targets] or [dict(_NOTHING)])
             ]
-            rows += own
-            worst.append(max(own, key=lambda row: row["p95_mm"] or 0.0))
         computed = sum(point.status == "ok" for point in self.points)
         passing = sum(point.verdict == "pass" for point in self.points)
-        shown = (
-            *(Column(axis.pointer, axis.pointer) for axis in self.axes),
-            Column("target", "target"), Column("p95_mm", "P95, mm", 3), Column("mean_norm_mm", "mean, mm", 3),
-            Column("verdict", "verdict"),
-        )  # fmt: skip
         refused = len(self.points) - computed
         sentence = f"{len(self.points):,} points, {passing:,} of them pass" + (
             f"; {refused:,} could not be computed, the column reason says why." if refused else "."
@@ -110,9 +124,37 @@ class Sweep(Result):
             self.provenance.design_name,
             "",
             sentence,
-            (Table("points", "Points, each at its worst target", tuple(rows), shown, tuple(worst)),),
+            (Frame("points", tuple(rows), shown=points_table(self)),),
             self._curves(),
         )
+
+    @property
+    def letters(self) -> str:
+        """What its axes are called where there is little room."""
+        return "ABCDEF"[: len(self.axes)]
+
+    @property
+    def decimals(self) -> int:
+        """Decimals of its lengths."""
+        found = [target for point in self.points for target in point.targets]
+        sizes = [target.p95_mm if target.limit_mm is None else target.limit_mm for target in found]
+        return max((count_decimals(size) for size in sizes), default=3)
+
+    def limits(self) -> list[tuple[float, str]]:
+        """Limits that hold at every point, with the targets that have them; few enough to be drawn."""
+        known: dict[str, set[float | None]] = {}
+        for point in self.points:
+            for target in point.targets:
+                known.setdefault(target.name, set()).add(target.limit_mm)
+        by_limit: dict[float, list[str]] = {}
+        for name, values in known.items():
+            limit = next(iter(values))
+            if len(values) == 1 and limit is not None:
+                by_limit.setdefault(limit, []).append(name)
+        return [
+            (limit, "limit" if len(by_limit) == 1 else f"limit of {names[0]}" + (", ..." if len(names) > 1 else ""))
+            for limit, names in list(by_limit.items())[:MOST_LIMITS]
+        ]
 
     def _curves(self) -> Curves:
         """P95 over the last axis of several values: a curve for each target, or for each value of the other axes."""
@@ -138,7 +180,7 @@ class Sweep(Result):
         if others:
             curves = []
             for values in product(*(self.axes[k].values for k in others)):
-                words = [f"{_field(self.axes[k])} {value:g}" for k, value in zip(others, values, strict=True)]
+                words = [f"{self.axes[k].short} {value:g}" for k, value in zip(others, values, strict=True)]
                 curves.append(read(", ".join(words), dict(zip(others, values, strict=True)), None))
             title = "P95 of the worst target"
         elif len(names) > MOST_TARGETS:
@@ -147,11 +189,69 @@ class Sweep(Result):
             curves = [read(name, {}, name) for name in names]
             title = "P95 at " + (f"target {names[0]}" if len(names) == 1 else "each target")
         axis = self.axes[across]
-        return Curves(title, axis.pointer, "P95, mm", axis.values, tuple(curves))
-
-
-def _field(axis: SweepAxis) -> str:
-    return axis.pointer.rpartition("/")[2]
+        across_words = axis.called + (f", {axis.unit}" if axis.unit else "")
+        return Curves(title, across_words, "P95, mm", axis.values, tuple(curves), tuple(self.limits()))
 
 
 _NOTHING = dict.fromkeys(row_of(SweepTarget("", 0.0, None, 0.0, 0.0, 0.0)))  # of a point that was refused
+
+
+MOST_ROWS = 400  # of a page
+
+
+def points_table(sweep: Sweep) -> Table:
+    """Every point at its worst target; paper has the other targets, too."""
+    decimals, checked = sweep.decimals, sweep.check == "verification"
+    several = any(len(point.targets) > 1 for point in sweep.points)
+
+    def value(k: int) -> Callable[[_Place], float]:
+        return lambda row: row.point.values[k]
+
+    def of_target(name: str) -> Callable[[_Place], Any]:
+        return lambda row: None if row.target is None else getattr(row.target, name)
+
+    def end(k: int) -> Callable[[_Place], float | None]:
+        return lambda row: (
+            None if row.target is None or row.target.p95_interval_mm is None else (row.target.p95_interval_mm[k])
+        )
+
+    columns = (
+        Column("Point", on=TERMINAL, of=lambda row: str(row.number)),
+        *(
+            Column(axis.short, axis.unit, "given", brief=f"{letter}\n{axis.unit}", of=value(k))
+            for k, (letter, axis) in enumerate(zip(sweep.letters, sweep.axes, strict=True))
+        ),
+        Column("Target", on=~TERMINAL, of=of_target("name")),
+        Column("P95", "mm", "fixed", decimals, of=of_target("p95_mm")),
+        *(
+            (
+                Column("P95 from", "mm", "fixed", decimals, brief="from\nmm", of=end(0)),
+                Column("P95 to", "mm", "fixed", decimals, brief="to\nmm", of=end(1)),
+            )
+            if checked
+            else ()
+        ),
+        Column("Mean |e|", "mm", "fixed", decimals, brief="mean\nmm", of=of_target("mean_norm_mm")),
+        Column("|bias|", "mm", "fixed", decimals, On.DETAIL | PAPER, of=of_target("bias_norm_mm")),
+        Column(
+            "P95 as located", "mm", "fixed", decimals, brief="P95 as\nlocated, mm", of=of_target("localisation_p95_mm")
+        ),
+        *((Column("Worst target", on=TERMINAL, of=of_target("name")),) if several else ()),
+        Column("Verdict", kind="status", of=lambda row: row.point.verdict or "refused"),
+    )
+    rows = []
+    for number, point in enumerate(sweep.points, 1):
+        worst = max(point.targets, key=lambda target: target.p95_mm, default=None)
+        rows += [
+            fill(columns, _Place(number, point, target), on=EVERYWHERE if target is worst else PAPER)
+            for target in point.targets or (None,)
+        ]
+    return Table("Points", "Every point of the grid", columns, tuple(rows), most=MOST_ROWS)
+
+
+class _Place(NamedTuple):
+    """What a row of a sweep is about."""
+
+    number: int  # of the point, from one
+    point: SweepPoint
+    target: SweepTarget | None  # None: the point was refused

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Literal
+from typing import Literal, NamedTuple
+
+from .digits import decimals_of, in_percent
+from .tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
 
 Vector3 = tuple[float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
@@ -127,9 +130,13 @@ class ViewCheck:
     stated.
     """
     closest_pair: tuple[str, str]
-    """Labels of the two fiducials whose images are closest."""
+    """Labels of the two fiducials whose images are closest, counted from the distance that they need."""
     closest_pair_px: float
     """Distance of their images, px."""
+    closest_pair_needs_px: float = 10.0
+    """Distance that these two need to be told apart, px: half of both shadows and 3 px where the design gives the
+    diameter of the fiducials, otherwise 10.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +151,7 @@ class Provenance:
     """Version of the solver."""
     reading: str
     """Reading of the structure's installation error: physical (the structure moves, its images too) or eq18 (only the
-    coordinates that the estimator is told).
+    coordinates that the estimator assumes).
     """
     rotation_form: str
     """How small rotations act: full matrices or the small-angle form."""
@@ -158,6 +165,8 @@ class Provenance:
     """Errors that no number here includes."""
     estimator: str = "dlt"
     """What each view is estimated as: dlt, reprojection (eleven unknowns), pose or pose_with_prior."""
+    sources_sha256: str | None = None
+    """SHA-256 of the solver's sources, which tells apart two codes of one version; null in records of before."""
 
 
 # --- what decides, in words -------------------------------------------------------------------------------
@@ -175,24 +184,154 @@ def decisive_check(checks: Sequence[Check]) -> Check | None:
     return min(checks, key=urgency, default=None)
 
 
+def decided_by(checks: Sequence[Check]) -> list[tuple[Check, int]]:
+    """For each requirement the check that decides it, and at how many targets it is checked; failures first."""
+    names = dict.fromkeys(check.requirement for check in checks)
+    own = [[check for check in checks if check.requirement == name] for name in names]
+    return sorted(((min(each, key=urgency), len(each)) for each in own), key=lambda entry: urgency(entry[0]))
+
+
+MOST_NAMED = 6  # requirements in a sentence
+
+
+def checks_sentence(checks: Sequence[Check], who: str = "The design") -> str:
+    """How many requirements are kept, which are not, and the one that decides with its numbers; "" without any."""
+    decided = [check for check, _ in decided_by(checks)]
+    if not decided:
+        return ""
+    first = decided[0]
+    if len(decided) == 1:
+        return check_sentence(first, who)
+    kept = sum(check.status == "pass" for check in decided)
+    count = f"{who} keeps {kept} of {len(decided)} requirements"
+    if kept == len(decided):
+        return f"{count}; nearest to its limit is {_describe(first)}."
+    named = [
+        f"{verb} {_list_names([check.requirement for check in decided if check.status == status])}"
+        for verb, status in (("misses", "fail"), ("leaves open", "inconclusive"), ("keeps", "pass"))
+        if any(check.status == status for check in decided)
+    ]
+    return f"{count} ({', '.join(named)}). What decides is {_describe(first)}."
+
+
+def _list_names(names: Sequence[str]) -> str:
+    if len(names) > MOST_NAMED:
+        return f"{', '.join(names[:MOST_NAMED])} and {len(names) - MOST_NAMED} more"
+    return " and ".join((", ".join(names[:-1]), names[-1]) if len(names) > 1 else names)
+
+
 def check_sentence(check: Check, who: str = "The design") -> str:
     """A requirement at the target that decides it: kept, missed or open, with its numbers."""
+    begin = {"pass": f"{who} keeps", "fail": f"{who} misses", "inconclusive": "Undecided for"}[check.status]
+    return f"{begin} {_describe(check)}."
+
+
+def _describe(check: Check) -> str:
+    """A requirement's name and numbers."""
+    decimals = decimals_of((check,))
     shots = f"{100 * check.quantile:.6g} % of "
     if check.min_yield is None:
         shots += "shots"
     else:
         shots = f"{100 * check.min_yield:.6g} % of installed units, in {shots}their own shots"
     low, high = check.interval_mm
-    ends = "no upper end is known" if high is None else f"between {low:.3f} and {high:.3f}"
-    found = (
-        f"in {shots}, {ERRORS[check.error]} (target {check.target}) is at most {check.value_mm:.3f} mm "
-        f"(P{100 * check.quantile:.6g}; {ends})"
-    )
+    ends = "no upper end is known" if high is None else f"between {low:.{decimals}f} and {high:.{decimals}f}"
     limit = f"the limit of {check.limit_mm:g} mm"
-    units = "" if check.yield_fraction is None else f"; {check.yield_fraction:.1%} of units keep it"
-    if check.status == "pass":
-        return f"{who} keeps {check.requirement}: {found}, within {limit}{units}."
-    if check.status == "fail":
-        return f"{who} misses {check.requirement}: {found}, above {limit}{units}."
-    why = f"so whether it keeps {limit} is open" if high is None else f"and {limit} lies in between"
-    return f"Undecided for {check.requirement}: {found}, {why}{units}."
+    held = {"pass": f"within {limit}", "fail": f"above {limit}", "inconclusive": f"and {limit} lies in between"}
+    where = f"so whether it keeps {limit} is open" if high is None else held[check.status]
+    units = "" if check.yield_fraction is None else f"; {in_percent(check.yield_fraction, 1)} of units keep it"
+    return (
+        f"{check.requirement}: in {shots}, {ERRORS[check.error]} (target {check.target}) is at most "
+        f"{check.value_mm:.{decimals}f} mm (P{100 * check.quantile:.6g}; {ends}), {where}{units}"
+    )
+
+
+# --- tables ---------------------------------------------------------------------------------------------------
+
+BASIS = {"first order": "estimate", "Monte Carlo": "Monte Carlo"}  # what a verdict rests on, by its name in records
+MARGIN_NOTE = "Margin: the limit less the upper end of the interval. A requirement passes where it is not negative."
+
+
+def name_basis(basis: str) -> str:
+    """What a number rests on: the estimate of a score, or a Monte Carlo simulation."""
+    return BASIS.get(basis, basis)
+
+
+class Judged(NamedTuple):
+    """What a row of a table of requirements is about."""
+
+    check: Check
+    basis: str
+    targets: int = 1  # that are checked; this one decides
+
+
+def what_is_limited(check: Check) -> str:
+    """The quantile and of which error, in words."""
+    return headline_of(check.quantile, check.min_yield, ERRORS[check.error])
+
+
+def _limited_briefly(check: Check) -> str:
+    located = "" if check.error == "tcp" else ", located"
+    units = "" if check.min_yield is None else f", {100 * check.min_yield:.6g} % of units"
+    return f"P{100 * check.quantile:.6g}{located}{units}"
+
+
+def check_columns(checks: Sequence[Check]) -> tuple[Column, ...]:
+    """Every column of a table of requirements."""
+    decimals = decimals_of(checks)
+    of_units: tuple[Column, ...] = (
+        Column("Yield", "%", "percent", 2, IN_DETAIL, "units\nwithin, %", of=lambda row: row.check.yield_fraction),
+        Column("Required", "%", "percent", 2, PAPER, of=lambda row: row.check.min_yield),
+    )
+    return (
+        Column("Requirement", brief="require-\nment", of=lambda row: row.check.requirement),
+        Column(
+            "Target",
+            of=lambda row: row.check.target + (f" (worst of {row.targets})" if row.targets > 1 else ""),
+        ),
+        Column("What is limited", on=PAPER, of=lambda row: what_is_limited(row.check)),
+        Column(
+            "Limited", on=TERMINAL | On.NOTEBOOK, brief="what is\nlimited", of=lambda row: _limited_briefly(row.check)
+        ),
+        Column("Value", "mm", "fixed", decimals, brief="value\nmm", of=lambda row: row.check.value_mm),
+        Column("From", "mm", "fixed", decimals, brief="from\nmm", of=lambda row: row.check.interval_mm[0]),
+        Column("To", "mm", "fixed", decimals, brief="to\nmm", of=lambda row: row.check.interval_mm[1]),
+        Column("Limit", "mm", "stated", decimals, brief="limit\nmm", of=lambda row: row.check.limit_mm),
+        Column("Margin", "mm", "signed", decimals, brief="to spare\nmm", of=lambda row: row.check.margin_mm),
+        *(of_units if any(check.min_yield is not None for check in checks) else ()),
+        Column("Status", kind="status", of=lambda row: row.check.status),
+    )
+
+
+def requirements_table(verdict: Verdict) -> Table | None:
+    """Each requirement once, at the target that decides it; what fails and what is nearest to its limit first."""
+    if not verdict.checks:
+        return None
+    rows = [Judged(check, verdict.basis, count) for check, count in decided_by(verdict.checks)]
+    caption = f"Requirements, by {name_basis(verdict.basis)}"
+    return tabulate("Requirements", caption, check_columns(verdict.checks), rows, MARGIN_NOTE)
+
+
+def checks_table(*verdicts: Verdict, name: str = "Checks", of: str = "") -> Table:
+    """Each requirement at each target, by each way it was judged; what fails and what is nearest to its limit first."""
+    judged = [Judged(check, verdict.basis) for verdict in verdicts for check in verdict.checks]
+    columns = list(check_columns([row.check for row in judged]))
+    columns.insert(4, Column("By", on=PAPER, of=lambda row: name_basis(row.basis)))
+    note = (
+        "A requirement passes only if the upper end of the interval is within the limit, and fails only if the "
+        f"lower end is beyond it. {MARGIN_NOTE} Estimate: the interval is how far a simulation may "
+        "be from it."
+    )
+    rows = sorted(judged, key=lambda row: urgency(row.check))
+    return tabulate(name, f"Requirements{of}", columns, rows, note)
+
+
+def findings_table(findings: Sequence[Finding], *, name: str = "Findings", of: str = "") -> Table:
+    """Remarks on the design."""
+    columns = (
+        Column("Severity", kind="status", of=lambda finding: finding.severity),
+        Column("Rule", of=lambda finding: finding.rule),
+        Column("Finding", of=lambda finding: finding.message),
+        Column("At", of=lambda finding: finding.pointer),
+    )
+    return tabulate(name, f"Findings{of}", columns, findings)

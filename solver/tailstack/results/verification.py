@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from .outline import Bar, Bars, Column, Outline, checks_table, table, verdict_sentence
+from .digits import decimals_of
+from .outline import Bar, Bars, Outline, checks_frame, frame, verdict_sentence
 from .record import Result
+from .score import TARGET, bias_columns, norm_columns, pair_rows
+from .tables import IN_DETAIL, PAPER, Column, Table
 from .verdicts import Interval, Provenance, Vector3, Verdict
 
 
@@ -111,7 +114,7 @@ class DrawnLosses:
     """
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Verification(Result):
     """Monte Carlo on the full nonlinear chain."""
 
@@ -148,15 +151,14 @@ class Verification(Result):
     losses: DrawnLosses | None = None
     """Shots with fiducials missed; null where the design does not say how often they are."""
 
+    @property
+    def decimals(self) -> int:
+        """Decimals of its lengths."""
+        largest = max((target.p95_mm for target in self.targets), default=1.0)
+        return decimals_of(self.verdict.checks, largest, self.precision_reached)
+
     def outline(self) -> Outline:
         """Sampled errors at the targets, with their intervals."""
-        errors = table(
-            TargetEstimate, "targets", f"Error at the tool, {self.trials:,} trials", self.targets,
-            Column("name", "target"), Column("mean_norm_mm", "mean, mm", 3), Column("p95_mm", "P95, mm", 4),
-            Column("p95_low_mm", "from", 4), Column("p95_high_mm", "to", 4),
-            Column("cvar95_mm", "mean of the worst 5 %, mm", 3),
-            Column("first_order_p95_mm", "P95 by the estimate, mm", 4),
-        )  # fmt: skip
         bars = tuple(
             Bar(target.name, target.p95_mm, target.p95_interval_mm, None if beyond is None else beyond.limit_mm)
             for target in self.targets
@@ -167,7 +169,33 @@ class Verification(Result):
             self.provenance.design_name,
             self.verdict.status,
             verdict_sentence(self.verdict),
-            (errors, checks_table(self.verdict)),
+            (frame(TargetEstimate, "targets", self.targets, estimates_table(self)), checks_frame(self.verdict)),
             Bars(f"P95 of the error at the tool, {self.trials:,} trials", "P95 with its interval, mm", bars),
             self.verdict.findings,
         )
+
+
+def estimates_table(check: Verification, of: str = "") -> Table:
+    """Monte Carlo: the error at the tool and as located, with intervals, and first order over it."""
+    decimals = check.decimals
+    confidence = f"{100 * check.targets[0].confidence:g} %" if check.targets else ""
+    columns = (
+        TARGET,
+        *bias_columns(decimals),
+        *norm_columns(
+            decimals,
+            Column("P95 from", "mm", "fixed", decimals, brief="from\nmm", of=lambda row: row[1].p95_interval_mm[0]),
+            Column("P95 to", "mm", "fixed", decimals, brief="to\nmm", of=lambda row: row[1].p95_interval_mm[1]),
+        ),
+        Column("Worst met", "mm", "fixed", decimals, PAPER, of=lambda row: row[1].worst_mm),
+        Column(
+            "Beyond limit", "%", "percent", 2, brief="over the\nlimit, %",
+            of=lambda row: row[1].exceedance.probability if row[1].exceedance else None,
+        ),
+        Column(
+            "Estimate / simulated", "", "fixed", 4, IN_DETAIL, "estimate /\nsimulated",
+            of=lambda row: row[1].first_order_ratio,
+        ),
+    )  # fmt: skip
+    caption = f"Simulation (Monte Carlo){of}: the error at each target; intervals of {confidence} confidence"
+    return Table("Monte Carlo", caption, columns, pair_rows(check.targets, columns))

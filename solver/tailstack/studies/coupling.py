@@ -21,18 +21,19 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ..arrays import Array
-from ..contributors import error_law, law_of, parts_of
+from ..contributors import columns_of, error_law, law_of
 from ..cores import usable_cores
 from ..design import Design
 from ..errors import IllPosedError, LimitError, OutOfRangeError, Problem, StudyError
 from ..estimation.checks import check_geometry
 from ..montecarlo import ChainPlan, compile_plan, draw, evaluate
-from ..montecarlo.plan import INSTALLATION, SHOT
 from ..montecarlo.simulate import ERRORS
+from ..montecarlo.tables import INSTALLATION, SHOT
 from ..propagation.linear import LinearModel, linearise_all
 from ..results import Interval, Provenance, Validity
+from ..results.record import Published
 from ..scoring import P95, provenance
-from ..system import Mount, Reading, System
+from ..system import Reading, System, put_links
 from ..tail.declared import law_quantile
 from ..verification import prepare
 from .sections import SECTIONS, estimate_by_sections, take_quantile
@@ -85,7 +86,7 @@ class CouplingCase:
     largest_share: float
     """Largest share of one trial in the sum of squares of the noise, the larger of both geometries'."""
     noise_rms_biased_mm: float | None
-    """Root mean square of what image noise adds to the localisation error, installed, mm; null where there is no
+    """Root mean square of what the noise adds to the localisation error, installed, mm; null where there is no
     standard deviation.
     """
     noise_rms_nominal_mm: float | None
@@ -106,8 +107,8 @@ class CouplingCase:
     """The case as a sentence."""
 
 
-@dataclass(frozen=True, slots=True)
-class StudyCoupling:
+@dataclass(frozen=True, slots=True, repr=False)
+class StudyCoupling(Published):
     """Is the tail of installation error and noise together more than the parts?"""
 
     schema: Literal["tailstack/study-coupling/1"]
@@ -152,8 +153,6 @@ METHOD = (
     f"sectioning: {SECTIONS} sections of consecutive trials, Student's t with {SECTIONS - 1} degrees of freedom about "
     "the estimate from all trials; numerator and denominator of a section share their deviates"
 )
-INSTALLED = "known biases, both interfaces, fiducial manufacturing, hand-eye: drawn once per unit"
-SHOTS = "image noise of fiducials and target, repeatability, load: drawn at each shot"
 
 ErrorName = Literal["tcp", "localisation"]
 Progress = Callable[[int, int], None]
@@ -226,8 +225,8 @@ def study_coupling(
         trials=size * SECTIONS,
         confidence=CONFIDENCE,
         interval_method=METHOD,
-        installation=INSTALLED,
-        noise=SHOTS,
+        installation=name_sources(models[system.targets[0].name], per_unit=True),
+        noise=name_sources(models[system.targets[0].name], per_unit=False),
         cases=tuple(records),
         conclusions=(*write_conclusions(records), *(case.remark for case in cases if case.remark)),
         validity=ready.trust,
@@ -253,8 +252,9 @@ def _fails(at_rest: ChainPlan, models: dict[str, LinearModel], error: ErrorName,
     z = _keep_stream(at_rest, draw(at_rest, seed, np.arange(PILOT, dtype=np.int64)), SHOT)
     norms = np.linalg.norm(evaluate(at_rest, z)[:, :, ERRORS.index(error)], axis=2).T
     for model, sample in zip(models.values(), norms, strict=True):
-        quiet = [part for block, part in zip(model.blocks, parts_of(model, error), strict=True) if not block.per_unit]
-        ratio = take_quantile(sample, P95) / law_quantile(law_of(np.zeros(3), quiet), P95).quantile_mm
+        columns = columns_of(model, error)
+        quiet = law_of(np.zeros(3), columns.only(~columns.per_unit))
+        ratio = take_quantile(sample, P95) / law_quantile(quiet, P95).quantile_mm
         if not 1 / FAILS < ratio < FAILS:
             return True
     return False
@@ -299,7 +299,7 @@ class _Sampler:
         self._each(section, 0)
         return [_Still(rows[0], rows[1], rows[2:]) for rows in kept]
 
-    def of(self, case: Case, still: Sequence[_Still], run: int) -> list[_Norms]:
+    def of(self, case: InstallationCase, still: Sequence[_Still], run: int) -> list[_Norms]:
         """What is kept of a case, by target."""
         kept = np.empty((len(still), 4, SECTIONS * self.size))
 
@@ -350,7 +350,7 @@ def _estimate_ratio(estimate: Callable[[slice], float], trials: int, first_order
 
 
 def _compare_case(
-    case: Case, target: str, error: ErrorName, norms: _Norms, still: _Still, resting: LinearModel
+    case: InstallationCase, target: str, error: ErrorName, norms: _Norms, still: _Still, resting: LinearModel
 ) -> CouplingCase:
     trials = len(still.noise)
     first = _predict(case, case.models[target], resting, error)
@@ -419,35 +419,35 @@ class _FirstOrder:
     gain: float
 
 
-def _predict(case: Case, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
+def _predict(case: InstallationCase, model: LinearModel, still: LinearModel, error: str) -> _FirstOrder:
     at = error_law(model, error, P95)
-    pairs = list(zip(model.blocks, at.parts, strict=True))
-    shot = [part for block, part in pairs if not block.per_unit]
-    mounted = [part for block, part in pairs if block.per_unit] if case.level is None else []
-    quiet = [p for block, p in zip(still.blocks, parts_of(still, error), strict=True) if not block.per_unit]
+    once = at.columns.per_unit
+    shot, mounted = at.columns.only(~once), at.columns.only(once & (case.level is None))
+    at_rest = columns_of(still, error)
+    quiet = at_rest.only(~at_rest.per_unit)
     # Of a level only the interface's own displacement counts, and bounded components stand at their centres.
     mean = at.worst.mean_mm if case.level is None else model.bias_mm(error)
     zero = np.zeros(3)
     spread = [noise_variance(linear) for linear in (model, still)]
     return _FirstOrder(
-        together=law_quantile(law_of(mean, mounted + shot), P95).quantile_mm,
+        together=law_quantile(law_of(mean, mounted, shot), P95).quantile_mm,
         installation=law_quantile(law_of(mean, mounted), P95).quantile_mm,
         noise=law_quantile(law_of(zero, quiet), P95).quantile_mm,
-        vector_sum=law_quantile(law_of(mean, mounted + quiet), P95).quantile_mm,
+        vector_sum=law_quantile(law_of(mean, mounted, quiet), P95).quantile_mm,
         gain=sqrt(spread[0] / spread[1]),
     )
 
 
 def noise_variance(model: LinearModel) -> float:
-    """mm^2: trace of the covariance that image noise gives the localisation error."""
-    return sum(float(((block.localisation * block.std) ** 2).sum()) for block in model.blocks if not block.per_unit)
+    """mm^2: trace of the covariance that the noise, all that is drawn at each shot, gives the localisation error."""
+    return sum(float((block.scaled("localisation") ** 2).sum()) for block in model.blocks if not block.per_unit)
 
 
 Level = tuple[float, float]  # degrees about each axis, mm along (1, 1, 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class InstallationCase:
     """One installation error in one reading."""
 
     reading: Reading
@@ -478,32 +478,36 @@ def level_torsor(level: Level) -> Array:
 
 
 def remove_biases(system: System) -> System:
-    """The system without any known error: no bias in a mount, no deflection."""
+    """The system without any known error: in mounts, load and all other effects."""
 
-    def remove_bias(mount: Mount) -> Mount:
-        return replace(mount, bias=np.zeros(6))
-
-    return replace(
-        system,
-        structure_connector=remove_bias(system.structure_connector),
-        connector_flange=remove_bias(system.connector_flange),
-        hand_eye=remove_bias(system.hand_eye),
-        execution_bias_mm=np.zeros(3),
-    )
+    links = [replace(link, known=np.zeros_like(link.known)) for link in system.links]
+    effects = tuple(replace(effect, known=np.zeros_like(effect.known)) for effect in system.effects)
+    return replace(put_links(system, links), effects=effects)
 
 
-def list_cases(system: System, nominal: System, levels: Sequence[Level], error: str) -> Iterable[Case]:
+def name_sources(model: LinearModel, *, per_unit: bool) -> str:
+    """What counts as installation error (drawn once per unit, and all that is known) or as noise, in words."""
+    words = ["all that is known"] if per_unit else []
+    for block in model.blocks:
+        if block.per_unit == per_unit:
+            kind, *of_view = block.contributor.split(":")
+            own = "" if of_view or block.label == kind else block.label
+            words.append(own or kind.replace("_", " "))
+    return "; ".join(dict.fromkeys(words)) + (": drawn once per unit" if per_unit else ": drawn at each shot")
+
+
+def list_cases(system: System, nominal: System, levels: Sequence[Level], error: str) -> Iterable[InstallationCase]:
     """As designed, with bounded components at their worst ends, and the levels, in the reading of ``system``."""
     models = linearise_all(system)
     ends = [tuple(sorted(error_law(m, error, P95).worst.vertex(m).items())) for m in models.values()]
     distinct = list(dict.fromkeys(ends))
     plans = tuple(compile_plan(system, vertex=dict(vertex)) for vertex in distinct)
-    yield Case(system.reading, None, plans, tuple(distinct.index(vertex) for vertex in ends), models)
+    yield InstallationCase(system.reading, None, plans, tuple(distinct.index(vertex) for vertex in ends), models)
     for level in levels:
-        mount = replace(nominal.structure_connector, bias=level_torsor(level))
+        mount = replace(nominal.structure_connector, known=level_torsor(level))
         moved = replace(nominal, reading=system.reading, structure_connector=mount)
         remark, plan = _check_level(moved, level), compile_plan(moved)
-        yield Case(system.reading, level, (plan,), (0,) * len(ends), linearise_all(moved), remark)
+        yield InstallationCase(system.reading, level, (plan,), (0,) * len(ends), linearise_all(moved), remark)
 
 
 def _check_level(moved: System, level: Level) -> str:
@@ -621,7 +625,7 @@ def _judge_sum(cases: Sequence[CouplingCase]) -> str:
     return f"{said}. The plain sum of both P95 {exceeded}."
 
 
-MOVES = {"physical": "the structure moves", "eq18": "the told coordinates move"}  # by reading
+MOVES = {"physical": "the structure moves", "eq18": "the assumed coordinates move"}  # by reading
 
 
 def _judge_quadrature(cases: Sequence[CouplingCase]) -> str:

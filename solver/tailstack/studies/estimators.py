@@ -11,24 +11,20 @@ import numpy as np
 from ..arrays import Array
 from ..contributors import error_law
 from ..design import Design, compile_design
+from ..effects.intrinsics import UNITS, intrinsics_error
 from ..errors import OutOfRangeError, Problem, TailstackError
 from ..estimation.checks import examine
 from ..propagation.linear import linearise_all
 from ..results import Interval, Provenance
+from ..results.record import Published
 from ..scoring import P95, provenance, trust_of
-from ..system import INTRINSICS, Estimator, IntrinsicsError, Law, Sources, System
+from ..system import ESTIMATORS, INTRINSICS, EstimatorTraits, Law, Place, Sources, System
 from ..tail.declared import law_quantile
 from ..verification import verify
 
 ROUGH_FOCAL, ROUGH_PX = 0.01, 10.0  # of a C-arm whose data sheet is known
 LEAST_SCALE = 0.02  # of the structure, down to which it is shrunk
 HARDLY = 0.01  # a difference of P95 that nobody need care about
-NEEDS = {
-    Estimator.DLT: "nothing: eleven unknowns of each view are taken from six fiducials or more, not in one plane",
-    Estimator.REPROJECTION: "nothing, as dlt; its images' residuals are least",
-    Estimator.POSE: "focal length and principal point of each view, which it takes for exact; four fiducials or more",
-    Estimator.POSE_WITH_PRIOR: "focal length and principal point of each view, and how well they are known",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +54,8 @@ class EstimatorCase:
     null of dlt itself, and where no smaller structure would."""
 
 
-@dataclass(frozen=True, slots=True)
-class StudyEstimators:
+@dataclass(frozen=True, slots=True, repr=False)
+class StudyEstimators(Published):
     """The same design under each estimator."""
 
     schema: Literal["tailstack/study-estimators/1"]
@@ -101,15 +97,14 @@ def study_estimators(
     # With all fiducials in every shot: what missing them does is no property of the estimator alone.
     base = replace(design if isinstance(design, System) else compile_design(design), loss_probability=())
     doubted = _with_doubt(base, focal_rel_sd, principal_point_px_sd)
-    order = (Estimator.DLT, Estimator.REPROJECTION, Estimator.POSE_WITH_PRIOR, Estimator.POSE)
     cases, reference = [], None
-    for place, estimator in enumerate(order):
+    for place, estimator in enumerate(ESTIMATORS):
         case = _case(replace(doubted, estimator=estimator), trials, seed, threads, reference)
-        if estimator is Estimator.DLT:
+        if place == 0:
             reference = case.p95_mm
         cases.append(case)
         if progress is not None:
-            progress(place + 1, len(order))
+            progress(place + 1, len(ESTIMATORS))
     if all(case.p95_mm is None for case in cases):
         raise OutOfRangeError(Problem("", "no-estimator", f"no estimator has an answer: {cases[-1].reason}"))
     extent = _extent(base)
@@ -129,26 +124,23 @@ def study_estimators(
 def _with_doubt(system: System, focal: float, centre_px: float) -> System:
     """The system whose views all say how well their intrinsics are known and how wrong they are."""
     spread = np.array([focal, centre_px, centre_px])
-    units = ("1", "px", "px")
-    sources = Sources(INTRINSICS, (Law.NORMAL,) * 3, spread, np.ones(3), units, np.eye(3))
-    rough = IntrinsicsError(np.zeros(3), sources)
-    views = tuple(
-        replace(
-            view,
-            intrinsics_prior=view.intrinsics_prior or (focal, centre_px),
-            intrinsics_error=view.intrinsics_error or rough,
-        )
+    sources = Sources(INTRINSICS, (Law.NORMAL,) * 3, spread, np.ones(3), UNITS, np.eye(3))
+    views = tuple(replace(view, intrinsics_prior=view.intrinsics_prior or (focal, centre_px)) for view in system.views)
+    rough = [
+        intrinsics_error(view.name, np.zeros(3), sources)
         for view in system.views
-    )
-    return replace(system, views=views)
+        if not system.effects_at(Place.INTRINSICS, view.name)
+    ]
+    return replace(system, views=views, effects=(*system.effects, *rough))
 
 
 def _case(system: System, trials: int, seed: int, threads: int | None, reference_mm: float | None) -> EstimatorCase:
-    needs = NEEDS[system.estimator]
+    needs = system.estimator.traits.needs
     try:
         examine(system)
         target, value, trust = _worst(system)
-        exact = replace(system, views=tuple(replace(view, intrinsics_error=None) for view in system.views))
+        told = system.effects_at(Place.INTRINSICS)
+        exact = replace(system, effects=tuple(effect for effect in system.effects if effect not in told))
         _, exact_value, _ = _worst(exact)
         checked = verify(system, trials=trials, seed=seed, threads=threads) if trials else None
     except TailstackError as error:
@@ -207,9 +199,16 @@ def _same_size(system: System, reference_mm: float) -> float | None:
     return high * _extent(system)
 
 
+def _first(cases: dict[str, EstimatorCase], kind: Callable[[EstimatorTraits], bool]) -> EstimatorCase:
+    """The case of the first estimator in the table of a kind."""
+    return next(cases[str(estimator)] for estimator, traits in ESTIMATORS.items() if kind(traits))
+
+
 def _conclusions(cases: dict[str, EstimatorCase], extent_mm: float) -> tuple[str, ...]:
     """What a designer needs of it."""
-    dlt, pose, prior = (cases[str(each)] for each in (Estimator.DLT, Estimator.POSE, Estimator.POSE_WITH_PRIOR))
+    dlt = _first(cases, lambda traits: not traits.believes)
+    prior = _first(cases, lambda traits: traits.takes_prior)
+    pose = _first(cases, lambda traits: traits.believes == INTRINSICS and not traits.takes_prior)
     said = []
     if dlt.p95_mm is None:
         said.append(f"Without known intrinsics this design has no answer: {dlt.reason}.")

@@ -25,12 +25,14 @@ from ..cores import usable_cores
 from ..design import Design
 from ..errors import OutOfRangeError, Problem, StudyError, TailstackError
 from ..montecarlo import ChainPlan, compile_plan, draw, evaluate, gains_in_plan_order
-from ..propagation.linear import LinearModel, largest_rotation_rad, linearise
+from ..montecarlo.plan import bounded_names
+from ..propagation.linear import LinearModel, linearise
 from ..propagation.second_order import refuse_outside_range, second_order_moments
 from ..propagation.validity import validity
 from ..results import Interval, Provenance
+from ..results.record import Published
 from ..scoring import FRAMES, P95, checked_system, provenance, score
-from ..system import Law, Mount, Sources, System
+from ..system import DirectEffect, Law, Sources, System
 from ..tail.declared import law_quantile
 from ..tail.gaussian import norm_quantile
 from .paper.published import with_noise
@@ -107,8 +109,8 @@ class Calibration:
     """Largest ratio of first order to Monte Carlo."""
 
 
-@dataclass(frozen=True, slots=True)
-class StudyLinearity:
+@dataclass(frozen=True, slots=True, repr=False)
+class StudyLinearity(Published):
     """Where first order is good, and where it is optimistic."""
 
     schema: Literal["tailstack/study-linearity/1"]
@@ -201,6 +203,7 @@ def study_linearity(
         target = max(score(system, losses=False).targets, key=lambda one: one.p95_mm).name
     chosen = names.index(target)
     places = list_places(axes)
+    bounded = bounded_names(apply_place(system, places[0]))
     points: list[LinearityPoint] = []
     with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
         for point in pool.map(lambda place: examine_place(system, chosen, error, place, trials, seed), places):
@@ -225,19 +228,11 @@ def study_linearity(
         calibration=calibrate(points),
         sentences=write_sentences(points),
         varied="noise: of every image coordinate, in place of the design's; rotation: standard deviation of three "
-        f"normal rotations of {system.structure_connector.title}, in place of its own; "
+        f"normal rotations of {system.structure_connector.label}, in place of its own; "
         "spread: factor on the layout about its centroid; fiducials: so many are kept, far apart. Everything else is "
-        f"as designed{WORST if _any_bounded(system) else ''}. P95 is pooled over installations and shots.",
+        f"as designed{WORST if bounded else ''}. P95 is pooled over installations and shots.",
         provenance=provenance(system, simulated=True),
     )
-
-
-def _any_bounded(system: System) -> bool:
-    """Of what stays as designed; rotations of the first mount do not."""
-    first = system.structure_connector.sources
-    laws = [law for law, direction in zip(first.laws, first.direction.T, strict=True) if direction[3:].any()]
-    kept = (system.connector_flange.sources, system.hand_eye.sources, system.execution)
-    return Law.BOUNDED in [*laws, *(law for sources in kept for law in sources.laws)]
 
 
 def _refuse(system: System, grid: Grid, target: str | None, trials: int) -> None:
@@ -358,7 +353,7 @@ Error = Literal["tcp", "localisation"]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class GridPoint:
     """A point of the grid."""
 
     noise_px: float
@@ -379,7 +374,7 @@ def order_far_apart(points: Array) -> NDArray[np.int64]:
     return np.array(order)
 
 
-def _turn(mount: Mount, rotation_deg: float) -> Mount:
+def _turn(mount: DirectEffect, rotation_deg: float) -> DirectEffect:
     """The mount with its translations as they are and three independent normal rotations of this standard deviation.
 
     A source that both turns and shifts, as a locator does, keeps its shift at the pivot.
@@ -400,7 +395,7 @@ def _turn(mount: Mount, rotation_deg: float) -> Mount:
     return replace(mount, sources=sources)
 
 
-def apply_place(system: System, place: Place) -> System:
+def apply_place(system: System, place: GridPoint) -> System:
     """The system at a point of the grid, one target left in it."""
     kept = np.sort(order_far_apart(system.fiducials_mm)[: place.fiducials])
     centre = system.fiducials_mm.mean(axis=0)
@@ -473,7 +468,9 @@ def classify(ratio: float, interval: Interval) -> tuple[Within, bool]:
     return "beyond", nearest > inner
 
 
-def examine_place(system: System, target: int, error: Error, place: Place, trials: int, seed: int) -> LinearityPoint:
+def examine_place(
+    system: System, target: int, error: Error, place: GridPoint, trials: int, seed: int
+) -> LinearityPoint:
     """A point of the grid; one whose geometry does not determine the target is refused with the reason."""
     try:
         return _examine_place(system, target, error, place, trials, seed)
@@ -482,12 +479,14 @@ def examine_place(system: System, target: int, error: Error, place: Place, trial
         nothing: dict[str, Any] = dict.fromkeys(
             name
             for name in LinearityPoint.__dataclass_fields__
-            if name not in (*Place.__dataclass_fields__, "status", "reason")
+            if name not in (*GridPoint.__dataclass_fields__, "status", "reason")
         )
         return LinearityPoint(**asdict(place), status="refused", reason=first.detail, **nothing)
 
 
-def _examine_place(system: System, target: int, error: Error, place: Place, trials: int, seed: int) -> LinearityPoint:
+def _examine_place(
+    system: System, target: int, error: Error, place: GridPoint, trials: int, seed: int
+) -> LinearityPoint:
     if place.fiducials < FEWEST_FIDUCIALS:
         raise OutOfRangeError(Problem("", "too-few", f"{place.fiducials} fiducials do not determine a view; 6 may"))
     here = replace(apply_place(system, place), targets=(system.targets[target],))
@@ -501,7 +500,7 @@ def _examine_place(system: System, target: int, error: Error, place: Place, tria
     gains = gains_in_plan_order(plan, model.blocks, 0, error)
     found = compare_quantiles(plan, gains, law.law.mean, first, error, trials, seed)
     second, why = _correct(plan, model, error, law.law.mean, law.total_covariance, first)
-    trust = validity(model.nonlinearity, here, largest_rotation_rad(model))
+    trust = validity(model.nonlinearity, here, model.turns)
     within, sure = classify(found.ratio, found.interval)
     low, high = found.interval
     return LinearityPoint(
@@ -534,7 +533,7 @@ def _correct(
         refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
     except OutOfRangeError as refusal:
         return None, refusal.problems[0].detail
-    scaled = np.hstack([model.gain(block, error) * block.std for block in model.blocks])
+    scaled = np.hstack([block.scaled(error) for block in model.blocks])
     kept = np.concatenate([[law is not Law.BOUNDED for law in block.laws] for block in model.blocks]).astype(bool)
     metric = list(FRAMES).index(error)
     shift, corrected = second_order_moments(
@@ -544,7 +543,7 @@ def _correct(
     return first_mm * ratio, None
 
 
-def list_places(grid: Grid) -> tuple[Place, ...]:
+def list_places(grid: Grid) -> tuple[GridPoint, ...]:
     """Its points: count, spread, noise, rotation; the last runs fastest."""
     axes = (grid.counts or (), grid.spreads, grid.noises_px, grid.rotations_deg)
-    return tuple(Place(noise, rotation, spread, count) for count, spread, noise, rotation in product(*axes))
+    return tuple(GridPoint(noise, rotation, spread, count) for count, spread, noise, rotation in product(*axes))

@@ -21,6 +21,7 @@ from ..errors import Problem, StudyError, TailstackError, describe_refusal
 from ..geometry.camera import list_turns, principal_ray
 from ..geometry.rotation import unit
 from ..results import ERRORS, Provenance, Vector3
+from ..results.record import Published
 from ..scoring import provenance, score_errors
 
 CONE_DEG, STEP_DEG = 30.0, 10.0
@@ -87,8 +88,8 @@ class ViewMap:
     """What the map says."""
 
 
-@dataclass(frozen=True, slots=True)
-class StudyViews:
+@dataclass(frozen=True, slots=True, repr=False)
+class StudyViews(Published):
     """Which view buys most."""
 
     schema: Literal["tailstack/study-views/1"]

@@ -40,7 +40,9 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import Any
 
+import numpy as np
 from numba.extending import register_jitable
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ..arrays import Array
@@ -83,6 +85,17 @@ def square_cumulants(
             c2 = c2 + kappa4 / 2 * gg * gg
             c3 = c3 + (12 * kappa4 * gg * (gsg + gm * gm) + kappa6 * gg * gg * gg) / 8
     return c1, c2, c3
+
+
+def columns_in_cumulants(columns: Array, kinds: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    """What columns (..., 3, k) mm of uniform (0) and triangular (1) kinds (k,) add to :func:`square_cumulants`, for any
+    mean m and total covariance S: (...) mm^4 to c2, and ``rest + tr(M (S + mm'))``, (...) mm^6 and M (..., 3, 3) mm^4,
+    to c3."""
+    kappa4 = np.where(kinds == 1, KAPPA4_TRIANGULAR, KAPPA4_UNIFORM)
+    kappa6 = np.where(kinds == 1, KAPPA6_TRIANGULAR, KAPPA6_UNIFORM)
+    square = (columns**2).sum(axis=-2)
+    shape = (columns * (1.5 * kappa4 * square)[..., None, :]) @ np.swapaxes(columns, -1, -2)
+    return (kappa4 / 2 * square**2).sum(axis=-1), (kappa6 / 8 * square**3).sum(axis=-1), shape
 
 
 @register_jitable

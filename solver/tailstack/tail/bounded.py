@@ -22,6 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..errors import LimitError, Problem
@@ -37,11 +38,11 @@ _ACCURACY = Accuracy(threshold=1e-7, aliasing=1e-8, largest_box=2e5)
 # So many vertices are asked one by one; of more than many those that cannot be the worst are left out first; without a
 # lattice for all of them they are asked from one sample, good to the slack.
 _FEW, _MANY, _LOG2_POINTS, _SLACK = 4, 64, 9, 2e-4
-_TOGETHER = 2**20  # phases of vertices at lattice points that are in memory at a time
+_TOGETHER = 2**20  # phases of halves of vertices at lattice points that are in memory at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WorstCase:
+class WorstVertex:
     """The vertex with the largest quantile; signs (q,) of +-1, law the linear law moved there."""
 
     signs: tuple[int, ...]
@@ -55,7 +56,7 @@ def _vertices(q: int, count: int) -> Array:
     return np.asarray(1.0 - 2.0 * (np.arange(count)[:, None] >> np.arange(q) & 1), dtype=np.float64)
 
 
-def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstCase:
+def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstVertex:
     """Largest p-quantile of |e| over ``law.mean + bounded @ s``, s in the box [-1, 1]^q.
 
     bounded: (3, q) mm, columns already multiplied by their half-widths, in the frame of the law; columns of zeros
@@ -95,7 +96,7 @@ def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstCase:
                 best, quantile = worst, candidate
     full = np.ones(bounded.shape[1], dtype=int)
     full[active] = signs[best]
-    return WorstCase(tuple(full.tolist()), replace(law, mean=means[best]), quantile, len(means))
+    return WorstVertex(tuple(full.tolist()), replace(law, mean=means[best]), quantile, len(means))
 
 
 def indistinguishable(law: LinearLaw, bounded: Array, p: float, worst: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
@@ -126,7 +127,7 @@ def indistinguishable(law: LinearLaw, bounded: Array, p: float, worst: tuple[int
 def _probabilities(law: LinearLaw, means: Array, r: float, p: float) -> tuple[Array, float]:
     """(P(|e| <= r) of the law at each of the means (n, 3), 1 where it is at least p for sure; how far they may be off).
 
-    The probabilities are (n,).
+    The probabilities are (n,); the means are those of the first n vertices, a power of two.
     """
     out = np.ones(len(means))
     open_vertices = np.arange(len(means))
@@ -135,7 +136,7 @@ def _probabilities(law: LinearLaw, means: Array, r: float, p: float) -> tuple[Ar
         own = law_quantile(replace(law, mean=np.zeros(3)), p, fine=False)
         open_vertices = np.flatnonzero(np.linalg.norm(means, axis=1) + own.quantile_mm + 4 * own.error_mm > r)
     if open_vertices.size > _FEW or len(means) <= _MANY:
-        values = _on_one_lattice(law, means[open_vertices], r)
+        values = _on_one_lattice(law, means, open_vertices, r)
         if values is not None:
             out[open_vertices] = values
             return out, 0.0
@@ -147,19 +148,27 @@ def _probabilities(law: LinearLaw, means: Array, r: float, p: float) -> tuple[Ar
     return out, _SLACK
 
 
-def _on_one_lattice(law: LinearLaw, means: Array, r: float) -> Array | None:
-    """P(|e| <= r) of the law at each of the means (n, 3); None: the lattice is too large, or the law lies in a plane.
+def _on_one_lattice(law: LinearLaw, means: Array, chosen: NDArray[np.intp], r: float) -> Array | None:
+    """P(|e| <= r) of the law at chosen ones (s,) of the means (n, 3) of the first n vertices; None: the lattice is too
+    large, or the law lies in a plane.
 
-    Only cos(k'm) differs between them.
+    Only cos(k'm) differs between them, and ``cos(a + b) = cos a cos b - sin a sin b``, a of one half of the bounded
+    columns and b of the other, makes all of them one product of matrices.
     """
-    h, _ = lattice_columns(law)
-    frame = on_principal_axes(np.zeros(3), law.covariance, h)
+    frame = on_principal_axes(np.zeros(3), law.covariance, lattice_columns(law)[0])
     if frame.dimension < 3:
         return None
-    turned = means @ frame.axes
-    lattice = build(r, frame._replace(away=np.abs(turned).max(axis=0)), _ACCURACY, True)
+    lattice = build(r, frame._replace(away=np.abs(means[chosen] @ frame.axes).max(axis=0)), _ACCURACY, True)
     if lattice.volume == 0.0:
         return None
     terms = lattice.w * balls(r, lattice.t)
-    parts = np.array_split(turned, 1 + len(means) * terms.size // _TOGETHER)
-    return np.concatenate([np.cos(part @ lattice.k.T) @ terms for part in parts])
+    half = len(means).bit_length() // 2
+    ends, row = np.unique(chosen >> half, return_inverse=True)  # of the other half: their signs are the higher bits
+    starts, column = np.unique(chosen & ((1 << half) - 1), return_inverse=True)
+    first = means[starts] @ frame.axes  # the other half at +1
+    second = (means[ends << half] - means[0]) @ frame.axes
+    out = np.zeros((len(ends), len(starts)))
+    for part in np.array_split(np.arange(terms.size), 1 + (len(ends) + len(starts)) * terms.size // _TOGETHER):
+        a, b = first @ lattice.k[part].T, second @ lattice.k[part].T
+        out += (np.cos(b) * terms[part]) @ np.cos(a).T - (np.sin(b) * terms[part]) @ np.sin(a).T
+    return out[row, column]

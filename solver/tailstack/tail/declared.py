@@ -10,7 +10,7 @@ Which it was, and how far off it may be, is part of the answer.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from math import inf, log, sqrt
@@ -28,6 +28,7 @@ from .contour import cumulant
 from .elementary import sine_and_cosine
 from .gaussian import (
     gaussian_cumulants,
+    mean_on_axes,
     norm_cdf,
     norm_cvar,
     norm_gradient_jit,
@@ -35,11 +36,12 @@ from .gaussian import (
     norm_sf,
     normal_quantile,
     probability_iv,
+    quantile_on_axes,
 )
 from .lattice import (
     Accuracy,
-    Frame,
     Lattice,
+    PrincipalLaw,
     ball_integral,
     ball_sums,
     balls,
@@ -49,7 +51,7 @@ from .lattice import (
     sum_of_products,
 )
 from .sampling import Sample, sample
-from .spectrum import law_iv
+from .spectrum import law_iv, principal_axes
 
 UNIFORM, TRIANGULAR = 0, 1
 _VARIANCES = np.array([1 / 3, 1 / 6])
@@ -65,7 +67,7 @@ _LARGEST_COARSE_BOX = 2e5
 _LOG2_POINTS, _LOG2_COARSE = 12, 10
 _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: threshold, probability beyond
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
-MIXTURE_STEP, LARGEST_MIXTURE = 1.25, 1e12  # of the radius that is tried next; mm at which it is given up
+MIXTURE_STEP, LARGEST_MIXTURE = 1.05, 1e12  # of the radius that is tried next; mm at which it is given up
 SLACK, ROUNDING = 1e-9, 1e-13  # of the trace: how negative an eigenvalue may be, and what is 0
 
 
@@ -108,17 +110,12 @@ def linear_law(
     return LinearLaw(mean, covariance, np.ascontiguousarray(columns), kind_array)
 
 
-def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.intp]]:
+def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:
     """((K, 3) uniform columns, (K,) source of each): a triangular source is the sum of two uniform ones of half width.
 
     Columns of length zero are dropped.
     """
-    felt = np.flatnonzero(law.columns.any(axis=0))
-    twice = felt[law.kinds[felt] == TRIANGULAR]
-    source = np.concatenate([felt, twice])
-    return np.ascontiguousarray(
-        (law.columns[:, source] * np.where(law.kinds[source] == TRIANGULAR, 0.5, 1.0)).T
-    ), source
+    return split_columns(np.ascontiguousarray(law.columns), law.kinds)
 
 
 class LawQuantile(NamedTuple):
@@ -166,13 +163,13 @@ def accuracy_for(p: float, fine: bool) -> Accuracy:
     return Accuracy(_COARSE * tail, 1e-6 * tail, _LARGEST_COARSE_BOX)
 
 
-class Evaluation:
+class DeclaredLaw:
     """A law with columns, and the lattices that answers about it have been read from so far."""
 
     def __init__(self, law: LinearLaw, accuracy: Accuracy) -> None:
         self.law, self.accuracy = law, accuracy
         self.h, self.source = lattice_columns(law)
-        self.frame: Frame = on_principal_axes(law.mean, law.covariance, self.h)
+        self.frame: PrincipalLaw = on_principal_axes(law.mean, law.covariance, self.h)
         self._lattice: Lattice | None = None  # that the quantile was solved on
         self._largest = 0.0  # mm, the radius it serves, in the frame
 
@@ -184,24 +181,19 @@ class Evaluation:
 
     @cached_property
     def _outer(self) -> tuple[float, Lattice]:
-        """(radius at the end of the law, mm, in the frame; a lattice up to there) for integrals of the probability.
-
-        The box is larger out there, but an integral over the radius forgives: of its terms the far ones gain a factor
-        1/k, and of what lies beyond the end, or comes in from other copies, only the last step counts.
-        """
-        threshold, aliasing, largest_box = self.accuracy
-        end = end_of(self.frame, reach_of(self.frame, _END * aliasing), _END * aliasing)
-        return end, build(end, self.frame, Accuracy(_FORGIVEN * threshold, _END * aliasing, largest_box), False)
+        """:func:`outer_lattice` of this law."""
+        end, lattice = outer_lattice(self.frame, self.accuracy)
+        return float(end), lattice
 
     def quantile(self, p: float) -> LawQuantile:
-        solution = solve_on_axes(p, start_radius(p, self.frame), self.frame, self.accuracy)
+        solution = solve_on_axes(p, self.frame, self.accuracy)
         if not solution.found:
             r, density, error = self.points.quantile(p)
             return LawQuantile(p, r, density, SAMPLED_METHOD, error)
         self._lattice, self._largest = solution.lattice, float(solution.largest)
-        r = sqrt(solution.radius**2 + self.frame.offset)
+        r = solution.quantile
         density = float(solution.density * r / solution.radius)
-        return LawQuantile(p, r, density, LATTICE_METHOD, float(solution.error / density))
+        return LawQuantile(p, float(r), density, LATTICE_METHOD, float(solution.error / density))
 
     def probability(self, r: float) -> float:
         """P(|e| <= r)"""
@@ -292,7 +284,7 @@ def law_quantile(law: LinearLaw, p: float, *, fine: bool = True) -> LawQuantile:
     """
     p = probability_iv(p)
     if law.columns.any():
-        return Evaluation(law, accuracy_for(p, fine)).quantile(p)
+        return DeclaredLaw(law, accuracy_for(p, fine)).quantile(p)
     if not law.covariance.any():
         return LawQuantile(p, float(np.linalg.norm(law.mean)), 0.0, GAUSSIAN_METHOD, 0.0)
     r, density, _, _ = norm_gradient_jit(law.mean, law.covariance, p)
@@ -307,7 +299,16 @@ def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
         raise ValueError(f"a radius must be >= 0 mm, got {r}")
     if not law.columns.any():
         return norm_cdf(r, law.mean, law.covariance)
-    return Evaluation(law, accuracy_for(0.5, fine)).probability(float(r))
+    return DeclaredLaw(law, accuracy_for(0.5, fine)).probability(float(r))
+
+
+def _probability_near(law: LinearLaw, p: float) -> Callable[[float], float]:
+    """P(|e| <= r) by r, mm; radii below the p-quantile, and a little above it, are read from one lattice."""
+    if not law.columns.any():
+        return partial(norm_cdf, mean=law.mean, covariance=law.covariance)
+    evaluation = DeclaredLaw(law, accuracy_for(p, True))
+    evaluation.quantile(p)
+    return evaluation.probability
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -327,12 +328,7 @@ class MixedLaw:
             return law_quantile(self.laws[0], p).quantile_mm
         if self.weights.sum() <= p:
             return inf
-        within = [
-            Evaluation(law, accuracy_for(p, True)).probability
-            if law.columns.any()
-            else partial(norm_cdf, mean=law.mean, covariance=law.covariance)
-            for law in self.laws
-        ]
+        within = [_probability_near(law, p) for law in self.laws]
 
         from scipy.optimize import brentq  # as few scores take a mixture
 
@@ -373,7 +369,7 @@ def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSumm
         exceedance = None if limit is None else norm_sf(limit, law.mean, law.covariance)
         mean, tail_mean = norm_mean(law.mean, law.covariance), norm_cvar(p, law.mean, law.covariance)
         return LawSummary(law_quantile(law, p), mean, tail_mean, exceedance)
-    evaluation = Evaluation(law, accuracy_for(p, True))
+    evaluation = DeclaredLaw(law, accuracy_for(p, True))
     quantile = evaluation.quantile(p)
     tail_mean = quantile.quantile_mm + evaluation.excess(quantile.quantile_mm) / (1.0 - p)
     exceedance = None if limit is None else 1.0 - evaluation.probability(float(limit))
@@ -384,7 +380,7 @@ def law_mean(law: LinearLaw, p: float) -> float:
     """E|e|, mm, with the accuracy that :func:`law_summary` has it for a quantile at p."""
     if not law.columns.any():
         return norm_mean(law.mean, law.covariance)
-    return Evaluation(law, accuracy_for(probability_iv(p), True)).excess(0.0)
+    return DeclaredLaw(law, accuracy_for(probability_iv(p), True)).excess(0.0)
 
 
 def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> LawGradient:
@@ -396,7 +392,7 @@ def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> La
     if not law.columns.any():
         _, _, by_mean, by_covariance = norm_gradient_jit(law.mean, law.covariance, total.p)
         return LawGradient(by_mean, by_covariance, np.zeros(k))
-    return Evaluation(law, accuracy_for(total.p, fine)).gradient(total)
+    return DeclaredLaw(law, accuracy_for(total.p, fine)).gradient(total)
 
 
 def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
@@ -406,7 +402,7 @@ def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
     """
     if not law.columns.any() or total.density == 0.0:
         return None if law.columns.any() else np.zeros_like(law.columns)
-    return Evaluation(law, accuracy_for(total.p, True)).column_gradient(total)
+    return DeclaredLaw(law, accuracy_for(total.p, True)).column_gradient(total)
 
 
 def without_group(law: LinearLaw, block: Array | None, indices: Sequence[int]) -> LinearLaw:
@@ -458,11 +454,55 @@ def differences(law: LinearLaw, total: LawQuantile) -> LawGradient:
 # --- kernels ---------------------------------------------------------------------------------------------------------
 
 
+@kernel()
+def split_columns(columns: Array, kinds: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """:func:`lattice_columns` of columns (3, k) mm and their kinds (k,): the second halves come last."""
+    count = kinds.size
+    felt = np.zeros(count, dtype=np.bool_)
+    size = 0
+    for j in range(count):
+        if columns[0, j] != 0.0 or columns[1, j] != 0.0 or columns[2, j] != 0.0:
+            felt[j] = True
+            size += 2 if kinds[j] == TRIANGULAR else 1
+    h = np.empty((size, 3))
+    source = np.empty(size, dtype=np.int64)
+    n = 0
+    for second in range(2):
+        for j in range(count):
+            halved = kinds[j] == TRIANGULAR
+            if felt[j] and (halved or second == 0):
+                for a in range(3):
+                    h[n, a] = columns[a, j] * (0.5 if halved else 1.0)
+                source[n] = j
+                n += 1
+    return h, source
+
+
+@kernel()
+def tail_numbers(
+    mean: Array, covariance: Array, h: Array, p: float, accuracy: Accuracy, averaged: bool
+) -> tuple[float, float]:
+    """(the p-quantile of |e|, E|e| if it is wanted), mm, of a law with uniform columns h (K, 3) mm: what
+    :func:`law_quantile` and :func:`law_mean` say.  NaN: the law has no lattice, or the quantile did not converge."""
+    if h.shape[0] == 0:
+        variances, m, _ = principal_axes(mean, covariance)
+        return quantile_on_axes(p, variances, m), mean_on_axes(variances, m) if averaged else np.nan
+    frame = on_principal_axes(mean, covariance, h)
+    quantile = solve_on_axes(p, frame, accuracy).quantile
+    average = np.nan
+    if averaged:
+        end, lattice = outer_lattice(frame, accuracy)
+        if lattice.volume > 0.0:
+            average = excess_integral(0.0, sqrt(end * end + frame.offset), frame, lattice.t, lattice.w)
+    return quantile, average
+
+
 class Solution(NamedTuple):
     """A quantile in the frame, and the lattice it was solved on."""
 
     found: bool  # False: the lattice is too large
-    radius: float  # mm
+    quantile: float  # mm
+    radius: float  # mm, the quantile in the frame
     density: float  # 1/mm, by this radius
     error: float  # of the probability
     largest: float  # mm, the radius that the lattice serves
@@ -470,7 +510,7 @@ class Solution(NamedTuple):
 
 
 @kernel()
-def start_radius(p: float, frame: Frame) -> float:
+def start_radius(p: float, frame: PrincipalLaw) -> float:
     """The p-quantile by Pearson's closed form (``approximation.py``), mm; never below a hundredth of the rms."""
     m, h = frame.mean, frame.h
     c1, c2, c3 = gaussian_cumulants(frame.sigma * frame.sigma, m)
@@ -488,9 +528,9 @@ def start_radius(p: float, frame: Frame) -> float:
 
 
 @kernel()
-def solve_on_axes(p: float, start: float, frame: Frame, accuracy: Accuracy) -> Solution:
-    """The p-quantile in a frame by Halley's steps from a start, mm > 0, on a lattice that grows where they lead out."""
-    rho = start
+def solve_on_axes(p: float, frame: PrincipalLaw, accuracy: Accuracy) -> Solution:
+    """The p-quantile in a frame by Halley's steps from Pearson's form, on a lattice that grows where they lead out."""
+    rho = start_radius(p, frame)
     cap = 1.08 * rho
     lattice = build(cap, frame, accuracy, False)
     low = 0.0
@@ -516,12 +556,13 @@ def solve_on_axes(p: float, start: float, frame: Frame, accuracy: Accuracy) -> S
         step = new - rho
         rho = new
         if abs(step) < 1e-4 * rho and abs(bend) < 0.5:  # the next step would be of the order of its cube
-            return Solution(True, rho, f1 + step * f2, accuracy.aliasing + lattice.decade + 1e-14, cap, lattice)
-    return Solution(False, 0.0, 0.0, 0.0, 0.0, lattice)
+            error = accuracy.aliasing + lattice.decade + 1e-14
+            return Solution(True, sqrt(rho * rho + frame.offset), rho, f1 + step * f2, error, cap, lattice)
+    return Solution(False, np.nan, 0.0, 0.0, 0.0, 0.0, lattice)
 
 
 @kernel()
-def end_of(frame: Frame, reach: Array, probability: float) -> float:
+def end_of(frame: PrincipalLaw, reach: Array, probability: float) -> float:
     """A radius in the frame, mm, that |e| exceeds with this probability at most; reach (3,) mm: :func:`reach_of`.
 
     The corner of the box of reaches (which bounded sources make finite), or Chernoff's bound of the Gaussian law,
@@ -546,7 +587,19 @@ def end_of(frame: Frame, reach: Array, probability: float) -> float:
 
 
 @kernel()
-def excess_integral(low: float, high: float, frame: Frame, t: Array, w: Array) -> float:
+def outer_lattice(frame: PrincipalLaw, accuracy: Accuracy) -> tuple[float, Lattice]:
+    """(radius at the end of the law, mm, in the frame; a lattice up to there) for integrals of the probability.
+
+    The box is larger out there, but an integral over the radius forgives: of its terms the far ones gain a factor 1/k,
+    and of what lies beyond the end, or comes in from other copies, only the last step counts.
+    """
+    aliasing = _END * accuracy.aliasing
+    end = end_of(frame, reach_of(frame, aliasing), aliasing)
+    return end, build(end, frame, Accuracy(_FORGIVEN * accuracy.threshold, aliasing, accuracy.largest_box), False)
+
+
+@kernel()
+def excess_integral(low: float, high: float, frame: PrincipalLaw, t: Array, w: Array) -> float:
     """int_low^high P(|e| > x) dx, mm, from the terms t (n,) 1/mm and w (n,) of a lattice for radii up to `high`."""
     if frame.dimension == 3:
         return high - low - ball_integral(high, t, w) + ball_integral(low, t, w)

@@ -20,12 +20,9 @@ _ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and taking it away rounds to t
 
 
 @kernel()
-def exponential(x: float) -> float:
-    """exp(x) for -64 <= x <= 30, exp(-64) below: relative error 4e-15 for -10 < x < 10, 1e-13 at -30, 2e-10 at -60.
-
-    Taylor's polynomial of x / 64 and six squarings.
-    """
-    y = max(x, _LEAST) * (1.0 / 64.0)
+def _lossless(y: float) -> float:
+    """exp(8 y) - 1 for -1 <= y <= 0.5, to a rounding or two however small y is: Taylor's polynomial and three times the
+    square of what it is 1 less than."""
     u = 1.0 + y * (1.0 / 13.0)
     u = 1.0 + y * (1.0 / 12.0) * u
     u = 1.0 + y * (1.0 / 11.0) * u
@@ -42,11 +39,30 @@ def exponential(x: float) -> float:
     u *= 2.0 + u  # the square less 1: while u is small, nothing of it is lost
     u *= 2.0 + u
     u *= 2.0 + u
-    e = 1.0 + u
+    return u
+
+
+@kernel()
+def exponential(x: float) -> float:
+    """exp(x) for -64 <= x <= 30, exp(-64) below: relative error 4e-15 for -10 < x < 10, 1e-13 at -30, 2e-10 at -60.
+
+    Taylor's polynomial of x / 64 and six squarings.
+    """
+    e = 1.0 + _lossless(max(x, _LEAST) * (1.0 / 64.0))
     e *= e
     e *= e
     e *= e
     return e
+
+
+@kernel()
+def share_lost(x: float) -> float:
+    """1 - exp(-x) for x >= 0, to 1e-15 relative, however small x is."""
+    u = _lossless(-min(x, -_LEAST) * (1.0 / 64.0))
+    u *= 2.0 + u
+    u *= 2.0 + u
+    u *= 2.0 + u
+    return -u
 
 
 @kernel()

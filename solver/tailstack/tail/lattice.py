@@ -45,7 +45,7 @@ for _m, _i, _l in np.ndindex(_WEIGHTS.shape):
         _WEIGHTS[_m, _i, _l] = LOG_SINC[_m + _i + _l] * comb(_m + _i, _i) * comb(_m + _i + _l, _l)
 
 
-class Frame(NamedTuple):
+class PrincipalLaw(NamedTuple):
     """A law on the principal axes of its total covariance; axes on which nothing varies come last and are zeroed."""
 
     sigma: Array  # (3,) mm, standard deviations along the axes; 0 on an axis that is left out
@@ -86,7 +86,7 @@ class Folded(NamedTuple):
 
 
 @kernel()
-def on_principal_axes(mean: Array, covariance: Array, h: Array) -> Frame:
+def on_principal_axes(mean: Array, covariance: Array, h: Array) -> PrincipalLaw:
     """The frame of a law: mean (3,) mm, covariance (3, 3) mm^2 of its Gaussian part, uniform columns h (K, 3) mm."""
     total = covariance.copy()
     for j in range(h.shape[0]):
@@ -108,11 +108,11 @@ def on_principal_axes(mean: Array, covariance: Array, h: Array) -> Frame:
             S[a, :] = 0.0
             S[:, a] = 0.0
             turned[:, a] = 0.0
-    return Frame(sigma, m, S, turned, np.abs(m), axes, dimension, offset)
+    return PrincipalLaw(sigma, m, S, turned, np.abs(m), axes, dimension, offset)
 
 
 @kernel()
-def reach_of(frame: Frame, aliasing: float) -> Array:
+def reach_of(frame: PrincipalLaw, aliasing: float) -> Array:
     """(3,) mm, the distance from the mean that each coordinate exceeds with total probability below `aliasing`."""
     c = sqrt(2.0 * log(6.0 / aliasing))
     reach = np.zeros(3)
@@ -261,26 +261,29 @@ def higher_orders(small: Array, degree: int, outer: int, middle: int, inner: int
 
 @kernel()
 def in_plane(orders: Array, k: float, out: Array) -> None:
-    """Fill out (D, D): the sum over powers of k_outer, which is k in 1/mm, of the orders (D, D, D)."""
+    """Fill out (D, D), by powers of k_middle, then k_inner: the sum over powers of k_outer, which is k in 1/mm, of the
+    orders (D, D, D)."""
     size = orders.shape[0]
     for m in range(size):
         for l in range(size - m):  # noqa: E741
             total = 0.0
             for i in range(size - 1 - m - l, -1, -1):
                 total = total * k + orders[m, i, l]
-            out[m, l] = total
+            out[l, m] = total
 
 
 @kernel()
 def along_line(plane: Array, k: float, step: float, out: Array) -> None:
     """Fill out (D,): coefficients in n of the polynomial at k_middle = k, k_inner = n step, 1/mm; plane (D, D)."""
     size = plane.shape[0]
+    for m in range(size):
+        out[m] = 0.0
+    for l in range(size - 1, -1, -1):  # noqa: E741
+        for m in range(size - l):  # Horner's rule for all of them side by side
+            out[m] = out[m] * k + plane[l, m]
     scale = 1.0
     for m in range(size):
-        total = 0.0
-        for l in range(size - 1 - m, -1, -1):  # noqa: E741
-            total = total * k + plane[m, l]
-        out[m] = total * scale
+        out[m] *= scale
         scale *= step
 
 
@@ -365,7 +368,7 @@ def _beyond(size: float, quadratic: float, along: Array, r: float, dimension: in
 
 
 @kernel()
-def spectral_extent(r: float, volume: float, frame: Frame, threshold: float) -> Array:
+def spectral_extent(r: float, volume: float, frame: PrincipalLaw, threshold: float) -> Array:
     """(3,) largest |k_a|, 1/mm, at which a term's envelope reaches the threshold; 0 on an axis that is left out.
 
     The set is star-shaped about 0, with spikes where k is perpendicular to many columns.  Its extent is taken along
@@ -586,11 +589,13 @@ def lattice_terms(
             if small.shape[0] > 0:
                 along_line(plane, k2, kk, polynomial)
                 for i in range(count):
-                    place = i + offset
-                    power = polynomial[degree]
-                    for d in range(degree - 1, -1, -1):
-                        power = power * place + polynomial[d]
-                    exponent[i] += power
+                    reach[i] = polynomial[degree]
+                for d in range(degree - 1, -1, -1):  # Horner's rule for the whole line: in lanes
+                    coefficient = polynomial[d]
+                    for i in range(count):
+                        reach[i] = reach[i] * (i + offset) + coefficient
+                for i in range(count):
+                    exponent[i] += reach[i]
             for i in range(count):
                 reach[i] = exponential(exponent[i]) if exponent[i] > floor else 0.0
             if dimension == 3:  # _ball_envelope in lanes
@@ -623,13 +628,15 @@ def lattice_terms(
 
 
 @kernel()
-def build(radius: float, frame: Frame, accuracy: Accuracy, keep: bool) -> Lattice:
+def build(radius: float, frame: PrincipalLaw, accuracy: Accuracy, keep: bool) -> Lattice:
     """The lattice of a law for radii up to `radius`, mm; of volume 0 where it would have too many points.
 
     keep: whether its k are wanted too.
     """
     folded = fold_small(frame.S, frame.h, accuracy.threshold)
-    rest = Frame(frame.sigma, frame.mean, folded.S, folded.long, frame.away, frame.axes, frame.dimension, frame.offset)
+    rest = PrincipalLaw(
+        frame.sigma, frame.mean, folded.S, folded.long, frame.away, frame.axes, frame.dimension, frame.offset
+    )
     reach = reach_of(rest, accuracy.aliasing)
     period = np.zeros(3)
     volume = 1.0

@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ..arrays import Array
+from ..kernels import kernel
 from .approximation import pearson_square
 from .declared import TRIANGULAR, LawQuantile, LinearLaw, law_cdf, law_quantile
 from .gaussian import norm_quantile_jit, norm_quantiles, probability_iv
@@ -133,8 +134,9 @@ def draw_units(installation: LinearLaw, shot: LinearLaw, p: float, log2_units: i
     if random.any() or installation.covariance.any():
         variances, _, axes = principal_axes(installation.mean, installation.covariance)
         z, u = unit_coordinates(3, tuple(installation.kinds[random].tolist()), log2_units)
-        offset = offset + z @ ((axes * np.sqrt(variances)) @ axes.T) + u @ installation.columns[:, random].T
-    distance = np.sqrt((offset**2).sum(axis=1))
+        columns = np.ascontiguousarray(installation.columns[:, random].T)
+        offset = offset + z @ ((axes * np.sqrt(variances)) @ axes.T) + u @ columns
+    distance = np.sqrt(np.einsum("ia,ia->i", offset, offset))
     covariance = shot.total_covariance
     low, high = _bound(p, offset, distance, covariance)
     return Units(p, shot, covariance, _shape_matters(shot), offset, distance, low, high)
@@ -145,7 +147,7 @@ def _bound(p: float, offset: Array, distance: Array, covariance: Array) -> tuple
     wide = norm_quantile_jit(np.zeros(3), covariance, p)
     if wide == 0.0:
         return distance, distance
-    spread = ((offset @ covariance) * offset).sum(axis=1)  # d'S d
+    spread = np.einsum("ia,ia->i", offset @ covariance, offset)  # d'S d
     low = np.zeros_like(distance)
     if p > 0.5:
         low = distance + ndtri(p) * np.sqrt(spread) / np.maximum(distance, 1e-300)
@@ -155,7 +157,7 @@ def _bound(p: float, offset: Array, distance: Array, covariance: Array) -> tuple
         pearson_square(
             np.trace(covariance) + distance**2,
             np.trace(square) + 2.0 * spread,
-            np.trace(square @ covariance) + 3.0 * ((offset @ square) * offset).sum(axis=1),
+            np.trace(square @ covariance) + 3.0 * np.einsum("ia,ia->i", offset @ square, offset),
             float(ndtri(p)),
         ).clip(0.0)
     )
@@ -207,13 +209,40 @@ def _correct(units: Units, near: NDArray[np.intp], own: Array, weight: Array | N
     return mean, sqrt(float(np.average((difference - mean) ** 2, weights=weight)))
 
 
-def average_ranks(ranked: Array, width: int) -> Array:
-    """(n,) means of the ascending values (n,) about each rank, weights a triangle of this half-width.
+@kernel()
+def average_rank(ranked: Array, width: int, rank: int) -> float:
+    """The mean of the ascending values (n,) about a rank, weights a triangle of this half-width."""
+    total = 0.0
+    weight = 0.0
+    for k in range(max(rank - width + 1, 0), min(rank + width, ranked.size)):
+        total += (width - abs(k - rank)) * ranked[k]
+        weight += width - abs(k - rank)
+    return total / weight
 
-    Read between ranks by linear interpolation: continuous in the position, and ascending as the values are.
-    """
-    window = width - np.abs(np.arange(1.0 - width, width))
-    return np.asarray(np.convolve(ranked, window, "same") / np.convolve(np.ones(ranked.size), window, "same"))
+
+@kernel()
+def average_at(ranked: Array, width: int, position: float) -> float:
+    """:func:`average_rank` between ranks, by linear interpolation: continuous in the position, which is from 0 to
+    n - 1, and ascending as the values (n,) are."""
+    rank = min(int(position), ranked.size - 1)
+    here = average_rank(ranked, width, rank)
+    return here + (position - rank) * (average_rank(ranked, width, min(rank + 1, ranked.size - 1)) - here)
+
+
+@kernel()
+def position_of(ranked: Array, width: int, value: float) -> float:
+    """Where :func:`average_at` has this value; one of the ends where it is beyond."""
+    low, high = 0, ranked.size
+    while high - low > 1:
+        middle = (low + high) // 2
+        if average_rank(ranked, width, middle) <= value:
+            low = middle
+        else:
+            high = middle
+    here = average_rank(ranked, width, low)
+    if high == ranked.size or value <= here:
+        return float(low)
+    return low + (value - here) / (average_rank(ranked, width, high) - here)
 
 
 def _quantile(units: Units, fraction: float, distance: LawQuantile) -> UnitQuantile:
@@ -222,7 +251,7 @@ def _quantile(units: Units, fraction: float, distance: LawQuantile) -> UnitQuant
     width = max(min(n // WINDOW, int(n * min(fraction, 1 - fraction))), 1)
     ranks = np.arange(n)
     by_distance = np.argsort(units.distance)
-    position = float(np.interp(distance.quantile_mm, average_ranks(units.distance[by_distance], width), ranks))
+    position = position_of(units.distance[by_distance], width, distance.quantile_mm)
     # Twice the window: what may enter it, and what its slope is read from.
     own = solve_between(units, max(int(position) - 2 * width, 0), min(int(position) + 2 * width + 1, n - 1))
     order = np.argsort(own)
@@ -233,7 +262,8 @@ def _quantile(units: Units, fraction: float, distance: LawQuantile) -> UnitQuant
     near = np.flatnonzero(weight[: max(CORRECTED * n // (2 * width), 1)] > 0)
     shift, error = _correct(units, near, own[near], weight[near])
     ends = max(position - width, 0.0), min(position + width, n - 1.0)
-    low, value, high = np.interp([ends[0], position, ends[1]], ranks, average_ranks(own[order], width)).tolist()
+    ranked = own[order]
+    low, value, high = (average_at(ranked, width, at) for at in (ends[0], position, ends[1]))
     density = 0.0
     if units.blocks > 1:
         slope = (high - low) * n / (ends[1] - ends[0])
@@ -315,6 +345,7 @@ def _yield(units: Units, installation: LinearLaw, limit: float) -> tuple[float, 
 def distance_at(units: Units, level: float) -> float:
     """The |d| of units with R at the level, by the hundredth of all that is nearest to it; NaN beyond everybody's."""
     middle = 0.5 * (units.low + units.high)
-    near = np.argsort(np.abs(middle - level))[: max(middle.size // 100, 1)]
+    count = max(middle.size // 100, 1)
+    near = np.argpartition(np.abs(middle - level), count - 1)[:count]
     distance = level - float((middle - units.distance)[near].mean())
     return distance if units.distance.min() < distance < units.distance.max() else np.nan

@@ -1,10 +1,14 @@
 """Randomised quasi-Monte-Carlo for laws that are too sharp for a lattice, with one source integrated exactly.
 
 x = m + A z + sum_j h_j u_j is sampled by scrambled Sobol points (Owen 1995; Matousek's linear scrambling as in SciPy),
-16 independent scramblings for a standard error.  One column is not sampled: along it ``|x + h u| <= r`` is an interval
-of u, whose length is the exact conditional probability.  That makes the integrand continuous, which is what
-quasi-Monte-Carlo needs; a single uniform source comes out exact.  Where the lines cross the sphere |e| = r is also all
-that derivatives need: one sample gives the gradient by everything.
+16 independent scramblings for a standard error.  One deviate is not sampled: along its line ``|x + h t| <= r`` is an
+interval of t, whose probability is known exactly.  That makes the integrand continuous, which is what
+quasi-Monte-Carlo needs; a single source comes out exact.  Where the lines cross the sphere |e| = r is also all that
+derivatives need: one sample gives the gradient by everything.
+
+The line must cross the sphere.  So it is that of the deviate which moves |e| most: a uniform column, or an axis of the
+Gaussian part where that is steeper.  (A law of 45 mm normal along x and some 0.3 mm of everything else has its quantile
+where the sphere is a plane across x: lines along y touch it nowhere, and its density there would be read as 0.)
 
 Columns that are many and small are drawn as one Gaussian, and what that changes is measured and stated.
 """
@@ -13,13 +17,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from math import hypot, sqrt
+from math import hypot, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from ..arrays import Array
+from ..errors import NotConvergedError, Problem
 from .spectrum import principal_axes
 
 RANDOMISATIONS = 16
@@ -27,6 +32,9 @@ RANDOMISATIONS = 16
 FOLDED, FOLDED_COARSE, FINE = 1e-5, 1e-4, 12
 MOST_EXPLICIT = 32  # columns that are sampled; beyond, more are taken as Gaussian and the error says so
 _SEED = 20240229
+_NORMAL_END = 9.0  # standard deviations: a normal deviate is beyond with a probability of 2e-19
+_ROUNDING = 1e-11  # relative: a sample that is no wider has no law; its bracket alone is 1e-12 wide
+_NODES_UNIFORM, _NODES_NORMAL = 16, 48  # of Gauss-Legendre in t; a normal density needs more
 
 
 @lru_cache(maxsize=12)
@@ -57,28 +65,29 @@ def _block_error(values: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Points of a law, but for one of its columns, which is integrated exactly: ``x + u along``."""
+    """Points of a law, but for one of its deviates, which is integrated exactly: ``x + t along``."""
 
     x: Array  # (n, 3) mm
     along: Array  # (3,) mm
     z: Array  # (n, k) normal deviates
-    root: Array  # (k, 3) of the Gaussian part: x holds z @ root
-    u: Array  # (n, K - 1) of the other columns
-    rest: Array  # (K - 1, 3) mm
-    left_out: int  # which column is integrated
+    root: Array  # (k, 3) mm, axes of the Gaussian part: x holds z @ root, but for an axis that is integrated
+    u: Array  # (n, K) uniform deviates; K - 1 where a column is integrated
+    rest: Array  # (K, 3) mm, their columns
+    column: int | None  # which column is integrated: t is uniform on (-1, 1)
+    axis: int | None  # otherwise which axis is: t is standard normal
     explicit: NDArray[np.bool_]  # (all,) columns that are sampled or integrated; the others are in the Gaussian part
     folded: float  # bound of what taking those as Gaussian changes a probability by
     edgeworth: Array  # (n,) weights whose mean inside a set is that change to first order; (0,) where the bound will do
 
     @cached_property
     def _nearest(self) -> tuple[Array, Array]:
-        """(u where each line x + u along is nearest to 0 (n,), squared distance there, mm^2 (n,))."""
+        """(t where each line x + t along is nearest to 0 (n,), squared distance there, mm^2 (n,))."""
         square = float(self.along @ self.along)
         middle = -(self.x @ self.along) / square
         return middle, (self.x**2).sum(axis=1) - square * middle**2
 
     def crossings(self, r: float) -> tuple[Array, Array, Array]:
-        """(u where each line x + u along enters the ball of radius r (n,), where it leaves (n,), half its chord, mm^2:
+        """(t where each line x + t along enters the ball of radius r (n,), where it leaves (n,), half its chord, mm^2:
         |along| times half the length inside (n,)); a line that misses the ball enters and leaves where it is nearest,
         with half a chord of 0."""
         square = float(self.along @ self.along)
@@ -86,48 +95,78 @@ class Sample:
         chord = np.sqrt(np.maximum(square * (r * r - nearest), 0.0))
         return middle - chord / square, middle + chord / square, chord
 
+    @property
+    def _end(self) -> float:
+        """|t| does not exceed it."""
+        return 1.0 if self.axis is None else _NORMAL_END
+
+    def _below(self, t: Array) -> Array:
+        """Probability that the integrated deviate is below t, up to a constant."""
+        return np.asarray(0.5 * np.clip(t, -1.0, 1.0) if self.axis is None else ndtr(t))
+
+    def _density_of(self, t: Array) -> Array:
+        """Density of the integrated deviate at t."""
+        if self.axis is None:
+            return np.asarray(0.5 * (np.abs(t) < 1))
+        return np.asarray(np.exp(-0.5 * t * t) / sqrt(2.0 * pi))
+
     def shares(self, r: float) -> Array:
-        """(n,) P(|x + u along| <= r), u uniform on (-1, 1), at each point."""
+        """(n,) P(|x + t along| <= r) over t, at each point."""
         enters, leaves, _ = self.crossings(r)
-        return np.asarray(0.5 * np.maximum(np.minimum(leaves, 1.0) - np.maximum(enters, -1.0), 0.0))
+        return np.asarray(self._below(leaves) - self._below(enters))
 
     def probability(self, r: float) -> float:
         return float(self.shares(r).mean())
 
     def density(self, r: float) -> float:
-        """Derivative of the probability by r, 1/mm: each crossing with |u| < 1 adds r over half the chord, halved."""
+        """Derivative of the probability by r, 1/mm: each crossing adds the density of t there times r over half the
+        chord."""
         enters, leaves, chord = self.crossings(r)
-        crossing = (chord > 0) * (1.0 * (np.abs(enters) < 1) + (np.abs(leaves) < 1))
-        return float((0.5 * r * crossing / np.where(chord > 0, chord, 1.0)).mean())
+        crossing = (chord > 0) * (self._density_of(enters) + self._density_of(leaves))
+        return float((r * crossing / np.where(chord > 0, chord, 1.0)).mean())
 
     def shift(self, by: Array) -> Sample:
         """The same sample with the mean elsewhere, by (3,) mm."""
         return replace(self, x=self.x + by)
 
     def excess(self, r: float) -> float:
-        """E[(|e| - r)+]: 16-point Gauss-Legendre in u beside the ball, where the integrand is smooth."""
-        nodes, weights = np.polynomial.legendre.leggauss(16)
-        enters, leaves, _ = (np.clip(value, -1.0, 1.0) for value in self.crossings(r))
-        one, total = np.ones(len(self.x)), np.zeros(len(self.x))
+        """E[(|e| - r)+]: Gauss-Legendre in t beside the ball, where the integrand is smooth."""
+        count, end = (_NODES_UNIFORM, 1.0) if self.axis is None else (_NODES_NORMAL, self._end)
+        nodes, weights = np.polynomial.legendre.leggauss(count)
+        enters, leaves, _ = (np.clip(value, -end, end) for value in self.crossings(r))
+        last, total = np.full(len(self.x), end), np.zeros(len(self.x))
         square, (middle, nearest) = float(self.along @ self.along), self._nearest
         nearest = np.maximum(nearest, 0.0)
-        for low, high in ((-one, enters), (leaves, one)):
+        for low, high in ((-last, enters), (leaves, last)):
             for node, weight in zip(nodes, weights, strict=True):
-                u = 0.5 * (low + high) + 0.5 * (high - low) * node
-                norm = np.sqrt(nearest + square * (u - middle) ** 2)
-                total += 0.25 * (high - low) * weight * np.maximum(norm - r, 0.0)
+                t = 0.5 * (low + high) + 0.5 * (high - low) * node
+                norm = np.sqrt(nearest + square * (t - middle) ** 2)
+                total += 0.5 * (high - low) * weight * self._density_of(t) * np.maximum(norm - r, 0.0)
         return float(total.mean())
 
     def quantile(self, p: float) -> tuple[float, float, float]:
-        """(r, density, error of r: one standard error, and what taking small columns as Gaussian changes)."""
+        """(r, density, error of r: one standard error, and what taking small columns as Gaussian changes).
+
+        Raises NotConvergedError where no line crosses the sphere: the density, and with it the error, is not known.
+        """
         from scipy.optimize import brentq  # as the Sobol points: few laws are sampled
 
-        size, reach = np.sqrt((self.x**2).sum(axis=1)), sqrt(float(self.along @ self.along))
+        size, reach = np.sqrt((self.x**2).sum(axis=1)), self._end * sqrt(float(self.along @ self.along))
         low, high = float(size.min()) - reach, (float(size.max()) + reach) * (1 + 1e-12)
         r = float(brentq(lambda x: self.probability(x) - p, max(low * (1 - 1e-12), 0.0), high, xtol=1e-12 * high))
         density = self.density(r)
+        if density == 0.0 and high - low <= _ROUNDING * high:  # all of the sample is one number but for its rounding
+            return r, 0.0, high - low
         if density == 0.0:
-            return r, 0.0, 0.0
+            raise NotConvergedError(
+                Problem(
+                    "",
+                    "tail-not-converged",
+                    f"the {p:g} quantile of the error lies near {r:.4g} mm, in a gap of the sample of its law: "
+                    "how exact it is cannot be told",
+                    "one tolerance is out of all proportion to the others: see that it is what you mean",
+                )
+            )
         return r, density, hypot(_block_error(self.shares(r)), self.folded_error(r)) / density
 
     def folded_error(self, r: float) -> float:
@@ -138,7 +177,11 @@ class Sample:
         """
         if not len(self.edgeworth):
             return self.folded
-        change = self.shares(r) * self.edgeworth
+        inside = self.shares(r)
+        if self.axis is not None:  # the weights know all deviates, the integrated one too: as it was drawn
+            enters, leaves, _ = self.crossings(r)
+            inside = np.where((enters < self.z[:, self.axis]) & (self.z[:, self.axis] < leaves), 1.0, 0.0)
+        change = inside * self.edgeworth
         return abs(float(change.mean())) + _block_error(change) + self.folded**2
 
     def gradient(self, r: float, h: Array) -> tuple[Array, Array, Array]:
@@ -152,19 +195,24 @@ class Sample:
         by_mean, by_along, total = np.zeros(3), 0.0, 0.0
         by_z, by_u = np.zeros((3, self.z.shape[1])), np.zeros((3, self.u.shape[1]))
         for side, t in ((-1.0, enters), (1.0, leaves)):
-            on = np.flatnonzero((chord > 0) & (np.abs(t) < 1))
-            e = (self.x[on] + t[on, None] * self.along) / chord[on, None]
+            on = np.flatnonzero((chord > 0) & (self._density_of(t) > 0))
+            density, at, half, z = self._density_of(t[on]), t[on], chord[on], self.z[on]
+            if self.axis is not None:
+                z[:, self.axis] = at
+            e = density[:, None] * (self.x[on] + at[:, None] * self.along) / half[:, None]
             by_mean += e.sum(axis=0)
-            by_z += e.T @ self.z[on]
+            by_z += e.T @ z
             by_u += e.T @ self.u[on]
-            by_along += side * float(t[on].sum())
-            total += float((r / chord[on]).sum())
+            by_along += side * float((density * at).sum())
+            total += float((density * r / half).sum())
         by_deviate = by_z @ (self.root / (self.root**2).sum(axis=1, keepdims=True)) / total
         by_covariance = 0.25 * (by_deviate + by_deviate.T)
         own = np.empty(int(self.explicit.sum()))
-        others = np.arange(len(own)) != self.left_out
+        others = np.ones(len(own), dtype=bool)
+        if self.column is not None:
+            others[self.column] = False
+            own[self.column] = by_along / total
         own[others] = (by_u.T * self.rest).sum(axis=1) / total
-        own[self.left_out] = by_along / total
         by_column = np.empty(len(h))
         by_column[self.explicit] = own
         small = h[~self.explicit]  # h h' / 3 in the covariance: twice that for a relative change of the length
@@ -177,16 +225,24 @@ def sample(mean: Array, covariance: Array, h: Array, log2_count: int) -> Sample:
     budget = FOLDED if log2_count >= FINE else FOLDED_COARSE
     folded, explicit, bound = fold_many(covariance, h, budget, MOST_EXPLICIT)
     columns = h[explicit]
-    # The column that crosses the sphere most steeply: near a large mean, the one along it.
-    spread = np.trace(covariance) + (h**2).sum() / 3.0
-    along = int(np.argmax((columns @ mean) ** 2 + (columns**2).sum(axis=1) * spread))
     variances, _, axes = principal_axes(mean, folded)
     rank = int((variances > 0).sum())
     root = (axes[:, :rank] * np.sqrt(variances[:rank])).T
-    rest = np.delete(columns, along, axis=0)
+    # The deviate that crosses the sphere most steeply: near a large mean, the one along it.
+    spread = np.trace(covariance) + (h**2).sum() / 3.0
+    by_column, by_axis = ((line @ mean) ** 2 + (line**2).sum(axis=1) * spread for line in (columns, root))
+    column, axis = int(np.argmax(by_column)), None
+    if rank and by_axis.max() > by_column[column] / 3.0:  # both per variance
+        axis = int(np.argmax(by_axis))
+    rest = np.delete(columns, column, axis=0) if axis is None else columns
     z, u = sobol_points(rank, rest.shape[0], log2_count)
     weights = edgeworth_weights(z, root, h[~explicit]) if bound > budget else np.zeros(0)
-    return Sample(mean + z @ root + u @ rest, columns[along], z, root, u, rest, along, explicit, bound, weights)
+    if axis is None:
+        x = mean + z @ root + u @ rest
+        return Sample(x, columns[column], z, root, u, rest, column, None, explicit, bound, weights)
+    others = np.arange(rank) != axis
+    x = mean + z[:, others] @ root[others] + u @ rest
+    return Sample(x, root[axis], z, root, u, rest, None, axis, explicit, bound, weights)
 
 
 def edgeworth_weights(z: Array, root: Array, small: Array) -> Array:

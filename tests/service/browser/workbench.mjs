@@ -1,70 +1,6 @@
-// Uses the workbench in Chromium as a designer does: {executable, sandbox, url, scenario, ...} as JSON on stdin, what was
-// found as JSON on stdout.  See tests/service/test_workbench.py.
+// Uses the workbench in Chromium as a designer does: one scenario of those below.  See tests/service/test_workbench.py.
 import { readFileSync } from "node:fs";
-import { createRequire } from "node:module";
-import { chromium } from "playwright-core";
-
-const require = createRequire(import.meta.url);
-const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
-const FLAGS = [
-  "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-  "--disable-component-update", "--disable-sync",
-];
-const asked = JSON.parse(readFileSync(0, "utf8"));
-const browser = await chromium.launch({ executablePath: asked.executable, chromiumSandbox: asked.sandbox, args: FLAGS });
-
-const watched = { messages: [], strangers: [] };
-
-async function open(context, url = asked.url, answered = true) {
-  const page = await context.newPage();
-  page.on("console", (said) => ["error", "warning"].includes(said.type()) && watched.messages.push(said.text()));
-  page.on("pageerror", (error) => watched.messages.push(`error: ${error.message}`));
-  page.on("request", (request) => {
-    const address = new URL(request.url());
-    if (!["data:", "blob:"].includes(address.protocol) && address.origin !== new URL(asked.url).origin) watched.strangers.push(request.url());
-  });
-  await page.goto(url);
-  if (answered) await current(page);
-  return page;
-}
-
-const newContext = (more = {}) => browser.newContext({
-  viewport: { width: asked.width ?? 1280, height: asked.height ?? 900 }, colorScheme: asked.scheme ?? "light", reducedMotion: "reduce",
-  acceptDownloads: true, serviceWorkers: "block", ...more,
-});
-const state = (page) => page.evaluate(() => window.workbench.state());
-const current = (page) => page.waitForFunction(() => window.workbench.state().current && !window.workbench.state().busy, null, { timeout: 600000 });
-const sha = async (page) => { await current(page); return (await state(page)).score.provenance.design_sha256; };
-const take = (page, text, name = "design.yaml") =>
-  page.setInputFiles("header input[type=file]", { name, mimeType: "application/yaml", buffer: Buffer.from(text) });
-
-async function begun(context) {
-  const page = await open(context, asked.url, false);
-  await take(page, asked.design);
-  await current(page);
-  return page;
-}
-
-async function part(page, title) {
-  const details = page.locator("details.part", { has: page.getByRole("heading", { name: title, exact: true }) });
-  if (!(await details.evaluate((node) => node.open))) await details.locator("summary").first().click();
-  return details;
-}
-
-const bead = (page, label, picture = "Front (x, z)") =>
-  page.locator("figure.picture", { hasText: picture }).locator(`g.bead[data-bead="${label}"] circle.mark`);
-
-async function centre(locator) {
-  await locator.scrollIntoViewIfNeeded();
-  const box = await locator.boundingBox();
-  return [box.x + box.width / 2, box.y + box.height / 2];
-}
-
-async function axe(page) {
-  await page.evaluate(AXE);
-  const found = await page.evaluate(() => window.axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"] }));
-  return found.violations.map((v) => `${v.id}: ${v.nodes.slice(0, 3).map((n) => `${n.target} ${n.failureSummary}`).join(" | ")}`);
-}
+import { asked, axe, bead, begun, centre, current, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {
   // From nothing: the gallery, the first score, what it shows, how much was fetched
@@ -244,7 +180,7 @@ const scenarios = {
     await page.keyboard.press("Enter");
     await tabTo(/^ Verify by Monte Carlo/);
     await page.keyboard.press("Enter");
-    await page.locator('.run[data-kind=report][data-state=succeeded] table').waitFor({ timeout: 120000 });
+    await page.locator('.run[data-kind=report][data-state=succeeded] table').first().waitFor({ timeout: 120000 });
     await page.keyboard.press("Tab");
     await page.keyboard.press("Enter");
     await page.locator('.run[data-kind=optimisation][data-state=succeeded]').waitFor({ timeout: 240000 });
@@ -308,12 +244,6 @@ const scenarios = {
   },
 };
 
-const number = async (page, label, value) => {
-  const field = page.getByLabel(label, { exact: true });
-  await field.fill(value);
-  await field.press("Enter");
-};
-const wide = (page) => page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
 
 // What the page looks like in three states, and which of its parts are in sight in each
 scenarios.states = async () => {
@@ -389,6 +319,15 @@ scenarios.jobs = async () => {
   await page.locator(".run[data-kind=report] .histogram").waitFor();
   await page.locator(".run[data-kind=report]").getByRole("button", { name: "Back to that design" }).click();
   return { words, links, sha: await sha(page) };
+};
+
+// A verification by the button, to its end
+scenarios.verify = async () => {
+  const context = await newContext(), page = await begun(context);
+  await part(page, "Run");
+  await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
+  await page.locator(".run[data-kind=report][data-state=succeeded]").waitFor({ timeout: 240000 });
+  return { words: await page.locator(".run[data-kind=report]").innerText() };
 };
 
 // What is copied, as it is copied
@@ -556,9 +495,4 @@ scenarios.drag = async () => {
   return { took, alone, mostInFlight, requests, position };
 };
 
-try {
-  const found = await scenarios[asked.scenario]();
-  process.stdout.write(JSON.stringify({ ...found, watched }));
-} finally {
-  await browser.close();
-}
+await play(scenarios);

@@ -30,6 +30,7 @@ from tailstack.version import __version__
 from ...names import variable
 from ...problems import RequestError
 from ...processes.frames import PERFORM, Defect, Died, GivenBack
+from ...processes.interpreter import running_code
 from ...settings import Settings
 from ...task import Outcome, Task
 from . import remote
@@ -76,6 +77,7 @@ class DaskEngine:
     def __init__(self, settings: Settings, *, function: str = PERFORM) -> None:
         self._address, self._security = _require_tls(settings), _make_security(settings)
         self._function, self._hang_seconds = function, settings.hang_seconds
+        self._most_bytes = settings.max_process_bytes
         self._lock = threading.Lock()
         self._away: dict[Future[Outcome], _RemoteTask] = {}
         self._client: Client | None = None
@@ -97,8 +99,8 @@ class DaskEngine:
             if client is None:
                 raise GivenBack("there is no connection to the Dask scheduler")
             sent = client.submit(
-                remote.compute, task, key, self._function, __version__, self._hang_seconds, key=f"tailstack-{key}",
-                pure=False, retries=0,
+                remote.compute, task, key, self._function, running_code(), self._hang_seconds, self._most_bytes,
+                key=f"tailstack-{key}", pure=False, retries=0,
             )  # fmt: skip
             with self._lock:
                 self._away[local] = _RemoteTask(key, sent, time.monotonic())

@@ -44,4 +44,7 @@ def start_engine(settings: Settings, *, function: str = PERFORM) -> Engine:
         return DaskEngine(settings, function=function)
     from .pool import PoolEngine
 
-    return PoolEngine(settings.worker_processes, function=function, hang_seconds=settings.hang_seconds)
+    return PoolEngine(
+        settings.worker_processes, function=function, hang_seconds=settings.hang_seconds,
+        most_bytes=settings.max_process_bytes,
+    )  # fmt: skip

@@ -9,23 +9,21 @@ come.  An endless loop is not seen here: that is for the limits of time.
 from __future__ import annotations
 
 import os
-import subprocess
 import threading
 import time
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from pathlib import Path
 
 from ...processes.frames import BEGUN, OTHER_CODE, PERFORM, Defect, Died, GivenBack, OutOfDate, receive, send
-from ...processes.interpreter import describe_ending, start_child
+from ...processes.interpreter import describe_ending
+from ...processes.nursery import start_child
+from ...processes.pulse import LOOK_SECONDS, Pulse
 from ...task import Outcome, Task
 
 CLOSED = "the processes were stopped"
 HANG_SECONDS = 30.0  # without any use of the processor, after which a process with a task counts as hung
 FRUITLESS = 3  # processes in a row that end before they begin a task
-WAITS_FOR_SYSTEM = {"R", "D"}  # states of a thread that waits for a processor or a disk, which is no fault of its own
-LOOK_SECONDS = 1.0
 # Linux ends a computing process with the *thread* that started it (PR_SET_PDEATHSIG): this one lives as long as the
 # process, and pools of threads come and go
 _STARTER = ThreadPoolExecutor(1, "tailstack-starter")
@@ -34,15 +32,30 @@ _STARTER = ThreadPoolExecutor(1, "tailstack-starter")
 class Child:
     """One computing process.  ``compute`` is for one thread at a time; ``kill`` for any."""
 
-    def __init__(self, function: str = PERFORM) -> None:
-        self._process = _STARTER.submit(start_child, function, subprocess.PIPE, subprocess.PIPE).result()
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._tasks, self._outcomes = self._process.stdin, self._process.stdout
-        self.pid = self._process.pid
+    def __init__(self, function: str = PERFORM, most_bytes: int = 0) -> None:
+        (theirs, ours), (heard, said) = os.pipe(), os.pipe()
+        try:
+            self._process = _STARTER.submit(start_child, function, theirs, said, most_bytes).result()
+        except BaseException:
+            os.close(ours)
+            os.close(heard)
+            raise
+        finally:
+            os.close(theirs)
+            os.close(said)
+        self._tasks, self._outcomes = os.fdopen(ours, "wb"), os.fdopen(heard, "rb")
         self.spent = False  # it has ended, or asks to be replaced
         self.ending = ""  # how it ended under a task
         self._killed_because = ""
+
+    @property
+    def pid(self) -> int | None:
+        """None for one that is not there yet, or never was."""
+        return self._process.pid
+
+    def wait_for_birth(self) -> None:
+        with suppress(OSError):  # it ended before
+            self._process.wait_for_birth()
 
     def is_alive(self) -> bool:
         return self._process.poll() is None
@@ -53,7 +66,7 @@ class Child:
         try:
             send(self._tasks, task)
             begun = receive(self._outcomes) == BEGUN
-            outcome, traceback, tired = receive(self._outcomes)
+            outcome, traceback, tired, _ = receive(self._outcomes)
         except (EOFError, OSError):
             self.kill()
             code = self._process.wait()
@@ -87,10 +100,11 @@ class Children:
     """Computing processes: started when needed, kept for the next task, found by the key of what they compute.
 
     ``hang_seconds``: a process that has a task and for so long uses no processor time at all is killed.
+    ``most_bytes``: of memory that each may take; 0: any.
     """
 
-    def __init__(self, function: str = PERFORM, hang_seconds: float = HANG_SECONDS) -> None:
-        self._function, self._hang_seconds = function, hang_seconds
+    def __init__(self, function: str = PERFORM, hang_seconds: float = HANG_SECONDS, most_bytes: int = 0) -> None:
+        self._function, self._hang_seconds, self._most_bytes = function, hang_seconds, most_bytes
         self._lock = threading.Lock()
         self._idle: deque[Child] = deque()
         self._busy: dict[str, tuple[Child, float]] = {}  # by key, and since when
@@ -100,7 +114,7 @@ class Children:
     def start(self, count: int) -> None:
         """Have processes before they are needed."""
         for _ in range(count):
-            self._put_back(Child(self._function))
+            self._put_back(self._new())
 
     def compute(self, task: Task, key: str) -> Outcome:
         """Compute in a process that does nothing else meanwhile.  Raises Died, Defect, GivenBack, OutOfDate."""
@@ -122,9 +136,12 @@ class Children:
         )
 
     def pids(self) -> list[int]:
-        """Of the processes that there are."""
+        """Of the processes that there are; waits for those that are being forked."""
         with self._lock:
-            return [child.pid for child in self._idle] + [child.pid for child, _ in self._busy.values()]
+            children = [*self._idle, *(child for child, _ in self._busy.values())]
+        for child in children:
+            child.wait_for_birth()
+        return [child.pid for child in children if child.pid is not None]
 
     def seconds(self) -> dict[str, float]:
         """For how long each task has been computed, s, by key."""
@@ -155,7 +172,7 @@ class Children:
         if child is not None and not child.is_alive():
             child.close()
             child = None
-        child = child or Child(self._function)
+        child = child or self._new()
         with self._lock:
             if not self._closing.is_set():
                 self._busy[key] = child, time.monotonic()
@@ -175,7 +192,10 @@ class Children:
         child.close()
         if not self._closing.is_set():
             with suppress(OSError):  # the next task tries again, and says so
-                self._put_back(Child(self._function))
+                self._put_back(self._new())
+
+    def _new(self) -> Child:
+        return Child(self._function, self._most_bytes)
 
     def _put_back(self, child: Child) -> None:
         with self._lock:
@@ -190,10 +210,10 @@ class Children:
         while not self._closing.wait(LOOK_SECONDS):
             now = time.monotonic()
             with self._lock:
-                busy = [child for child, _ in self._busy.values()]
-                pulses = {child.pid: pulses.get(child.pid) or Pulse(child.pid) for child in busy}
-                for child in busy:
-                    pulse = pulses[child.pid]
+                busy = {child.pid: child for child, _ in self._busy.values() if child.pid is not None}
+                pulses = {pid: pulses.get(pid) or Pulse(pid) for pid in busy}
+                for pid, child in busy.items():
+                    pulse = pulses[pid]
                     pulse.look(now - before)
                     if pulse.silent_seconds >= self._hang_seconds:
                         detail = f"no sign of life: it used no processor time for {pulse.silent_seconds:.0f} s"
@@ -201,52 +221,20 @@ class Children:
             before = now
 
 
-class Pulse:
-    """How long a process has used no processor time; ``look`` is called about every ``LOOK_SECONDS``."""
-
-    def __init__(self, pid: int) -> None:
-        self._tasks = Path(f"/proc/{pid}/task")
-        self._ticks = -1
-        self.silent_seconds = 0.0
-
-    def look(self, seconds: float) -> None:
-        """``seconds`` have passed since the last look.
-
-        Of a long time no more than two looks' worth counts: who was stopped together with the process (a container that
-        is paused, say) would otherwise take its own absence for the process's.
-        """
-        ticks, waits = self._read()
-        if ticks != self._ticks or waits:
-            self._ticks, self.silent_seconds = ticks, 0.0
-        else:
-            self.silent_seconds += min(seconds, 2 * LOOK_SECONDS)
-
-    def _read(self) -> tuple[int, bool]:
-        """Clock ticks used by all threads, and whether one waits for the system (as if, where nothing can be read)."""
-        ticks, waits = 0, False
-        try:
-            for thread in os.listdir(self._tasks):
-                # The name in parentheses may hold anything; state, then 10 fields, then ticks in user and kernel mode
-                fields = (self._tasks / thread / "stat").read_text().rpartition(")")[2].split()
-                waits |= fields[0] in WAITS_FOR_SYSTEM
-                ticks += int(fields[11]) + int(fields[12])
-        except (OSError, IndexError, ValueError):  # it, or one of its threads, has just ended; or this is not Linux
-            return self._ticks, True
-        return ticks, waits
-
-
 class PoolEngine:
     """``processes`` computing processes of this host.
 
     function: what computes a task, as "package.module:function"; the processes import it.  hang_seconds: without any
-    use of the processor, after which one with a task is killed.
+    use of the processor, after which one with a task is killed.  most_bytes: of memory of each; 0: any.
     """
 
     name = "pool"
 
-    def __init__(self, processes: int, *, function: str = PERFORM, hang_seconds: float = HANG_SECONDS) -> None:
+    def __init__(
+        self, processes: int, *, function: str = PERFORM, hang_seconds: float = HANG_SECONDS, most_bytes: int = 0
+    ) -> None:
         self._processes = processes
-        self._children = Children(function, hang_seconds)
+        self._children = Children(function, hang_seconds, most_bytes)
         self._children.start(processes)
         self._threads = ThreadPoolExecutor(processes, thread_name_prefix="tailstack-pool")
         self._lock = threading.Lock()

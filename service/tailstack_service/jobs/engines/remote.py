@@ -6,21 +6,20 @@ solvers that keep their state in globals, however many threads the Dask worker h
 
 from __future__ import annotations
 
-from tailstack.version import __version__
-
 from ...processes.frames import GivenBack, OutOfDate
+from ...processes.interpreter import running_code
 from ...task import Outcome, Task
 from .pool import Children
 
 _children: dict[str, Children] = {}  # by function: one Dask worker serves every client that knows it
 
 
-def compute(task: Task, key: str, function: str, version: str, hang_seconds: float) -> Outcome:
+def compute(task: Task, key: str, function: str, version: str, hang_seconds: float, most_bytes: int) -> Outcome:
     """Compute in a process of its own.  Raises Died, Defect, GivenBack."""
-    if version != __version__:
-        raise GivenBack(f"this Dask worker has tailstack {__version__}, the job was claimed by {version}")
+    if version != running_code():
+        raise GivenBack(f"this Dask worker has tailstack {running_code()}, the job was claimed by {version}")
     try:
-        return _children.setdefault(function, Children(function, hang_seconds)).compute(task, key)
+        return _children.setdefault(function, Children(function, hang_seconds, most_bytes)).compute(task, key)
     except OutOfDate as error:  # this Dask worker is, and not the worker that asks it
         raise GivenBack(f"a Dask worker is to be started again: {error}") from None
 

@@ -53,7 +53,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Page:
+class JobsPage:
     """Jobs, newest first; ``next`` is the cursor of those that follow, None at the end."""
 
     jobs: tuple[Job, ...]
@@ -175,7 +175,7 @@ def list_page(
     kind: str | None = None,
     after: str | None = None,
     limit: int,
-) -> Page:
+) -> JobsPage:
     """A tenant's jobs, newest first.  ``after`` is the ``next`` of the page before; ValueError for any other."""
     j = tables.jobs.c
     query = sa.select(*_COLUMNS).where(j.tenant == tenant).order_by(j.id.desc()).limit(limit + 1)
@@ -188,7 +188,7 @@ def list_page(
     with reading(db) as connection:
         found = [_make_job(row) for row in connection.execute(query)]
     shown = tuple(found[:limit])
-    return Page(shown, _write_cursor(shown[-1].id) if len(found) > limit else None)
+    return JobsPage(shown, _write_cursor(shown[-1].id) if len(found) > limit else None)
 
 
 def _write_cursor(job_id: str) -> str:

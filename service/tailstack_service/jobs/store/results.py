@@ -129,7 +129,7 @@ _SHA256 = re.compile("[0-9a-f]{64}")
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class StoredResult:
     """An immutable document."""
 
     sha256: str
@@ -150,7 +150,7 @@ def store_result(db: Database, connection: Connection, schema_name: str, body: b
     return sha256
 
 
-def read_result(db: Database, tenant: str, sha256: str) -> Result | None:
+def read_result(db: Database, tenant: str, sha256: str) -> StoredResult | None:
     """A result that one of the tenant's jobs came to; None for any other.
 
     Its bytes are hashed at each read.  Raises DamagedStore if they do not have the hash, after every job that came to
@@ -170,7 +170,7 @@ def read_result(db: Database, tenant: str, sha256: str) -> Result | None:
     return result
 
 
-def _read_row(db: Database, tenant: str, sha256: str) -> tuple[Result | None, bool]:
+def _read_row(db: Database, tenant: str, sha256: str) -> tuple[StoredResult | None, bool]:
     """What is stored, and whether a job of the tenant came to it; what was condemned is no longer stored."""
     r, j = tables.results.c, tables.jobs.c
     owned = sa.exists().where(j.result_sha256 == sha256, j.tenant == tenant)
@@ -178,7 +178,7 @@ def _read_row(db: Database, tenant: str, sha256: str) -> tuple[Result | None, bo
     with reading(db) as connection:
         row = connection.execute(query).first()
         if row is not None:
-            return Result(*row), True
+            return StoredResult(*row), True
         if connection.execute(sa.select(owned)).scalar_one():
             return None, True
         if was_condemned(connection, tenant, sha256):

@@ -34,7 +34,7 @@ _PURGE_LOCK = 1413564241
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class DatabaseCheck:
     """One rule that a sound database keeps."""
 
     name: str
@@ -54,7 +54,7 @@ class Deletions:
     designs: int = 0
 
 
-def check_database(db: Database) -> list[Check]:
+def check_database(db: Database) -> list[DatabaseCheck]:
     """Look at everything, in one transaction that sees one moment.  Raises StoreUnavailable."""
     with reading(db.within(CHECKING_SECONDS)) as connection:
         if db.dialect == "postgresql":
@@ -70,21 +70,21 @@ def check_database(db: Database) -> list[Check]:
     return checks
 
 
-def _check_schema(connection: Connection) -> Check:
+def _check_schema(connection: Connection) -> DatabaseCheck:
     version = read_version(connection)
-    return Check("schema version", version == HEAD, f"{version or 'none'}, this tailstack knows {HEAD}")
+    return DatabaseCheck("schema version", version == HEAD, f"{version or 'none'}, this tailstack knows {HEAD}")
 
 
-def _check_pragma(connection: Connection, name: str) -> Check:
+def _check_pragma(connection: Connection, name: str) -> DatabaseCheck:
     rows = [" ".join(str(value) for value in row) for row in connection.exec_driver_sql(f"PRAGMA {name}")]
     wrong = [row for row in rows if row != "ok"]
-    return Check(name.replace("_", " "), not wrong, "; ".join(wrong[:5]) or "ok")
+    return DatabaseCheck(name.replace("_", " "), not wrong, "; ".join(wrong[:5]) or "ok")
 
 
-def _check_none(name: str, wrong: Iterable[str]) -> Check:
+def _check_none(name: str, wrong: Iterable[str]) -> DatabaseCheck:
     """That nothing breaks a rule; the first that do are named."""
     names = list(wrong)
-    return Check(
+    return DatabaseCheck(
         name, not names, f"not so: {', '.join(names[:3])}{' ...' if len(names) > 3 else ''}" if names else "ok"
     )
 

@@ -16,10 +16,11 @@ from tailstack.results.batch import ScoredTable
 from tailstack.scoring import provenance
 
 from ...documents import to_json
+from ...problems import RefusedAt
 from ...tables import WRITERS, read_number
 from ...task import UnitResult
 from ..batch import hold_numbers
-from ..content import Refused, canonical, loaded_design
+from ..content import canonical, loaded_design
 from ..operation import Done, More, Step
 from .parts import plan_spans
 
@@ -85,7 +86,7 @@ def _batch(request: dict[str, Any]) -> Batch:
         return compile_batch(canonical(request["design"]), tuple(request["pointers"]), tuple(request["columns"]))
     except TailstackError as error:
         if error.slug == "invalid-request":  # it is about the table, not about the design
-            raise Refused(error) from None
+            raise RefusedAt.place(error) from None
         raise
 
 

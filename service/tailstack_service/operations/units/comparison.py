@@ -9,9 +9,9 @@ from tailstack.errors import TailstackError
 from tailstack.results import Verification
 
 from ...documents import from_json, to_json
-from ...problems import RequestError
+from ...problems import RefusedAt, RequestError
 from ...task import UnitResult
-from ..content import Refused, canonical, design_of
+from ..content import canonical, design_of
 from ..operation import Done, More, Step
 from . import verification
 from .parts import Parts
@@ -31,7 +31,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
         options = options_of(request)
         check_parts(options)
     except RequestError as error:
-        raise Refused(error) from None
+        raise RefusedAt.place(error) from None
     checks: tuple[Verification | None, Verification | None] = (None, None)
     if "verification" in options.parts:
         ready = (_ready(request, "first"), _ready(request, "second"))
@@ -44,18 +44,18 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
         try:
             reports.append(assemble(design_of({"design": request[side]}), options, check, None))
         except TailstackError as error:
-            raise Refused(error, f"/{side}") from None
+            raise RefusedAt.place(error, f"/{side}") from None
     try:
         return Done(to_json(compare(reports[0], reports[1], options)))
     except RequestError as error:
-        raise Refused(error, "/second") from None
+        raise RefusedAt.place(error, "/second") from None
 
 
 def _ready(request: dict[str, Any], side: str) -> PreparedDesign:
     try:
         return verification.prepare_model(canonical(request[side]))
     except TailstackError as error:
-        raise Refused(error, f"/{side}") from None
+        raise RefusedAt.place(error, f"/{side}") from None
 
 
 class _NotYet(Exception):
@@ -69,14 +69,14 @@ class _NotYet(Exception):
 def _check_both(
     request: dict[str, Any], results: tuple[UnitResult, ...], sampling: Sampling
 ) -> tuple[Verification, Verification]:
-    """Both checks from what is recorded.  Raises _NotYet with the parts that both need, Refused."""
+    """Both checks from what is recorded.  Raises _NotYet with the parts that both need, RefusedAt."""
     found: list[Verification] = []
     parts = Parts(results)
     for side in SIDES:
         try:
             step = verification.plan_check(request[side], sampling, parts.results_of(side))
         except TailstackError as error:
-            raise Refused(error, f"/{side}") from None
+            raise RefusedAt.place(error, f"/{side}") from None
         if (answer := parts.answer_of(side, step)) is not None:
             found.append(from_json(Verification, answer))
     if more := parts.more():

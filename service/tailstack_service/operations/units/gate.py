@@ -15,9 +15,9 @@ from ...documents import from_json, to_json
 from ...gate.judge import Gate, ScoredDesign, conclude, limit_design, plan_check, score_designs
 from ...gate.reading import GateError
 from ...gate.request import read_gate
-from ...problems import RequestError
+from ...problems import RefusedAt, RequestError
 from ...task import UnitResult
-from ..content import Refused, canonical
+from ..content import canonical
 from ..operation import Done, Step
 from . import verification
 from .parts import Parts
@@ -72,7 +72,7 @@ def _gate(request: bytes) -> Gate:
     try:
         return read_gate(json.loads(request))
     except (GateError, RequestError) as error:
-        raise Refused(error) from None
+        raise RefusedAt.place(error) from None
 
 
 @lru_cache(maxsize=2)

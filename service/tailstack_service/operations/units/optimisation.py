@@ -30,7 +30,7 @@ from tailstack.optimisation.search import (
     prepare_search,
     solve_start,
 )
-from tailstack.optimisation.task import Task, frees_views, read_task
+from tailstack.optimisation.task import OptimisationTask, frees_views, read_task
 from tailstack.packed import pack, unpack
 from tailstack.results import FrontPoint
 
@@ -61,17 +61,17 @@ def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
         starts = task.starts * len(_list_searches(task))
         return More(pending.wanted, 0, f"solving from {starts} starts, then the best is settled and verified")
     try:
-        return Done(to_json(optimise_task(task, Recorded(_key(request), task, ends, held), ONE_THREAD)))
+        return Done(to_json(optimise_task(task, RecordedSearcher(_key(request), task, ends, held), ONE_THREAD)))
     except Pending as pending:
         return More(pending.wanted, 0, f"{len(pending.wanted)} points of the front")
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordedSearcher:
     """A searcher of what is recorded; it raises Pending with the specs of the points of a front that are not."""
 
     key: Key
-    task: Task
+    task: OptimisationTask
     ends: Mapping[int, list[Point]]  # where the starts at a number of fiducials ended, where these are units
     held: Mapping[bytes, bytes]
 
@@ -120,13 +120,13 @@ def _all_there(specs: list[bytes], held: Mapping[bytes, bytes]) -> None:
         raise Pending(missing)
 
 
-def _ends(task: Task, held: Mapping[bytes, bytes], position: int) -> list[Point]:
+def _ends(task: OptimisationTask, held: Mapping[bytes, bytes], position: int) -> list[Point]:
     """Where the starts at one number of fiducials ended.  Raises Pending for those at all numbers."""
     _all_there([_spec(place, first) for place in _list_searches(task) for first in _groups(task)], held)
     return [point for first in _groups(task) for point in _points(held[_spec(position, first)])]
 
 
-def _front_specs(task: Task, position: int, search: Search, prepared: PreparedSearch) -> list[bytes]:
+def _front_specs(task: OptimisationTask, position: int, search: Search, prepared: PreparedSearch) -> list[bytes]:
     """The best layouts go into the spec: to find them again would take every start."""
     found = []
     for item in search.iterates:
@@ -151,12 +151,12 @@ def _read_iterates(prepared: PreparedSearch, spec: dict[str, Any]) -> tuple[Iter
     )
 
 
-def _list_searches(task: Task) -> list[int]:
+def _list_searches(task: OptimisationTask) -> list[int]:
     """Numbers of fiducials, by position, whose starts are units of their own: where a layout may change."""
     return [position for position, problem in enumerate(task.problems) if problem.places]
 
 
-def _groups(task: Task) -> range:
+def _groups(task: OptimisationTask) -> range:
     return range(0, task.starts, STARTS_PER_UNIT)
 
 
@@ -169,7 +169,7 @@ def _key(request: dict[str, Any]) -> Key:
 
 
 @lru_cache(maxsize=4)
-def _task(design: bytes, seed: int | None, starts: int | None) -> Task:
+def _task(design: bytes, seed: int | None, starts: int | None) -> OptimisationTask:
     return read_task(loaded_design(design), seed=seed, starts=starts)
 
 

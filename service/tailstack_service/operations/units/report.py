@@ -7,9 +7,9 @@ from typing import Any
 from tailstack.results import Optimisation, Verification
 
 from ...documents import from_json, to_json
-from ...problems import RequestError
+from ...problems import RefusedAt, RequestError
 from ...task import UnitResult
-from ..content import Refused, design_of
+from ..content import design_of
 from ..operation import Done, Step
 from . import optimisation, verification
 from .parts import Parts
@@ -25,7 +25,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     try:
         options = options_of(request)
     except RequestError as error:
-        raise Refused(error) from None
+        raise RefusedAt.place(error) from None
     found: dict[str, Any] = {}
     parts = Parts(results)
     for part in options.parts:

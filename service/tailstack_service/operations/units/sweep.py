@@ -12,11 +12,20 @@ from tailstack.design import compile_design
 from tailstack.montecarlo import compile_plan
 from tailstack.montecarlo.shards import shard_trials
 from tailstack.results.sweep import SweepPoint
-from tailstack.sweeping import Axis, PointCheck, SweepError, assemble_sweep, count_points, read_axes, sweep_points
+from tailstack.sweeping import (
+    PointCheck,
+    SweepError,
+    VariedNumber,
+    assemble_sweep,
+    count_points,
+    read_axes,
+    sweep_points,
+)
 
 from ...documents import to_json
+from ...problems import RefusedAt
 from ...task import UnitResult
-from ..content import Refused, canonical, design_of, loaded_design
+from ..content import canonical, design_of, loaded_design
 from ..operation import Done, More, Step
 from .parts import plan_spans
 
@@ -49,11 +58,11 @@ def _check(request: dict[str, Any]) -> PointCheck:
     return PointCheck(request.get("check", "score"), **given)
 
 
-def _axes(request: dict[str, Any]) -> tuple[Axis, ...]:
+def _axes(request: dict[str, Any]) -> tuple[VariedNumber, ...]:
     try:
         return read_axes(design_of(request), request["axes"])
     except SweepError as error:
-        raise Refused(error) from None
+        raise RefusedAt.place(error) from None
 
 
 def _points_per_unit(request: dict[str, Any]) -> int:

@@ -27,8 +27,8 @@ from tailstack.montecarlo.shards import (
     spans,
 )
 from tailstack.packed import pack, unpack
+from tailstack.precision import MAX_TRIALS
 from tailstack.verification import (
-    MAX_TRIALS,
     SHOTS,
     UNITS,
     PreparedDesign,
@@ -55,7 +55,7 @@ def plan(request: dict[str, Any], results: Iterable[UnitResult]) -> Step:
 def plan_check(design: dict[str, Any], sampling: Sampling, results: Iterable[UnitResult]) -> Step:
     """:func:`plan` for a design document that is sampled in a way of its own."""
     held = {unit.spec: unit.result for unit in results}
-    sampler = Recorded(held)
+    sampler = RecordedSampler(held)
     try:
         answer = verify_prepared(prepare_model(canonical(design)), sampling, threads=1, sampler=sampler)
     except Pending as pending:
@@ -65,7 +65,7 @@ def plan_check(design: dict[str, Any], sampling: Sampling, results: Iterable[Uni
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
-    """One part: what :class:`Recorded` asked for."""
+    """One part: what :class:`RecordedSampler` asked for."""
     ready, seed = _ready(request), sampling_of(request).seed
     if spec["what"] == "radial":
         vertex = tuple((name, end) for name, end in spec["vertex"])
@@ -89,7 +89,7 @@ def sampling_of(request: dict[str, Any]) -> Sampling:
         request.get("precision"),
         request.get("seed", 0),
         request.get("method", "plain"),
-        request.get("max_trials", MAX_TRIALS),
+        request.get("max_trials") or MAX_TRIALS,
     )
 
 
@@ -109,7 +109,7 @@ def _plan(design: bytes, vertex: tuple[float, ...], shots_per_unit: int) -> Chai
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordedSampler:
     """A sampler of parts that are recorded by their specs; it raises Pending with the specs of those that are not."""
 
     held: Mapping[bytes, bytes]

@@ -7,8 +7,9 @@ from typing import Any
 from tailstack.errors import TailstackError
 
 from ...documents import to_json
+from ...problems import RefusedAt
 from ...task import UnitResult
-from ..content import Refused, canonical, design_of
+from ..content import canonical, design_of
 from ..operation import Call, Done, More, Operation, Step
 
 WHOLE = canonical({"what": "whole"})
@@ -23,11 +24,10 @@ def compute_whole(operation: Operation, request: dict[str, Any]) -> bytes:
     """The record of an operation, computed by its ``run``."""
     designs = tuple(design_of({"design": request[field]}) for field in operation.designs if field in request)
     options = {name: request[name] for name in operation.options.model_fields if name in request}
-    limits = {name: request[name] for name in operation.limits if name in request}
-    call = Call(designs, operation.options.model_validate(options), limits, threads=1)
+    call = Call(designs, operation.options.model_validate(options), threads=1)
     try:
         return to_json(operation.run(call))
     except TailstackError as error:
         if error.slug == "invalid-request":  # it is about the options, not about the design
-            raise Refused(error) from None
+            raise RefusedAt.place(error) from None
         raise

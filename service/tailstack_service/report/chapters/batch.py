@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from tailstack.results.batch import ScoredTable
+from tailstack.results.tables import Column, Row, Table
 
-from ..blocks import Bullets, Column, Document, KeyNumber, Paragraph, Row, Section, Table
+from ..blocks import Bullets, Document, KeyNumber, Paragraph, Section
 from .tables import not_included, provenance_facts
 
 MOST_ROWS = 400  # of a page; a spreadsheet has all

@@ -2,45 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
 
 from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
+from tailstack.results.digits import in_percent, signed_decimal
 from tailstack.results.score import source_name
+from tailstack.results.tables import Cell, Column, On, Row, Table, tabulate
+from tailstack.results.verdicts import (
+    MARGIN_NOTE,
+    Judged,
+    check_columns,
+    checks_table,
+    decided_by,
+    findings_table,
+    name_basis,
+)
 from tailstack.scoring import P95
 
-from ...rendering.sentences import name_basis
-from ...rendering.verdict import decided_by
-from ..blocks import (
-    Block,
-    Bullets,
-    Cell,
-    Column,
-    Document,
-    Facts,
-    Figure,
-    KeyNumber,
-    Listing,
-    Paragraph,
-    Row,
-    Section,
-    Table,
-    tone_of,
-)
+from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import Scaled, draw_budgets, draw_differences, draw_errors, draw_scale, draw_tolerances
+from ..comparing import comparison_decimals, difference_decimals
 from ..half_widths import judgement_of, tolerance_curves
-from ..headline import tightest_check
+from ..headline import decided_difference, tightest_check
 from ..records import Comparison, Difference, Report
 from .layout import layout_blocks, load_inside
 from .optimisation import design_listing
 from .report import method_chapter
-from .tables import (
-    MARGIN_NOTE,
-    REQUIREMENT_COLUMNS,
-    checks_table,
-    findings_table,
-    not_included,
-    requirement_cells,
-)
+from .tables import not_included
 
 TOLD = ("First", "Second")
 DESIGNS = ("first design", "second design")
@@ -51,7 +41,7 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
     first, second = found.first, found.second
     reports = tuple(zip(TOLD, (first, second), strict=True))
     sections = [
-        Section("The difference", _difference_blocks(found), page=True),
+        Section("The difference", _difference_blocks(found)),
         Section("What changed in the document", _change_blocks(found)),
         Section("Both layouts", _layouts(found)),
         Section("Budgets side by side", tuple(_budgets(found))),
@@ -79,37 +69,44 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
 
 
 def _numbers(found: Comparison) -> tuple[KeyNumber, ...]:
-    worst = found.differences[0]
+    worst = decided_difference(found.second, found.differences)
+    decimals = comparison_decimals(found.first, found.second)
     quantiles = [
         KeyNumber(
-            f"P95, {which.lower()} design", f"{value:.3f} mm", f"target {worst.target}, {name_basis(worst.basis)}"
+            f"P95, {which.lower()} design",
+            f"{value:.{decimals}f} mm",
+            f"target {worst.target}, {name_basis(worst.basis)}",
         )
         for which, value in zip(TOLD, (worst.first_p95_mm, worst.second_p95_mm), strict=True)
     ]
-    return (*quantiles, KeyNumber("Difference", f"{_with_sign(worst.difference_mm)} mm", _ends(worst)))
+    fine = difference_decimals(worst, decimals)
+    size = f"{_with_sign(worst.difference_mm, fine)} mm"
+    return (*quantiles, KeyNumber("Difference", size, _ends(worst, fine)))
 
 
-def _ends(found: Difference) -> str:
-    if found.interval_mm is None:
+def _ends(found: Difference, decimals: int) -> str:
+    if found.interval_mm is None or found.confidence is None:
         return "estimate"
-    low, high = found.interval_mm
-    return f"{_with_sign(low)} to {_with_sign(high)} mm, {found.confidence:.0%}"
+    low, high = (_with_sign(end, decimals) for end in found.interval_mm)
+    return f"{low} to {high} mm, {in_percent(found.confidence)}"
 
 
-def _with_sign(value: float) -> str:
-    return f"{value + 0.0:+.3f}".replace("-", "−")
+def _with_sign(value: float, decimals: int) -> str:
+    return signed_decimal(value, decimals).replace("-", "−")
 
 
 def _scales(found: Comparison) -> Iterator[Figure]:
     """P95 of both designs at the target of the headline, on scales that are alike."""
-    worst = found.differences[0]
+    worst = decided_difference(found.second, found.differences)
     drawn = [_at(report, worst.target) for report in (found.first, found.second)]
+    decimals = comparison_decimals(found.first, found.second)
     reach = max(value for target, limit in drawn for value in (_upper(target), target.cvar95_mm, limit or 0.0))
     for which, (target, limit) in zip(TOLD, drawn, strict=True):
         name = f"headline-{which.lower()}"
         beside = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
         ends = target.p95_interval_mm if isinstance(target, TargetEstimate) else (target.p95_mm, target.p95_mm)
-        svg = draw_scale(Scaled(worst.target, target.p95_mm, ends, limit, beside, reach_mm=reach), name)
+        shown = Scaled(worst.target, target.p95_mm, ends, limit, beside, decimals=decimals, reach_mm=reach)
+        svg = draw_scale(shown, name)
         bar = "the bar is the interval" if isinstance(target, TargetEstimate) else "by estimate"
         yield Figure(name, svg, f"{which} design. Size of the error at the tool, target {worst.target}: {bar}.")
 
@@ -141,11 +138,17 @@ def _requirements(found: Comparison) -> Table | None:
         return None
     places = {check.requirement: k for k, (which, check, _) in enumerate(judged) if which == TOLD[1]}
     judged.sort(key=lambda entry: places.get(entry[1].requirement, len(judged)))
-    rows = [Row((which, *requirement_cells(check, count))) for which, check, count in judged]
-    return Table(
-        "Requirements", "Requirements of both designs",
-        (Column("Design"), *REQUIREMENT_COLUMNS), tuple(rows), MARGIN_NOTE,
-    )  # fmt: skip
+    columns = (
+        Column("Design", of=lambda row: row[0]),
+        *(replace(each, of=_of_second(each.of)) for each in check_columns([check for _, check, _ in judged])),
+    )
+    rows = [(which, Judged(check, "", count)) for which, check, count in judged]
+    return tabulate("Requirements", "Requirements of both designs", columns, rows, MARGIN_NOTE)
+
+
+def _of_second(cell: Callable[[Any], Cell] | None) -> Callable[[Any], Cell] | None:
+    """What a cell is of the second of a pair."""
+    return None if cell is None else lambda row: cell(row[1])
 
 
 def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
@@ -157,6 +160,8 @@ def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
         ))
         for entry in found.differences
     ]  # fmt: skip
+    decimals = comparison_decimals(found.first, found.second)
+    fine = max(difference_decimals(entry, decimals) for entry in found.differences)
     note = "P95 of the TCP error, second minus first: negative is better."
     if found.compared_trials is not None:
         note += (
@@ -168,9 +173,9 @@ def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
             "Differences",
             "P95 at the targets that both designs have",
             (
-                Column("Target"), Column("First", "mm", "fixed", 4), Column("Second", "mm", "fixed", 4),
-                Column("Difference", "mm", "fixed", 4), Column("From", "mm", "fixed", 4),
-                Column("To", "mm", "fixed", 4), Column("Of the first", "%", "percent", 1), Column("Second is"),
+                Column("Target"), Column("First", "mm", "fixed", decimals), Column("Second", "mm", "fixed", decimals),
+                Column("Difference", "mm", "fixed", fine), Column("From", "mm", "fixed", fine),
+                Column("To", "mm", "fixed", fine), Column("Of the first", "%", "percent", 1), Column("Second is"),
             ),
             tuple(rows),
             note,
@@ -185,7 +190,7 @@ def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
     if len(shared) > len(found.differences):
         alone.append(f"Compared are the {len(found.differences)} targets with the largest P95 of {len(shared)}.")
     picture = Figure(
-        "differences", draw_differences(found.differences), "The same, with intervals where trials were drawn."
+        "differences", draw_differences(found.differences, fine), "The same, with intervals where trials were drawn."
     )
     return (picture, *blocks, *((Bullets(tuple(alone)),) if alone else ()), *_errors(found))
 
@@ -199,7 +204,7 @@ def _errors(found: Comparison) -> Iterator[Figure]:
             name = f"errors-{k + 1}"
             svg = draw_errors(
                 drawn[0][entry.target], drawn[1][entry.target], (entry.first_p95_mm, entry.second_p95_mm),
-                limits[entry.target], DESIGNS, name,
+                limits[entry.target], DESIGNS, name, comparison_decimals(found.first, found.second),
             )  # fmt: skip
             yield Figure(name, svg, f"Target {entry.target}: size of the error at the tool, both designs.")
 
@@ -213,7 +218,7 @@ def _change_blocks(found: Comparison) -> tuple[Block, ...]:
     ]
     columns = (
         Column("Field"), Column("Unit"), Column("First"), Column("Second"), Column("What"),
-        Column("Pointer", on_page=False),
+        Column("Pointer", on=On.SHEET),
     )  # fmt: skip
     note = "Elements of lists are told by their names or labels. Defaults that were not written out are compared too."
     if found.changes_left_out:
@@ -234,17 +239,18 @@ def _layouts(found: Comparison) -> tuple[Block, ...]:
 
 
 def _budgets(found: Comparison) -> Iterator[Block]:
+    decimals = comparison_decimals(found.first, found.second)
     for k, difference in enumerate(found.differences[:3]):
         a, b = (
             next(entry for entry in report.score.targets if entry.name == difference.target)
             for report in (found.first, found.second)
         )
         name = f"budgets-{k + 1}"
-        svg = draw_budgets(a, b, DESIGNS, name)
+        svg = draw_budgets(a, b, DESIGNS, name, decimals)
         yield Figure(name, svg, f"Target {difference.target}: what each source adds to the spread, by estimate.")
-        yield _budget_table(found.first.score, found.second.score, difference.target, k)
+        yield _budget_table(found.first.score, found.second.score, difference.target, k, decimals)
 
-    yield from _curves(found, found.differences[0].target)
+    yield from _curves(found, decided_difference(found.second, found.differences).target)
 
 
 def _curves(found: Comparison, target: str) -> Iterator[Figure]:
@@ -254,14 +260,16 @@ def _curves(found: Comparison, target: str) -> Iterator[Figure]:
         tolerance_curves(load_inside(e.design), target, judgement_of(check)) for e in (found.first, found.second)
     )
     if second.curves:
-        svg = draw_tolerances(second, "tolerances", first, (DESIGNS[1], DESIGNS[0]))
+        svg = draw_tolerances(
+            second, "tolerances", first, (DESIGNS[1], DESIGNS[0]), comparison_decimals(found.first, found.second)
+        )
         yield Figure("tolerances", svg, f"Target {target}: the estimated error over each half-width, both designs.")
 
 
 Key = tuple[str, str]
 
 
-def _budget_table(first: Score, second: Score, target: str, place: int) -> Table:
+def _budget_table(first: Score, second: Score, target: str, place: int, decimals: int) -> Table:
     a, b = (next(entry for entry in score.targets if entry.name == target) for score in (first, second))
     before, after = _lines(a.contributors), _lines(b.contributors)
     spreads = [sum(entry.covariance_mm2[k][k] for k in range(3)) for entry in (a, b)]
@@ -285,9 +293,10 @@ def _budget_table(first: Score, second: Score, target: str, place: int) -> Table
         (
             Column("Contributor"), Column("Unit"),
             Column("Half-width, first", "unit", "significant"), Column("Half-width, second", "unit", "significant"),
-            Column("Std, first", "mm", "fixed", 4), Column("Std, second", "mm", "fixed", 4),
+            Column("Std, first", "mm", "fixed", decimals), Column("Std, second", "mm", "fixed", decimals),
             Column("Share, first", "%", "percent", 1), Column("Share, second", "%", "percent", 1),
-            Column("P95 without, first", "mm", "fixed", 4), Column("P95 without, second", "mm", "fixed", 4),
+            Column("P95 without, first", "mm", "fixed", decimals),
+            Column("P95 without, second", "mm", "fixed", decimals),
         ),
         tuple(rows),
         "Std: of the error at the target from this source alone, all three axes together. Shares are of each design's "

@@ -3,37 +3,11 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
-from ...gate.records import (
-    GatedDesign,
-    GateFinding,
-    GateNumber,
-    GateRecord,
-    Unjudged,
-    find_largest_p95,
-    split_findings,
-)
-from ...rendering.sentences import name_basis
+from ...gate.records import GateRecord, designs_table, findings_table, numbers_table, split_findings, unjudged_table
 from ...rendering.tables import spell_count
-from ..blocks import (
-    Block,
-    Bullets,
-    Cell,
-    Column,
-    Document,
-    Facts,
-    KeyNumber,
-    Listing,
-    Paragraph,
-    Row,
-    Section,
-    Table,
-    tone_of,
-)
+from ..blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
 
-MOST = {"Designs": 60, "Numbers": 200, "Not judged": 200, "Findings": 200, "Accepted": 200}  # rows of a page
 MOST_FILES = 20  # in a command
 
 
@@ -43,14 +17,12 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
     errors = sum(finding.severity == "error" for finding in counted)
     warnings = sum(finding.severity == "warning" for finding in counted)
     passed = sum(design.verdict == "pass" for design in record.designs)
-    tables: list[Block] = [_make_table("Findings", "Findings that count", FINDINGS, counted)] if counted else []
+    tables: list[Block] = [findings_table("Findings", "Findings that count", counted)] if counted else []
     if accepted:
-        tables.append(_make_table("Accepted", "Findings that a waiver accepts", FINDINGS, accepted))
-    designs = [_make_table("Designs", "Designs", DESIGNS, record.designs)]
-    numbers = [(design.file, number) for design in record.designs for number in design.numbers]
-    designs.append(_make_table("Numbers", "Numbers that were held against limits", NUMBERS, numbers))
-    if unjudged := [(design.file, entry) for design in record.designs for entry in design.not_judged]:
-        designs.append(_make_table("Not judged", "What nothing was held against", UNJUDGED, unjudged))
+        tables.append(findings_table("Accepted", "Findings that a waiver accepts", accepted))
+    designs = [designs_table(record), numbers_table(record)]
+    if any(design.not_judged for design in record.designs):
+        designs.append(unjudged_table(record))
     return Document(
         kind="Gate",
         title=f"{record.provenance.policy_name}: gate of {spell_count(len(record.designs), 'design')}",
@@ -108,60 +80,3 @@ def _command(record: GateRecord) -> str:
     if record.max_regression_percent is not None and provenance.baseline_sha256 is not None:
         options.append(f"--max-regression {record.max_regression_percent:g}")
     return f"tailstack gate {files} {' '.join(options)} --format json"
-
-
-def _make_table(
-    name: str, caption: str, columns: Sequence[tuple[Column, Callable[[Any], Cell]]], entries: Iterable[Any]
-) -> Table:
-    rows = tuple(Row(tuple(cell(entry) for _, cell in columns)) for entry in entries)
-    return Table(name, caption, tuple(column for column, _ in columns), rows, most=MOST[name])
-
-
-def _name_place(finding: GateFinding) -> str:
-    return f"{finding.file}:{finding.line}:{finding.column}" if finding.line else f"{finding.file}#{finding.pointer}"
-
-
-def _end(number: GateNumber, index: int) -> float | None:
-    return None if number.interval_mm is None else number.interval_mm[index]
-
-
-# Columns with the cell of each in a row: of a design, of (file, number), of (file, what was not judged), of a finding.
-DESIGNS: tuple[tuple[Column, Callable[[GatedDesign], Cell]], ...] = (
-    (Column("File"), lambda design: design.file),
-    (Column("Design"), lambda design: design.name or "could not be read"),
-    (Column("Class"), lambda design: design.design_class or ""),
-    (Column("Basis"), lambda design: name_basis(design.basis)),
-    (Column("Trials", "", "whole"), lambda design: design.trials),
-    (Column("Largest P95", "mm", "fixed", 4), find_largest_p95),
-    (Column("Verdict", kind="status"), lambda design: design.verdict),
-)
-NUMBERS: tuple[tuple[Column, Callable[[tuple[str, GateNumber]], Cell]], ...] = (
-    (Column("File"), lambda row: row[0]),
-    (Column("Requirement"), lambda row: row[1].requirement),
-    (Column("Rule", on_page=False), lambda row: row[1].rule),
-    (Column("Target"), lambda row: row[1].target),
-    (Column("What"), lambda row: row[1].headline),
-    (Column("Value", "mm", "fixed", 4), lambda row: row[1].value_mm),
-    (Column("From", "mm", "fixed", 4), lambda row: _end(row[1], 0)),
-    (Column("To", "mm", "fixed", 4), lambda row: _end(row[1], 1)),
-    (Column("Limit", "mm", "significant", 4), lambda row: row[1].limit_mm),
-    (Column("Margin", "mm", "signed"), lambda row: row[1].margin_mm),
-    (Column("Yield", "%", "percent", 2), lambda row: row[1].value if row[1].unit == "fraction" else None),
-    (Column("Required", "%", "percent", 2), lambda row: row[1].limit if row[1].unit == "fraction" else None),
-    (Column("Status", kind="status"), lambda row: row[1].status),
-)
-UNJUDGED: tuple[tuple[Column, Callable[[tuple[str, Unjudged]], Cell]], ...] = (
-    (Column("File"), lambda row: row[0]),
-    (Column("Requirement"), lambda row: row[1].requirement or ""),
-    (Column("Target"), lambda row: row[1].target),
-    (Column("Reason"), lambda row: row[1].reason),
-)
-FINDINGS: tuple[tuple[Column, Callable[[GateFinding], Cell]], ...] = (
-    (Column("Severity", kind="status"), lambda finding: finding.severity),
-    (Column("Rule"), lambda finding: finding.rule),
-    (Column("Place"), _name_place),
-    (Column("Finding"), lambda finding: finding.message),
-    (Column("Value", "", "significant", 4), lambda finding: finding.value),
-    (Column("Limit", "", "significant", 4), lambda finding: finding.limit),
-    (Column("Accepted by"), lambda finding: finding.suppressed_by or ""),
-)

@@ -38,7 +38,7 @@ def layout_blocks(
     images = draw_images(design, f"{title}: what each view sees", f"{name}-images", None if old is None else old[0])
     seen = f"{of}What each view sees: as the structure sits with its known bias, no noise."
     return (
-        Figure(name, draw_scene(scene, name), caption, scene_json(scene)),
+        Figure(name, draw_scene(scene, name), caption, scene=scene_json(scene)),
         Figure(f"{name}-images", images, seen),
     )
 

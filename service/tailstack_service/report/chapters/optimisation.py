@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from tailstack.results import Optimisation
-
-from ...rendering.verdict import decided_by
-from ..blocks import (
-    Block,
-    Bullets,
-    Column,
-    Document,
-    Facts,
-    KeyNumber,
-    Listing,
-    Paragraph,
-    Row,
-    Section,
-    Table,
-    tone_of,
+from tailstack.results.digits import decimals_of
+from tailstack.results.optimisation import (
+    aims_table,
+    changes_table,
+    limits_table,
+    moved_table,
+    offer_table,
+    pivots_table,
+    spacings_table,
 )
+from tailstack.results.verdicts import decided_by, requirements_table
+
+from ..blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
 from .layout import layout_blocks, score_if_determined
-from .tables import not_included, provenance_facts, requirements_table
+from .tables import not_included, provenance_facts
 from .verification import sampling_blocks, verification_blocks
 
 MOST_BINDING = 3  # said on the first page
@@ -58,7 +55,7 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
             *(sentence_of(price.sentence) for price in found.shadow_prices[:2]),
         ),
         sections=(
-            Section("What changed", (*optimised_layout(found), *change_blocks(found)), page=True),
+            Section("What changed", (*optimised_layout(found), *change_blocks(found))),
             Section("Check of the new design", (*verification_blocks(check), *sampling_blocks(check))),
             Section("Certificate", certificate_blocks(found), reader="auditor"),
             Section("What is not included", (not_included(found.provenance),), reader="auditor"),
@@ -85,10 +82,11 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
 def optimised_sentence(found: Optimisation) -> str:
     """What was sought and what was reached."""
     worst = found.worst_target
-    low, high = worst.p95_interval_mm
+    decimals = decimals_of(found.certificate.verification.verdict.checks)
+    low, high = (f"{end:.{decimals}f}" for end in worst.p95_interval_mm)
     return (
         f"{sentence_of(found.objective)} The new design was checked by Monte Carlo with a fresh seed: P95 "
-        f"{low:.3f} to {high:.3f} mm at {worst.name}." + "".join(f" {words}" for words in others_sentences(found))
+        f"{low} to {high} mm at {worst.name}." + "".join(f" {words}" for words in others_sentences(found))
     )
 
 
@@ -106,11 +104,14 @@ def sentence_of(words: str) -> str:
 
 
 def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:
-    before = "not determined" if found.p95_before_mm is None else f"{found.p95_before_mm:.3f} mm before"
-    numbers = [KeyNumber("P95, estimate", f"{found.p95_after_mm:.3f} mm", before)]
+    decimals = decimals_of(found.certificate.verification.verdict.checks)
+    before = "not determined" if found.p95_before_mm is None else f"{found.p95_before_mm:.{decimals}f} mm before"
+    numbers = [KeyNumber("P95, estimate", f"{found.p95_after_mm:.{decimals}f} mm", before)]
     worst = found.worst_target
-    low, high = worst.p95_interval_mm
-    numbers.append(KeyNumber("P95, Monte Carlo", f"{worst.p95_mm:.3f} mm", f"{low:.3f} to {high:.3f} mm, {worst.name}"))
+    low, high = (f"{end:.{decimals}f}" for end in worst.p95_interval_mm)
+    numbers.append(
+        KeyNumber("P95, Monte Carlo", f"{worst.p95_mm:.{decimals}f} mm", f"{low} to {high} mm, {worst.name}")
+    )
     if found.scaling is not None:
         numbers.append(KeyNumber("Common factor", f"× {found.scaling:.4g}", "on all free half-widths"))
     elif found.cost_after > 0:
@@ -131,76 +132,16 @@ def optimised_layout(found: Optimisation) -> tuple[Block, ...]:
 
 def change_blocks(found: Optimisation) -> tuple[Block, ...]:
     """Tolerances, fiducials, pivots and locators before and after; what a limit is worth."""
-    blocks: list[Block] = []
-    if found.tolerances:
-        rows = [
-            Row((
-                entry.label, entry.unit, entry.before_half_width, entry.after_half_width, entry.at_target_before_mm,
-                entry.at_target_mm, entry.cost_before, entry.cost_after, entry.grade or "",
-            ))
-            for entry in found.tolerances
-        ]  # fmt: skip
-        blocks.append(Table(
-            "Tolerances", "Tolerances that were free, as half-widths",
-            (
-                Column("Tolerance"), Column("Unit"), Column("Before", "unit", "significant"),
-                Column("After", "unit", "significant"), Column("At target, before", "mm", "fixed"),
-                Column("At target, after", "mm", "fixed"), Column("Cost before", "", "significant", 4),
-                Column("Cost after", "", "significant", 4), Column("Grade"),
-            ),
-            tuple(rows),
-        ))  # fmt: skip
-    if found.moved:
-        nowhere = (None, None, None)
-        moved = [Row((e.label, *(e.before_mm or nowhere), *(e.after_mm or nowhere))) for e in found.moved]
-        axes = [Column(f"{when} {axis}", "mm", "fixed", 2) for when in ("Before", "After") for axis in "xyz"]
-        blocks.append(
-            Table("Fiducials", "Fiducials that could move, frame con", (Column("Fiducial"), *axes), tuple(moved),
-                  "Before empty: new; after empty: left out.")
-        )  # fmt: skip
-    if found.view_offer is not None:
-        offer = found.view_offer
-        either = [
-            Row((what, cost, price, None if cost is None else cost + price, p95_mm))
-            for what, cost, price, p95_mm in (
-                (f"without {offer.view}", offer.cost_without, 0.0, offer.p95_without_mm),
-                (f"with {offer.view}", offer.cost_with, offer.price, offer.p95_with_mm),
-            )
-        ]
-        headings = (
-            Column("Design"), Column("Cost", "", "significant", 4), Column("Price of the view", "", "significant", 4),
-            Column("In all", "", "significant", 4), Column("P95 as it stood", "mm", "fixed"),
-        )  # fmt: skip
-        blocks.append(Table("A view more", "The view that could be added", headings, tuple(either), offer.sentence))
-    if found.aimed is not None:
-        aims = [
-            Row((e.view, e.turn_deg, *e.beam_direction, e.source_isocentre_before_mm, e.source_isocentre_mm))
-            for e in found.aimed.views
-        ]
-        columns = (
-            Column("View"), Column("Turned by", "deg", "fixed", 1),
-            *(Column(f"Beam {axis}", "", "fixed") for axis in "xyz"),
-            Column("Source to isocentre, before", "mm", "fixed", 1), Column("After", "mm", "fixed", 1),
-        )  # fmt: skip
-        blocks.append(Table("Views", "Views that could be aimed", columns, tuple(aims), found.aimed.sentence))
-    if found.pivots:
-        pivots = [Row((entry.label, *entry.before_mm, *entry.after_mm)) for entry in found.pivots]
-        axes = [Column(f"{when} {axis}", "mm", "fixed", 2) for when in ("Before", "After") for axis in "xyz"]
-        blocks.append(Table("Pivots", "Pivots that could move, frame con", (Column("Interface"), *axes), tuple(pivots)))
-    if found.spacings:
-        spread = [Row((entry.label, entry.scale)) for entry in found.spacings]
-        columns = (Column("Interface"), Column("Factor", "", "fixed"))
-        blocks.append(Table("Locators", "Locators spread about their centre", columns, tuple(spread)))
-    if found.shadow_prices:
-        prices = [Row((entry.name, entry.unit, entry.cost_per_unit, entry.sentence)) for entry in found.shadow_prices]
-        blocks.append(Table(
-            "Shadow prices", "What one unit more of a limit or bound changes",
-            (
-                Column("Limit or bound"), Column("Unit"), Column("Change", "per unit", "significant", 4),
-                Column("In words"),
-            ),
-            tuple(prices),
-        ))  # fmt: skip
+    tables = (
+        changes_table(found) if found.tolerances else None,
+        moved_table(found) if found.moved else None,
+        None if found.view_offer is None else offer_table(found.view_offer),
+        None if found.aimed is None else aims_table(found.aimed),
+        pivots_table(found) if found.pivots else None,
+        spacings_table(found) if found.spacings else None,
+        limits_table(found) if found.shadow_prices else None,
+    )
+    blocks: list[Block] = [table for table in tables if table is not None]
     if found.binding:
         blocks.append(Bullets(tuple(f"Keeps it from being better: {entry}" for entry in found.binding)))
     return tuple(blocks)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from tailstack.results.digits import decimals_of
+from tailstack.results.score import targets_table, views_table
+from tailstack.results.verdicts import checks_table, findings_table, requirements_table
+from tailstack.results.verification import estimates_table
+
 from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ..charts import draw_convergence, draw_distribution, draw_tolerances
 from ..half_widths import judgement_of, tolerance_curves
@@ -25,16 +30,7 @@ from .score import (
     losses_listed,
     method_blocks,
 )
-from .tables import (
-    checks_table,
-    estimates_table,
-    findings_table,
-    not_included,
-    provenance_facts,
-    requirements_table,
-    targets_table,
-    views_table,
-)
+from .tables import not_included, provenance_facts
 from .verification import sampling_blocks, verification_blocks
 
 
@@ -42,7 +38,7 @@ def report_document(report: Report, sha256: str) -> Document:
     """The whole report."""
     headline = report.headline
     sections = [
-        Section("The budget", budget_chapter(report), page=True),
+        Section("The budget", budget_chapter(report)),
         Section("The error", error_chapter(report)),
         Section("The layout", layout_blocks((report.design, report.score), report.title)),
         Section("Requirements and findings", judged_blocks(report)),
@@ -51,7 +47,7 @@ def report_document(report: Report, sha256: str) -> Document:
         found = report.optimisation
         numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found)[:2])
         blocks = (Paragraph(f"{optimised_sentence(found)} {numbers}."), *optimised_layout(found), *change_blocks(found))
-        sections.append(Section("The optimised design", blocks, page=True))
+        sections.append(Section("The optimised design", blocks))
         check = estimates_table(found.certificate.verification, " of the new design")
         sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(found)), reader="auditor"))
     sections += [
@@ -60,16 +56,18 @@ def report_document(report: Report, sha256: str) -> Document:
         Section("Reproduction", reproduction_blocks(report), reader="auditor"),
         Section("The design", (design_listing(report.design, "The design document, as YAML"),), reader="auditor"),
     ]
+    judged = report.verification or report.score
+    decimals = decimals_of(judged.verdict.checks, headline.value_mm)
     return Document(
         kind="Tolerance-budget report",
         title=report.title,
         tone=tone_of(headline.status),
         status=headline.status,
         sentence=headline.sentence,
-        numbers=key_numbers(headline),
+        numbers=key_numbers(headline, decimals),
         matters=headline.matters,
-        figures=(headline_figure(headline, (report.verification or report.score).targets),),
-        requirements=requirements_table((report.verification or report.score).verdict),
+        figures=(headline_figure(headline, judged.targets, decimals),),
+        requirements=requirements_table(judged.verdict),
         sections=tuple(sections),
         provenance=provenance_facts(report.provenance, sha256, report.schema),
     )
@@ -85,7 +83,7 @@ def budget_chapter(report: Report) -> tuple[Block, ...]:
         if curves.curves:
             name = f"tolerances-{k + 1}"
             caption = f"Target {target.name}: the estimated error over each half-width, the others as they are."
-            blocks.append(Figure(name, draw_tolerances(curves, name), caption))
+            blocks.append(Figure(name, draw_tolerances(curves, name, decimals=report.score.decimals), caption))
     return tuple(blocks)
 
 
@@ -93,7 +91,9 @@ def error_chapter(report: Report) -> tuple[Block, ...]:
     """Distributions, then the numbers of every target."""
     blocks: list[Block] = []
     first = {target.name: target for target in report.score.targets}
-    drawn = {} if report.verification is None else {target.name: target for target in report.verification.targets}
+    check = report.verification
+    drawn = {} if check is None else {target.name: target for target in check.targets}
+    decimals = report.score.decimals if check is None else check.decimals
     for k, shown in enumerate(report.distributions):
         target, sampled = first[shown.target], drawn.get(shown.target)
         p95 = target.p95_mm if sampled is None else sampled.p95_mm
@@ -102,7 +102,7 @@ def error_chapter(report: Report) -> tuple[Block, ...]:
         blocks.append(
             Figure(
                 name,
-                draw_distribution(shown, p95, interval, target.limit_mm, name),
+                draw_distribution(shown, p95, interval, target.limit_mm, name, decimals),
                 f"Target {shown.target}: size of the error at the tool, as estimated"
                 + (" and as simulated." if sampled is not None else "."),
             )
@@ -140,7 +140,7 @@ def method_chapter(report: Report, suffix: str = "", of: str = "") -> tuple[Bloc
         for k, shown in enumerate(report.convergence):
             if shown.points:
                 name = f"convergence-{k + 1}{suffix}"
-                svg = draw_convergence(shown, limits.get(shown.target), name)
+                svg = draw_convergence(shown, limits.get(shown.target), name, report.verification.decimals)
                 caption = (
                     f"{of}Target {shown.target}: P95 of the first trials, each with the interval it has by itself."
                 )

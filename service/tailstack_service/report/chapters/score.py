@@ -6,25 +6,17 @@ from collections.abc import Sequence
 
 from tailstack.results import ERRORS, Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
-from tailstack.results.score import source_name
+from tailstack.results.digits import in_percent, signed_decimal
+from tailstack.results.score import source_name, targets_table, views_table
+from tailstack.results.verdicts import checks_table, findings_table, name_basis, requirements_table
 from tailstack.scoring import P95
 
-from ...rendering.sentences import losses_sentence, name_basis, units_sentence
-from ...rendering.tables import signed_decimal
+from ...rendering.sentences import losses_sentence, units_sentence
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
-from ..charts import Scaled, draw_scale, draw_shares, draw_without
+from ..charts import PHONE, Scaled, draw_scale, draw_shares, draw_without
 from ..headline import headline_of
 from ..records import Allowance, Headline
-from .tables import (
-    budget_table,
-    checks_table,
-    findings_table,
-    not_included,
-    provenance_facts,
-    requirements_table,
-    targets_table,
-    views_table,
-)
+from .tables import budget_with_slack, not_included, provenance_facts
 
 LISTED = 4  # tolerances in a sentence
 AT_BOUND = 1e-6  # relative: a half-width that near its bound is at it
@@ -41,9 +33,9 @@ def score_document(score: Score, sha256: str) -> Document:
         tone=tone_of(headline.status),
         status=headline.status,
         sentence=headline.sentence,
-        numbers=key_numbers(headline),
+        numbers=key_numbers(headline, score.decimals),
         matters=headline.matters,
-        figures=(headline_figure(headline, score.targets),),
+        figures=(headline_figure(headline, score.targets, score.decimals),),
         requirements=requirements_table(score.verdict),
         sections=(
             Section("Error and requirements", error_blocks(score)),
@@ -60,25 +52,26 @@ def score_document(score: Score, sha256: str) -> Document:
     )
 
 
-def key_numbers(headline: Headline) -> tuple[KeyNumber, ...]:
+def key_numbers(headline: Headline, decimals: int) -> tuple[KeyNumber, ...]:
     """What decides, its limit and the margin, in large type."""
     low, high = headline.interval_mm
-    ends = f"{low:.3f} to {'unknown' if high is None else f'{high:.3f}'} mm, {name_basis(headline.basis)}"
+    end = "unknown" if high is None else f"{high:.{decimals}f}"
+    ends = f"{low:.{decimals}f} to {end} mm, {name_basis(headline.basis)}"
     error = "the error" if headline.error == "tcp" else ERRORS[headline.error]
     label = f"{headline.headline} of {error}" if headline.min_yield is None else headline.headline
-    numbers = [KeyNumber(label, f"{headline.value_mm:.3f} mm", ends)]
+    numbers = [KeyNumber(label, f"{headline.value_mm:.{decimals}f} mm", ends)]
     if headline.limit_mm is None:
         return (*numbers, KeyNumber("Limit", "none", "no requirement is stated"))
     numbers.append(KeyNumber("Limit", f"{headline.limit_mm:g} mm", f"{headline.requirement}, target {headline.target}"))
     margin = headline.margin_mm
     if margin is None:
         return (*numbers, KeyNumber("Margin", "not known", "the interval has no upper end"))
-    share = f"{abs(margin) / headline.limit_mm:.0%}"
+    share = in_percent(abs(margin) / headline.limit_mm)
     detail = f"{share} of the limit is left above the interval" if margin >= 0 else f"the interval ends {share} beyond"
-    return (*numbers, KeyNumber("Margin", f"{signed_decimal(margin)} mm".replace("-", "−"), detail))
+    return (*numbers, KeyNumber("Margin", f"{signed_decimal(margin, decimals)} mm".replace("-", "−"), detail))
 
 
-def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> Figure:
+def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEstimate], decimals: int) -> Figure:
     """What decides, its interval and the limit on one scale.
 
     targets: what the headline was found with, first order or Monte Carlo; mean and CVaR beside the value are those of
@@ -86,11 +79,11 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
     """
     shown = Scaled(
         headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, _beside(headline, targets),
-        headline.headline, headline.error,
+        headline.headline, headline.error, decimals,
     )  # fmt: skip
     size = f"Size of {ERRORS[headline.error]}, target {headline.target}"
     caption = f"{size}, by {name_basis(headline.basis)}: the bar is the interval."
-    return Figure("headline", draw_scale(shown, "headline"), caption)
+    return Figure("headline", draw_scale(shown, "headline"), caption, draw_scale(shown, "headline-narrow", PHONE))
 
 
 def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> tuple[tuple[str, float], ...]:
@@ -145,10 +138,12 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
             ),
             Figure(
                 f"without{suffix}",
-                draw_without(target.contributors, target.name, target.p95_mm, limit, f"without{suffix}"),
+                draw_without(
+                    target.contributors, target.name, target.p95_mm, limit, f"without{suffix}", score.decimals
+                ),
                 f"Target {target.name}: the estimated P95 if one contributor were perfect and all others as they are.",
             ),
-            budget_table(target, "Budget" if k == 0 else f"Budget {k + 1}", allowances),
+            budget_with_slack(target, "Budget" if k == 0 else f"Budget {k + 1}", allowances, score.decimals),
         ]
         if target.worst_vertex:
             blocks.append(Paragraph(f"Bounded components stand at their worst ends: {', '.join(target.worst_vertex)}."))
@@ -157,16 +152,15 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
 
 def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]:
     """The requirement nearest to its limit, the tolerances that it leaves no room, those at their bounds."""
-    said = []
+    said, decimals = [], score.decimals
     tightest = max(score.verdict.checks, key=lambda check: check.value_mm / check.limit_mm, default=None)
     if tightest is not None:
         error = f"{ERRORS[tightest.error]} at {tightest.target}"
         what = headline_words(tightest.quantile, tightest.min_yield, error)
         said.append(
-            f"Nearest to its limit is {tightest.requirement}: {what}, an estimated {tightest.value_mm:.3f} mm against "
-            f"{tightest.limit_mm:g} mm."
+            f"Nearest to its limit is {tightest.requirement}: {what}, an estimated {tightest.value_mm:.{decimals}f} mm "
+            f"against {tightest.limit_mm:g} mm."
         )
-        # a requirement on each unit has no slack by this measure; the pooled one of the worst target then has
         named = {entry.target: None for entry in allowances if entry.status != "no requirement"}
         target = tightest.target if tightest.target in named else next(iter(named), "")
         of_target = [entry for entry in allowances if entry.target == target and entry.half_width > 0]
@@ -216,13 +210,15 @@ def allowance_name(entry: Allowance) -> str:
 
 def method_blocks(score: Score) -> tuple[Block, ...]:
     """How first order was computed, how far it holds, and what was assumed."""
-    worst = score.worst_target
-    bounds = worst.bounds_mm
+    worst, decimals = score.worst_target, score.decimals
+    gaussian, unimodal, moments = (
+        f"{bound:.{decimals}f} mm"
+        for bound in (worst.bounds_mm.gaussian, worst.bounds_mm.unimodal, worst.bounds_mm.moments)
+    )
     sentences = [
-        f"Law: {worst.law}. With the same mean and covariance, P95 at {worst.name} is {bounds.gaussian:.3f} mm if "
-        f"Gaussian, at most {bounds.unimodal:.3f} mm for any symmetric unimodal law and {bounds.moments:.3f} mm for "
-        "any law.",
-        f"Per unit: {units_sentence(worst)}",
+        f"Law: {worst.law}. With the same mean and covariance, P95 at {worst.name} is {gaussian} if Gaussian, at most "
+        f"{unimodal} for any symmetric unimodal law and {moments} for any law.",
+        f"Per unit: {units_sentence(worst, decimals)}",
         f"Linearisation: {score.validity.status}. {score.validity.statement}.",
         "Sensitivities are evaluated at the biased geometry: known displacements are in the mean, tolerances and noise "
         "in the covariance. A tolerance is a half-width with the law named in the budget.",

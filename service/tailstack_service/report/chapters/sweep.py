@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from tailstack.results.sweep import Sweep, SweepAxis
+from tailstack.results.sweep import Sweep, SweepAxis, points_table
 
 from ...problems import RequestError
-from ..blocks import Block, Bullets, Column, Document, Figure, KeyNumber, Listing, Paragraph, Row, Section, Table
+from ..blocks import Block, Bullets, Document, Figure, KeyNumber, Listing, Paragraph, Section
 from ..charts import draw_sweep
 from .tables import not_included, provenance_facts
-
-MOST_ROWS = 400  # of a page
 
 
 def sweep_document(sweep: Sweep, sha256: str) -> Document:
     """Every point as a row; with one axis, P95 over it as a picture."""
+    decimals = sweep.decimals
     found = [(target.p95_mm, point, target) for point in sweep.points for target in point.targets]
     refused = [point for point in sweep.points if point.status == "refused"]
     numbers = [KeyNumber("Points", f"{len(sweep.points):,}", f"{len(refused)} refused")]
@@ -22,21 +21,25 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
     if found:
         lowest, best, at = min(found, key=lambda entry: entry[0])
         highest, worst, there = max(found, key=lambda entry: entry[0])
-        numbers.append(KeyNumber("Smallest P95", f"{lowest:.3f} mm", f"{at.name}, {_place(sweep, best.values)}"))
-        numbers.append(KeyNumber("Largest P95", f"{highest:.3f} mm", f"{there.name}, {_place(sweep, worst.values)}"))
+        numbers.append(
+            KeyNumber("Smallest P95", f"{lowest:.{decimals}f} mm", f"{at.name}, {_place(sweep, best.values)}")
+        )
+        numbers.append(
+            KeyNumber("Largest P95", f"{highest:.{decimals}f} mm", f"{there.name}, {_place(sweep, worst.values)}")
+        )
         evaluated = len(sweep.points) - len(refused)
         over = f"all {evaluated:,} points" if not refused else f"{evaluated:,} of {len(sweep.points):,} points"
-        ends = f"goes from {lowest:.3f} to {highest:.3f} mm over"
-        if f"{lowest:.3f}" == f"{highest:.3f}":
-            ends = f"is {lowest:.3f} mm at"
-        sentence = f"P95 of the TCP error {ends} {over}"
+        words = f"goes from {lowest:.{decimals}f} to {highest:.{decimals}f} mm over"
+        if f"{lowest:.{decimals}f}" == f"{highest:.{decimals}f}":
+            words = f"is {lowest:.{decimals}f} mm at"
+        sentence = f"P95 of the TCP error {words} {over}"
         sentence += "." if not refused else f"; {len(refused):,} could not be evaluated and are not among them."
         figures = _figure(sweep)
     how = "by Monte Carlo" if sweep.check == "verification" else "by estimate"
-    blocks: list[Block] = [_table(sweep)]
+    blocks: list[Block] = [points_table(sweep)]
     if refused:
         blocks.append(Bullets(tuple(f"{_place(sweep, p.values)}: {p.reason}" for p in refused[:20])))
-    axes = ", ".join(f"{axis.pointer} ({len(axis.values)} values)" for axis in sweep.axes)
+    axes = ", ".join(f"{axis.called} ({len(axis.values)} values)" for axis in sweep.axes)
     return Document(
         kind="Sweep",
         title=sweep.provenance.design_name,
@@ -107,7 +110,7 @@ def _place(sweep: Sweep, values: tuple[float, ...]) -> str:
 
 
 def _short(axis: SweepAxis) -> str:
-    return "/".join(axis.pointer.split("/")[-2:])
+    return axis.short
 
 
 def _figure(sweep: Sweep) -> tuple[Figure, ...]:
@@ -116,33 +119,5 @@ def _figure(sweep: Sweep) -> tuple[Figure, ...]:
         svg = draw_sweep(sweep, "curve")
     except RequestError:
         return ()
-    pointers = " and ".join(axis.pointer for axis in sweep.axes)
+    pointers = " and ".join(axis.called for axis in sweep.axes)
     return (Figure("curve", svg, f"P95 of the TCP error over {pointers}."),)
-
-
-def _table(sweep: Sweep) -> Table:
-    rows = []
-    for point in sweep.points:
-        for target in point.targets:
-            low, high = target.p95_interval_mm or (None, None)
-            cells = (target.name, target.p95_mm, low, high, target.mean_norm_mm, target.bias_norm_mm)
-            rows.append(Row((*point.values, *cells, target.localisation_p95_mm, point.verdict or "")))
-        if not point.targets:
-            rows.append(Row((*point.values, "", None, None, None, None, None, None, point.status)))
-    return Table(
-        "Points",
-        "Every point of the grid",
-        (
-            *(Column(_short(axis), axis.unit, "given") for axis in sweep.axes),
-            Column("Target"),
-            Column("P95", "mm", "fixed", 4),
-            Column("P95 from", "mm", "fixed", 4),
-            Column("P95 to", "mm", "fixed", 4),
-            Column("Mean |e|", "mm", "fixed", 4),
-            Column("|bias|", "mm", "fixed", 4),
-            Column("P95 as located", "mm", "fixed", 4),
-            Column("Verdict", kind="status"),
-        ),
-        tuple(rows),
-        most=MOST_ROWS,
-    )

@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
+from tailstack.precision import MAX_TRIALS
 from tailstack.results import Verification
-from tailstack.verification import MAX_TRIALS
+from tailstack.results.digits import in_percent
+from tailstack.results.verdicts import checks_table, findings_table, requirements_table
+from tailstack.results.verification import estimates_table
 
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Section, tone_of
 from ..charts import Scaled, draw_scale
 from ..headline import checked_headline
 from .score import headline_figure, key_numbers
-from .tables import (
-    checks_table,
-    estimates_table,
-    findings_table,
-    not_included,
-    provenance_facts,
-    requirements_table,
-)
+from .tables import not_included, provenance_facts
 
 
 def verification_document(check: Verification, sha256: str) -> Document:
     """A check by itself."""
-    headline = checked_headline(check)
+    headline, decimals = checked_headline(check), check.decimals
     figures = []
     for k, target in enumerate(sorted(check.targets, key=lambda entry: entry.p95_mm, reverse=True)[:3]):
         name = f"scale-{k + 1}"
         limit = target.exceedance.limit_mm if target.exceedance else None
         others = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
-        svg = draw_scale(Scaled(target.name, target.p95_mm, target.p95_interval_mm, limit, others), name)
+        shown = Scaled(target.name, target.p95_mm, target.p95_interval_mm, limit, others, decimals=decimals)
+        svg = draw_scale(shown, name)
         figures.append(Figure(name, svg, f"Error at target {target.name}: the bar is the interval of P95."))
     numbers = [
-        *key_numbers(headline),
+        *key_numbers(headline, decimals),
         KeyNumber("Trials", f"{check.trials:,}", f"seed {check.seed}"),
         KeyNumber("Estimate / simulation", f"{check.first_order_ratio:.4f}", "ratio of the two P95"),
     ]
@@ -42,7 +39,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
         sentence=headline.sentence,
         numbers=tuple(numbers),
         matters=(),
-        figures=(headline_figure(headline, check.targets),),
+        figures=(headline_figure(headline, check.targets, decimals),),
         requirements=requirements_table(check.verdict),
         sections=(
             Section("Error and requirements", (*verification_blocks(check), *figures)),
@@ -93,7 +90,7 @@ def sampling_blocks(check: Verification) -> tuple[Block, ...]:
             ("Seed", str(check.seed)),
             ("Method", check.method),
             ("Engine", check.engine),
-            ("Precision reached", f"{check.precision_reached:.2%} of P95"),
+            ("Precision reached", f"{in_percent(check.precision_reached, 2)} of P95"),
             ("Trials redone", f"{flagged:,}"),
             *losses,
             ("Reprojection error", f"mean {shots.mean_px:.3g} px, P95 {shots.p95_px:.3g} px, {shots.trials:,} trials"),

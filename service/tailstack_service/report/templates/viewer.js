@@ -92,7 +92,7 @@
       this.viewer = element("div", { class: "viewer" },
         bar, element("div", { class: "viewer-stage" }, this.canvas, this.tip), this.status, this.layers,
         element("p", { class: "viewer-help", id: `${id}-help` }, help), this.note, this.words);
-      figure.insertBefore(this.viewer, figure.firstChild);
+      figure.insertBefore(this.viewer, figure.querySelector("svg"));
       figure.classList.add("live");
     }
 

@@ -2,14 +2,16 @@
 
 import { signal } from "@preact/signals";
 import type { components } from "../../../../openapi/typescript/tailstack";
-import { answer, current, type Score, type TargetScore } from "../api";
+import { answer, current, late, refused, type Score, type TargetScore } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
+import { decisive } from "../verdicts";
 import { brief, mm, percent } from "../words";
 
 type Allowance = components["schemas"]["Allowance"];
 
 const shown = signal<string | null>(null); // target of the waterfall
 const all = signal(false);
+const SLACK = "Slack to the limit";
 
 /** Contributors of a target, each with its components: the lines of "all" add up, their components are below them. */
 function families(target: TargetScore): { whole: number; parts: number[] }[] {
@@ -33,11 +35,13 @@ function allowancesOf(score: Score): Allowance[] | null {
   return Object.values(results.value).find(own)?.allowances ?? null;
 }
 
-/** What decides: a pooled requirement, whatever those on each unit say. */
-const slackLimit = (allowances: Allowance[]) => {
-  const requirement = allowances.find((a) => a.requirement !== null)?.requirement;
-  return requirement ? `${requirement} (pooled)` : "a requirement";
-};
+/** Of which requirement at this target the slack is, and what else fails. */
+function slackWords(allowances: Allowance[], target: string, score: Score): string {
+  const requirement = allowances.find((a) => a.target === target && a.requirement !== null)?.requirement, worst = decisive(score.verdict.checks);
+  if (!requirement) return `No slack at ${target}: ${allowances.some((a) => a.target === target) ? "no requirement names it" : "it is found for the targets with the largest P95, and for the one that decides"}.`;
+  const words = `Slack: how far a half-width by itself may change until the estimate of ${requirement} at ${target}, which decides there, is at its limit, and what it then is.`;
+  return worst && worst.status !== "pass" && worst.target !== target ? `${words} The design is judged by ${worst.requirement} at ${worst.target}: see the slack there.` : words;
+}
 
 /** "+0.12 to 0.27 °", or why there is no such number. */
 function slackOf(allowance: Allowance | undefined): string {
@@ -51,12 +55,14 @@ export function Budget() {
   const score = answer.value?.score;
   if (!score) return null;
   const ranked = [...score.targets].sort((a, b) => b.p95_mm - a.p95_mm);
-  const target = ranked.find((t) => t.name === shown.value) ?? ranked[0];
+  const judged = decisive(score.verdict.checks)?.target;
+  const target = ranked.find((t) => t.name === shown.value) ?? ranked.find((t) => t.name === judged) ?? ranked[0];
   const rows = families(target), columns = ranked.slice(0, 8), first = rows[0] && target.contributors[rows[0].whole];
   const allowances = allowancesOf(score), open = all.value || allowances !== null;
+  const seeking = runs.value.find((run) => run.title === SLACK && unfinished(run));
   let reached = 0;
   return (
-    <div class={current.value ? "budget" : "budget old"}>
+    <div class={late.value || refused.value ? "budget old" : "budget"}>
       {first && (
         <p>{`At ${target.name}, ${first.label || first.name} has most of the variance, ${percent(first.variance_share)}; without it P95 would be ${mm(first.p95_without_mm)} mm instead of ${mm(target.p95_mm)}.`}</p>
       )}
@@ -70,12 +76,13 @@ export function Budget() {
         )}
         <button type="button" aria-pressed={open} disabled={allowances !== null} onClick={() => (all.value = !all.value)}>Components too</button>
         {!allowances && score.verdict.checks.length > 0 && (
-          <button type="button" disabled={!current.value || runs.value.some(unfinished)} onClick={() => start("Slack to the limit", "/v1/reports", { parts: ["score"] })}>How far may each be loosened?</button>
+          <button type="button" disabled={!current.value || runs.value.some(unfinished)} onClick={() => start(SLACK, "/v1/reports", { parts: ["score"] })}>How far may each be loosened?</button>
         )}
+        {seeking && <span class="note" role="status">{`being computed: ${percent(seeking.fraction, 0)} `}<progress aria-label={SLACK} max={1} value={seeking.fraction} /></span>}
       </p>
-      {allowances && <p class="note">{`Slack: how far a half-width by itself may change until ${slackLimit(allowances)} is at its limit, and what it then is; for the targets with the largest P95.`}</p>}
-      <div class="scroll" tabIndex={0} role="region" aria-label="Budget">
-        <table>
+      {allowances && <p class="note">{slackWords(allowances, target.name, score)}</p>}
+      <div class="scroll" tabIndex={0} role="region" aria-label="Table of the budget">
+        <table class={allowances ? "slack" : ""}>
           <caption>{`Budget: shares of variance${score.targets.length > columns.length ? `, the ${columns.length} of ${score.targets.length} targets with the largest P95` : ""}`}</caption>
           <thead>
             <tr>

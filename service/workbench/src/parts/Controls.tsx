@@ -1,8 +1,8 @@
 // What is changed by typing and sliding: beads, half-widths, noise, angles and distances of the views.
 
-import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
-import { cancelGesture, design, edit, finishGesture, type Json, type Path, preview, selected, valueAt } from "../state";
-import { brief } from "../words";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { cancelGesture, design, edit, finishGesture, type Json, type Path, PRESSES, preview, selected, valueAt } from "../state";
+import { brief, readNumber } from "../words";
 import { type Bead, beads } from "./Pictures";
 
 /** Show a value in a field, unless something else is just being typed there. */
@@ -15,23 +15,33 @@ export function showValue(field: HTMLInputElement | null, value: Json): void {
 
 /** A number that is typed; it takes effect on Enter or when the field is left. */
 export function NumberField({ path, label, unit, what, hidden = false }: { path: Path; label: string; unit: string; what?: string; hidden?: boolean }) {
-  const field = useRef<HTMLInputElement>(null), value = valueAt(design.value, path);
-  useLayoutEffect(() => showValue(field.current, value), [value]);
+  const field = useRef<HTMLInputElement>(null), value = valueAt(design.value, path), [wrong, setWrong] = useState<string | null>(null);
+  useLayoutEffect(() => {
+    showValue(field.current, value);
+    setWrong(null);
+  }, [value]);
   const take = () => {
-    const text = field.current!.value.trim().replace("−", "-").replace(",", "."), number = Number(text);
-    if (text === "" || !Number.isFinite(number)) field.current!.value = String(value ?? "");
-    else if (number !== value) showAndEdit(() => edit([{ path, value: number }], what ?? `${label} ${text} ${unit}`.trim()));
+    const text = field.current!.value, number = readNumber(text, unit);
+    if (text.trim() === "") field.current!.value = String(value ?? "");
+    setWrong(text.trim() !== "" && number === null ? text : null);
+    if (text.trim() !== "" && number !== null) {
+      if (number !== value) showAndEdit(() => edit([{ path, value: number }], what ?? `${label} ${number} ${unit}`.trim()));
+      else field.current!.value = String(value);
+    }
   };
   const showAndEdit = (change: () => void) => {
     field.current!.defaultValue = field.current!.value;
     change();
   };
   return (
+    <>
     <label class="field">
       <span class={hidden ? "hidden" : ""}>{`${label}${unit ? `, ${unit}` : ""}`}</span>
-      <input ref={field} type="text" inputMode="decimal" data-pointer={path.join("/")} onBlur={take}
+      <input ref={field} type="text" inputMode="decimal" data-pointer={path.join("/")} onBlur={take} aria-invalid={wrong !== null} onInput={() => setWrong(null)}
         onKeyDown={(event) => { if (event.key === "Enter") take(); else if (event.key === "Escape") { event.currentTarget.value = String(value ?? ""); event.currentTarget.blur(); } }} />
     </label>
+    {wrong !== null && <span class="wrong" role="alert">{`“${wrong.trim()}” is not a number${unit ? ` in ${unit}` : ""}; the design has ${value}`}</span>}
+    </>
   );
 }
 
@@ -111,18 +121,21 @@ function slides(data: Json): Slide[] {
       }
     }
   };
-  for (const part of ["interfaces", "fiducials", "views", "temperature", "execution"]) visit(data?.[part], [part], part === "interfaces" || part === "views" ? [] : [part]);
+  const first = ["interfaces", "fiducials", "views", "temperature", "execution"], others = Object.keys(data ?? {}).filter((name) => !first.includes(name));
+  for (const part of [...first, ...others].filter((name) => name !== "optimise" && name !== "requirements")) visit(data?.[part], [part], part === "interfaces" || part === "views" ? [] : [part]);
   return found;
 }
 
-const LOW = 1e-3, HIGH = 10; // of the slider, in the field's unit; what is typed may be beyond
-const toSlider = (value: number) => Math.round(1000 * (Math.log(Math.max(value, LOW) / LOW) / Math.log(HIGH / LOW)));
-const fromSlider = (at: number) => Number((LOW * (HIGH / LOW) ** (at / 1000)).toPrecision(2));
+type Range = [number, number];
+/** Of the slider, in the field's unit; what is typed may be beyond. */
+const rangeOf = (unit: string): Range => unit === "(1)" ? [1e-5, 0.1] : [1e-3, 10];
+const toSlider = (value: number, [low, high]: Range) => Math.round(1000 * (Math.log(Math.max(value, low) / low) / Math.log(high / low)));
+const fromSlider = (at: number, [low, high]: Range) => Number((low * (high / low) ** (at / 1000)).toPrecision(2));
 
 /** So many steps in the second digit from a value. */
-function nudge(value: number, steps: number): number {
-  const step = 10 ** (Math.floor(Math.log10(Math.max(value, LOW))) - 1);
-  return Math.min(Math.max(HIGH, value), Math.max(LOW, Number((value + steps * step).toPrecision(2))));
+function nudge(value: number, steps: number, [low, high]: Range): number {
+  const step = 10 ** (Math.floor(Math.log10(Math.max(value, low))) - 1);
+  return Math.min(Math.max(high, value), Math.max(low, Number((value + steps * step).toPrecision(2))));
 }
 
 /** Half-widths of the process grades that the design lists for this very tolerance: the slider stops at them. */
@@ -162,18 +175,18 @@ function groupName(data: Json, path: Path): string {
 
 function Slider({ slide }: { slide: Slide }) {
   const value = valueAt(design.value, slide.path) as number, name = String(slide.path[slide.path.length - 2] ?? "");
-  const short = /^[rt][xyz]$/.test(name) ? name : slide.label.split(", ").slice(-1)[0];
+  const range = rangeOf(slide.unit), short = /^[rt][xyz]$/.test(name) ? name : slide.label.split(", ").slice(-1)[0];
   const marks = `grades ${slide.path.join(" ")}`.replace(/\W+/g, "-");
   const slideTo = (at: number) => {
-    let next = fromSlider(at);
-    const near = slide.grades.find((grade) => Math.abs(toSlider(grade) - at) < 12);
+    let next = fromSlider(at, range);
+    const near = slide.grades.find((grade) => Math.abs(toSlider(grade, range) - at) < 12);
     if (near !== undefined) next = near;
     preview([{ path: slide.path, value: next }]);
   };
   return (
     <div class="slide">
       <span class="name">{short}</span>
-      <input type="range" min={0} max={1000} step={1} value={toSlider(value)} list={slide.grades.length ? marks : undefined}
+      <input type="range" min={0} max={1000} step={1} value={toSlider(value, range)} list={slide.grades.length ? marks : undefined}
         aria-label={`${slide.label}: half-width`} aria-valuetext={`${brief(value)} ${slide.unit}`}
         onInput={(event) => slideTo(event.currentTarget.valueAsNumber)} onChange={() => finishGesture(`${slide.label}`)}
         onKeyDown={(event) => {
@@ -181,9 +194,9 @@ function Slider({ slide }: { slide: Slide }) {
           if (event.key === "Escape") cancelGesture();
           if (!way) return;
           event.preventDefault();
-          edit([{ path: slide.path, value: nudge(value, way) }], slide.label);
+          edit([{ path: slide.path, value: nudge(value, way, range) }], slide.label, PRESSES);
         }} />
-      {slide.grades.length > 0 && <datalist id={marks}>{slide.grades.map((g) => <option key={g} value={toSlider(g)} />)}</datalist>}
+      {slide.grades.length > 0 && <datalist id={marks}>{slide.grades.map((g) => <option key={g} value={toSlider(g, range)} />)}</datalist>}
       <NumberField path={slide.path} label={slide.label} unit={slide.unit} hidden />
       <span class="unit">{slide.unit}</span>
     </div>

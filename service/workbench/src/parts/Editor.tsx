@@ -4,7 +4,7 @@
 // a strict policy of the page allows.
 
 import { autocompletion, closeBrackets, type Completion, type CompletionContext, completionKeymap } from "@codemirror/autocomplete";
-import { defaultKeymap, history, historyKeymap, indentWithTab } from "@codemirror/commands";
+import { defaultKeymap, history, historyKeymap } from "@codemirror/commands";
 import { yaml } from "@codemirror/lang-yaml";
 import { bracketMatching, HighlightStyle, syntaxHighlighting } from "@codemirror/language";
 import { type Diagnostic, lintGutter, setDiagnostics } from "@codemirror/lint";
@@ -118,13 +118,25 @@ function rangeOf(document: Document, pointer: string): [number, number] {
 }
 
 function diagnostics(source: string): Diagnostic[] {
-  const { document, errors } = parse(source), end = source.length;
-  const syntax = errors.map((e): Diagnostic => ({ from: Math.min(e.from, end), to: Math.min(e.to, end), severity: "error", message: e.message }));
-  if (syntax.length || source !== text.value) return syntax;
-  return (refused.value?.errors ?? []).map((error): Diagnostic => {
+  const { document, errors, empty } = parse(source), end = source.length;
+  const diagnosed = (severity: Diagnostic["severity"]) => ({ message, from, to }: { message: string; from: number; to: number }): Diagnostic => ({ from: Math.min(from, end), to: Math.min(to, end), severity, message });
+  const own = [...errors.map(diagnosed("error")), ...empty.map(diagnosed("warning"))];
+  if (errors.length || source !== text.value) return own;
+  return [...own, ...(refused.value?.errors ?? []).map((error) => {
     const [from, to] = rangeOf(document, error.pointer);
-    return { from: Math.min(from, end), to: Math.min(to, end), severity: "error", message: `${error.detail} ${error.hint}`.trim() };
-  });
+    return diagnosed("error")({ from, to, message: `${error.detail} ${error.hint}`.trim() });
+  })];
+}
+
+/** Text that takes the place of a selection, or has several lines: a browser would write styles into it, which the policy of the page forbids. */
+function replaceText(event: InputEvent, view: EditorView): boolean {
+  const { data, inputType } = event, { from, to } = view.state.selection.main;
+  if (data === null || event.isComposing || inputType !== "insertText" || view.state.selection.ranges.length > 1) return false;
+  if (from === to && !data.includes("\n")) return false;
+  event.preventDefault();
+  const insert = () => view.state.update({ ...view.state.replaceSelection(data), userEvent: "input.type", scrollIntoView: true });
+  if (!view.state.facet(EditorView.inputHandler).some((handle) => handle(view, from, to, data, insert))) view.dispatch(insert());
+  return true;
 }
 
 export function Editor() {
@@ -134,7 +146,7 @@ export function Editor() {
     let timer = 0;
     const take = (view: EditorView) => {
       const source = view.state.doc.toString();
-      if (!parse(source).errors.length) commit(source, "Edit the text", true);
+      if (!parse(source).errors.length) commit(source, "Edit the text", Infinity);
       view.dispatch(setDiagnostics(view.state, diagnostics(source)));
     };
     const view = new EditorView({
@@ -144,8 +156,8 @@ export function Editor() {
         extensions: [
           lineNumbers(), history(), drawSelection(), bracketMatching(), closeBrackets(), highlightActiveLine(), lintGutter(), yaml(), hover,
           syntaxHighlighting(COLOURS), autocompletion({ override: [complete] }), EditorView.lineWrapping,
-          EditorView.contentAttributes.of({ "aria-label": "Design as YAML" }),
-          keymap.of([...completionKeymap, ...defaultKeymap, ...historyKeymap, indentWithTab]),
+          EditorView.contentAttributes.of({ "aria-label": "Design as YAML" }), EditorView.domEventHandlers({ beforeinput: replaceText }),
+          keymap.of([...completionKeymap, ...defaultKeymap, ...historyKeymap]),
           EditorView.updateListener.of((update) => {
             if (!update.docChanged || update.transactions.some((t) => t.isUserEvent("outside"))) return;
             window.clearTimeout(timer);
@@ -197,5 +209,10 @@ export function Editor() {
       view.destroy();
     };
   }, []);
-  return <div class="editor" ref={host} />;
+  return (
+    <>
+      <div class="editor" ref={host} />
+      <p class="note">Tab goes on to what comes next; Ctrl+] and Ctrl+[ indent a line.</p>
+    </>
+  );
 }

@@ -2,45 +2,69 @@
 
 import { signal } from "@preact/signals";
 import { useEffect, useState } from "preact/hooks";
-import { answer, current, key, placeInWords, pointerOf, readRefusal, send, unreachable } from "../api";
-import { canUndo, commit, design, differences, edit, type Json, keepVariant, linkOf, LONGEST_LINK, open, parse, setVariants, text, valueAt, variants, writeYaml } from "../state";
+import { answer, current, key, placeInWords, pointerOf, readRefusal, type Score, send, unreachable } from "../api";
+import { canUndo, commit, design, differences, edit, type Json, keepVariant, linked, linkOf, LONGEST_LINK, open, parse, removeVariant, say, text, valueAt, variants } from "../state";
 import { rounded } from "../geometry";
+import { type Check, decisive } from "../verdicts";
 import { mm, VERDICTS } from "../words";
 import { ghost } from "./Pictures";
 import { save } from "./Runs";
 
-export const message = signal<{ words: string; bad: boolean } | null>(null);
-export const say = (words: string, bad = false) => (message.value = { words, bad });
+export const working = signal<string | null>(null); // what the page is busy with
 
 const POINTS: Record<string, string> = { "mrk.json": "mrk.json", fcsv: "fcsv", csv: "csv", step: "step", stp: "step" }; // by ending
-const LARGEST: Record<string, number> = { step: 32 }; // MB of a file that is read at all, otherwise 4; the service has its own limits
+const LARGEST: Record<string, number> = { step: 32 }; // MB of a file, otherwise 1, as the command reads; the service may read less
 
 /** Take a file: a design is opened; points, and the balls of a STEP file, become the design's fiducials. */
 export async function takeFile(file: File): Promise<void> {
-  const ending = Object.keys(POINTS).find((e) => file.name.toLowerCase().endsWith(`.${e}`)), kind = ending ? POINTS[ending] : "design", most = LARGEST[kind] ?? 4;
+  const ending = Object.keys(POINTS).find((e) => file.name.toLowerCase().endsWith(`.${e}`)), kind = ending ? POINTS[ending] : "design", most = LARGEST[kind] ?? 1;
   if (file.size > 1e6 * most) return void say(`${file.name} has ${Math.round(file.size / 1e6)} MB; of this kind, files of at most ${most} MB are read`, true);
-  const content = await file.text();
-  if (ending) return takePoints(file.name, kind, content);
-  const { data, errors } = parse(content);
-  if (errors.length) return void say(`${file.name} is neither YAML nor JSON: ${errors[0].message}`, true);
-  if (data === null || typeof data !== "object" || Array.isArray(data)) return void say(`${file.name} holds no design: a design is a mapping with views, fiducials, targets`, true);
-  open(content, `Open ${file.name}`);
-  say(`${file.name} is open. Undo brings back what was here.`);
+  if (ending) return takePoints(file, kind);
+  const content = decode(await file.arrayBuffer());
+  if (content === null) return void say(`${file.name} is not UTF-8 text: save it as UTF-8`, true);
+  takeText(file.name, content, `Open ${file.name}`);
 }
 
-async function takePoints(name: string, format: string, content: string, more = ""): Promise<void> {
-  if (!design.value && format !== "step") return void say("Open a design first; then drop the fiducials on it.", true);
-  const response = await send("POST", `/v1/conversions?from=${format}&to=yaml${more}`, content, { "Content-Type": "text/plain" }).catch(() => null);
+/** Text as the command reads it: UTF-8, or UTF-16 with its mark; null for anything else. */
+function decode(content: ArrayBuffer): string | null {
+  const [first, second] = new Uint8Array(content);
+  const encoding = first === 0xff && second === 0xfe ? "utf-16le" : first === 0xfe && second === 0xff ? "utf-16be" : "utf-8";
+  try {
+    return new TextDecoder(encoding, { fatal: true }).decode(content);
+  } catch {
+    return null;
+  }
+}
+
+/** Open a text that is a design; of any other, say what is wrong with it. */
+export function takeText(name: string, content: string, what: string): void {
+  const { errors, empty } = parse(content);
+  if (errors.length) return void say(`${name} holds no design: ${errors[0].message}`, true);
+  const same = content === text.value;
+  open(content, what);
+  const notes = empty.slice(0, 5).map(({ path }) => path.join(" › ")).join(", ");
+  say(`${name} is ${same ? "what is open already" : "open"}.${canUndo.value && !same ? " Undo brings back what was here." : ""}${notes ? ` Fields without a value count as if they were not there: ${notes}.` : ""}`);
+}
+
+async function takePoints(file: File, format: string, more = ""): Promise<void> {
+  const { name } = file;
+  const started = !design.value;
+  if (started && format !== "step") return void say(`${name} holds fiducials and no design: take one of the designs below or open one of yours, then drop ${name} on it.`, true);
+  working.value = `${name} is being read`;
+  const response = await send("POST", `/v1/conversions?from=${format}&to=${started ? "yaml" : "csv"}${more}`, file, { "Content-Type": "text/plain" }).catch(() => null).finally(() => (working.value = null));
   if (!response?.ok) {
     const problem = response ? await readRefusal(response) : unreachable(), [{ rule, detail }] = problem.errors;
-    const diameter = rule === "several-diameters" && !more ? Number(window.prompt(`${detail}. Which diameter have the fiducials, mm?`)?.replace(",", ".") ?? 0) : 0;
-    if (diameter > 0) return takePoints(name, format, content, `&sphere_diameter_mm=${diameter}`);
-    return void say(`${name}: ${[problem.errors[0].detail, problem.errors[0].hint].filter(Boolean).join("; ")}`, true);
+    const called = detail.replaceAll(`content.${format}`, name), several = rule === "several-diameters" && !more;
+    const diameter = several ? Number(window.prompt(`${called}. Which diameter have the fiducials, mm?`)?.replace(",", ".") ?? 0) : 0;
+    if (diameter > 0) return takePoints(file, format, `&sphere_diameter_mm=${diameter}`);
+    const cure = several ? "nothing was taken: open the file again and type one of these diameters" : problem.errors[0].hint;
+    return void say(`${name}: ${[called, cure].filter(Boolean).join("; ")}`, true);
   }
   const made = await response.json(), own = new Map((design.value?.fiducials?.points ?? []).map((p: Json) => [p.label, p]));
   const points = made.fiducials.map((p: Json) => ({ ...(own.get(p.label) ?? {}), label: p.label, position_mm: rounded(p.position_mm, 4) }));
-  const notes = [...made.notes, ...(made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`)].slice(0, 5).join("; ");
-  if (!design.value) open(made.content, `Open ${name}`);
+  const left = (made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`);
+  const notes = [...made.notes, ...left].slice(0, 5).join("; ");
+  if (started) open(made.content, `Open ${name}`);
   else {
     const kept = Object.fromEntries(Object.entries(design.value.fiducials ?? {}).filter(([field]) => !["points", "file", "region", "frame"].includes(field)));
     edit([{ path: ["fiducials"], value: { points, ...kept } }], `Fiducials of ${name}`);
@@ -62,9 +86,12 @@ export function Gallery() {
     if (!gallery.value) void send("GET", "/v1/examples").then(async (r) => r.ok && (gallery.value = (await r.json()).examples)).catch(() => null);
   }, [key.value]);
   const take = async (name: string) => {
-    const response = await send("GET", `/v1/examples/${name}`).catch(() => null);
+    const response = await send("GET", `/v1/examples/${name}`, undefined, { Accept: "application/yaml" }).catch(() => null);
     if (!response) say(unreachable().title, true);
-    else if (response.ok) open(writeYaml(await response.json()), `Example ${name}`);
+    else if (response.ok) {
+      open(await response.text(), `Example ${name}`);
+      requestAnimationFrame(() => document.getElementById("main")?.focus({ preventScroll: true })); // the card that was chosen is gone
+    }
   };
   return (
     <ul class="gallery">
@@ -100,6 +127,7 @@ export function TakeAway() {
       say(`The design is too large for a link (${link.length} characters; ${LONGEST_LINK} survive mail and chats): it was saved as a file, send that.`);
       return;
     }
+    linked.value = text.value;
     history.replaceState(null, "", link);
     await copy(link, "The link holds the whole design, and is copied.");
   };
@@ -108,7 +136,7 @@ export function TakeAway() {
     ["curl", () => `curl -s -H 'Content-Type: application/yaml' --data-binary @${fileName()}.yaml ${address}/v1/scores`],
     ["Python", () => `from tailstack import load_design, score\n\ndesign = load_design("${fileName()}.yaml")\nprint(score(design).targets[0].p95_mm)\n`],
     ["command", () => `tailstack score ${fileName()}.yaml`],
-    ["CI gate", () => `# .github/workflows/tolerances.yml\nname: tolerances\non: [push]\njobs:\n  gate:\n    runs-on: ubuntu-latest\n    steps:\n      - uses: actions/checkout@v4\n      - run: pip install tailstack\n      - run: tailstack gate ${fileName()}.yaml --mode auto\n`],
+    ["CI gate", () => `# .github/workflows/tolerances.yml; COMMIT is that of your copy of tailstack\nname: tolerances\non: [pull_request]\npermissions: { contents: read }\njobs:\n  gate:\n    runs-on: ubuntu-24.04\n    timeout-minutes: 15\n    steps:\n      - uses: actions/checkout@11bd71901bbe5b1630ceea73d27597364c9af683 # v4.2.2\n      - uses: YOUR-ORGANISATION/tailstack@COMMIT\n        with: { designs: ${fileName()}.yaml, mode: auto }\n`],
   ];
   return (
     <div class="controls" role="group" aria-label="Take away">
@@ -132,21 +160,25 @@ async function copy(content: string, words: string): Promise<void> {
 // --- variants ---------------------------------------------------------------------------------------------------------------
 
 interface Numbers {
-  p95: number | null;
+  p95: number | null; // of the requirement that decides; without one, the largest P95
   status: string;
+  decides?: Check;
 }
 const known = signal<Record<string, Numbers>>({}); // by text
 
+const numbersOf = (score: Score): Numbers => {
+  const decides = decisive(score.verdict.checks);
+  return { p95: decides?.value_mm ?? Math.max(...score.targets.map((t) => t.p95_mm)), status: score.verdict.status, decides };
+};
+
 async function scoreOf(source: string): Promise<void> {
   const response = await send("POST", "/v1/scores", { design: parse(source).data }).catch(() => null);
-  const score = response?.ok ? await response.json() : null;
-  const check = score?.verdict.checks[0];
-  known.value = { ...known.value, [source]: { p95: check?.value_mm ?? score?.targets[0].p95_mm ?? null, status: score?.verdict.status ?? "not-evaluated" } };
+  known.value = { ...known.value, [source]: response?.ok ? numbersOf(await response.json()) : { p95: null, status: "not-evaluated" } };
 }
 
 export function Variants() {
   const [compared, compare] = useState<string | null>(null);
-  const now = answer.value, mine = now && current.value ? { p95: now.score.verdict.checks[0]?.value_mm ?? now.score.targets[0].p95_mm, status: now.score.verdict.status } : null;
+  const now = answer.value, mine = now && current.value ? numbersOf(now.score) : null;
   for (const variant of variants.value) if (!(variant.text in known.value) && current.value) void once(variant.text); // not beside a score of the design
   const chosen = variants.value.find((v) => v.name === compared);
   return (
@@ -155,18 +187,19 @@ export function Variants() {
       {variants.value.length > 0 && (
         <div class="scroll" tabIndex={0} role="region" aria-label="Variants">
           <table>
-            <thead><tr><th>Variant</th><th class="number">Judged value, mm</th><th>Status</th><th>Overlay</th><th>Differences</th><th>Take</th><th><span class="hidden">Remove</span></th></tr></thead>
+            <caption>By estimate: the requirement that decides of each</caption>
+            <thead><tr><th>Variant</th><th>Status</th><th class="number">Found, mm</th><th class="number">Limit, mm</th><th>What decides</th><th>Overlay</th><th>Differences</th><th>Take</th><th><span class="hidden">Remove</span></th></tr></thead>
             <tbody>
-              <tr><th>now</th><td class="number">{mm(mine?.p95)}</td><td>{mine ? VERDICTS[mine.status] ?? mine.status : "…"}</td><td colSpan={4} /></tr>
+              <tr><th>now</th><Judged numbers={mine} /><td colSpan={4} /></tr>
               {variants.value.map((variant) => {
                 const numbers = known.value[variant.text];
                 return (
                   <tr key={variant.name}>
-                    <th>{variant.name}</th><td class="number">{numbers ? mm(numbers.p95) : "…"}</td><td>{numbers ? VERDICTS[numbers.status] ?? numbers.status : ""}</td>
+                    <th>{variant.name}</th><Judged numbers={numbers} />
                     <td><input type="checkbox" aria-label={`Draw ${variant.name} below`} checked={ghost.value === variant.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? variant.name : null)} /></td>
                     <td><button type="button" class="small" aria-pressed={compared === variant.name} onClick={() => compare(compared === variant.name ? null : variant.name)}>compare</button></td>
                     <td><button type="button" class="small" onClick={() => commit(variant.text, `Variant ${variant.name}`)}>take</button></td>
-                    <td><button type="button" class="small" aria-label={`Remove variant ${variant.name}`} onClick={() => setVariants(variants.value.filter((v) => v !== variant))}>×</button></td>
+                    <td><button type="button" class="small" aria-label={`Remove variant ${variant.name}`} onClick={() => removeVariant(variant.name)}>×</button></td>
                   </tr>
                 );
               })}
@@ -175,6 +208,17 @@ export function Variants() {
         </div>
       )}
       {chosen && <Differences name={chosen.name} before={parse(chosen.text).data} />}
+    </>
+  );
+}
+
+function Judged({ numbers }: { numbers: Numbers | null | undefined }) {
+  const decides = numbers?.decides;
+  return (
+    <>
+      <td class={`status ${numbers?.status ?? ""}`}>{numbers ? VERDICTS[numbers.status] ?? numbers.status : ""}</td>
+      <td class="number">{numbers ? mm(numbers.p95) : "…"}</td><td class="number">{mm(decides?.limit_mm)}</td>
+      <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : numbers ? "no requirement: the largest P95" : ""}</td>
     </>
   );
 }

@@ -1,10 +1,10 @@
 // The X-ray images and the three elevations: beads, targets, borders; beads are dragged, or moved with the keyboard.
 
 import { computed, signal } from "@preact/signals";
-import { useRef } from "preact/hooks";
-import { answer, current, layout, refused } from "../api";
+import { useRef, useState } from "preact/hooks";
+import { answer, current, drawn, late, layout, refused } from "../api";
 import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, rounded, roundStep, type Vector } from "../geometry";
-import { cancelGesture, design, edit, finishGesture, type Json, parse, preview, selected, variants } from "../state";
+import { cancelGesture, design, edit, finishGesture, type Json, parse, PRESSES, preview, selected, variants } from "../state";
 import { brief } from "../words";
 import { Remarks } from "./Problems";
 
@@ -35,6 +35,14 @@ const ghosts = computed<Bead[]>(() => {
 const targets = computed<{ name: string; position: Vector }[]>(() =>
   (layout.value?.targets ?? []).map((target) => ({ name: target.label, position: target.position_mm as Vector })));
 
+/** Whether what the service drew is of a design that differs in these parts; half-widths and noise move nothing. */
+function outdated(parts: RegExp): boolean {
+  if (drawn.value === design.value) return false;
+  const only = (data: Json) => JSON.stringify(data ?? {}, (name, value) => (/^(tolerances|manufacturing|.*noise.*|half_width.*)$/.test(name) ? undefined : value));
+  const picked = (data: Json) => only(Object.fromEntries(Object.entries(data ?? {}).filter(([name]) => parts.test(name))));
+  return picked(drawn.value) !== picked(design.value);
+}
+
 const where = (p: readonly number[]) => ["x", "y", "z"].map((axis, k) => `${axis} ${p[k].toFixed(2)}`).join(", ").replace(/-/g, "−");
 
 const editOf = (bead: Bead, position: Vector) => [{ path: ["fiducials", "points", bead.index, "position_mm"], value: rounded(position) }];
@@ -54,14 +62,18 @@ interface Plane {
   sees?: string[]; // labels of the beads that the view's estimate uses; absent: all
   closest?: string[]; // labels of the two beads whose images are nearest to each other
   axes?: [string, string];
+  old: boolean; // drawn by what the service said of another design
 }
 
+const REACH = 12, MARK = 6, STILL = 3; // of a press on a bead, of its mark, and of a press that moves nothing: in pixels of a picture
 const NUDGE = (event: KeyboardEvent) => (event.shiftKey ? 10 : event.altKey ? 0.1 : 1);
 
 function Picture({ plane, words }: { plane: Plane; words: string }) {
   const svg = useRef<SVGSVGElement>(null);
-  const held = useRef<{ bead: Bead; from: Pixel; at: Pixel } | null>(null);
-  const [left, top, width, height] = plane.box;
+  const held = useRef<{ bead: Bead; from: Pixel; at: Pixel; moved: boolean; again: boolean; box: Plane["box"] } | null>(null);
+  const pressed = useRef<Pixel | null>(null); // where the last press was, if nothing was moved by it
+  const [hovered, hover] = useState<string | null>(null);
+  const [left, top, width, height] = held.current?.box ?? plane.box; // it stands still while a bead is dragged
   const scale = Math.max(width, height) / (plane.unit === "px" ? 400 : 270); // elevations are drawn smaller
   const placed = beads.value.map((bead) => ({ bead, at: plane.to(bead.position) }));
   const inside = ([x, y]: Pixel): Pixel => [Math.min(Math.max(x, left + 6 * scale), left + width - 6 * scale), Math.min(Math.max(y, top + 6 * scale), top + height - 6 * scale)];
@@ -72,22 +84,54 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
     const p = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix);
     return [p.x, p.y];
   };
-  const grab = (event: PointerEvent, bead: Bead, at: Pixel) => {
-    if (event.button) return;
-    event.preventDefault();
-    selected.value = bead.label;
-    held.current = { bead, from: place(event), at };
-    svg.current!.setPointerCapture(event.pointerId);
+  const near = (a: Pixel, b: Pixel, most: number) => Math.hypot(a[0] - b[0], a[1] - b[1]) <= most * scale;
+  /** The beads that a press takes, the nearest mark first; where marks lie over one another, all of them. */
+  const reached = (now: Pixel) => {
+    const found = placed.flatMap(({ bead, at }) => (at ? [{ bead, at: inside(at), true_: at }] : [])).filter(({ at }) => near(at, now, REACH));
+    const far = ({ at }: { at: Pixel }) => Math.hypot(at[0] - now[0], at[1] - now[1]);
+    found.sort((a, b) => far(a) - far(b));
+    return found.filter((each, k) => k === 0 || near(each.at, now, MARK));
+  };
+  /** What a press takes: the nearest; where the last press was, and moved nothing, the one that is chosen. */
+  const taken = (now: Pixel) => {
+    const under = reached(now), again = pressed.current !== null && near(pressed.current, now, STILL);
+    const same = again ? under.find(({ bead }) => bead.label === selected.value) : undefined;
+    return { under, found: same ?? under[0], again: same !== undefined };
+  };
+  const choose = (label: string) => {
+    selected.value = label;
     svg.current!.focus({ preventScroll: true });
   };
+  const grab = (event: PointerEvent) => {
+    const now = place(event), { found, again } = taken(now);
+    if (event.button || !found) return;
+    // A finger scrolls the page, unless it is on the bead that was chosen before
+    if (event.pointerType === "touch" && found.bead.label !== selected.value) return void (held.current = { bead: found.bead, from: now, at: found.true_, moved: false, again: false, box: plane.box });
+    event.preventDefault();
+    choose(found.bead.label);
+    held.current = { bead: found.bead, from: now, at: found.true_, moved: false, again, box: plane.box };
+    svg.current!.setPointerCapture(event.pointerId);
+  };
   const move = (event: PointerEvent) => {
-    if (!held.current) return;
-    const { bead, from, at } = held.current, now = place(event);
-    preview(editOf(bead, plane.from(bead.position, [at[0] + now[0] - from[0], at[1] + now[1] - from[1]])));
+    const now = place(event);
+    if (!held.current) return hover(event.pointerType === "touch" ? null : taken(now).found?.bead.label ?? null);
+    const { bead, from, at } = held.current;
+    held.current.moved ||= !near(from, now, STILL);
+    if (held.current.moved && bead.label === selected.value) preview(editOf(bead, plane.from(bead.position, [at[0] + now[0] - from[0], at[1] + now[1] - from[1]])));
   };
   const drop = () => {
-    if (held.current) finishGesture(`Move ${held.current.bead.label}`);
+    const press = held.current;
     held.current = null;
+    if (!press) return;
+    if (press.moved) {
+      pressed.current = null;
+      return finishGesture(`Move ${press.bead.label}`);
+    }
+    const under = reached(press.from), k = under.findIndex(({ bead }) => bead.label === press.bead.label);
+    const next = press.again && k >= 0 ? under[(k + 1) % under.length].bead : press.bead;
+    pressed.current = press.from;
+    choose(next.label);
+    hover(next.label);
   };
   const press = (event: KeyboardEvent) => {
     const arrows: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -98,9 +142,9 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
     } else if (way && chosen && !event.ctrlKey && !event.metaKey) {
       const [right, down] = plane.steps(chosen.bead.position), by = NUDGE(event);
       const moved = add(add(chosen.bead.position, right, way[0] * by), down, way[1] * by);
-      edit(editOf(chosen.bead, moved), `Move ${chosen.bead.label}`);
-    } else if ((event.key === "n" || event.key === "p") && placed.length) {
-      const k = placed.indexOf(chosen!), next = (k + (event.key === "n" ? 1 : placed.length - 1)) % placed.length;
+      edit(editOf(chosen.bead, moved), `Move ${chosen.bead.label}`, PRESSES);
+    } else if (/^[np]$/i.test(event.key) && !event.ctrlKey && !event.metaKey && !event.altKey && placed.length) {
+      const k = placed.indexOf(chosen!), next = (k + (event.key.toLowerCase() === "n" ? 1 : placed.length - 1)) % placed.length;
       selected.value = placed[selected.value ? next : 0].bead.label;
     } else return;
     event.preventDefault();
@@ -112,16 +156,22 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
     return x < l || y < t || x > l + w || y > t + h;
   };
   const [first, second] = (plane.closest ?? []).map((label) => placed.find(({ bead }) => bead.label === label)?.at);
-  const crowded = placed.length > 24, names = crowded ? [] : placeLabels(placed.map(({ bead, at }) => at && { at: inside(at), words: clip(bead.label) }), plane.box, scale);
+  const crowded = placed.length > 24, names = crowded ? [] : placeLabels(placed.map(({ bead, at }) => at && { at: inside(at), words: clip(bead.label) }), [left, top, width, height], scale);
   const bar = roundStep(width / 4);
+  const over = placed.find(({ bead, at }) => at && bead.label === hovered);
+  const below = over ? reached(inside(over.at!)).map(({ bead }) => bead.label).filter((label) => label !== hovered) : [];
+  // What is pointed at, and what is chosen, are drawn above their neighbours
+  const rank = (label: string) => (label === hovered ? 2 : label === selected.value ? 1 : 0);
+  const ordered = placed.map((each, k) => ({ ...each, k })).sort((a, b) => rank(a.bead.label) - rank(b.bead.label));
   return (
-    <figure class="picture">
+    <figure class={plane.old ? "picture old" : "picture"}>
       <figcaption>{plane.name}</figcaption>
       <svg
-        ref={svg} viewBox={`${left} ${top} ${width} ${height}`} tabindex={0} role="application" class="movable"
+        ref={svg} viewBox={`${left} ${top} ${width} ${height}`} tabindex={0} role="application" class={hovered ? "movable over" : "movable"}
         aria-label={`${words} ${chosen ? `Chosen: ${chosen.bead.label} at ${where(chosen.bead.position)} mm.` : "No bead."} Arrow keys move it by 1 mm, with Shift by 10, with Alt by 0.1; N and P choose the next and the one before.`}
-        onPointerMove={move} onPointerUp={drop} onPointerCancel={() => { held.current = null; cancelGesture(); }} onKeyDown={press}
+        onPointerDown={grab} onTouchStart={(event) => { if (held.current?.bead.label === selected.value) event.preventDefault(); }} onPointerMove={move} onPointerUp={drop} onPointerLeave={() => hover(null)} onPointerCancel={() => { held.current = null; cancelGesture(); }} onKeyDown={press}
       >
+        {over && <title>{`${over.bead.label}: ${where(over.bead.position)} mm${plane.unit === "px" ? `; u ${over.at![0].toFixed(1)}, v ${over.at![1].toFixed(1)} px` : ""}${below.length ? `. Below it ${below.join(", ")}: press twice without moving` : ""}`}</title>}
         <rect class="ground" x={left} y={top} width={width} height={height} />
         {plane.frame && <rect class="detector" x={plane.frame[0]} y={plane.frame[1]} width={plane.frame[2]} height={plane.frame[3]} />}
         {plane.frame && plane.margin ? (
@@ -143,16 +193,14 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
             </g>
           );
         })}
-        {placed.map(({ bead, at }, k) => {
+        {ordered.map(({ bead, at, k }) => {
           if (!at) return null;
-          const [x, y] = inside(at), name = names[k] ?? { x: 8 * scale, y: -5 * scale, end: false };
+          const [x, y] = inside(at), name = names[k] ?? { x: 8 * scale, y: -5 * scale, end: false }, isChosen = bead.label === selected.value, over = bead.label === hovered;
           return (
-            <g key={bead.index} data-bead={bead.label} class={`bead${bead.label === selected.value ? " chosen" : ""}${outside(at) ? " outside" : ""}${plane.sees && !plane.sees.includes(bead.label) ? " unseen" : ""}`}
-              onPointerDown={(event) => grab(event, bead, at)}>
-              <title>{`${bead.label}: ${where(bead.position)} mm${plane.unit === "px" ? `; u ${at[0].toFixed(1)}, v ${at[1].toFixed(1)} px` : ""}`}</title>
-              <circle class="reach" cx={x} cy={y} r={12 * scale} />
+            <g key={bead.index} data-bead={bead.label} class={`bead${isChosen ? " chosen" : ""}${over ? " over" : ""}${outside(at) ? " outside" : ""}${plane.sees && !plane.sees.includes(bead.label) ? " unseen" : ""}`}>
+              <circle class="reach" cx={x} cy={y} r={REACH * scale} />
               <circle class="mark" cx={x} cy={y} r={5 * scale} />
-              {(!crowded || bead.label === selected.value) && <text x={x + name.x} y={y + name.y} font-size={12 * scale} text-anchor={name.end ? "end" : "start"}>{clip(bead.label)}</text>}
+              {(!crowded || isChosen || over) && <text x={x + name.x} y={y + name.y} font-size={12 * scale} text-anchor={name.end ? "end" : "start"}>{clip(bead.label)}</text>}
             </g>
           );
         })}
@@ -207,7 +255,7 @@ const clip = (label: string) => (label.length > 18 ? `${label.slice(0, 17)}…` 
 // --- which pictures there are ---------------------------------------------------------------------------------------
 
 export function Images() {
-  const views = layout.value?.views ?? [];
+  const views = layout.value?.views ?? [], old = outdated(/^(views|interfaces|transforms|targets|temperature|execution|estimation|model)$/);
   const checks = new Map((answer.value?.score.views ?? []).map((view) => [view.view, view]));
   return (
     <div class="pictures" role="group" aria-label="X-ray images">
@@ -218,7 +266,7 @@ export function Images() {
         const plane: Plane = {
           name: `${view.view}: X-ray image${close ? ", enlarged" : ""}`, unit: "px",
           box: close ? part(P) : [-0.02 * width, -0.02 * height, 1.04 * width, 1.04 * height],
-          frame: view.image_size_px ? [0, 0, width, height] : undefined, margin: view.margin_px,
+          old, frame: view.image_size_px ? [0, 0, width, height] : undefined, margin: view.margin_px,
           to: (point) => project(P, point), sees: design.value?.views?.[k]?.sees, closest: current.value ? check?.closest_pair : undefined,
           target: (point) => project(view.target_projection as Projection, point),
           from: (point, at) => moveInImage(P, point, at),
@@ -231,7 +279,7 @@ export function Images() {
             <p class="note">
               <button type="button" class="small" aria-pressed={close} onClick={() => toggle(view.view)}>{close ? "Whole image" : "Enlarge"}</button>{" "}
               {check && !refused.value && (
-                <span class={current.value ? "" : "old"}>
+                <span class={late.value ? "old" : ""}>
                   {margin == null ? "" : `nearest to the edge ${brief(margin)} px; `}
                   {`closest pair ${check.closest_pair.join(" and ")}, ${brief(check.closest_pair_px)} px`}
                 </span>
@@ -256,6 +304,7 @@ const ELEVATIONS: [string, 0 | 1 | 2, 0 | 1 | 2][] = [["Front (x, z)", 0, 2], ["
 export function Elevations() {
   const all = [...beads.value.map((b) => b.position), ...targets.value.slice(0, 50).map((t) => t.position)];
   if (!all.length) return null;
+  const old = outdated(/^targets$/);
   return (
     <>
     <div class="pictures three" role="group" aria-label="Elevations, frame con">
@@ -267,7 +316,7 @@ export function Elevations() {
         const centre = [10 * Math.round((x0 + x1) / 20), 10 * Math.round((y0 + y1) / 20)];
         const axis = (k: number, sign: number): Vector => [0, 1, 2].map((m) => (m === k ? sign : 0)) as Vector;
         const plane: Plane = {
-          name, unit: "mm", box: [centre[0] - side / 2, -centre[1] - side / 2, side, side], axes: ["xyz"[a], "xyz"[b]] as [string, string],
+          old, name, unit: "mm", box: [centre[0] - side / 2, -centre[1] - side / 2, side, side], axes: ["xyz"[a], "xyz"[b]] as [string, string],
           to: (p) => [p[a], -p[b]],
           target: (p) => [p[a], -p[b]],
           from: (p, at) => p.map((value, k) => (k === a ? at[0] : k === b ? -at[1] : value)) as Vector,

@@ -3,18 +3,19 @@
 import { signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
-import { key, send } from "../api";
-import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, unfinished } from "../jobs";
+import { key, placeInWords, pointerOf, send } from "../api";
+import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, startProblem, unfinished } from "../jobs";
 import { design, differences, edit, gesture, type Json, open, parse, text } from "../state";
-import { brief, duration, mm, percent, VERDICTS } from "../words";
+import { brief, duration, mm, percent, readNumber, VERDICTS } from "../words";
 import { Problems } from "./Problems";
+import { Checks, optimise, verify } from "./Verdict";
 
 type Distribution = components["schemas"]["ErrorDistribution"];
 
 const axis = signal(""), from = signal("0.1"), to = signal("1"), count = signal("5");
 
 function numericPaths(part: Json, path: string[] = []): string[] {
-  if (typeof part === "number") return [`/${path.join("/")}`];
+  if (typeof part === "number") return [pointerOf(path)];
   if (part === null || typeof part !== "object") return [];
   return Object.entries(part).flatMap(([name, value]) => (path.length === 0 && name === "optimise" ? [] : numericPaths(value, [...path, name])));
 }
@@ -24,27 +25,31 @@ export function Runs() {
   return (
     <>
       <div class="controls" role="group" aria-label="Run">
-        <button type="button" disabled={!ready} onClick={() => start("Verification and report", "/v1/reports", { precision: 0.005 })}>Verify by Monte Carlo, with report</button>
-        <button type="button" disabled={!ready || !design.value?.optimise} title={design.value?.optimise ? "" : "the design has no optimise section: add one under all fields"} onClick={() => start("Optimisation", "/v1/optimisations", {})}>Optimise</button>
+        <button type="button" disabled={!ready} onClick={verify}>Verify by Monte Carlo, with report</button>
+        <button type="button" disabled={!ready || !design.value?.optimise} title={design.value?.optimise ? "" : "the design has no optimise section: add one under all fields"} onClick={optimise}>Optimise</button>
       </div>
       <details>
         <summary>Sweep one number</summary>
         <form class="controls" onSubmit={(event) => {
           event.preventDefault();
-          void start(`Sweep ${axis.value}`, "/v1/sweeps", { axes: [{ pointer: axis.value, start: Number(from.value), stop: Number(to.value), count: Number(count.value) }] });
+          const fields = [...event.currentTarget.querySelectorAll("input")], numbers = fields.map((field) => readNumber(field.value));
+          numbers.forEach((value, k) => fields[k].setCustomValidity(value === null ? "a number is written 0.1 or 0,1" : k === 2 && !(Number.isInteger(value) && value > 1) ? "how many points: a whole number, 2 or more" : ""));
+          if (!event.currentTarget.reportValidity()) return;
+          void start(`Sweep ${placeInWords(design.value, axis.value)}`, "/v1/sweeps", { axes: [{ pointer: axis.value, start: numbers[0], stop: numbers[1], count: numbers[2] }] });
         }}>
-          <label>Number{" "}
-            <select value={axis.value} required onChange={(event) => (axis.value = event.currentTarget.value)}>
+          <label><span>Number</span>{" "}
+            <select aria-label="Number" value={axis.value} required onChange={(event) => (axis.value = event.currentTarget.value)}>
               <option value="">choose …</option>
-              {numericPaths(design.value).slice(0, 400).map((p) => <option key={p}>{p}</option>)}
+              {numericPaths(design.value).slice(0, 400).map((p) => <option key={p} value={p}>{placeInWords(design.value, p)}</option>)}
             </select>
           </label>
           {([["from", from], ["to", to], ["points", count]] as const).map(([name, value]) => (
-            <label key={name}>{name} <input type="text" inputMode="decimal" size={6} required value={value.value} onInput={(event) => (value.value = event.currentTarget.value)} /></label>
+            <label key={name}>{name} <input type="text" inputMode="decimal" size={6} required value={value.value} onInput={(event) => { event.currentTarget.setCustomValidity(""); value.value = event.currentTarget.value; }} /></label>
           ))}
           <button type="submit">Sweep</button>
         </form>
       </details>
+      {startProblem.value && <Problems problem={startProblem.value} />}
       {runs.value.length === 0 && <p class="note">No runs yet. What is run here goes on when the page is closed, and is found again.</p>}
       <ol class="runs" aria-label="Runs of this page">{runs.value.map((run) => <Item key={run.id} run={run} />)}</ol>
       <Recent />
@@ -65,7 +70,7 @@ function Recent() {
             {recent.value.map((job) => (
               <tr key={job.id} data-job={job.id}>
                 <td>{new Date(job.created_at).toLocaleString()}</td><td>{job.kind}</td><td dir="auto">{job.design_name}</td>
-                <td class={`status ${job.state}`}>{job.state}</td>
+                <td class={job.state === "succeeded" ? "" : `status ${job.state}`}>{STATES[job.state] ?? job.state}</td>
                 <td>{job.links.report && <Reports path={job.links.report} />}</td>
                 <td>{!runs.value.some((run) => run.id === job.id) && <button type="button" class="small" aria-label={`Show ${job.kind} of ${job.design_name} here`} onClick={() => adopt(job, `${job.kind} of ${job.design_name}`, "")}>show</button>}</td>
               </tr>
@@ -78,15 +83,17 @@ function Recent() {
   );
 }
 
+const STATES: Record<string, string> = { succeeded: "computed", gone: "no longer known to the service" }; // what came of it is said below
+
 function Item({ run }: { run: Run }) {
   const result = run.result ? results.value[run.result] : null;
   if (run.result && !result) void loadResult(run.result);
   const other = run.text !== "" && run.text !== text.value;
   return (
-    <li class="run" data-kind={run.kind} data-state={run.state}>
+    <li class={other ? "run other" : "run"} data-kind={run.kind} data-state={run.state}>
       <p class="head">
         <strong>{run.title}</strong> <span class="note">{new Date(run.begun).toLocaleTimeString()}{other ? ", of another state of the design" : ""}</span>
-        <span class={`status ${run.state}`}>{run.state}</span>
+        <span class={run.state === "succeeded" ? "note" : `status ${run.state}`}>{STATES[run.state] ?? run.state}</span>
         {unfinished(run)
           ? <button type="button" class="small" onClick={() => cancel(run.id)}>Cancel</button>
           : <button type="button" class="small" onClick={() => forget(run.id)}>Take off the list</button>}
@@ -99,7 +106,7 @@ function Item({ run }: { run: Run }) {
         </>
       )}
       {run.problem && <Problems problem={run.problem} />}
-      {result && <Outcome run={run} result={result} />}
+      {result && <div class={other ? "old" : ""}><Outcome run={run} result={result} /></div>}
       {run.report && <p class="note">Report: <Reports path={run.report} /></p>}
     </li>
   );
@@ -115,7 +122,7 @@ function Outcome({ run, result }: { run: Run; result: Json }) {
       {result.verification && <Verified result={result.verification} />}
       {result.distributions.map((shares: Distribution) => (
         <Histogram key={shares.target} shares={shares} p95={(result.verification ?? result.score).targets.find((t: Json) => t.name === shares.target).p95_mm}
-          limit={result.score.targets.find((t: Json) => t.name === shares.target).limit_mm} />
+          limit={result.score.targets.find((t: Json) => t.name === shares.target).limit_mm} perUnit={result.score.verdict.checks.some((c: Json) => c.target === shares.target && c.risk === "per_unit")} />
       ))}
       {!result.verification && <p class="note">The slack of each half-width stands in the budget.</p>}
     </>
@@ -123,13 +130,13 @@ function Outcome({ run, result }: { run: Run; result: Json }) {
 }
 
 /** How often which error occurs: sampled as bars, by first order as a line; where P95 and the limit are. */
-function Histogram({ shares, p95, limit }: { shares: Distribution; p95: number; limit: number | null }) {
+function Histogram({ shares, p95, limit, perUnit }: { shares: Distribution; p95: number; limit: number | null; perUnit: boolean }) {
   const { edges_mm: edges, sampled, first_order: law } = shares, width = 360, height = 110, foot = 18;
   const end = edges[edges.length - 1], top = Math.max(...law, ...(sampled ?? []), 1e-9);
   const x = (value: number) => (width * value) / end, y = (share: number) => height - (0.92 * height * share) / top;
   const line = law.map((share, k) => `${k ? "L" : "M"}${x(edges[k])} ${y(share)}H${x(edges[k + 1])}`).join("");
   const marks = [{ name: "P95", at: p95 }, ...(limit === null ? [] : [{ name: "limit", at: limit }])];
-  const words = `Error at the tool, target ${shares.target}: ${sampled ? `bars: share of ${shares.trials!.toLocaleString("en")} sampled shots; line: ` : ""}first order; P95 ${mm(p95)} mm${limit === null ? "" : `, limit ${mm(limit)} mm`}`;
+  const words = `Error at the tool, target ${shares.target}: ${sampled ? `bars: share of ${shares.trials!.toLocaleString("en")} sampled shots; line: ` : ""}first order; P95 ${mm(p95)} mm${limit === null ? "" : `, limit ${mm(limit)} mm`}${perUnit ? "; all units together: what is asked of each unit stands in the table" : ""}`;
   return (
     <figure class="histogram">
       <figcaption>{words}</figcaption>
@@ -148,8 +155,10 @@ function Histogram({ shares, p95, limit }: { shares: Distribution; p95: number; 
 
 function Verified({ result }: { result: Json }) {
   return (
-    <div class="scroll" tabIndex={0} role="region" aria-label="Verification">
-      <p>{`${VERDICTS[result.verdict.status] ?? result.verdict.status}: ${result.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. `}<span class="note" title={result.stopping}>{`P95 is known to ±${percent(result.precision_reached, 2)}; estimate and simulation differ by ${percent(Math.abs(result.first_order_ratio - 1))}.`}</span></p>
+    <>
+      <p><strong class={`status ${result.verdict.status}`}>{VERDICTS[result.verdict.status] ?? result.verdict.status}</strong>{`: ${result.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. `}<span class="note" title={result.stopping}>{`P95 is known to ±${percent(result.precision_reached, 2)}; estimate and simulation differ by ${percent(Math.abs(result.first_order_ratio - 1))}.`}</span></p>
+      <Checks checks={result.verdict.checks} label="Requirements as verified" />
+      <div class="scroll" tabIndex={0} role="region" aria-label="Verification">
       <table>
         <thead><tr><th>Target</th><th class="number">P95, mm</th><th class="number">95 % interval, mm</th><th class="number">First order, mm</th><th class="number">Worst seen, mm</th><th class="number">Over the limit</th></tr></thead>
         <tbody>
@@ -159,7 +168,8 @@ function Verified({ result }: { result: Json }) {
           ))}
         </tbody>
       </table>
-    </div>
+      </div>
+    </>
   );
 }
 
@@ -195,7 +205,7 @@ function Swept({ result }: { result: Json }) {
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label="Sweep">
       <table>
-        <thead><tr><th>Value</th><th class="number">P95, mm</th><th>of the largest</th></tr></thead>
+        <thead><tr><th>{[result.axes?.[0]?.name || "Value", result.axes?.[0]?.unit].filter(Boolean).join(", ")}</th><th class="number">P95, mm</th><th>of the largest</th></tr></thead>
         <tbody>
           {points.slice(0, 200).map((p, k) => (
             <tr key={k}><th>{String(at(p, k))}</th><td class="number">{mm(values[k])}</td>

@@ -1,50 +1,119 @@
 // What the numbers say, in a strip that is always in sight.
 
+import { signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { answer, busy, current, refused, type Score, trouble } from "../api";
-import { mm, percent, trust, VERDICTS } from "../words";
+import { answer, busy, current, late, refused, type Score, send, trouble } from "../api";
+import { loadResult, results, runs, start, unfinished } from "../jobs";
+import { design, gesture, text } from "../state";
+import { type Check, decisive, verified } from "../verdicts";
+import { duration, mm, percent, trust, VERDICTS } from "../words";
 import { Problems } from "./Problems";
 
+const warming = signal(false); // the service says that it is not ready yet
+const PATIENCE = 700; // ms without a first score, after which the page asks why
+
 export function Verdict() {
-  const score = answer.value?.score, problem = refused.value, old = !current.value;
-  const worst = score && [...score.verdict.checks].sort((a, b) => margin(a) - margin(b))[0];
-  const target = score && (score.targets.find((t) => t.name === worst?.target) ?? score.targets[0]);
-  const status = problem ? "refused" : score?.verdict.status ?? "no requirement";
+  const score = answer.value?.score, problem = refused.value, old = late.value || (problem !== null && !current.value);
+  const simulated = verified.value, verdict = simulated?.verdict ?? score?.verdict, checks: Check[] = verdict?.checks ?? [];
+  const worst = decisive(checks), target = score && (score.targets.find((t) => t.name === worst?.target) ?? score.targets[0]);
+  const waits = !score && (problem === null || problem.errors.some(({ rule }) => rule === "warming-up"));
+  const status = waits ? "waiting" : problem ? "refused" : verdict?.status ?? "waiting", word = VERDICTS[status] ?? status;
+  useEffect(() => {
+    if (!waits) return;
+    const ask = async () => {
+      const ready = await send("GET", "/health/ready").then((response) => response.json()).catch(() => null);
+      warming.value = ready?.kernels === "warming up";
+    };
+    const begin = window.setTimeout(ask, PATIENCE), again = window.setInterval(ask, 2000);
+    return () => {
+      window.clearTimeout(begin);
+      window.clearInterval(again);
+      warming.value = false;
+    };
+  }, [waits]);
+  useEffect(() => {
+    // what was computed of this very design is known again after a reload
+    for (const run of runs.value) if (run.result && run.text === text.value && !results.value[run.result]) void loadResult(run.result).catch(() => null);
+  }, [runs.value, text.value]);
+  const shade = old ? "old" : "";
   return (
-    <section class={`verdict ${status.replace(" ", "-")}`} aria-label="Verdict" data-current={String(!old && !problem)}>
-      <p class="badge">{problem ? "No answer" : old ? "…" : VERDICTS[status] ?? status}</p>
-      {target && (
-        <dl class={old ? "numbers old" : "numbers"} data-testid="numbers">
-          <div>
-            <dt>{worst ? `${worst.headline} of the error ${worst.error === "tcp" ? "at the tool" : "as located"}, target ${worst.target}` : `P95 of the error at the tool, target ${target.name}`}</dt>
-            <dd><output id="p95" aria-live="off">{mm(worst?.value_mm ?? target.p95_mm)}</output> mm</dd>
-          </div>
-          {worst && <div><dt>Between</dt><dd>{interval(worst.interval_mm)}</dd></div>}
-          {worst && <div><dt>Limit</dt><dd>{mm(worst.limit_mm)} mm</dd></div>}
-          {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
-          <div><dt>Known bias</dt><dd>{mm(Math.hypot(...target.bias_mm))} mm</dd></div>
-          <div><dt>Mean error</dt><dd>{mm(target.mean_norm_mm)} mm</dd></div>
-        </dl>
-      )}
-      <div class="sentence">
-        {trouble.value ? <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} /> : score && <Findings score={score} />}
+    <section class={`verdict ${old && !problem ? "waiting" : status.replace(" ", "-")}`} aria-label="Verdict" data-current={String(current.value && !problem)} data-basis={simulated ? "simulation" : "estimate"}>
+      <div class="head">
+        <p class={`badge ${old && !problem ? "old" : ""}`}>
+          {waits ? (warming.value ? "Warming up" : "…") : problem ? "No answer" : word}
+          {score && !problem && <span class="basis">{simulated ? "verified by simulation" : "by estimate"}</span>}
+        </p>
+        {target && (
+          <dl class={`numbers ${shade}`} data-testid="numbers">
+            <div>
+              <dt>{worst ? `${worst.headline} of the error ${worst.error === "tcp" ? "at the tool" : "as located"}, target ${worst.target}` : `P95 of the error at the tool, target ${target.name}`}</dt>
+              <dd><output id="p95" aria-live="off">{mm(worst?.value_mm ?? target.p95_mm)}</output> mm</dd>
+            </div>
+            {worst && <div><dt>Between</dt><dd>{interval(worst.interval_mm)}</dd></div>}
+            {worst && <div><dt>Limit</dt><dd>{mm(worst.limit_mm)} mm</dd></div>}
+            {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
+            <div><dt>Known bias</dt><dd>{mm(Math.hypot(...target.bias_mm))} mm</dd></div>
+            <div><dt>Mean error</dt><dd>{mm(target.mean_norm_mm)} mm</dd></div>
+          </dl>
+        )}
       </div>
-      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : target ? `P95 ${mm(worst?.value_mm ?? target.p95_mm)} mm, ${VERDICTS[status] ?? status}` : ""}</p>
+      <div class="sentence">
+        {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
+        {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
+        {!waits && !trouble.value && score && <div class={shade}><Findings score={score} /></div>}
+      </div>
+      <Acts />
+      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : target ? `P95 ${mm(worst?.value_mm ?? target.p95_mm)} mm, ${word}, ${simulated ? "verified" : "estimated"}` : ""}</p>
     </section>
   );
 }
 
-type Check = Score["verdict"]["checks"][number];
-const margin = (check: Check) => check.margin_mm ?? check.limit_mm - check.value_mm; // null: its upper end is not known
-const interval = (ends: readonly (number | null)[]) => (ends[1] === null ? `${mm(ends[0])} and more` : `${mm(ends[0])} to ${mm(ends[1])}`);
+const interval = (ends: readonly (number | null)[]) => (ends[1] === null ? `${mm(ends[0])}, no upper end known` : `${mm(ends[0])} to ${mm(ends[1])}`);
+
+/** What is done about the verdict, and how far it is. */
+function Acts() {
+  const run = runs.value[0], ready = Boolean(design.value) && !gesture.value.length && !refused.value, runs_ = run && unfinished(run);
+  return (
+    <div class="acts" role="group" aria-label="What to do">
+      {!verified.value && <button type="button" aria-label="Verify this design" disabled={!ready || runs_} title="simulate many shots, each with its own installation and noise, and make the report" onClick={verify}>Verify</button>}
+      <button type="button" aria-label="Optimise this design" disabled={!ready || runs_ || !design.value?.optimise} title={design.value?.optimise ? "" : "the design has no optimise section: add one under all fields"} onClick={optimise}>Optimise</button>
+      {run && (runs_ || run.text === text.value) && (
+        <button type="button" class="small quiet" onClick={() => document.querySelector(".runs")?.scrollIntoView({ block: "center" })}>
+          {runs_ ? `${run.title}: ${percent(run.fraction, 0)}${run.eta !== null ? `, about ${duration(run.eta)} left` : ""}` : `${run.title}: ${run.state === "succeeded" ? "done" : run.state}`}
+        </button>
+      )}
+    </div>
+  );
+}
+
+const TRIALS = 4_194_304; // that a check to a precision may draw, unless the operator allows fewer
+
+export async function verify(): Promise<void> {
+  const about = await send("GET", "/version").then((response) => response.json()).catch(() => ({})), most = Math.min(about.max_trials ?? TRIALS, TRIALS);
+  await start("Verification and report", "/v1/reports", { precision: 0.005, ...(most < TRIALS ? { max_trials: most } : {}) });
+}
+export const optimise = () => start("Optimisation", "/v1/optimisations", {});
+
+const STATED = ["requirement-failed", "requirement-inconclusive"]; // the numbers and the rows of requirements say it
 
 function Findings({ score }: { score: Score }) {
-  const [first, second, ...more] = score.verdict.findings.map(({ message }) => <p key={message}>{message}</p>);
+  const simulated = verified.value, verdict: Score["verdict"] = simulated?.verdict ?? score.verdict, checks = verdict.checks;
+  const asked = new Set(checks.map((check) => check.requirement)), worst = decisive(checks);
+  const kept = [...asked].filter((name) => checks.every((check) => check.requirement !== name || check.status === "pass")).length;
+  const [first, ...more] = verdict.findings.filter(({ rule }) => !STATED.includes(rule)).map(({ message }) => <p key={message}>{message}</p>);
   return (
     <>
-      {first}{second}
-      {more.length > 0 && <details><summary>{`${more.length} more remarks`}</summary>{more}</details>}
-      <p class="note" title={score.validity.statement}>{trust(score.validity)}</p>
+      {worst ? (
+        <p class="stated">
+          {`${asked.size === 1 ? "" : `${kept} of ${asked.size} requirements kept; what decides is `}${worst.requirement}${checks.length === 1 ? "" : ` at ${worst.target}`}: `}
+          {worst.status === "pass" ? "within the limit." : worst.status === "fail" ? "beyond the limit." : simulated ? "too close to say, even by this simulation." : "too close to say by estimate: verify."}
+        </p>
+      ) : <p class="stated">The design states no requirement: nothing is judged.</p>}
+      {first}
+      {more.length > 0 && <details><summary>{more.length === 1 ? "1 more remark" : `${more.length} more remarks`}</summary>{more}</details>}
+      <p class="note" title={simulated ? simulated.stopping : score.validity.statement}>
+        {simulated ? `Verified: ${simulated.trials.toLocaleString("en")} simulated shots, each with its own installation and noise.` : trust(score.validity)}
+      </p>
     </>
   );
 }
@@ -61,7 +130,7 @@ function Losses({ score }: { score: Score }) {
     loss === null || limit === null ? "" : loss.value_mm !== null && loss.value_mm <= limit ? "status pass" : "status fail";
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label="Lost fiducials">
-      <table class={current.value && score.losses.length ? "" : "old"}>
+      <table class={score.losses.length ? "" : "old"}>
         <caption>If fiducials are not found: the worst of all losses</caption>
         <thead><tr><th>Requirement</th><th class="number">With all, mm</th><th>Without one</th><th>Without two</th>{mixed && <th>Missed as often as stated</th>}</tr></thead>
         <tbody>
@@ -82,43 +151,49 @@ function Losses({ score }: { score: Score }) {
   );
 }
 
+/** Every requirement at every target, as they were judged. */
+export function Checks({ checks, label }: { checks: readonly Check[]; label: string }) {
+  if (!checks.length) return <p class="note">The design states no requirement; add one under all fields.</p>;
+  const units = checks.some((check) => check.yield_fraction !== null);
+  return (
+    <div class="scroll" tabIndex={0} role="region" aria-label={label}>
+      <table class="checks">
+        <thead><tr><th>Requirement</th><th>Status</th><th class="number">Found, mm</th><th class="number">Between, mm</th><th class="number">Limit, mm</th>{units && <th class="number">Units within it (asked for)</th>}</tr></thead>
+        <tbody>
+          {checks.slice(0, 400).map((check) => (
+            <tr key={check.requirement + check.target}>
+              <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline}${check.error === "tcp" ? "" : " as located"}; ${check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each by itself"}`}</span></th>
+              <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
+              <td class="number">{mm(check.value_mm)}</td><td class="number">{interval(check.interval_mm)}</td><td class="number">{mm(check.limit_mm)}</td>
+              {units && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} (${percent(check.min_yield)})`}</td>}
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </div>
+  );
+}
+
 /** Every requirement at every target, both readings of the risk, and what lost fiducials do. */
 export function Requirements() {
-  const score = answer.value?.score, checks = score?.verdict.checks ?? [], shade = current.value ? "" : "old";
+  const score = answer.value?.score, simulated = verified.value;
+  if (!score) return <p class="note">{refused.value ? "No requirement could be judged: see above." : "The requirements are listed with the first score."}</p>;
   return (
-    <>
-      {checks.length === 0 ? <p class="note">The design states no requirement; add one below, under all fields.</p> : (
-        <div class="scroll" tabIndex={0} role="region" aria-label="Requirements">
-          <table class={shade}>
-            <thead><tr><th>Requirement</th><th>Target</th><th>Judged</th><th class="number">Found, mm</th><th class="number">Between, mm</th><th class="number">Limit, mm</th><th class="number">Units within it</th><th>Status</th></tr></thead>
-            <tbody>
-              {checks.slice(0, 400).map((check) => (
-                <tr key={check.requirement + check.target}>
-                  <th>{check.requirement}</th><td>{check.target}</td>
-                  <td>{check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each unit by itself"}</td>
-                  <td class="number">{mm(check.value_mm)}</td><td class="number">{interval(check.interval_mm)}</td><td class="number">{mm(check.limit_mm)}</td>
-                  <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} of ${percent(check.min_yield)} asked for`}</td>
-                  <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
-                </tr>
-              ))}
-            </tbody>
-          </table>
-        </div>
-      )}
-      {score && (
-        <div class="scroll" tabIndex={0} role="region" aria-label="Pooled and per unit">
-          <table class={shade}>
-            <caption>Two readings of the risk at the tool</caption>
-            <thead><tr><th>Target</th><th class="number">Pooled: 95 % of all shots within, mm</th><th class="number">Per unit: P95 that 95 % of units keep, mm</th><th class="number">Units whose own quantile keeps the limit</th></tr></thead>
-            <tbody>
-              {score.targets.slice(0, 50).map((target) => (
-                <tr key={target.name}><th>{target.name}</th><td class="number">{mm(target.p95_mm)}</td><td class="number">{mm(target.per_unit.p95_of_units_mm)}</td><td class="number">{percent(target.per_unit.yield_fraction)}</td></tr>
-              ))}
-            </tbody>
-          </table>
-        </div>
-      )}
-      {score && <Losses score={score} />}
-    </>
+    <div class={late.value || refused.value ? "old" : ""}>
+      {simulated && <p class="note">{`As verified by ${simulated.trials.toLocaleString("en")} simulated shots; the tables below are estimates.`}</p>}
+      <Checks checks={(simulated ?? score).verdict.checks} label="Table of requirements" />
+      <div class="scroll" tabIndex={0} role="region" aria-label="Pooled and per unit">
+        <table>
+          <caption>Two readings of the risk at the tool</caption>
+          <thead><tr><th>Target</th><th class="number">Pooled: 95 % of all shots within, mm</th><th class="number">Per unit: P95 that 95 % of units keep, mm</th><th class="number">Units whose own quantile keeps the limit</th></tr></thead>
+          <tbody>
+            {score.targets.slice(0, 50).map((target) => (
+              <tr key={target.name}><th>{target.name}</th><td class="number">{mm(target.p95_mm)}</td><td class="number">{mm(target.per_unit.p95_of_units_mm)}</td><td class="number">{percent(target.per_unit.yield_fraction)}</td></tr>
+            ))}
+          </tbody>
+        </table>
+      </div>
+      <Losses score={score} />
+    </div>
   );
 }

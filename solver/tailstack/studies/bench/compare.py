@@ -21,15 +21,16 @@ import numpy as np
 from ...design import Design
 from ...errors import OutOfRangeError, Problem
 from ...results import Finding, Interval, Provenance, Validity
+from ...results.record import Published
 from ...scoring import FRAMES, checked_system, provenance, trust_of
 from ...system import System
-from .explain import Explanation, Scene, explain, sample_law
+from .explain import Explanation, TargetLevel, explain, sample_law
 from .file import Measurements, read_measurements
 from .levels import (
     CONFIDENCE,
     UNKNOWN,
     Bench,
-    Draws,
+    BenchDraws,
     ErrorName,
     LevelCompared,
     SpreadCompared,
@@ -79,7 +80,7 @@ def study_comparison(
     read = measurements if isinstance(measurements, Measurements) else read_measurements(measurements, names)
     benches = [describe_bench(system, read, group, error, instrument_sd_mm) for group in read.groups]
     count = count_benches([bench.trials for bench in benches], sum(map(count_tests, benches)), 1 - CONFIDENCE)
-    draws = Draws(seed, count, instrument_sd_mm=instrument_sd_mm, threads=threads)
+    draws = BenchDraws(seed, count, instrument_sd_mm=instrument_sd_mm, threads=threads)
     found: list[LevelCompared] = []
     firsts: dict[str, int] = {}
     for number, bench in enumerate(benches):
@@ -164,7 +165,11 @@ def _report_part(
 
 
 def _explain_targets(
-    benches: Sequence[Bench], levels: Sequence[LevelCompared], error: ErrorName, draws: Draws, progress: Progress | None
+    benches: Sequence[Bench],
+    levels: Sequence[LevelCompared],
+    error: ErrorName,
+    draws: BenchDraws,
+    progress: Progress | None,
 ) -> tuple[Explanation, ...]:
     """Of every target, over all its levels that could be tested."""
     tested = [bench for bench, level in zip(benches, levels, strict=True) if level.benches]
@@ -175,7 +180,7 @@ def _explain_targets(
         least = count_least_benches(sum(map(count_tests, here)), 1 - CONFIDENCE, FEWEST_EXPLAINING)
         count = max(min(MOST_ROWS // sum(bench.trials for bench in here), MOST_BENCHES), least)
         scenes = [
-            Scene(
+            TargetLevel(
                 target=target,
                 sizes=bench.sizes,
                 errors=None if bench.vectors is None else bench.vectors - choose_offset(bench),
@@ -383,8 +388,8 @@ class MeasuredFile:
     """What was done to the numbers on the way."""
 
 
-@dataclass(frozen=True, slots=True)
-class StudyComparison:
+@dataclass(frozen=True, slots=True, repr=False)
+class StudyComparison(Published):
     """Bench measurements against the prediction of a design."""
 
     schema: Literal["tailstack/study-comparison/1"]

@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf, log, sqrt
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -23,9 +23,9 @@ from ...contributors import KIND, unit_for_people
 from ...cores import usable_cores
 from ...propagation.linear import Block, LinearModel, linearise
 from ...results import Interval
-from ...system import TORSOR_COMPONENTS, Law, Mount, Sources, System
+from ...system import TORSOR_COMPONENTS, DirectEffect, Law, Place, Sources, System, put_links
 from ...tail.declared import UNIFORM
-from .levels import Draws, Progress, draw_time
+from .levels import BenchDraws, Progress, draw_time
 from .statistics import (
     Expected,
     NormsAlong,
@@ -42,7 +42,7 @@ from .statistics import (
 
 
 def explain(
-    scenes: Sequence[Scene], alpha: float, threads: int | None = None, progress: Progress | None = None
+    scenes: Sequence[TargetLevel], alpha: float, threads: int | None = None, progress: Progress | None = None
 ) -> tuple[Explanation, ...]:
     """A factor for every contributor and a value for every component of a mount; scenes are of one target."""
     parts = {part.name: part for scene in scenes for part in scene.law.contributions}
@@ -64,7 +64,7 @@ NARROWEST = 1e-4  # relative: how exactly the most plausible factor is found, so
 SKETCH = 199  # benches from which the smooth cost of norms is taken: it says where to look, p-values say what is found
 
 
-def find_factor(scenes: Sequence[Scene], name: str, alpha: float) -> Explanation:
+def find_factor(scenes: Sequence[TargetLevel], name: str, alpha: float) -> Explanation:
     pairs = [(scene, part) for scene in scenes for part in scene.law.contributions if part.name == name]
     made = [(_test_vectors if scene.errors is not None else _test_norms)(scene, part) for scene, part in pairs]
     tests, costs = [test for test, _ in made], [cost for _, cost in made]
@@ -122,7 +122,7 @@ def _step_to_end(plausible: Callable[[float], float], seed: float, steps: Array,
 Scaled = tuple[Callable[[float], list[float]], Callable[[float], float]]
 
 
-def _test_vectors(scene: Scene, part: Contribution) -> Scaled:
+def _test_vectors(scene: TargetLevel, part: Contribution) -> Scaled:
     """p-values of a scene's tests when one contributor is scaled, and minus twice the Gaussian log-likelihood."""
     law, sizes, base = scene.law, scene.sizes, scene.expected
     assert scene.errors is not None
@@ -210,7 +210,7 @@ class _Square:
         return np.asarray(self.fixed + more * self.linear + more**2 * self.square)
 
 
-def _test_norms(scene: Scene, part: Contribution) -> Scaled:
+def _test_norms(scene: TargetLevel, part: Contribution) -> Scaled:
     """The same for norms; the cost is Gaussian in each statistic, with the mean and spread of a few benches."""
     law, sizes = scene.law, scene.sizes
     observed = norm_statistics(scene.norms, scene.summary, scene.sizes)
@@ -240,7 +240,7 @@ NEAR = 1e-6  # of the largest value: how exactly the one of the least mean norm 
 MEAN_SKETCH = 199  # benches from which the mean norm is taken to look along; p-values are taken from all of them
 
 
-def find_value(scenes: Sequence[Scene], key: tuple[str, str], alpha: float) -> Explanation:
+def find_value(scenes: Sequence[TargetLevel], key: tuple[str, str], alpha: float) -> Explanation:
     pairs = [
         (scene, moved)
         for scene in scenes
@@ -285,7 +285,7 @@ def find_value(scenes: Sequence[Scene], key: tuple[str, str], alpha: float) -> E
 Region = tuple[tuple[float, float], ...]
 
 
-def _find_vector_value(scene: Scene, moved: Displacement, level: float) -> tuple[Region, float, float]:
+def _find_vector_value(scene: TargetLevel, moved: MountComponent, level: float) -> tuple[Region, float, float]:
     """(values that are plausible, the best one, its weight): distance is a quadratic in the value."""
     assert scene.errors is not None
     about = covariance_without(scene.expected, moved, scene.sizes)
@@ -303,7 +303,7 @@ def _find_vector_value(scene: Scene, moved: Displacement, level: float) -> tuple
     return ((best - half, best + half),), best, weight
 
 
-def _find_norm_value(scene: Scene, moved: Displacement, level: float) -> tuple[Region, float, float]:
+def _find_norm_value(scene: TargetLevel, moved: MountComponent, level: float) -> tuple[Region, float, float]:
     """The same for norms: plausible values may lie on both sides of where the mean norm is least."""
     law, largest = scene.law, LARGEST[moved.unit]
     still = law.total if moved.errors is None else law.total - moved.errors
@@ -408,7 +408,7 @@ class Contribution:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Displacement:
+class MountComponent:
     """One component of a mount: what a fixed value of it does, and its own random part."""
 
     contributor: str
@@ -430,11 +430,11 @@ class SampledLaw:
     bias_mm: Array  # (3,)
     total: Array  # (B, n, 3) mm, bias included
     contributions: tuple[Contribution, ...]
-    displacements: tuple[Displacement, ...]
+    displacements: tuple[MountComponent, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class TargetLevel:
     """One level at one target: what was measured and the first-order law it is held against."""
 
     target: str
@@ -446,7 +446,7 @@ class Scene:
     law: SampledLaw
 
 
-def sample_law(system: System, target: int, error: str, sizes: Sequence[int], draws: Draws) -> SampledLaw:
+def sample_law(system: System, target: int, error: str, sizes: Sequence[int], draws: BenchDraws) -> SampledLaw:
     """Benches of the first-order law at one target, with every contributor's own part."""
     model = linearise(system, system.targets[target])
     count = draws.count
@@ -454,22 +454,23 @@ def sample_law(system: System, target: int, error: str, sizes: Sequence[int], dr
     contributions, parts = [], {}
     total = np.broadcast_to(model.bias_mm(error), (count, sum(sizes), 3)).copy()
     for block in model.blocks:
-        columns = _draw_components(block, model.gain(block, error), rng, count, sizes)
+        columns = _draw_components(block, block.gain(error), rng, count, sizes)
         whole = sum(columns.values(), np.zeros((count, 1, 3)))
         total += whole
-        scaled = model.gain(block, error) * block.std
-        if np.trace(scaled @ scaled.T) > VANISHING_MM2:
+        covariance = block.covariance(error)
+        if np.trace(covariance) > VANISHING_MM2:
             contributions.append(
                 Contribution(
                     block.contributor,
                     block.label,
                     draw_time(block),
                     np.broadcast_to(whole, total.shape),
-                    scaled @ scaled.T,
+                    covariance,
                 )
             )
         parts.update({(block.contributor, name): (block, j, errors) for (j, name), errors in columns.items()})
-    seen = [part for part in contributions if part.name.split(":")[0] in ("fiducial_noise", "target_noise")]
+    noises = {block.contributor for block in model.blocks if block.grouped and block.effect.acts_at(Place.IMAGES)}
+    seen = [part for part in contributions if part.name in noises]
     if len(seen) > 1:
         together = np.sum([part.errors for part in seen], axis=0)
         covariance = np.sum([part.covariance for part in seen], axis=0)
@@ -526,28 +527,27 @@ def _list_displacements(
     model: LinearModel,
     parts: dict[tuple[str, str], tuple[Block, int, Array]],
     shape: tuple[int, ...],
-) -> list[Displacement]:
+) -> list[MountComponent]:
     """All six components of every mount, whether the design gives them a tolerance or not."""
-    mounts: dict[str, Any] = {mount.name: _free_six(mount) for mount in (*system.interfaces, system.hand_eye)}
-    probed = replace(system, **mounts)
+    probed = put_links(system, map(_free_six, system.mounts))
     full = linearise(probed, system.targets[target])
     found = []
     for block in full.blocks:
-        if block.grouped or block.contributor == "execution":
+        if block.grouped or block.effect.acts_at(Place.TOOL):
             continue
         for j, component in enumerate(block.components):
-            gain = full.gain(block, error)[:, j]
+            gain = block.gain(error)[:, j]
             if not np.linalg.norm(gain) * (LEVER if block.units[j] == "rad" else 1.0) > 1e-3:
                 continue  # turns about the target itself move nothing
             own = parts.get((block.contributor, component))
             covariance, errors, half = np.zeros((3, 3)), None, None
             if own is not None:
                 declared, k, drawn = own
-                scaled = model.gain(declared, error)[:, k] * declared.std[k]
+                scaled = declared.gain(error)[:, k] * declared.std[k]
                 covariance, half = np.outer(scaled, scaled), float(declared.half_width[k])
                 errors = np.broadcast_to(drawn, shape)
             found.append(
-                Displacement(
+                MountComponent(
                     contributor=block.contributor,
                     label=block.label,
                     component=component,
@@ -562,7 +562,7 @@ def _list_displacements(
     return found
 
 
-def _free_six(mount: Mount) -> Mount:
+def _free_six(mount: DirectEffect) -> DirectEffect:
     """The mount with a source for each torsor component, to read their gains off the linear model."""
     sources = Sources(
         TORSOR_COMPONENTS, (Law.NORMAL,) * 6, np.ones(6), np.ones(6), ("rad",) * 3 + ("mm",) * 3, np.eye(6)
@@ -576,13 +576,13 @@ def scale_expected(base: Expected, part: Contribution, factor: float) -> Expecte
     return replace(base, **{part.when: getattr(base, part.when) + more})
 
 
-def mean_without(law: SampledLaw, moved: Displacement) -> Array:
+def mean_without(law: SampledLaw, moved: MountComponent) -> Array:
     """(B, 3) mean error of each bench about the bias, with one component standing still."""
     errors = law.total if moved.errors is None else law.total - moved.errors
     return bench_mean(errors, law.sizes) - law.bias_mm
 
 
-def covariance_without(base: Expected, moved: Displacement, sizes: Sequence[int]) -> Array:
+def covariance_without(base: Expected, moved: MountComponent, sizes: Sequence[int]) -> Array:
     """(3, 3) covariance of the mean of a bench, with one component standing still."""
     return replace(base, **{moved.when: getattr(base, moved.when) - moved.covariance}).of_mean(sizes)
 

@@ -76,7 +76,7 @@ def read_measurements(source: Path | bytes, targets: Sequence[str], name: str | 
         name, content = name or "measurements", source
     if len(content) > MOST_BYTES:
         raise refusal(name, None, "too-large", f"the file is longer than {MOST_BYTES:,} bytes")
-    table = Table.of(name, text_of(name, content))
+    table = MeasurementTable.of(name, text_of(name, content))
     rows = table.rows()
     return Measurements(
         name=name,
@@ -90,8 +90,8 @@ def read_measurements(source: Path | bytes, targets: Sequence[str], name: str | 
     )
 
 
-def _groups(table: Table, rows: Sequence[Row], targets: Sequence[str]) -> tuple[Group, ...]:
-    by_key: dict[tuple[str, str], list[Row]] = {}
+def _groups(table: MeasurementTable, rows: Sequence[MeasuredRow], targets: Sequence[str]) -> tuple[Group, ...]:
+    by_key: dict[tuple[str, str], list[MeasuredRow]] = {}
     seen: dict[tuple[str | None, ...], int] = {}
     for row in rows:
         target = _target(table, row, targets)
@@ -110,7 +110,7 @@ def _groups(table: Table, rows: Sequence[Row], targets: Sequence[str]) -> tuple[
     return tuple(make(table, level, target, found) for (level, target), found in by_key.items())
 
 
-def _target(table: Table, row: Row, targets: Sequence[str]) -> str:
+def _target(table: MeasurementTable, row: MeasuredRow, targets: Sequence[str]) -> str:
     said = row.labels.get("target")
     if said is None:
         if len(targets) == 1:
@@ -123,9 +123,9 @@ def _target(table: Table, row: Row, targets: Sequence[str]) -> str:
     return said
 
 
-def _one_deliberate(table: Table, rows: Sequence[Row]) -> None:
+def _one_deliberate(table: MeasurementTable, rows: Sequence[MeasuredRow]) -> None:
     """A level is one installation error, at every target."""
-    first: dict[str, Row] = {}
+    first: dict[str, MeasuredRow] = {}
     for row in rows:
         known = first.setdefault(row.labels.get("level", "all"), row)
         if known.deliberate != row.deliberate:
@@ -135,11 +135,11 @@ def _one_deliberate(table: Table, rows: Sequence[Row]) -> None:
             raise refusal(table.name, row.line, "contradiction", detail, "one level, one installation error")
 
 
-def _deliberate_of(row: Row) -> Array | None:
+def _deliberate_of(row: MeasuredRow) -> Array | None:
     return None if row.deliberate is None else np.array(row.deliberate)
 
 
-def _summary_group(table: Table, level: str, target: str, rows: Sequence[Row]) -> Group:
+def _summary_group(table: MeasurementTable, level: str, target: str, rows: Sequence[MeasuredRow]) -> Group:
     if len(rows) > 1:
         detail = f"level {shown(level)} is summed up in line {rows[0].line} already"
         raise refusal(table.name, rows[1].line, "given-twice", detail)
@@ -157,7 +157,7 @@ def _summary_group(table: Table, level: str, target: str, rows: Sequence[Row]) -
     )
 
 
-def _trials_group(table: Table, level: str, target: str, rows: Sequence[Row]) -> Group:
+def _trials_group(table: MeasurementTable, level: str, target: str, rows: Sequence[MeasuredRow]) -> Group:
     if not LEAST_TRIALS <= len(rows) <= MOST_TRIALS:
         few = len(rows) < LEAST_TRIALS
         bound = f"at least {LEAST_TRIALS}" if few else f"at most {MOST_TRIALS:,}"
@@ -183,7 +183,7 @@ def _trials_group(table: Table, level: str, target: str, rows: Sequence[Row]) ->
     )
 
 
-def _notes(table: Table, rows: Sequence[Row]) -> tuple[str, ...]:
+def _notes(table: MeasurementTable, rows: Sequence[MeasuredRow]) -> tuple[str, ...]:
     notes = []
     if table.unit != "mm":
         notes.append(f"lengths were converted from {table.unit} to mm (factor {MM[table.unit]:g})")
@@ -234,7 +234,7 @@ class MeasurementError(TailstackError):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class MeasuredRow:
     line: int
     labels: dict[str, str]
     values: tuple[float, ...]  # mm
@@ -270,7 +270,7 @@ def text_of(name: str, content: bytes) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class MeasurementTable:
     name: str
     header_line: int
     delimiter: str
@@ -281,7 +281,7 @@ class Table:
     body: tuple[tuple[int, str], ...]
 
     @classmethod
-    def of(cls, name: str, text: str) -> Table:
+    def of(cls, name: str, text: str) -> MeasurementTable:
         lines = [
             (number, line)
             for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)
@@ -302,10 +302,10 @@ class Table:
         heads = {stem: said[place] for stem, place in columns.items()}
         return cls(name, at, delimiter, columns, heads, form, unit, tuple(lines[1:]))
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[MeasuredRow]:
         return [self._row(line, text) for line, text in self.body]
 
-    def _row(self, line: int, text: str) -> Row:
+    def _row(self, line: int, text: str) -> MeasuredRow:
         cells = [cell.strip() for cell in _cells(self.name, line, text, self.delimiter)]
         if len(cells) != len(self.columns):
             detail = f"{len(cells)} cells in a table of {len(self.columns)} columns"
@@ -329,7 +329,7 @@ class Table:
             raise refusal(self.name, line, "out-of-range", f"{axis} cannot be negative", column=axis)
         sd, p95 = (self._optional_length(cells, line, column) for column in ("sd", "p95"))
         px = self._optional(cells, line, "reprojection")
-        return Row(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, p95, px)
+        return MeasuredRow(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, p95, px)
 
     def _number(self, cells: Sequence[str], line: int, column: str) -> float:
         said, column = cells[self.columns[column]], self.heads[column]

@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from tailstack.fields import INTERFACES
+
 from ...arrays import Array
 from ...cores import usable_cores
 from ...errors import IllPosedError, LimitError, OutOfRangeError, Problem
 from ...estimation.checks import check_geometry
 from ...montecarlo import ChainPlan, compile_plan, draw, evaluate
 from ...montecarlo.chain import standard_normals
-from ...montecarlo.plan import INSTALLATION
 from ...montecarlo.simulate import ERRORS
+from ...montecarlo.tables import INSTALLATION
 from ...propagation.linear import Block, LinearModel, linearise
 from ...results import Interval, Vector3
 from ...scoring import vector3
@@ -188,7 +190,7 @@ Progress = Callable[[float], None]  # with the share that is done
 
 
 @dataclass(frozen=True, slots=True)
-class Draws:
+class BenchDraws:
     """Which benches are simulated, and with what."""
 
     seed: int
@@ -277,7 +279,7 @@ def count_tests(bench: Bench) -> int:
 def _bounded_columns(model: LinearModel, error: str) -> Array:
     """(3, b) mm: what each component without a law does at its half-width."""
     columns = [
-        model.gain(block, error)[:, j] * block.half_width[j]
+        block.gain(error)[:, j] * block.half_width[j]
         for block in model.blocks
         for j, law in enumerate(block.laws)
         if law is Law.BOUNDED and block.half_width[j] > 0
@@ -297,7 +299,7 @@ def choose_offset(bench: Bench) -> Array:
     return np.asarray(bench.box @ best.x)
 
 
-def compare_level(bench: Bench, error: ErrorName, draws: Draws, progress: Progress | None = None) -> LevelCompared:
+def compare_level(bench: Bench, error: ErrorName, draws: BenchDraws, progress: Progress | None = None) -> LevelCompared:
     """A level against simulated benches: moments, spread, tests, quantiles."""
     group = bench.group
     sizes = bench.sizes or (UNKNOWN,)
@@ -506,7 +508,6 @@ def _compare_quantiles(measured: Array, norms: Array) -> tuple[QuantilePoint, ..
     )
 
 
-ONCE = ("fiducial_manufacturing", "hand_eye")  # drawn once for a bench; the other per-unit sources at each installation
 ROWS = 2_000_000  # simulated trials of a file that there is room for
 MOST_ROWS = 4_000_000  # and that the tests of a file may need: half a minute
 LEAST_REPLICATES, MOST_REPLICATES = 499, 4_999
@@ -519,7 +520,7 @@ def set_level(system: System, deliberate: Array | None) -> System:
     if deliberate is None or not deliberate.any():
         return system
     mount = system.structure_connector
-    return replace(system, structure_connector=replace(mount, bias=mount.bias + deliberate))
+    return replace(system, structure_connector=replace(mount, known=mount.known + deliberate))
 
 
 def count_benches(trials: Sequence[int], tests: int, alpha: float) -> int:
@@ -542,7 +543,7 @@ def count_least_benches(tests: int, alpha: float, fewest: int = LEAST_REPLICATES
 
 
 def simulate_benches(
-    system: System, target: int, error: str, sizes: Sequence[int], draws: Draws, progress: Progress | None = None
+    system: System, target: int, error: str, sizes: Sequence[int], draws: BenchDraws, progress: Progress | None = None
 ) -> Array:
     """Errors (R, n, 3) mm of R simulated benches; bounded components stand at their centres."""
     plan = compile_plan(system)
@@ -576,7 +577,7 @@ def share_draws(plan: ChainPlan, z: Array, sizes: Sequence[int]) -> Array:
     installation = bench + np.tile(np.repeat(starts, sizes), len(z) // trials)
     for block in plan.blocks:
         if block.stream == INSTALLATION:
-            owner = bench if block.name in ONCE else installation
+            owner = installation if block.name in INTERFACES else bench
             z[:, block.start : block.stop] = z[owner, block.start : block.stop]
     return z
 
@@ -585,8 +586,7 @@ def expect(model: LinearModel, error: str, instrument_sd_mm: float) -> Expected:
     """Mean and covariances to first order.  Raises OutOfRangeError where nothing varies from shot to shot."""
     parts = {"unit": np.zeros((3, 3)), "installation": np.zeros((3, 3)), "shot": instrument_sd_mm**2 * np.eye(3)}
     for block in model.blocks:
-        scaled = model.gain(block, error) * block.std
-        parts[draw_time(block)] += scaled @ scaled.T
+        parts[draw_time(block)] += block.covariance(error)
     if not np.linalg.eigvalsh(parts["shot"])[0] > 1e-12:
         detail = f"the design predicts no spread of the {error} error from trial to trial in some direction"
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state the noise of the views, or --instrument-sd"))
@@ -594,7 +594,11 @@ def expect(model: LinearModel, error: str, instrument_sd_mm: float) -> Expected:
 
 
 def draw_time(block: Block) -> str:
-    """What a contributor is drawn with: the bench as a whole ("unit"), an "installation", a "shot"."""
+    """What a contributor is drawn with: the bench as a whole ("unit"), an "installation", a "shot".
+
+    An installation mounts the structure and the connector anew; whatever else stays with a unit is the structure, the
+    C-arm or the robot of the bench, and stays with it.
+    """
     if not block.per_unit:
         return "shot"
-    return "unit" if block.contributor in ONCE else "installation"
+    return "installation" if block.contributor in INTERFACES else "unit"

@@ -39,7 +39,7 @@ class Expected:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moments:
+class BenchMoments:
     """What the statistics of vectors are made of, of R benches."""
 
     mean: Array  # (R, 3)
@@ -47,13 +47,13 @@ class Moments:
     between: Array | None  # (R, 3, 3) sample covariance of the means of installations
 
 
-def moments_of(errors: Array, sizes: Sequence[int]) -> Moments:
+def moments_of(errors: Array, sizes: Sequence[int]) -> BenchMoments:
     """Moments of errors (R, n, 3), trials ordered by installation."""
     means = installation_means(errors, sizes)
     residual = errors - np.repeat(means, sizes, axis=1)
     freedom, several = sum(sizes) - len(sizes), len(sizes) - 1
     apart = means - means.mean(axis=1, keepdims=True)
-    return Moments(
+    return BenchMoments(
         means.mean(axis=1),
         np.matmul(residual.swapaxes(1, 2), residual) / freedom if freedom else None,
         np.matmul(apart.swapaxes(1, 2), apart) / several if several else None,

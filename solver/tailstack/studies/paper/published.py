@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...arrays import frozen
-from ...system import System, no_sources
+from ...system import System, no_sources, put_links
 
 Table = Literal["S1", "S2", "S3"]
 Quantity = Literal["mean", "p95", "std_x", "std_y", "std_z"]
@@ -147,18 +147,12 @@ CELLS = S1 + S2 + S3
 
 def nominal(system: System) -> System:
     """The geometry alone: no installation error, no tolerances, manufacturing errors or execution; its image noise."""
-    mounts = {
-        name: replace(getattr(system, name), bias=frozen(np.zeros(6)), sources=no_sources(6))
-        for name in ("structure_connector", "connector_flange", "hand_eye")
-    }
-    return replace(
-        system,
-        manufacturing_half_width_mm=frozen(np.zeros_like(system.fiducials_mm)),
-        execution_bias_mm=frozen(np.zeros(3)),
-        execution=no_sources(3),
-        requirements=(),
-        **mounts,
-    )
+    perfect = [
+        replace(link, known=frozen(np.zeros_like(link.known)), sources=no_sources(len(link.known)))
+        for link in system.links
+    ]
+    manufacturing = frozen(np.zeros_like(system.fiducials_mm))
+    return replace(put_links(system, perfect), manufacturing_half_width_mm=manufacturing, requirements=())
 
 
 def with_noise(system: System, noise_px: float) -> System:
@@ -171,7 +165,7 @@ def with_installation(system: System, rotation_deg: float, translation_mm: float
     """A known installation error of the structure about its pivot: ``rotation_deg`` in each of the three angles of
     Eq 12, and a translation of this length along (1, 1, 1)."""
     bias = frozen([radians(rotation_deg)] * 3 + [translation_mm / sqrt(3.0)] * 3)
-    return replace(system, structure_connector=replace(system.structure_connector, bias=bias))
+    return replace(system, structure_connector=replace(system.structure_connector, known=bias))
 
 
 def apply_setting(system: System, setting: Setting) -> System:

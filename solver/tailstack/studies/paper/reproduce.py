@@ -26,9 +26,10 @@ from ...errors import OutOfRangeError, Problem, StudyError
 from ...estimation.resection import project, resect
 from ...estimation.triangulation import triangulate
 from ...montecarlo import compile_plan, evaluate, run_indices
-from ...propagation.linear import Block, LinearModel, covariance, estimator_geometry, linearise
+from ...propagation.linear import LinearModel, covariance, estimator_geometry, linearise
 from ...propagation.second_order import refuse_outside_range, second_order_moments
 from ...results import Interval, Vector3
+from ...results.record import Published
 from ...scoring import checked_system, vector3
 from ...system import Reading, System
 from ...tail.gaussian import norm_mean, norm_quantile
@@ -274,8 +275,8 @@ class Statement:
     """The numbers that it rests on, in its order."""
 
 
-@dataclass(frozen=True, slots=True)
-class StudyPaper:
+@dataclass(frozen=True, slots=True, repr=False)
+class StudyPaper(Published):
     """Tables S1 to S4, printed and reproduced."""
 
     schema: Literal["tailstack/study-paper/1"]
@@ -384,7 +385,7 @@ Condition = tuple[int, Setting]  # of which geometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Case:
+class PaperGeometry:
     """A geometry that the tables are made in."""
 
     system: System
@@ -410,7 +411,7 @@ def list_rows() -> tuple[Row, ...]:
 
 
 def study_paper(
-    cases: Sequence[Case],
+    cases: Sequence[PaperGeometry],
     *,
     trials: int = DEFAULT_TRIALS,
     seed: int = 0,
@@ -437,7 +438,7 @@ def study_paper(
     settings = list(dict.fromkeys(row[3] for row in table))
     asked = [(k, setting) for k in range(len(cases)) for setting in settings]
 
-    def work(one: Condition) -> tuple[Sample, dict[int, PaperCell]]:
+    def work(one: Condition) -> tuple[ConditionErrors, dict[int, PaperCell]]:
         k, setting = one
         at = take_sample(systems[k], cases[k].target, setting, trials, seed)
         made = {}
@@ -448,7 +449,7 @@ def study_paper(
         return at, made
 
     cells: list[dict[int, PaperCell]] = [{} for _ in cases]
-    kept: list[dict[Setting, Sample]] = [{} for _ in cases]
+    kept: list[dict[Setting, ConditionErrors]] = [{} for _ in cases]
     needed = {Setting(0.0, 0.0, S3_NOISE_PX)}
     noisy: list[dict[str, float]] = [{} for _ in cases]
     shapes: list[dict[str, LevelShape]] = [{} for _ in cases]
@@ -488,17 +489,19 @@ def study_paper(
 
 
 def _compute_in_order(
-    work: Callable[[Condition], tuple[Sample, dict[int, PaperCell]]], asked: list[Condition], threads: int | None
-) -> Iterator[tuple[Condition, tuple[Sample, dict[int, PaperCell]]]]:
+    work: Callable[[Condition], tuple[ConditionErrors, dict[int, PaperCell]]],
+    asked: list[Condition],
+    threads: int | None,
+) -> Iterator[tuple[Condition, tuple[ConditionErrors, dict[int, PaperCell]]]]:
     with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
         yield from zip(asked, pool.map(work, asked), strict=True)
 
 
 def _assemble_geometry(
-    case: Case,
+    case: PaperGeometry,
     system: System,
     cells: tuple[PaperCell, ...],
-    kept: dict[Setting, Sample],
+    kept: dict[Setting, ConditionErrors],
     noisy: dict[str, float],
     shapes: tuple[LevelShape, ...],
 ) -> Geometry:
@@ -535,7 +538,7 @@ OTHER = {Reading.PHYSICAL: Reading.EQ18, Reading.EQ18: Reading.PHYSICAL}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class ConditionErrors:
     """A condition: errors of the full chain, and the linear model in both readings."""
 
     setting: Setting
@@ -555,7 +558,7 @@ class Statistic:
     standard_error: float
 
 
-def take_sample(system: System, target: int, setting: Setting, trials: int, seed: int) -> Sample:
+def take_sample(system: System, target: int, setting: Setting, trials: int, seed: int) -> ConditionErrors:
     """The chain under a condition.  Without noise one trial is all there is."""
     here = apply_setting(system, setting)
     plan = compile_plan(here)
@@ -566,7 +569,7 @@ def take_sample(system: System, target: int, setting: Setting, trials: int, seed
     errors = np.concatenate([part.errors[target] for part in parts], axis=-1)
     rms = np.concatenate([part.reprojection for part in parts if part.reprojection is not None])
     other = replace(here, reading=OTHER[here.reading])
-    return Sample(
+    return ConditionErrors(
         setting,
         errors[1],
         errors[0],
@@ -608,7 +611,7 @@ def predict(model: LinearModel, quantity: Quantity) -> float:
     return norm_mean(mean, spread) if quantity == "mean" else norm_quantile(P95, mean, spread)
 
 
-def compare_cell(at: Sample, table: Table, row: str, quantity: Quantity, printed: Printed | None) -> PaperCell:
+def compare_cell(at: ConditionErrors, table: Table, row: str, quantity: Quantity, printed: Printed | None) -> PaperCell:
     """One cell; ``printed`` is what stands there, if it is held and compared with."""
     found = estimate(at.localisation, quantity)
     rounding = 0.0 if printed is None else printed.rounding_mm
@@ -648,16 +651,11 @@ S3_MEAN_DIFFERENCE_MM = np.array(
 )
 
 
-def _part(block: Block) -> Array:
-    scaled = block.localisation * block.std
-    return scaled @ scaled.T
-
-
 def _std(spread: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.diag(spread), 0.0)))
 
 
-def list_propagations(system: System, target: int, at: Sample) -> list[tuple[str, str, Array]]:
+def list_propagations(system: System, target: int, at: ConditionErrors) -> list[tuple[str, str, Array]]:
     """Name, what it is, standard deviations (3,) mm of every propagation."""
     model = at.model
     full = covariance(model, "localisation")
@@ -666,13 +664,13 @@ def list_propagations(system: System, target: int, at: Sample) -> list[tuple[str
     found = [("full", "Eqs 15-16 with the covariance of every view's matrix and of the target's images", _std(full))]
     found += propagate_second_order(apply_setting(system, at.setting), target, model)
     for place, view in enumerate(views):
-        left_out = full - _part(blocks[f"fiducial_noise:{view}"])
+        left_out = full - blocks[f"fiducial_noise:{view}"].covariance("localisation")
         words = f"the covariance of the matrix of view {place + 1} ({view}) left out of Eq 16"
         found.append((f"without matrix {place + 1}", words, _std(left_out)))
-        nothing = left_out - _part(blocks[f"target_noise:{view}"])
+        nothing = left_out - blocks[f"target_noise:{view}"].covariance("localisation")
         words = f"everything that comes through view {place + 1} ({view}) left out, its target noise too"
         found.append((f"without view {place + 1}", words, _std(nothing)))
-    targets = sum((_part(blocks[f"target_noise:{view}"]) for view in views), np.zeros((3, 3)))
+    targets = sum((blocks[f"target_noise:{view}"].covariance("localisation") for view in views), np.zeros((3, 3)))
     found.append(("target noise alone", "every matrix taken as exact", _std(targets)))
     found.append(("matrices alone", "the target's images taken as exact", _std(full - targets)))
     return found
@@ -685,12 +683,12 @@ def propagate_second_order(here: System, target: int, model: LinearModel) -> lis
         refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
     except OutOfRangeError:
         return []
-    gains = np.hstack([block.localisation * block.std for block in model.blocks])
+    gains = np.hstack([block.scaled("localisation") for block in model.blocks])
     _, spread = second_order_moments(lambda z: evaluate(plan, z)[:, target, 1], plan.standard_std, gains)
     return [("second order", "full, with the Hessian of the estimator", _std(spread))]
 
 
-def compare_factor(system: System, target: int, at: Sample, compared: bool) -> Factor:
+def compare_factor(system: System, target: int, at: ConditionErrors, compared: bool) -> Factor:
     """S3 of one geometry."""
     found = [estimate(at.localisation, quantity) for quantity in AXIS]
     sampled = np.array([one.value for one in found])
@@ -788,15 +786,15 @@ def compute_level_ratios(system: System, target: int, noisy_px: Mapping[str, flo
     rows = []
     for level, (degrees, millimetres) in LEVELS.items():
         here = apply_setting(system, Setting(degrees, millimetres, 0.0))
-        seen_by, told, _ = estimator_geometry(here)
-        # What is imaged, in the estimator's own coordinates: effective projections of the fiducials it is told.
-        images = [project(matrix, told) for matrix in seen_by]
-        estimated = np.array([resect(told, image) for image in images])
+        seen_by, assumed, _ = estimator_geometry(here)
+        # What is imaged, in the estimator's own coordinates: effective projections of the fiducials that it assumes.
+        images = [project(matrix, assumed) for matrix in seen_by]
+        estimated = np.array([resect(assumed, image) for image in images])
         aims = np.array([project(view.projection, position[None])[0] for view in system.views])
-        found = triangulate(estimated, aims, told, system.triangulation)
+        found = triangulate(estimated, aims, assumed, system.triangulation)
         error = float(np.linalg.norm(found - position))
         # With the matrices of L0: a moved structure is seen elsewhere (physical), or looked for elsewhere (Eq 18).
-        looked_for = told if system.reading is Reading.EQ18 else fiducials
+        looked_for = assumed if system.reading is Reading.EQ18 else fiducials
         kept_px = _rms([project(m, looked_for) - image for m, image in zip(kept, images, strict=True)])
         rows.append(
             LevelRatio(
@@ -805,7 +803,7 @@ def compute_level_ratios(system: System, target: int, noisy_px: Mapping[str, flo
                 translation_mm=millimetres,
                 error_mm=error,
                 reprojection_estimated_px=_rms(
-                    [project(m, told) - image for m, image in zip(estimated, images, strict=True)]
+                    [project(m, assumed) - image for m, image in zip(estimated, images, strict=True)]
                 ),
                 reprojection_noisy_px=noisy_px[level],
                 reprojection_kept_px=kept_px,

@@ -1,0 +1,516 @@
+"""Convert designs (.yaml, .json), fiducial files (.csv, .fcsv, .mrk.json) and balls of STEP files into one another."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
+
+from pydantic import Field
+
+from tailstack.errors import DesignError, LimitError, Problem, TailstackError
+from tailstack.results.record import Published
+
+from ..console.answer import Answer
+from ..console.arguments import read_design, read_number
+from ..console.editors import write_document
+from ..console.files import writable
+from ..console.flags import NO_FLAG, Flag, add_flags, read_flags
+from ..operations.effort import text_reading_seconds
+from ..operations.operation import Body, Command, ExampleBody, Operation, Reception
+from ..operations.options import Options
+from ..problems import RefusedAt, RequestError
+from ..rendering.tables import draw_table
+
+if TYPE_CHECKING:
+    from tailstack.design import Conversion as Made
+    from tailstack.design import Design, Limits, StepBody, StepSelection
+    from tailstack.design.fiducial_files import FiducialList
+
+    from ..operations.request import Query, RawRequest
+    from ..settings import Settings
+
+F = TypeVar("F", bound=str)
+TargetFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
+SourceFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json", "step"]
+TARGETS: tuple[TargetFormat, ...] = get_args(TargetFormat)
+SOURCES: tuple[SourceFormat, ...] = get_args(SourceFormat)
+STEP_MEDIA = ("model/step", "application/step")
+IMPLIED: dict[str, SourceFormat] = {"text/csv": "csv", "yaml": "yaml", **dict.fromkeys(STEP_MEDIA, "step")}
+BEADS = "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\nF3,0,35,-10\n"
+BALL = """\
+ISO-10303-21;
+HEADER;
+FILE_DESCRIPTION((''),'2;1');
+FILE_NAME('bead.step','2026-01-01T00:00:00',(''),(''),'','','');
+FILE_SCHEMA(('AUTOMOTIVE_DESIGN'));
+ENDSEC;
+DATA;
+#1=SHAPE_DEFINITION_REPRESENTATION(#2,#6);
+#2=PRODUCT_DEFINITION_SHAPE('','',#3);
+#3=PRODUCT_DEFINITION('design','',#4,$);
+#4=PRODUCT_DEFINITION_FORMATION('','',#5);
+#5=PRODUCT('BEAD1','BEAD1','',$);
+#6=ADVANCED_BREP_SHAPE_REPRESENTATION('',(#7),#17);
+#7=MANIFOLD_SOLID_BREP('',#8);
+#8=CLOSED_SHELL('',(#9));
+#9=ADVANCED_FACE('',(#10),#14,.T.);
+#10=FACE_BOUND('',#11,.T.);
+#11=VERTEX_LOOP('',#12);
+#12=VERTEX_POINT('',#13);
+#13=CARTESIAN_POINT('',(10.,20.,28.5));
+#14=SPHERICAL_SURFACE('',#15,1.5);
+#15=AXIS2_PLACEMENT_3D('',#16,$,$);
+#16=CARTESIAN_POINT('',(10.,20.,30.));
+#17=(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT((#18))REPRESENTATION_CONTEXT('',''));
+#18=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));
+ENDSEC;
+END-ISO-10303-21;
+"""
+Pattern = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+def _parse_diameter(text: str) -> tuple[float, float]:
+    """A diameter and how far one may be from it, as 3±0.1, 3+-0.1, 3+/-0.1 or 3."""
+    parts = [read_number(part) for part in re.split(r"±|\+/?-", text.strip().removesuffix("mm"))]
+    if len(parts) not in (1, 2) or any(part is None for part in parts):
+        raise argparse.ArgumentTypeError(f"expected a diameter in mm like 3±0.1 or 3+-0.1; got {text!r}")
+    diameter, *tolerance = (float(part) for part in parts if part is not None)
+    if not 0 < diameter <= 1000 or not 0 <= min(tolerance, default=0.0) <= 100:
+        raise argparse.ArgumentTypeError(f"expected a diameter above 0, at most 1000 mm; got {text!r}")
+    return diameter, tolerance[0] if tolerance else 0.01
+
+
+STEP, CAGE = "of a STEP file", "of a cage of XMALab"  # headings of flags
+DIAMETER = Flag(
+    "balls of this diameter are fiducials, mm: 3±0.1 or 3+-0.1 (default all, if they have one)",
+    name="sphere-diameter", metavar="D±T", heading=STEP, parse=_parse_diameter,
+)  # fmt: skip
+NAME = Flag("balls with such a name, like 'BEAD*'", metavar="PATTERN", heading=STEP)
+FRAME = Flag("coordinate system or part whose frame is con", heading=STEP)
+SEATS = Flag("cylinders or coordinate systems that hold along their axis", metavar="PATTERN", heading=STEP)
+PINS = Flag(
+    "cylinders or coordinate systems that hold across their axis; with --seats they are the six locators of the "
+    "structure",
+    metavar="PATTERN", heading=STEP,
+)  # fmt: skip
+XMALAB = Flag(
+    "the .csv that is read, or else written, is a frame specification in this unit; a .ref beside one that is read is "
+    "read too",
+    heading=CAGE,
+)  # fmt: skip
+
+
+class StepOptions(Options):
+    """What of a STEP file is wanted; for other formats these are refused."""
+
+    sphere_diameter_mm: Annotated[Annotated[float, Field(gt=0, le=1000)] | None, DIAMETER] = Field(
+        None, description="STEP only: diameter of the balls that are fiducials, mm. Absent: all, if they have one."
+    )
+    sphere_tolerance_mm: Annotated[float, Field(ge=0, le=100), NO_FLAG] = Field(
+        0.01, description="STEP only: how far a diameter may be from sphere_diameter_mm, mm."
+    )
+    name: Annotated[Pattern | None, NAME] = Field(
+        None, description="STEP only: pattern of the name of a ball: its own, or that of its part or instance.",
+        examples=["BEAD*"],
+    )  # fmt: skip
+    frame: Annotated[Pattern | None, FRAME] = Field(
+        None, description="STEP only: name of the coordinate system, part or instance whose frame becomes con.",
+        examples=["CONNECTOR"],
+    )  # fmt: skip
+    seats: Annotated[Pattern | None, SEATS] = Field(
+        None, description="STEP only: pattern of the names of cylinders and coordinate systems that hold the structure "
+        "along their axis; with pins they become its six locators.", examples=["REST*"],
+    )  # fmt: skip
+    pins: Annotated[Pattern | None, PINS] = Field(
+        None, description="STEP only: pattern of the names of cylinders and coordinate systems that hold the structure "
+        "across their axis: the first both ways, each other one across the line to it.", examples=["PIN*"],
+    )  # fmt: skip
+
+    def select(self) -> StepSelection:
+        """As the solver takes it."""
+        from tailstack.design import StepSelection
+
+        return StepSelection(
+            self.sphere_diameter_mm, self.sphere_tolerance_mm, self.name, self.frame, self.seats, self.pins
+        )
+
+
+class FileOptions(StepOptions):
+    """What the files themselves do not say."""
+
+    xmalab: Annotated[Literal["mm", "cm"] | None, XMALAB] = Field(
+        None, description="CSV only: it is a frame specification of XMALab, with numbers in this unit: the content, "
+        "or, if that is no CSV, what is made of it.", examples=["cm"],
+    )  # fmt: skip
+
+
+class ConversionOptions(FileOptions):
+    """The content and what to make of it."""
+
+    format: SourceFormat = Field(description="What the content is; yaml and json are designs.")
+    content: Annotated[str, Field(min_length=1)] = Field(
+        description="The text of the file.", examples=["label,x_mm,y_mm,z_mm\nF1,0,0,0\n"]
+    )
+    to: TargetFormat = Field("yaml", description="What to make of it; a design becomes a design, or its fiducials.")
+    base: dict[str, Any] | None = Field(
+        None, description="A design whose fiducials are to be replaced by those of the content; the answer holds it."
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ConvertedPoint:
+    label: str
+    """Label of the fiducial."""
+    position_mm: tuple[float, float, float]
+    """Position, con (LPS), mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConvertedBody:
+    label: str
+    """Label of the fiducial that it became; if it was left, its name, which may be empty."""
+    path: str
+    """Names of the assembly, of its instances and of the body, with slashes between them."""
+    position_mm: tuple[float, float, float] | None
+    """Centre of its sphere, con, mm; null: it has no sphere, or the file does not say where it is."""
+    diameter_mm: float | None
+    """Diameter of its sphere, mm; null: it has none, or the file does not say where it is."""
+    reason: str
+    """Why it was left; empty: it became a fiducial."""
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Conversion(Published):
+    """A fiducial file or a design in another format, and the fiducials in it."""
+
+    schema: Literal["tailstack/conversion/1"]
+    """Name and version of this record's schema."""
+    format: Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
+    """Format of `content`."""
+    content: str
+    """The converted text."""
+    fiducials: tuple[ConvertedPoint, ...]
+    """The fiducials in it."""
+    notes: tuple[str, ...]
+    """What was done to the numbers on the way."""
+    bodies: tuple[ConvertedBody, ...] = ()
+    """Of a STEP file: the balls that became fiducials, and whatever has a spherical face or a name as asked for."""
+
+
+# --- a file into a design or another file -------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """A content to convert: names whose endings say what it is and becomes, and what the fiducials go into."""
+
+    content: bytes
+    source: str
+    target: str
+    options: FileOptions
+    base: Design | None = None
+    base_text: str | None = None  # the YAML of the base, whose comments stay
+    references: tuple[bytes, str] | None = None  # content and name of the .ref of a cage of XMALab
+
+
+def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> Made:
+    """Convert; balls of a STEP file for which there is no base get a first design.  Raises DesignError, LimitError.
+
+    directory: what files that a design names are relative to; None: it may name none.
+    """
+    from tailstack.design import convert, load_design
+    from tailstack.design.reading import DOCUMENTS
+    from tailstack.integrations.calibration_cages import CageForm
+    from tailstack.integrations.conversion import STEP_FILES
+
+    from ..first_design import Beads, design_of_beads
+
+    is_step = wish.source.lower().endswith(STEP_FILES)
+    _refuse_unused(wish, is_step)
+    starts: list[str] = []
+
+    def begin(fiducials: FiducialList) -> Design:
+        starts.append(design_of_beads(Beads(fiducials.labels, fiducials.positions_mm, wish.source)))
+        return load_design(starts[0], limits=limits)
+
+    unit = wish.options.xmalab
+    begins = is_step and wish.base is None and wish.target.lower().endswith(DOCUMENTS)
+    made = convert(
+        wish.content, wish.source, wish.target, directory=directory, allow_files=directory is not None, limits=limits,
+        selection=wish.options.select(), base=begin if begins else wish.base,
+        cage=None if unit is None else CageForm(unit, wish.references),
+    )  # fmt: skip
+    base, text = (load_design(starts[0], limits=limits), starts[0]) if starts else (wish.base, wish.base_text)
+    if base is None or not wish.target.lower().endswith(DOCUMENTS):
+        return made
+    notes = [*made.notes, *([START] if starts else []), *_what_is_missing(made.text, limits)]
+    if text is not None and not wish.target.lower().endswith(".json"):
+        made = replace(made, text=_keep_comments(text, base, made.text, limits))
+    return replace(made, notes=tuple(notes))
+
+
+START = "views, seats, targets, limit and tolerances are a start like that of tailstack init: correct them"
+
+
+def _refuse_unused(wish: Wish, is_step: bool) -> None:
+    """Raises RequestError for options that say nothing about this content."""
+    unused = sorted(wish.options.model_fields_set & StepOptions.model_fields.keys()) if not is_step else []
+    unused = [name for name in unused if getattr(wish.options, name) is not None]
+    if unused:
+        detail = f"{unused[0]} is for STEP files; the content is {wish.source.rpartition('.')[2]}"
+        raise RequestError(Problem(f"/{unused[0]}", "unused-option", detail, "leave it out"))
+    endings = [name.rpartition(".")[2].lower() for name in (wish.source, wish.target)]
+    if wish.options.xmalab is not None and "csv" not in endings:
+        detail = f"xmalab is for CSV files; {endings[0]} becomes {endings[1]}"
+        raise RequestError(Problem("/xmalab", "unused-option", detail, "leave it out"))
+
+
+def _what_is_missing(text: str, limits: Limits) -> list[str]:
+    """Why a design does not score yet, in words."""
+    from tailstack.design import check_design, load_design
+
+    try:
+        check_design(load_design(text, limits=limits))
+    except TailstackError as error:
+        return [f"the design does not score yet: {problem}" for problem in error.problems[:5]]
+    return []
+
+
+def _keep_comments(text: str, base: Design, made: str, limits: Limits) -> str:
+    """The text of the base with what is new in the other text, if that can be done; else the other text."""
+    import yaml
+
+    from tailstack.design import design_to_data, load_design
+    from tailstack.design.yaml_text import revise_yaml
+
+    wanted = load_design(made, limits=limits)
+    with suppress(TailstackError, yaml.YAMLError):
+        revised = revise_yaml(text, design_to_data(base, inline=False), design_to_data(wanted))
+        if load_design(revised, limits=limits).sha256 == wanted.sha256:
+            return revised
+    return made
+
+
+# --- over HTTP ------------------------------------------------------------------------------------------
+
+
+def receive(sent: RawRequest, settings: Settings) -> Reception:
+    """The converted text, the fiducials in it, and what was done to the numbers.  Raises RefusedAt, RequestError."""
+
+    from ..documents import to_json
+    from ..operations.request import design_of, limits_of, parse_json, read_options, refuse_query
+
+    if sent.form == "json":
+        data = parse_json(sent.body, settings)
+        options, place = read_options(ConversionOptions, data, ()), "/content"
+        base = None if options.base is None else design_of(data, settings, "base")
+        content = options.content.encode("utf-8", "surrogatepass")
+        wish = Wish(content, f"content.{options.format}", f"converted.{options.to}", options, base)
+    else:
+        refuse_query(sent.query, QUERY_NAMES)
+        source, target, place = _source_format(sent), _format(sent.query, "to", TARGETS) or "yaml", ""
+        wish = Wish(sent.body, f"content.{source}", f"converted.{target}", _file_options(sent.query))
+    try:
+        made = convert_wish(wish, limits_of(settings))
+    except (DesignError, LimitError) as error:
+        raise RefusedAt.place(error, place) from None
+    record = Conversion(
+        schema="tailstack/conversion/1",
+        format=_known(wish.target.removeprefix("converted."), TARGETS),
+        content=made.text,
+        fiducials=tuple(map(ConvertedPoint, made.fiducials.labels, made.fiducials.positions_mm)),
+        notes=made.notes,
+        bodies=tuple(
+            ConvertedBody(body.label, body.path, body.position_mm, body.diameter_mm, body.reason)
+            for body in made.bodies
+        ),
+    )
+    return Reception(answer=to_json(record))
+
+
+def _source_format(sent: RawRequest) -> str:
+    source = _format(sent.query, "from", SOURCES) or IMPLIED.get(sent.form)
+    if source is None:
+        hint = f"add ?from= one of {', '.join(SOURCES)}"
+        raise RequestError(Problem("/from", "missing-parameter", "text/plain does not say which format it is", hint))
+    return source
+
+
+def _file_options(query: Query) -> FileOptions:
+    """What the query says of a file.  Raises RequestError."""
+    from ..operations.request import from_text, read_options, single
+
+    schema = FileOptions.model_json_schema()["properties"]
+    given = {name: single(query, name) for name in schema}
+    return read_options(FileOptions, {name: from_text(text, schema[name]) for name, text in given.items()
+                                      if text is not None}, ())  # fmt: skip
+
+
+def _format(query: Query, name: str, known: tuple[F, ...]) -> F | None:
+    from ..operations.request import single
+
+    value = single(query, name)
+    return None if value is None else _known(value, known, name)
+
+
+def _known(value: str, known: tuple[F, ...], name: str = "to") -> F:
+    for form in known:
+        if form == value:
+            return form
+    detail = f"{name} is one of {', '.join(known)}; got {value[:40]!r}"
+    raise RequestError(Problem(f"/{name}", "unknown-value", detail))
+
+
+# --- the command ------------------------------------------------------------------------------------------
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("design", metavar="IN", help="file to read: .yaml, .json, .csv, .fcsv, .mrk.json, .step, .stp")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT", required=True, help="file to write; its ending decides the format"
+    )
+    parser.add_argument("--base", metavar="DESIGN", help="design whose fiducials are replaced by those of IN")
+    add_flags(parser, StepOptions)
+    cage = parser.add_argument_group(CAGE)
+    add_flags(parser, FileOptions)
+    cage.add_argument("--references", metavar="LABEL,...", help="beads that are marked: writes the .ref, too")
+
+
+def _run(arguments: argparse.Namespace) -> Answer:
+    from tailstack.design.fiducial_files import FORMATS
+    from tailstack.design.reading import DEFAULT_LIMITS, DOCUMENTS
+    from tailstack.integrations.conversion import read_source_file
+
+    from ..operations.request import read_options
+    from ..operations.revision import own_text
+
+    given = read_flags(FileOptions, arguments)
+    if "sphere_diameter_mm" in given:
+        given |= dict(zip(("sphere_diameter_mm", "sphere_tolerance_mm"), given["sphere_diameter_mm"], strict=True))
+    source, target = Path(arguments.design), writable(arguments.output, (*FORMATS, *DOCUMENTS))
+    base = None if arguments.base is None else read_design(arguments.base)
+    options = read_options(FileOptions, given, ())
+    text = None if base is None else own_text(base)
+    references = _read_references(source) if arguments.xmalab else None
+    wish = Wish(read_source_file(source), source.name, target.name, options, base, text, references)
+    made = convert_wish(wish, DEFAULT_LIMITS, source.parent)
+    files = {target: made.text, **_write_references(arguments, source, target, made)}
+    for note in made.notes:
+        print(f"note: {note}", file=sys.stderr)
+    for file, content in files.items():
+        try:
+            write_document(file, content)
+        except OSError as error:
+            detail = f"cannot write {file}: {error.strerror}"
+            raise DesignError(Problem("", "file-unwritable", detail)) from None
+        print(f"wrote {file}", file=sys.stderr)
+    return Answer(describe_bodies(made.bodies))
+
+
+def _read_references(source: Path) -> tuple[bytes, str] | None:
+    """Content and name of the references beside a frame specification, if there are any."""
+    from tailstack.design.reading import DEFAULT_LIMITS, read_bytes
+
+    file = source.with_suffix(".ref")
+    if source.suffix.lower() != ".csv" or not file.is_file():
+        return None
+    return read_bytes(file, DEFAULT_LIMITS.fiducial_file_bytes, str(file)), file.name
+
+
+def _write_references(arguments: argparse.Namespace, source: Path, target: Path, made: Made) -> dict[Path, str]:
+    """The references to write beside a frame specification that is written, as wished.  Raises RequestError."""
+    from tailstack.integrations.calibration_cages import write_references
+
+    writes_cage = arguments.xmalab and target.suffix.lower() == ".csv" and source.suffix.lower() != ".csv"
+    if arguments.references is None:
+        if writes_cage:
+            print("note: XMALab wants a .ref, too: name the marked beads with --references", file=sys.stderr)
+        return {}
+    if not writes_cage:
+        detail = "--references go beside a frame specification that is written"
+        raise RequestError(Problem("", "unused-option", detail, "with --xmalab, and -o ending in .csv"))
+    file = target.with_suffix(".ref")
+    marked = tuple(label.strip() for label in arguments.references.split(","))
+    return {file: write_references(made.fiducials, marked, file.name)}
+
+
+LISTED = 30  # bodies that were left, on the page
+
+
+def describe_bodies(bodies: Sequence[StepBody]) -> str:
+    """What was taken of a STEP file, and what was left and why, as tables; those alike are one line."""
+
+    def place(body: StepBody) -> list[str]:
+        numbers = ["", "", ""] if body.position_mm is None else [f"{value:.3f}" for value in body.position_mm]
+        return [*numbers, "" if body.diameter_mm is None else f"{body.diameter_mm:.3f}"]
+
+    if not bodies:
+        return ""
+    columns = ["x\nmm", "y\nmm", "z\nmm", "diameter\nmm"]
+    rows = [[body.label, *place(body), body.path] for body in bodies if not body.reason]
+    header = ["fiducial", *columns, "in the file"]
+    text = f"{len(rows)} balls became fiducials:\n\n{draw_table(header, rows, names=[5])}\n"
+    left: dict[tuple[str, str], list[StepBody]] = {}
+    for body in bodies:
+        if body.reason:
+            left.setdefault((body.path, body.reason), []).append(body)
+    if not left:
+        return text
+    rows = [[path, reason + (f" ({len(alike)} times)" if len(alike) > 1 else ""), *place(alike[0])]
+            for (path, reason), alike in list(left.items())[:LISTED]]  # fmt: skip
+    more = f"and {len(left) - LISTED} more\n" if len(left) > LISTED else ""
+    return f"{text}\n{len(left)} were left:\n\n{draw_table(['in the file', 'because', *columns], rows, left=2)}\n{more}"
+
+
+CSV, A_BALL = ExampleBody("Csv", "The file itself", BEADS), ExampleBody("Step", "A STEP file with one ball", BALL)
+QUERY_NAMES = ("from", "to", *FileOptions.model_fields)
+
+
+def _query_schemas() -> dict[str, Any]:
+    named = {
+        "from": {
+            "type": "string",
+            "enum": list(SOURCES),
+            "description": "What the content is; text/csv, model/step and YAML say it themselves.",
+        },
+        "to": {"type": "string", "enum": list(TARGETS), "default": "yaml", "description": "What to make of it."},
+    }
+    return {**named, **FileOptions.model_json_schema()["properties"]}
+
+
+def _refuse(call: Any) -> Conversion:
+    raise NotImplementedError("a conversion is received as a file, not as a design")
+
+
+OPERATION = Operation(
+    name="conversion",
+    verb="convert",
+    path="/v1/conversions",
+    summary="Convert designs, fiducial files and STEP, by their endings",
+    description="In memory: no file is read, nothing is fetched. With text/plain, from says what the text is. Balls of "
+    "a STEP file are fiducials; what was taken and what was left is in bodies.",
+    title="answer of convert over HTTP",
+    options=ConversionOptions,
+    designs={},
+    example={"format": "csv", "content": BEADS, "to": "yaml"},
+    record=lambda: Conversion,
+    run=_refuse,
+    immediate=True,
+    body=Body(
+        receive=receive,
+        query=_query_schemas,
+        media=("text/csv", "text/plain", *STEP_MEDIA),
+        samples={"text/csv": CSV, "text/plain": CSV, **dict.fromkeys(STEP_MEDIA, A_BALL)},
+        hint="format and to go into the body, beside the content",
+        kernels=False,
+        reading_seconds=text_reading_seconds,
+    ),
+    example_title="A CSV file to the fiducials of a design",
+    command=Command(_add_arguments, _run),
+)

@@ -1,0 +1,350 @@
+"""What was sent with a request, read strictly: designs and options, from a JSON body or from YAML and the query.
+
+Every refusal points into what was sent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from tailstack.cures import ask_meant, find_nearest
+from tailstack.design import Design, load_design
+from tailstack.design.loading import holds_points
+from tailstack.design.reading import (
+    DEFAULT_LIMITS,
+    LOOKS_LIKE_YAML,
+    DocumentSource,
+    Limits,
+    decode,
+    point_list_problem,
+    read_text,
+    show,
+)
+from tailstack.design.refusals import describe_value, pointer
+from tailstack.errors import DesignError, LimitError, Problem, TailstackError
+from tailstack.json_text import write_json
+
+from ..console.flags import TypedOption, list_options
+from ..names import variable
+from ..problems import MalformedError, RefusedAt, RequestError
+from .content import canonical
+from .options import Options
+from .patches import NAMED, PATCH, PartialDocument, merge, read_partial
+
+if TYPE_CHECKING:
+    from ..settings import Settings
+    from .operation import Operation
+
+O = TypeVar("O", bound=Options)  # noqa: E741
+T = TypeVar("T")
+Query = Sequence[tuple[str, str]]  # names and values, in the order in which they were sent
+
+
+@dataclass(frozen=True, slots=True)
+class RawRequest:
+    """A body that has arrived, not yet looked into, and the query beside it."""
+
+    form: str  # json, yaml, or the media type of something else that the operation takes
+    body: bytes
+    query: Query = ()
+    base: bytes | None = None  # JSON of the design that the body names by its hash, when it was looked up
+    as_job: bool = False  # whoever sent it asks for a job, where it could be answered at once
+
+
+class DesignReferenceUnresolved(Exception):
+    """The body names a design by its hash, which has to be looked up before the request can be read."""
+
+    def __init__(self, sha256: str) -> None:
+        super().__init__(sha256)
+        self.sha256 = sha256
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What was sent, read: designs and options."""
+
+    options: Any  # of the operation's class of options
+    designs: tuple[Design, ...]
+    data: dict[str, dict[str, Any]]  # the designs as they were sent, by field
+    prefixes: tuple[str, ...]  # pointers to the designs in what was sent
+    bare_design: bool  # the body was the design itself
+    partial: PartialDocument | None = None  # how the design was put together, if it was not sent whole
+
+    @property
+    def design(self) -> Design:
+        """The only design."""
+        (design,) = self.designs
+        return design
+
+    @property
+    def nameable(self) -> tuple[tuple[str, bytes], ...]:
+        """The designs as later requests may name them: SHA-256 and JSON."""
+        pairs = zip(self.designs, self.data.values(), strict=True)
+        return tuple((design.sha256, canonical(data)) for design, data in pairs)
+
+    def refuse_by(self, check: Callable[[Design], T], which: int = 0) -> T:
+        """What a function finds of a design; what it refuses is placed in what was sent.  Raises RefusedAt."""
+        try:
+            return check(self.designs[which])
+        except TailstackError as error:
+            raise self.place(error, which) from None
+
+    def place(self, error: TailstackError, which: int = 0) -> RefusedAt:
+        """A refusal of a design, placed in what was sent."""
+        return _place(error, self.prefixes[which], self.partial)
+
+
+def read_request(sent: RawRequest, operation: Operation, settings: Settings) -> Request:
+    """Options first, then each design.
+
+    Raises MalformedError, RequestError, LimitError, RefusedAt, DesignReferenceUnresolved.
+    """
+    fields = tuple(operation.designs)
+    if sent.form != "json":
+        options = _options_of_query(operation.options, sent.query)
+        design = load(sent.body, settings, "")
+        return Request(options, (design,), {fields[0]: design.source.data}, ("",), True)
+    body = parse_json(sent.body, settings, yaml=operation.yaml)
+    partial = read_partial(body, fields)
+    options = read_options(operation.options, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
+    if partial is not None:
+        body["design"] = _apply_patch(body, partial, sent)
+    fields = tuple(field for field in fields if operation.needs_design or field in body)
+    designs = tuple(design_of(body, settings, field, partial) for field in fields)
+    data = {field: body[field] for field in fields}
+    return Request(options, designs, data, tuple(f"/{field}" for field in fields), False, partial)
+
+
+def _apply_patch(body: dict[str, Any], partial: PartialDocument, sent: RawRequest) -> Any:
+    """The design that a request means.  Raises DesignReferenceUnresolved."""
+    if partial.sha256 is None:
+        if not isinstance(body["design"], dict):
+            return body["design"]  # which is refused as it is
+        return merge(body["design"], partial.patch)
+    if sent.base is None:
+        raise DesignReferenceUnresolved(partial.sha256)
+    return merge(json.loads(sent.base), partial.patch)
+
+
+# --- options ----------------------------------------------------------------------------------------------
+
+
+def read_options(kind: type[O], data: dict[str, Any], others: Sequence[str] = ("design",)) -> O:
+    """Options from everything in the body but the design.  Raises RequestError."""
+    try:
+        return kind.model_validate({key: value for key, value in data.items() if key not in others})
+    except ValidationError as error:
+        known = [*others, *kind.model_fields]
+        problems = [_translate(entry, known, kind) for entry in error.errors(include_url=False)]
+        problems.sort(key=lambda problem: problem.code != "unknown-field")  # a slip in a name explains what is missing
+        raise RequestError(problems[:25]) from None
+
+
+def _translate(entry: Any, known: list[str], options: type[Options]) -> Problem:
+    path, kind = entry["loc"], entry["type"]
+    if kind == "extra_forbidden":
+        name = str(path[-1])
+        if len(path) > 1:  # inside an option
+            known = _fields_inside(options, str(path[0]))
+            hint = ""
+        else:
+            holder = next((own for own in options.model_fields if find_nearest(name, _fields_inside(options, own))), "")
+            hint = _example((holder,), options) if holder and name not in known else ""
+        hint = hint or ask_meant(name, known, f"known: {', '.join(known)}")
+        return Problem(pointer(path), "unknown-field", f"there is no option {show(name)[9:]}", hint)
+    if kind == "missing":
+        detail = f"the field {str(path[-1])!r} is required"
+        hint = _example(path, options) or "GET /openapi.json describes it"
+        return Problem(pointer(path[:-1]), "missing-field", detail, hint)
+    problem = describe_value(entry, path)
+    if kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
+        return replace(problem, hint=_example(path, options))
+    return problem
+
+
+def _example(path: tuple[str | int, ...], options: type[Options]) -> str:
+    """The example of the field at an error's path, to be typed."""
+    name = [step for step in path if isinstance(step, str)][-1]
+    examples = next((found.examples for found in _fields(options, name) if found.examples), None)
+    return f"for example: {write_json({name: examples[0]})}" if examples else ""
+
+
+def _fields(options: type[BaseModel], name: str) -> Iterator[FieldInfo]:
+    """Fields of that name, of the options and of the models inside them."""
+    for own, found in options.model_fields.items():
+        if own == name:
+            yield found
+        for inside in _models(found.annotation):
+            yield from _fields(inside, name)
+
+
+def _fields_inside(options: type[BaseModel], option: str) -> list[str]:
+    """Names of the fields of an option that is a record, or a list of them."""
+    return [name for model in _models(options.model_fields[option].annotation) for name in model.model_fields]
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models(part)
+
+
+# --- the query ------------------------------------------------------------------------------------------
+
+
+def refuse_query(query: Query, known: tuple[str, ...], hint: str = "") -> None:
+    """Refuse query parameters that mean nothing here, each with a pointer to its name.  Raises RequestError."""
+    for name, _ in query:
+        if name not in known:
+            hint = hint or ask_meant(
+                name, known, f"known: {', '.join(known)}" if known else "this operation takes none"
+            )
+            detail = f"there is no query parameter {name[:60]!r}"
+            raise RequestError(Problem(pointer([name[:60]]), "unknown-parameter", detail, hint))
+
+
+def single(query: Query, name: str) -> str | None:
+    """A query parameter that may be given once.  Raises RequestError."""
+    given = [value for key, value in query if key == name]
+    if len(given) > 1:
+        raise RequestError(Problem(f"/{name}", "bad-parameter", f"{name} is given {len(given)} times; once is enough"))
+    return given[0] if given else None
+
+
+def _options_of_query(kind: type[O], query: Query) -> O:
+    """Options from the query.  Text becomes what the option takes; what cannot is refused like in JSON."""
+    known = {option.query_name: option for option in list_options(kind)}
+    refuse_query(query, tuple(known))
+    schema = kind.model_json_schema().get("properties", {})
+    data: dict[str, Any] = {}
+    for name, option in known.items():
+        if option.listed:
+            if given := [value for key, value in query if key == name]:
+                data[option.name] = _read_list(option, given)
+        elif (text := single(query, name)) is not None:
+            data[option.name] = from_text(text, schema[option.name])
+    return read_options(kind, data)
+
+
+def _read_list(option: TypedOption, given: Sequence[str]) -> list[Any]:
+    """The entries of texts in the query.  Raises RequestError."""
+    try:
+        return [entry for text in given for entry in option.read(text)]
+    except argparse.ArgumentTypeError as error:
+        raise RequestError(Problem(pointer([option.query_name]), "bad-parameter", str(error))) from None
+
+
+def from_text(text: str, schema: dict[str, Any]) -> Any:
+    """A query value as the type that the schema asks for, or the text itself, which the check then refuses."""
+    types = {entry.get("type") for entry in (schema, *schema.get("anyOf", ()))}
+    if "boolean" in types and text in ("true", "false"):
+        return text == "true"
+    if "integer" in types and re.fullmatch(r"[+-]?[0-9]{1,19}", text):
+        return int(text)
+    if "number" in types and re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?", text):
+        return float(text)
+    return text
+
+
+# --- bodies and designs --------------------------------------------------------------------------------
+
+# What the reader of documents says about text that is not a document at all.
+SYNTAX = frozenset(
+    {
+        "bad-key", "duplicate-key", "empty-document", "json-syntax", "not-text", "several-documents", "yaml-alias",
+        "yaml-syntax", "yaml-tag",
+    }
+)  # fmt: skip
+SETTING_OF = {"/views": "max_views", "/fiducials/points": "max_fiducials", "/targets": "max_targets",
+              "/requirements": "max_targets"}  # fmt: skip
+
+
+def limits_of(settings: Settings) -> Limits:
+    """Bounds for the reader of designs."""
+    return replace(
+        DEFAULT_LIMITS,
+        document_bytes=settings.max_body_bytes,
+        fiducials=settings.max_fiducials,
+        targets=settings.max_targets,
+        views=settings.max_views,
+    )
+
+
+def parse_json(body: bytes, settings: Settings, *, yaml: bool = True) -> dict[str, Any]:
+    """The body as a mapping.  Raises MalformedError, RequestError (not a mapping), LimitError (too deep).
+
+    ``yaml``: the operation reads YAML as well, which the cure of a body that is YAML then says.
+    """
+    try:
+        text = decode(body, None)
+        data = read_text(text, limits_of(settings), file=None, directory=None, form="json").data
+    except DesignError as error:
+        cure = "it looks like YAML: " + ("send Content-Type: application/yaml" if yaml else "this operation takes JSON")
+        problems = [replace(p, hint=cure) if p.hint == LOOKS_LIKE_YAML else p for p in error.problems]
+        raise MalformedError(problems) from None
+    if not isinstance(data, dict):
+        hint = 'send {"design": {...}}'
+        raise RequestError(Problem("", "wrong-type", f"the body is a JSON object; got {show(data)}", hint))
+    return data
+
+
+def design_of(
+    data: dict[str, Any], settings: Settings, field: str = "design", partial: PartialDocument | None = None
+) -> Design:
+    """The design in a field of a JSON body.  Raises RequestError, RefusedAt for what the design is refused for."""
+    if field not in data:
+        if str(data.get("schema", "")).startswith("tailstack/design/"):
+            hint = f'the body looks like the design itself: send {{"{field}": <it>}}'
+        else:
+            hint = "the design document goes here: GET /v1/schemas/design"
+        raise RequestError(Problem("", "missing-field", f"the field {field!r} is required", hint))
+    if not isinstance(data[field], dict):
+        problem = Problem("", "wrong-type", f"a design is a mapping of fields; got {show(data[field])}")
+        if holds_points(data[field]):
+            problem = point_list_problem(None)
+        raise _place(DesignError(problem), f"/{field}", partial)
+    source = DocumentSource(data[field], None, None)  # read strictly with the body: plain data
+    return load(source, settings, f"/{field}", partial)
+
+
+def load(
+    source: DocumentSource | bytes, settings: Settings, prefix: str, partial: PartialDocument | None = None
+) -> Design:
+    """A checked design from what was read, or YAML.  Raises RefusedAt, MalformedError for what is not YAML at all."""
+    form: Any = "yaml" if isinstance(source, bytes) else "auto"
+    try:
+        return load_design(source, form=form, allow_files=False, limits=limits_of(settings))
+    except DesignError as error:
+        if isinstance(source, bytes) and b'"design"' in source and error.problems[0].code == "unsupported-schema":
+            hint = "the design stands inside this body: send Content-Type: application/json"
+            error = DesignError([replace(error.problems[0], hint=hint)])
+        if isinstance(source, bytes) and all(p.code in SYNTAX for p in error.problems):
+            raise MalformedError(error.problems) from None
+        raise _place(error, prefix, partial) from None
+    except LimitError as error:
+        raise _place(LimitError(_name_settings(error.problems)), prefix, partial) from None
+
+
+def _place(error: TailstackError, at: str, partial: PartialDocument | None) -> RefusedAt:
+    if partial is not None and not isinstance(error, RefusedAt):
+        partial.mention(error)
+    return RefusedAt.place(error, at)
+
+
+def _name_settings(problems: Sequence[Problem]) -> list[Problem]:
+    """Say which setting raises a limit."""
+    return [
+        replace(p, hint=f"send fewer, or start the service with a higher {variable(SETTING_OF[p.pointer])}")
+        if p.code == "too-many" and p.pointer in SETTING_OF
+        else p
+        for p in problems
+    ]

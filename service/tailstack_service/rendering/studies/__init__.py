@@ -1,1 +1,0 @@
-"""Studies as text and as figures."""

@@ -1,0 +1,106 @@
+"""Tilt of the detector about the axes of its image, once per unit.
+
+The images of a tilted detector are those of an upright one, mapped by a homography: estimators of all eleven unknowns
+(dlt, reprojection) absorb it, those that believe the intrinsics (pose, pose_with_prior) take it for a motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self, cast
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ..arrays import frozen
+from ..fields import Degrees, Record, refusal
+from ..geometry.camera import intrinsics_of
+from ..system import Act, Drawn, Effect, Place, Scene, Sources, System, View
+from ..tolerances import RotationTolerance, compile_sources
+from .kind import EffectKind, name_views
+
+if TYPE_CHECKING:
+    from ..design.document import DesignDocument
+
+AXES = ("about_u", "about_v")
+LARGEST_DEG = 1.0  # a turn by a stretches the image by a^2 / 2 too, which is left out: 0.015 % at one degree
+
+
+class DetectorTilt(Record):
+    """How far a view's detector may be turned out of the plane of its image, drawn once per installed unit.
+
+    Both turns are about the foot of the perpendicular from the source: by a positive one the detector's far end, at
+    large v (about u) or large u (about v), moves away from the source.
+    """
+
+    about_u: RotationTolerance | None = Field(default=None, description="About the axis along u. Absent: none.")
+    about_v: RotationTolerance | None = Field(default=None, description="About the axis along v. Absent: none.")
+    bias_about_u_deg: Degrees = Field(
+        default=0.0, description="Known turn about u, degrees. Default 0.", examples=[0.2]
+    )
+    bias_about_v_deg: Degrees = Field(
+        default=0.0, description="Known turn about v, degrees. Default 0.", examples=[0.2]
+    )
+
+    @model_validator(mode="after")
+    def _small(self) -> Self:
+        for axis in AXES:
+            tolerance, field = getattr(self, axis), f"bias_{axis}_deg"
+            stated = {field: abs(getattr(self, field))}
+            if tolerance is not None:
+                stated[f"{axis}/half_width_deg"] = tolerance.half_width_deg
+            for at, degrees in stated.items():
+                if degrees > LARGEST_DEG:
+                    words = f"a tilt is at most {LARGEST_DEG:g} degree, for it is taken to first order; got {degrees:g}"
+                    raise refusal("out-of-range", words, "state the view's projection as it is calibrated", at)
+        return self
+
+
+class TiltOfView(Record):
+    """What a view says of it."""
+
+    detector_tilt: DetectorTilt | None = Field(
+        default=None,
+        description="Tilt of the detector out of the plane of its image, for the estimators that believe the "
+        "intrinsics; the others absorb it. Absent: none.",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TiltEffect(Effect):
+    """A turn by a moves the image at (x, y) px from the principal point by (x, y) times a y / f about u and a x / f
+    about v, f px the focal length: where the ray meets the plane that was turned, to first order in a."""
+
+    view: str
+
+    def act(self, scene: Scene) -> tuple[Act, ...]:
+        focal_u, _, focal_v, *foot = intrinsics_of(scene.projections[self.view]).tolist()
+        place = scene.project(self.view) - np.array(foot)
+        shifts = np.stack([place * place[:, 1:] / focal_v, place * place[:, :1] / focal_u], axis=-1)
+        return (Act(Place.IMAGES, self.view, shifts.reshape(-1, 2)),)
+
+    @property
+    def places(self) -> tuple[tuple[Place, str | None], ...]:
+        return ((Place.IMAGES, self.view),)
+
+
+def detector_tilt(view: str, sources: Sources, known: object = (0.0, 0.0), pointer: str = "") -> TiltEffect:
+    """The effect in a view: sources (2, k) and known (2,), rad, about u and about v."""
+    name, label = f"detector_tilt:{view}", f"tilt of the detector, {view}"
+    return TiltEffect(name, label, pointer, Drawn.UNIT, sources, frozen(known), view)
+
+
+def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
+    for index, view in enumerate(document.views):
+        if (declared := cast(TiltOfView, view).detector_tilt) is not None:
+            sources = compile_sources({axis: getattr(declared, axis) for axis in AXES})
+            known = np.deg2rad([declared.bias_about_u_deg, declared.bias_about_v_deg])
+            yield detector_tilt(view.name, sources, known, f"/views/{index}/detector_tilt")
+
+
+def _not_modelled(system: System) -> str:
+    return name_views("a tilt of the detector", TiltEffect, system) if system.estimator.believes_intrinsics else ""
+
+
+KIND = EffectKind(sections={"view": TiltOfView}, compile=_compile, not_modelled=_not_modelled)

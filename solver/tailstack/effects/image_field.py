@@ -1,0 +1,132 @@
+"""What is left of an image's distortion after its correction: a polynomial of the place in the image."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from ..arrays import Array, frozen
+from ..errors import Problem
+from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, refuse_coverage
+from ..geometry.camera import image_centre_px
+from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, View
+from ..tolerances import coverage_of
+from .kind import EffectKind, name_views
+
+if TYPE_CHECKING:
+    from ..design.document import DesignDocument
+
+
+class ImageField(Record):
+    """What is left of the image's distortion after its correction: a polynomial, drawn once per installed unit.
+
+    Along u and along v, the shift of an image point is a sum of ``c x^i y^j``, where (x, y) is its place from the
+    image's centre in units of half the diagonal; so c is the shift in the corner, px, and varies by itself.
+    """
+
+    half_widths_px: Annotated[list[HalfWidth], Field(min_length=1, max_length=4)] = Field(
+        description="Half-width of the coefficients of degree 0, 1, 2, 3, px, in this order; every coefficient of a "
+        "degree has the same one. Degrees 0 and 1 (shift, scale, shear) are absorbed by DLT.",
+        examples=[[0.0, 0.0, 0.1, 0.3]],
+    )
+    distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["normal"])
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    _coverage = model_validator(mode="after")(refuse_coverage)
+
+
+class FieldOfView(Record):
+    """What a view says of it."""
+
+    image_field: ImageField | None = Field(
+        default=None,
+        description="What is left of the image's distortion after its correction. Needs image_size_px. Absent: none.",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldEffect(Effect):
+    """Source j shifts every image point along ``axis[j]`` by its value, px, times ``x**i y**j`` with the powers of its
+    row: x and y are the nominal place in the image, from its centre and in units of half its diagonal."""
+
+    view: str
+    centre_px: Array  # (2,)
+    half_diagonal_px: float
+    axis: NDArray[np.int64]  # (k,) 0: u, 1: v
+    powers: NDArray[np.int64]  # (k, 2)
+
+    def act(self, scene: Scene) -> tuple[Act, ...]:
+        shifts = field_shifts(scene.project(self.view), self.centre_px, self.half_diagonal_px, self.axis, self.powers)
+        return (Act(Place.IMAGES, self.view, shifts.reshape(2 * len(shifts), len(self.axis))),)
+
+    @property
+    def places(self) -> tuple[tuple[Place, str | None], ...]:
+        return ((Place.IMAGES, self.view),)
+
+
+def field_powers(degree: int) -> NDArray[np.int64]:
+    """(n, 2) powers (i, j) of the monomials ``x**i y**j`` of one degree."""
+    return np.array([(degree - j, j) for j in range(degree + 1)], dtype=np.int64)
+
+
+def field_shifts(
+    images: ArrayLike, centre_px: Array, half_diagonal_px: float, axis: NDArray[np.int64], powers: NDArray[np.int64]
+) -> ArrayLike:
+    """(n, 2, k) shift of images (n, 2), px, per px of each coefficient."""
+    place = (images - centre_px) / half_diagonal_px
+    values = place[:, None, 0] ** powers[:, 0] * place[:, None, 1] ** powers[:, 1]
+    shifts = np.zeros((len(images), 2, len(axis)), values.dtype)
+    for j, along in enumerate(axis.tolist()):
+        shifts[:, along, j] = values[:, j]
+    return shifts
+
+
+def image_field(
+    view: str, size_px: tuple[int, int], half_widths_px: list[float], law: Law, coverage: float = 1.0, pointer: str = ""
+) -> FieldEffect:
+    """The effect in a view with an image of this size: the coefficients of every degree that has some half-width, px,
+    first those of u, then those of v."""
+    degrees = [degree for degree, half_width in enumerate(half_widths_px) if half_width > 0]
+    one = np.concatenate([np.zeros((0, 2), dtype=np.int64), *map(field_powers, degrees)])
+    powers, axis = np.tile(one, (2, 1)), np.repeat([0, 1], len(one))
+    sources = Sources(
+        tuple(f"{'uv'[along]}.x{i}y{j}" for along, (i, j) in zip(axis, powers.tolist(), strict=True)),
+        (law,) * len(axis),
+        frozen([half_widths_px[i + j] for i, j in powers.tolist()]),
+        frozen([coverage] * len(axis)),
+        ("px",) * len(axis),
+        frozen(np.eye(len(axis))),
+    )
+    centre, half_diagonal = frozen(image_centre_px(size_px)), float(np.hypot(*size_px)) / 2
+    name, label = f"image_field:{view}", f"image field, {view}"
+    none = frozen(np.zeros(len(axis)))
+    return FieldEffect(name, label, pointer, Drawn.UNIT, sources, none, view, centre, half_diagonal, axis, powers)
+
+
+def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
+    for index, (view, compiled) in enumerate(zip(document.views, views, strict=True)):
+        if (field := cast(FieldOfView, view).image_field) is not None:
+            assert compiled.image_size_px is not None  # _check has made sure
+            law, coverage = Law(field.distribution), coverage_of(field.distribution, field.coverage_factor)
+            pointer = f"/views/{index}/image_field"
+            yield image_field(view.name, compiled.image_size_px, field.half_widths_px, law, coverage, pointer)
+
+
+def _check(document: DesignDocument) -> Iterator[Problem]:
+    for index, view in enumerate(document.views):
+        stated = getattr(view, "preset", None) is not None or view.image_size_px is not None
+        if cast(FieldOfView, view).image_field is not None and not stated:
+            words = "an image field is measured from the image's centre in half diagonals, and the size is not stated"
+            yield Problem(f"/views/{index}/image_field", "missing-field", words, "give image_size_px: [W, H]")
+
+
+def _not_modelled(system: System) -> str:
+    return name_views("image distortion that its correction leaves", FieldEffect, system)
+
+
+KIND = EffectKind(sections={"view": FieldOfView}, compile=_compile, not_modelled=_not_modelled, check=_check)

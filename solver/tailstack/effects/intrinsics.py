@@ -1,0 +1,161 @@
+"""Errors of the intrinsics that an estimator assumes: focal length and principal point, assumed less true.
+
+Drawn once per unit, independently in each view.  Estimators that assume no intrinsics do not feel them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, cast
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ..arrays import frozen
+from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, check_law
+from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Law, Place, Sources, System, View
+from ..tolerances import coverage_of
+from .kind import EffectKind, Limit, Proportional
+
+if TYPE_CHECKING:
+    from ..design.document import DesignDocument, IntrinsicsPrior
+
+NAME = "assumed_intrinsics"
+UNITS = ("1", "px", "px")
+
+
+class FocalError(Record):
+    """Error of the assumed focal length, as a part of the true one."""
+
+    bias_rel: Annotated[float, Field(ge=-0.5, le=0.5)] = Field(
+        default=0.0,
+        description="Known and fixed: 0.01 is an assumed focal length that is 1 % too long. Default 0.",
+        examples=[0.01],
+    )
+    half_width_rel: Annotated[float, Field(ge=0, le=1)] = Field(
+        default=0.0, description="Half-width h, as a part of the focal length. Default 0.", examples=[0.01]
+    )
+    distribution: RandomLaw | None = Field(
+        default=None, description=LAW_WORDS + ". Required with half_width_rel.", examples=["uniform"]
+    )
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    @model_validator(mode="after")
+    def _law(self) -> FocalError:
+        check_law(self, "half_width_rel")
+        return self
+
+
+class PrincipalPointError(Record):
+    """Error of the assumed principal point."""
+
+    bias_px: ImagePoint = Field(
+        default=(0.0, 0.0),
+        description="Known and fixed, [u, v], px: assumed less true. Default 0.",
+        examples=[[5.0, 0.0]],
+    )
+    half_width_px: Annotated[float, Field(ge=0, le=1e4)] = Field(
+        default=0.0, description="Half-width h of each coordinate, px.", examples=[10.0]
+    )
+    distribution: RandomLaw | None = Field(
+        default=None, description=LAW_WORDS + ". Required with half_width_px.", examples=["uniform"]
+    )
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    @model_validator(mode="after")
+    def _law(self) -> PrincipalPointError:
+        check_law(self, "half_width_px")
+        return self
+
+
+class IntrinsicsError(Record):
+    """How wrong the assumed intrinsics of a view may be.  Drawn once per unit, independently in each view."""
+
+    focal: FocalError | None = Field(default=None, description="Of the focal length. Absent: exact.")
+    principal_point: PrincipalPointError | None = Field(
+        default=None, description="Of the principal point. Absent: exact."
+    )
+
+
+class IntrinsicsOfView(Record):
+    """What a view says of it."""
+
+    intrinsics_error: IntrinsicsError | None = Field(
+        default=None,
+        description="How wrong the assumed focal length and principal point are, for the estimators that believe them "
+        "(pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact.",
+    )
+    if TYPE_CHECKING:
+        intrinsics_prior: IntrinsicsPrior | None
+
+
+def intrinsics_error(view: str, known: object, sources: Sources, pointer: str = "") -> DirectEffect:
+    """The effect in a view: known (3,) and sources (3, k) in the order and units of ``system.INTRINSICS``."""
+    name = f"{NAME}:{view}"
+    return DirectEffect(
+        name, f"assumed intrinsics, {view}", pointer, Drawn.UNIT, sources, frozen(known), Place.INTRINSICS, view
+    )
+
+
+def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
+    """As declared; otherwise the prior is taken at its word."""
+    for index, view in enumerate(document.views):
+        declared = cast(IntrinsicsOfView, view)
+        error, prior = declared.intrinsics_error, declared.intrinsics_prior
+        if error is None:
+            if prior is None:
+                continue
+            error = IntrinsicsError(
+                focal=FocalError(half_width_rel=prior.focal_rel_sd, distribution="normal", coverage_factor=1.0),
+                principal_point=PrincipalPointError(
+                    half_width_px=prior.principal_point_px_sd, distribution="normal", coverage_factor=1.0
+                ),
+            )
+        focal, centre = error.focal or FocalError(), error.principal_point or PrincipalPointError()
+        widths = (focal.half_width_rel, centre.half_width_px, centre.half_width_px)
+        parts = [(k, (focal, centre, centre)[k]) for k in range(3) if widths[k]]
+        laws = tuple(Law(part.distribution or "normal") for _, part in parts)
+        sources = Sources(
+            tuple(INTRINSICS[k] for k, _ in parts),
+            laws,
+            frozen([widths[k] for k, _ in parts]),
+            frozen([coverage_of(law, part.coverage_factor) for law, (_, part) in zip(laws, parts, strict=True)]),
+            tuple(UNITS[k] for k, _ in parts),
+            frozen(np.eye(3)[:, [k for k, _ in parts]]),
+        )
+        known, pointer = [focal.bias_rel, *centre.bias_px], f"/views/{index}/intrinsics_error"
+        yield intrinsics_error(view.name, known, sources, pointer)
+
+
+def _not_modelled(system: System) -> str:
+    """What an estimator believes without a doubt that the design states is said apart (``scoring.provenance``)."""
+    return ""
+
+
+def _list_shares(document: DesignDocument) -> Iterator[tuple[str, str, float]]:
+    for index, view in enumerate(document.views):
+        declared = cast(IntrinsicsOfView, view)
+        at = f"/views/{index}"
+        if (prior := declared.intrinsics_prior) is not None:
+            yield f"{at}/intrinsics_prior/focal_rel_sd", f"view {view.name}: focal_rel_sd", prior.focal_rel_sd
+        if declared.intrinsics_error is not None and (focal := declared.intrinsics_error.focal) is not None:
+            for field in ("bias_rel", "half_width_rel"):
+                yield f"{at}/intrinsics_error/focal/{field}", f"view {view.name}: focal {field}", getattr(focal, field)
+
+
+def _limits(system: System) -> Iterator[Limit]:
+    """The largest known error of intrinsics that are believed: it errs by up to 1.3 times it.
+
+    1000 px of the principal point count as 1.
+    """
+    known = [error.known / (1.0, 1000.0, 1000.0) for error in system.believed_errors if error is not None]
+    yield Proportional("intrinsics that are known to be {:.2g} % wrong", float(np.abs([np.zeros(3), *known]).max()))
+
+
+KIND = EffectKind(
+    sections={"view": IntrinsicsOfView},
+    compile=_compile,
+    not_modelled=_not_modelled,
+    shares=_list_shares,
+    limits=_limits,
+)

@@ -1,0 +1,108 @@
+"""What a file of this folder says of its effect, and what the rules that doubt values are made of.
+
+An effect is one file: the section of the document that declares it, what it compiles to, what a record says where it is
+not declared, which of its values are doubted, and up to what size first order was calibrated for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from ..arrays import Array
+from ..errors import Problem
+from ..fields import Record
+from ..system import Effect, System, View
+
+if TYPE_CHECKING:  # the document is made of the sections of these files
+    from ..design.document import DesignDocument
+
+Host = Literal["view", "fiducials", "design"]  # the records of the document that sections can be added to
+
+
+class Doubt(NamedTuple):
+    """A value that a rule doubts."""
+
+    pointer: str
+    message: str
+    value: float
+    limit: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """What the rules look at."""
+
+    document: DesignDocument
+    fiducials_mm: Array  # (N, 3) con
+    system: System | None  # None: its views could not be compiled
+    labels: tuple[str, ...]  # of the fiducials
+
+
+@dataclass(frozen=True, slots=True)
+class PlausibilityTest:
+    """One rule: what it doubts, and where its numbers come from."""
+
+    id: str  # stable, the rule of its findings
+    title: str
+    numbers: str  # the bounds and their source
+    find: Callable[[Subject], Iterator[Doubt]]
+    slip: bool = False  # a slip of unit, which may be why a geometry is refused
+
+
+class Excess(NamedTuple):
+    """An effect that is larger than first order was calibrated for."""
+
+    words: str
+
+
+class Proportional(NamedTuple):
+    """The size of an effect by which first order errs in proportion."""
+
+    words: str  # with one place for the size, in per cent
+    size: float  # relative
+
+
+Limit = Excess | Proportional
+
+
+def _say_nothing(subject: Any) -> Iterator[Any]:
+    yield from ()
+
+
+@dataclass(frozen=True, slots=True)
+class EffectKind:
+    """One effect of the table ``effects.EFFECTS``."""
+
+    sections: Mapping[Host, type[Record]]
+    """What declares it: fields with a default of None, which the records of the document take over."""
+    compile: Callable[[DesignDocument, tuple[View, ...]], Iterator[Effect]]
+    """What a document declares of it.  Order counts: seeds draw in it."""
+    not_modelled: Callable[[System], str]
+    """What a record says where it is not declared, or not in every view; empty: nothing."""
+    check: Callable[[DesignDocument], Iterator[Problem]] = _say_nothing
+    """What is refused beyond one record."""
+    doubts: tuple[PlausibilityTest, ...] = ()
+    """Rules on values that are allowed and hardly ever meant."""
+    shares: Callable[[DesignDocument], Iterator[tuple[str, str, float]]] = _say_nothing
+    """(pointer, name, value) of what is a part of one and usually said in per cent."""
+    limits: Callable[[System], Iterator[Limit]] = _say_nothing
+    """Up to what size first order holds for it."""
+
+
+def name_views(what: str, kind: type[Effect], system: System) -> str:
+    """What is not modelled in the views without an effect of this kind, which are named unless it is all of them."""
+    declared = {view for effect in system.effects if isinstance(effect, kind) for _, view in effect.places}
+    without = [view.name for view in system.views if view.name not in declared]
+    if not without:
+        return ""
+    return what if len(without) == len(system.views) else f"{what} ({', '.join(without)})"
+
+
+def guess_unit(value: float, low: float, high: float) -> str:
+    """In which unit a length would be plausible, as a sentence; empty if in none."""
+    for unit, factor in (("centimetres", 10.0), ("metres", 1000.0), ("micrometres", 1e-3)):
+        if low <= value * factor <= high:
+            return f" It looks like {unit}: write {value * factor:.6g}."
+    return ""

@@ -1,0 +1,93 @@
+"""Motion between the shots: the structure against the target by the time of one view's shot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import degrees, pi
+from typing import TYPE_CHECKING, Annotated, cast
+
+import numpy as np
+from pydantic import Field
+
+from ..arrays import frozen
+from ..fields import Point, Record
+from ..system import DirectEffect, Drawn, Effect, Place, Sources, System, View
+from ..tolerances import Tolerances
+from .kind import EffectKind, Excess, Limit
+
+if TYPE_CHECKING:
+    from ..design.document import DesignDocument
+
+# motion between the shots, standard deviations: of the beads in all directions together (root mean square over them,
+# mm), and of the turn (rad), which nu takes for small beside the motion
+CALIBRATED = (3.0, pi / 180)
+
+
+class Motion(Record):
+    """How far the structure may have moved against the target by the time of one shot."""
+
+    label: Annotated[str, Field(max_length=200)] = Field(
+        default="", description="What moves, in your words.", examples=["breathing"]
+    )
+    pivot_mm: Point = Field(
+        description="Point in con that the motion is reduced at, mm: rotations turn about it.",
+        examples=[[0.0, 0.0, -95.0]],
+    )
+    tolerances: Tolerances = Field(description="Half-width and law per component, drawn at every shot.")
+
+
+class MotionOfView(Record):
+    """What a view says of it."""
+
+    motion: Motion | None = Field(
+        default=None,
+        description="Motion of the structure against the target between the shots, as this view sees it. Absent: none.",
+    )
+
+
+def motion(
+    view: str, pivot_mm: object, sources: Sources, known: object = (0.0,) * 6, label: str = "", pointer: str = ""
+) -> DirectEffect:
+    """The effect before the shot of a view: sources (6, k) and known (6,), rad and mm, about a pivot (3,) in con."""
+    return DirectEffect(
+        f"motion:{view}",
+        label or f"motion before shot {view}",
+        pointer,
+        Drawn.SHOT,
+        sources,
+        frozen(known),
+        Place.SHOT,
+        view,
+        frozen(pivot_mm),
+    )
+
+
+def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
+    for index, view in enumerate(document.views):
+        if (declared := cast(MotionOfView, view).motion) is not None:
+            sources, pointer = declared.tolerances.sources, f"/views/{index}/motion"
+            yield motion(view.name, declared.pivot_mm, sources, label=declared.label, pointer=pointer)
+
+
+def _not_modelled(system: System) -> str:
+    return "" if system.effects_at(Place.SHOT) else "motion between the shots"
+
+
+def _limits(system: System) -> Iterator[Limit]:
+    """Half-widths where bounded: of the beads, and of the turn."""
+    shift = turn = 0.0
+    for effect in system.effects_at(Place.SHOT):
+        assert isinstance(effect, DirectEffect)
+        columns = effect.sources.direction * effect.sources.spread  # (6, k)
+        levers = system.fiducials_mm - effect.pivot_mm
+        steps = np.cross(columns[:3].T[:, None], levers) + columns[3:].T[:, None]  # (k, N, 3)
+        shift = max(shift, float(np.sqrt((steps**2).sum(axis=(0, 2)).mean())))
+        turn = max(turn, float(np.sqrt((columns[:3] ** 2).sum())))
+    if shift > CALIBRATED[0] or turn > CALIBRATED[1]:
+        yield Excess(
+            f"a motion between the shots of {shift:.3g} mm at the fiducials and {degrees(turn):.3g} deg, standard "
+            f"deviation (calibrated: to {CALIBRATED[0]:g} mm and {degrees(CALIBRATED[1]):g} deg)"
+        )
+
+
+KIND = EffectKind(sections={"view": MotionOfView}, compile=_compile, not_modelled=_not_modelled, limits=_limits)

@@ -1,0 +1,208 @@
+"""Operation at another temperature than that at which the structure was measured: structure and connector grow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, Self, cast
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ..arrays import frozen
+from ..errors import Problem
+from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, Point, Record, check_law
+from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, View, no_sources
+from ..tolerances import coverage_of
+from .kind import Doubt, EffectKind, Limit, PlausibilityTest, Proportional, Subject
+
+if TYPE_CHECKING:
+    from ..design.document import DesignDocument
+
+SMALLEST_EXPANSION = 0.02  # um/(m K)
+
+
+class Temperature(Record):
+    """Operation at another temperature than that at which the fiducials were measured.
+
+    The structure grows about its seat on the connector, the connector about its seat on the flange.
+    """
+
+    difference_k: Annotated[float, Field(ge=-300, le=300)] = Field(
+        default=0.0, description="Known difference, K: operation less measurement. Default 0.", examples=[15.0]
+    )
+    half_width_k: Annotated[float, Field(ge=0, le=300)] = Field(
+        default=0.0, description="Half-width of the difference about it, K, drawn at every shot.", examples=[5.0]
+    )
+    distribution: AnyLaw | None = Field(
+        default=None, description=BOUNDED_WORDS + " Required with half_width_k.", examples=["uniform"]
+    )
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+    structure_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000)] = Field(
+        description="Thermal expansion of the structure, um/(m K): PEEK 47, aluminium 23, steel 12 to 16, titanium 9.",
+        examples=[47.0],
+    )
+    connector_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000)] = Field(
+        default=0.0, description="The same of the connector. Default 0.", examples=[23.0]
+    )
+    seat_mm: Point | None = Field(
+        default=None,
+        description="Where structure and connector hold each other, con, mm. Default the pivot of structure_connector.",
+        examples=[[0.0, 0.0, -95.0]],
+    )
+    flange_seat_mm: Point | None = Field(
+        default=None,
+        description="Where the connector sits on the flange, con, mm. Default the pivot of connector_flange.",
+        examples=[[0.0, 0.0, -150.0]],
+    )
+
+    @model_validator(mode="after")
+    def _law(self) -> Temperature:
+        check_law(self, "half_width_k")
+        return self
+
+
+class OfDesign(Record):
+    """What a design says of it."""
+
+    temperature: Temperature | None = Field(
+        default=None, description="Operation at another temperature. Absent: nothing expands."
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ThermalEffect(Effect):
+    """Structure and connector grow in proportion to the difference, its parameter, about their seats."""
+
+    structure_per_k: float  # relative
+    connector_per_k: float  # relative
+    seat_mm: ArrayLike  # (3,) con: where structure and connector hold each other
+    flange_seat_mm: ArrayLike  # (3,) con: where the connector sits on the flange
+    at_pivots: tuple[bool, bool] = (False, False)  # whether the two are the pivots of the interfaces, and go with them
+
+    @property
+    def connector_mm_per_k(self) -> ArrayLike:
+        """(3,) con: how the structure's seat moves away from the flange's."""
+        return np.asarray(self.connector_per_k * (self.seat_mm - self.flange_seat_mm))
+
+    def act(self, scene: Scene) -> tuple[Act, ...]:
+        grown = self.structure_per_k * (scene.fiducials_mm - self.seat_mm)
+        return (
+            Act(Place.BEADS, None, grown.reshape(-1, 1)),
+            Act(Place.CONNECTOR, None, -self.connector_mm_per_k[:, None]),
+        )
+
+    def with_seats_at(self, first_pivot_mm: ArrayLike, second_pivot_mm: ArrayLike) -> Self:
+        return replace(
+            self,
+            seat_mm=first_pivot_mm if self.at_pivots[0] else self.seat_mm,
+            flange_seat_mm=second_pivot_mm if self.at_pivots[1] else self.flange_seat_mm,
+        )
+
+    @property
+    def places(self) -> tuple[tuple[Place, str | None], ...]:
+        return ((Place.BEADS, None), (Place.CONNECTOR, None))
+
+
+def temperature(
+    difference_k: float,
+    sources: Sources,
+    expansion_per_k: tuple[float, float],
+    seats_mm: tuple[ArrayLike, ArrayLike],
+    at_pivots: tuple[bool, bool] = (False, False),
+) -> ThermalEffect:
+    """The effect: sources of the difference about the known one, none or one in K; expansions of the structure and the
+    connector, relative; their seats (3,), con."""
+    return ThermalEffect(
+        "temperature", "temperature", "/temperature", Drawn.SHOT, sources, frozen([difference_k]), *expansion_per_k,
+        *seats_mm, at_pivots,
+    )  # fmt: skip
+
+
+def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
+    if (declared := cast(OfDesign, document).temperature) is None:
+        return
+    interfaces = document.interfaces
+
+    def place(given: Any, interface: Any) -> Any:
+        if given is None:
+            given = (0.0, 0.0, 0.0) if interface is None else interface.pivot_mm
+        return frozen(given)
+
+    sources = no_sources(1)
+    if declared.half_width_k > 0:
+        law = str(declared.distribution)
+        coverage = frozen([coverage_of(law, declared.coverage_factor)])
+        width = frozen([declared.half_width_k])
+        sources = Sources(("difference",), (Law(law),), width, coverage, ("K",), frozen(np.eye(1)))
+    expansions = declared.structure_expansion_um_per_m_k * 1e-6, declared.connector_expansion_um_per_m_k * 1e-6
+    seats = (
+        place(declared.seat_mm, interfaces.structure_connector),
+        place(declared.flange_seat_mm, interfaces.connector_flange),
+    )
+    at_pivots = declared.seat_mm is None, declared.flange_seat_mm is None
+    yield temperature(declared.difference_k, sources, expansions, seats, at_pivots)
+
+
+def _check(document: DesignDocument) -> Iterator[Problem]:
+    """What expands does so about a seat: it is stated, or the pivot of a declared interface."""
+    if (declared := cast(OfDesign, document).temperature) is None:
+        return
+    needed = [("seat_mm", declared.seat_mm, "structure_connector")]
+    if declared.connector_expansion_um_per_m_k != 0:
+        needed.append(("flange_seat_mm", declared.flange_seat_mm, "connector_flange"))
+    for field, given, interface in needed:
+        if given is None and getattr(document.interfaces, interface) is None:
+            yield Problem(
+                f"/temperature/{field}",
+                "missing-field",
+                f"{field} is not given, and interfaces.{interface}, whose pivot it would be, is not declared",
+                f"give {field}: [x, y, z] in con, mm",
+            )
+
+
+def _not_modelled(system: System) -> str:
+    return "" if _declared(system) else "thermal expansion"
+
+
+def _declared(system: System) -> list[ThermalEffect]:
+    return [effect for effect in system.effects if isinstance(effect, ThermalEffect)]
+
+
+def _doubt_expansion(subject: Subject) -> Iterator[Doubt]:
+    if (heat := cast(OfDesign, subject.document).temperature) is None:
+        return
+    for field in ("structure_expansion_um_per_m_k", "connector_expansion_um_per_m_k"):
+        value = getattr(heat, field)
+        if 0 < abs(value) < SMALLEST_EXPANSION:
+            message = (
+                f"{field} is {value:g}, less than that of glass ceramic ({SMALLEST_EXPANSION:g}). If it is in 1/K, "
+                f"write {1e6 * value:g}; if nothing expands, 0."
+            )
+            yield Doubt(f"/temperature/{field}", message, value, SMALLEST_EXPANSION)
+
+
+EXPANSION = PlausibilityTest(
+    "expansion-too-small",
+    "An expansion below that of glass ceramic, and not 0",
+    "0.02 um/(m K): glass ceramic of Zerodur's class 0; a judgement. PEEK in 1/K is 0.000047.",
+    _doubt_expansion,
+)
+
+
+def _limits(system: System) -> Iterator[Limit]:
+    """How much the structure grows or shrinks at most: it errs by as much."""
+    growth = [
+        abs(heat.structure_per_k) * (abs(heat.known[0]) + heat.sources.half_width.sum()) for heat in _declared(system)
+    ]
+    yield Proportional("growth by temperature of {:.2g} %", max(growth, default=0.0))
+
+
+KIND = EffectKind(
+    sections={"design": OfDesign},
+    compile=_compile,
+    not_modelled=_not_modelled,
+    check=_check,
+    doubts=(EXPANSION,),
+    limits=_limits,
+)

@@ -1,0 +1,170 @@
+"""Field types of the design document: every number has a unit in its name and a range it must lie in.
+
+Ranges are generous (a hundred metres, half a turn) and exist so that no finite input can overflow the
+arithmetic behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic_core import PydanticCustomError
+
+from .cures import ask_meant
+
+LENGTH = 1e5  # mm
+# The interfaces of the chain, called everywhere as in the design document, in the order of the chain
+INTERFACES = ("structure_connector", "connector_flange")
+_Record = TypeVar("_Record", bound="Record")
+
+
+class Record(BaseModel):
+    """A mapping whose fields are all known: unknown ones are refused, values are not converted."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        frozen=True,
+        allow_inf_nan=False,
+        hide_input_in_errors=True,
+        use_enum_values=False,
+        defer_build=True,  # the document's validator holds those of all its parts: each need not have one of its own
+    )
+
+
+def leave_out_later(later: dict[str, Any]) -> Any:
+    """The serializer of a record that leaves out the fields that came ``later`` where they have their default: the
+    hashes of designs, and of their sections, that were made before stay what they were."""
+
+    @model_serializer(mode="wrap")
+    def write_as_before(self: Record, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        data = write(self)
+        return {name: value for name, value in data.items() if name not in later or value != later[name]}
+
+    return write_as_before
+
+
+def share(record: _Record) -> Callable[[], _Record]:
+    """The default of a field: one record for every document that leaves it out, as records do not change."""
+    return lambda: record
+
+
+def refusal(code: str, message: str, hint: str = "", at: str = "") -> PydanticCustomError:
+    """A refusal from a validator of ours; ``at`` names the field below the record that it is about."""
+    # braces in the message would be taken for a format; ours never hold any
+    return PydanticCustomError(code, message.replace("{", "(").replace("}", ")"), {"hint": hint, "at": at})
+
+
+def exactly_one(first: str, second: str) -> Any:
+    """JSON Schema: one of two fields is required and the other absent (a validator says the same in words)."""
+    return {"oneOf": [{"required": [first]}, {"required": [second]}]}
+
+
+def not_both(first: str, second: str) -> Any:
+    """JSON Schema: two fields exclude each other."""
+    return {"not": {"required": [first, second]}}
+
+
+def one_of(kind: type[StrEnum]) -> Any:
+    """Texts of an enumeration, refused in our words."""
+
+    members: dict[str, StrEnum] = {member.value: member for member in kind}
+
+    def check(value: Any) -> Any:
+        found = members.get(value) if isinstance(value, str) else None
+        if found is not None:
+            return found
+        raise refusal("unknown-value", f"must be {', '.join(kind)}", ask_meant(str(value), kind))
+
+    return BeforeValidator(check, json_schema_input_type=kind)
+
+
+class Distribution(StrEnum):
+    """Law of a tolerance of half-width h."""
+
+    NORMAL = "normal"
+    UNIFORM = "uniform"
+    TRIANGULAR = "triangular"
+    BOUNDED = "bounded"
+
+
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")]
+Coordinate = Annotated[float, Field(ge=-LENGTH, le=LENGTH)]
+Length = Annotated[float, Field(ge=1e-6, le=LENGTH)]
+Distance = Annotated[float, Field(ge=1, le=LENGTH)]  # of a source
+PixelPitch = Annotated[float, Field(ge=1e-4, le=100)]
+HalfWidth = Annotated[float, Field(ge=0, le=1e3)]
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+HalfWidthDegrees = Annotated[float, Field(ge=0, le=45)]
+Pixels = Annotated[float, Field(ge=0, le=1e3)]
+Unit = Annotated[float, Field(ge=-1e6, le=1e6)]  # a component of a direction or a rotation
+Entry = Annotated[float, Field(ge=-1e12, le=1e12)]  # of a projection matrix
+
+# Lists arrive as lists; strictness stays on for what they hold.
+_lenient = Field(strict=False)
+Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient]
+Direction = Annotated[tuple[Unit, Unit, Unit], _lenient]
+Rotation3 = Annotated[tuple[Direction, Direction, Direction], _lenient]
+HalfWidths = Annotated[tuple[HalfWidth, HalfWidth, HalfWidth], _lenient]
+Force = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient]
+Angles = Annotated[tuple[Degrees, Degrees, Degrees], _lenient]
+Quaternion = Annotated[tuple[Unit, Unit, Unit, Unit], _lenient]
+ImageSize = Annotated[tuple[Annotated[int, Field(ge=2, le=100_000)], Annotated[int, Field(ge=2, le=100_000)]], _lenient]
+ImagePoint = Annotated[
+    tuple[Annotated[float, Field(ge=-1e6, le=1e6)], Annotated[float, Field(ge=-1e6, le=1e6)]], _lenient
+]
+Row4 = Annotated[tuple[Entry, Entry, Entry, Entry], _lenient]
+Matrix34 = Annotated[tuple[Row4, Row4, Row4], _lenient]
+Matrix44 = Annotated[tuple[Row4, Row4, Row4, Row4], _lenient]
+
+AnyLaw = Annotated[Distribution, one_of(Distribution)]
+RandomLaw = Literal["normal", "uniform", "triangular"]
+CoverageFactor = Annotated[float, Field(ge=0.1, le=10)]
+
+LAW_WORDS = (
+    "Law of the deviation within the half-width h. normal: standard deviation h / coverage_factor; "
+    "uniform: anything in +-h alike; triangular: most often near zero"
+)
+BOUNDED_WORDS = LAW_WORDS + "; bounded: no law is claimed, only the worst case over +-h counts."
+COVERAGE_WORDS = (
+    "normal only: how many standard deviations the half-width stands for (2: about 95 % of parts lie within it, "
+    "3: 99.7 %). Default 2."
+)
+
+
+def check_coverage(distribution: str, coverage_factor: float | None) -> None:
+    """A coverage factor is refused where no law reads it."""
+    if coverage_factor is not None and distribution != "normal":
+        raise refusal(
+            "unused-field",
+            f"coverage_factor only means something for distribution: normal; the distribution here is {distribution}",
+            "remove coverage_factor",
+            "coverage_factor",
+        )
+
+
+def refuse_coverage(record: Any) -> Any:
+    """The validator of a record with ``distribution`` and ``coverage_factor``."""
+    check_coverage(record.distribution, record.coverage_factor)
+    return record
+
+
+def check_law(record: Any, width: str) -> None:
+    """A half-width above 0 needs a law, and a law a half-width that is stated: of 0, so that it can be varied."""
+    if getattr(record, width) and record.distribution is None:
+        raise refusal("missing-field", f"{width} needs a distribution", "distribution: uniform")
+    if record.distribution is not None and width in record.model_fields_set:
+        check_coverage(record.distribution, record.coverage_factor)
+        return
+    for field in ("distribution", "coverage_factor"):
+        if getattr(record, field) is not None:
+            missing = "distribution" if width in record.model_fields_set else width
+            raise refusal(
+                "unused-field",
+                f"{field} is read only with {missing}",
+                f"state {missing}, or leave {field} out",
+                at=field,
+            )

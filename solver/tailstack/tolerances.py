@@ -1,0 +1,107 @@
+"""A torsor as a design states it, known part and tolerances, and what they compile to: rad, mm, laws.
+
+Interfaces, hand-eye calibration and motion between the shots are all stated in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import radians
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from .arrays import Array, frozen
+from .fields import (
+    BOUNDED_WORDS,
+    COVERAGE_WORDS,
+    AnyLaw,
+    Coordinate,
+    CoverageFactor,
+    Degrees,
+    HalfWidth,
+    HalfWidthDegrees,
+    Record,
+    refuse_coverage,
+)
+from .system import TORSOR_COMPONENTS, Law, Sources
+
+DEFAULT_COVERAGE = 2.0
+
+
+class Bias(Record):
+    """A known displacement: X -> R (X - pivot) + pivot + t with R = Rx(rx) Ry(ry) Rz(rz)."""
+
+    rx_deg: Degrees = Field(default=0.0, description="Rotation about x, degrees.", examples=[0.1])
+    ry_deg: Degrees = Field(default=0.0, description="Rotation about y, degrees.", examples=[0.0])
+    rz_deg: Degrees = Field(default=0.0, description="Rotation about z, degrees.", examples=[0.0])
+    tx_mm: Coordinate = Field(default=0.0, description="Translation along x, mm.", examples=[0.0])
+    ty_mm: Coordinate = Field(default=0.0, description="Translation along y, mm.", examples=[0.0])
+    tz_mm: Coordinate = Field(default=0.0, description="Translation along z, mm.", examples=[0.05])
+
+    @property
+    def torsor(self) -> Array:
+        """(6,) rad, mm."""
+        turns = [radians(self.rx_deg), radians(self.ry_deg), radians(self.rz_deg)]
+        return frozen([*turns, self.tx_mm, self.ty_mm, self.tz_mm])
+
+
+class RotationTolerance(Record):
+    """Half-width of one rotation."""
+
+    half_width_deg: HalfWidthDegrees = Field(description="Half-width h of the rotation, degrees.", examples=[0.05])
+    distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    _coverage = model_validator(mode="after")(refuse_coverage)
+
+
+class TranslationTolerance(Record):
+    """Half-width of one translation."""
+
+    half_width_mm: HalfWidth = Field(description="Half-width h of the translation, mm.", examples=[0.02])
+    distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    _coverage = model_validator(mode="after")(refuse_coverage)
+
+
+class Tolerances(Record):
+    """One tolerance per component of the torsor; a component that is not given does not vary."""
+
+    rx: RotationTolerance | None = Field(default=None, description="Rotation about x through the pivot.")
+    ry: RotationTolerance | None = Field(default=None, description="Rotation about y through the pivot.")
+    rz: RotationTolerance | None = Field(default=None, description="Rotation about z through the pivot.")
+    tx: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along x.")
+    ty: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along y.")
+    tz: TranslationTolerance | None = Field(default=None, description="Translation of the pivot along z.")
+
+    @property
+    def sources(self) -> Sources:
+        """One source per declared component; its direction (6,) is that unit torsor."""
+        return compile_sources({name: getattr(self, name) for name in TORSOR_COMPONENTS})
+
+
+def compile_sources(components: Mapping[str, RotationTolerance | TranslationTolerance | None]) -> Sources:
+    """One source for each of d components that has a tolerance, rad or mm; its direction (d,) is that component."""
+    given = [(k, name, item) for k, (name, item) in enumerate(components.items()) if item is not None]
+    turns = [isinstance(item, RotationTolerance) for _, _, item in given]
+    widths = [
+        radians(item.half_width_deg) if isinstance(item, RotationTolerance) else item.half_width_mm
+        for _, _, item in given
+    ]
+    return Sources(
+        tuple(name for _, name, _ in given),
+        tuple(Law(item.distribution) for _, _, item in given),
+        frozen(widths),
+        frozen([coverage_of(item.distribution, item.coverage_factor) for _, _, item in given]),
+        tuple("rad" if turn else "mm" for turn in turns),
+        frozen(np.eye(len(components))[:, [k for k, _, _ in given]]),
+    )
+
+
+def coverage_of(law: str, factor: float | None) -> float:
+    """Standard deviations in a half-width under a normal law, 1 under others."""
+    if law != "normal":
+        return 1.0
+    return DEFAULT_COVERAGE if factor is None else factor

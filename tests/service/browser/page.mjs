@@ -1,0 +1,88 @@
+// A browser with the workbench in it, and how it is used: {executable, sandbox, url, scenario, ...} as JSON on stdin, what a
+// scenario found as JSON on stdout.  Beside workbench.mjs, whose scenarios use it.
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { chromium } from "playwright-core";
+
+const require = createRequire(import.meta.url);
+const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
+const FLAGS = [
+  "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+  "--disable-component-update", "--disable-sync",
+];
+export const asked = JSON.parse(readFileSync(0, "utf8"));
+export const browser = await chromium.launch({ executablePath: asked.executable, chromiumSandbox: asked.sandbox, args: FLAGS });
+
+export const watched = { messages: [], strangers: [] };
+
+export async function open(context, url = asked.url, answered = true) {
+  const page = await context.newPage();
+  page.on("console", (said) => ["error", "warning"].includes(said.type()) && watched.messages.push(said.text()));
+  page.on("pageerror", (error) => watched.messages.push(`error: ${error.message}`));
+  page.on("request", (request) => {
+    const address = new URL(request.url());
+    if (!["data:", "blob:"].includes(address.protocol) && address.origin !== new URL(asked.url).origin) watched.strangers.push(request.url());
+  });
+  await page.goto(url);
+  if (answered) await current(page);
+  return page;
+}
+
+export const newContext = (more = {}) => browser.newContext({
+  viewport: { width: asked.width ?? 1280, height: asked.height ?? 900 }, colorScheme: asked.scheme ?? "light", reducedMotion: "reduce",
+  acceptDownloads: true, serviceWorkers: "block", ...more,
+});
+export const state = (page) => page.evaluate(() => window.workbench.state());
+export const current = (page) => page.waitForFunction(() => window.workbench.state().current && !window.workbench.state().busy, null, { timeout: 600000 });
+/** Of the design whose score stands there: asked in one go, for a file that is being opened takes the score away. */
+export const sha = async (page) => {
+  const shown = () => { const { current, busy, score } = window.workbench.state(); return current && !busy && score?.provenance.design_sha256; };
+  return (await page.waitForFunction(shown, null, { timeout: 600000 })).jsonValue();
+};
+export const take = (page, text, name = "design.yaml") =>
+  page.setInputFiles("header input[type=file]", { name, mimeType: "application/yaml", buffer: Buffer.from(text) });
+
+export async function begun(context) {
+  const page = await open(context, asked.url, false);
+  await take(page, asked.design);
+  await current(page);
+  return page;
+}
+
+export async function part(page, title) {
+  const details = page.locator("details.part", { has: page.getByRole("heading", { name: title, exact: true }) });
+  if (!(await details.evaluate((node) => node.open))) await details.locator("summary").first().click();
+  return details;
+}
+
+export const bead = (page, label, picture = "Front (x, z)") =>
+  page.locator("figure.picture", { hasText: picture }).locator(`g.bead[data-bead="${label}"] circle.mark`);
+
+export async function centre(locator) {
+  await locator.scrollIntoViewIfNeeded();
+  const box = await locator.boundingBox();
+  return [box.x + box.width / 2, box.y + box.height / 2];
+}
+
+export async function axe(page) {
+  await page.evaluate(AXE);
+  const found = await page.evaluate(() => window.axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"] }));
+  return found.violations.map((v) => `${v.id}: ${v.nodes.slice(0, 3).map((n) => `${n.target} ${n.failureSummary}`).join(" | ")}`);
+}
+
+export const number = async (page, label, value) => {
+  const field = page.getByLabel(label, { exact: true });
+  await field.fill(value);
+  await field.press("Enter");
+};
+export const wide = (page) => page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+
+/** Play the scenario that was asked for, say what was found, and end the browser, whatever happens. */
+export async function play(scenarios) {
+  try {
+    const found = await scenarios[asked.scenario]();
+    process.stdout.write(JSON.stringify({ ...found, watched }));
+  } finally {
+    await browser.close();
+  }
+}

@@ -1,0 +1,291 @@
+// What becomes of the design on the workbench: opened, linked, saved, undone, read and written as YAML.
+// See tests/service/test_workbench_state.py.
+import { asked, begun, bead, centre, current, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
+
+const scenarios = {};
+const settled = (page) => page.waitForFunction(() => !window.workbench.state().busy && (window.workbench.state().current || window.workbench.state().refused));
+const words = async (page) => (await page.locator(".message").allInnerTexts()).join("\n");
+const drop = async (page, name, bytes) => {
+  const dropped = await page.evaluateHandle(([called, content]) => {
+    const transfer = new DataTransfer();
+    transfer.items.add(new File([Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0))], called));
+    return transfer;
+  }, [name, Buffer.from(bytes).toString("base64")]);
+  await page.dispatchEvent("body", "drop", { dataTransfer: dropped });
+};
+
+// The design that is open is opened again: as an example, and as a file
+scenarios.again = async () => {
+  const context = await newContext(), page = await open(context, asked.url, false), found = [];
+  const look = async () => {
+    await page.waitForTimeout(500);
+    await settled(page).catch(() => null);
+    found.push({ ...(await state(page)), score: null, p95: await page.locator("#p95").textContent({ timeout: 2000 }).catch(() => null), images: await page.locator("figure.picture", { hasText: "X-ray" }).count() });
+  };
+  await page.getByRole("button", { name: asked.example }).click();
+  await current(page);
+  const gallery = await part(page, "Other designs");
+  await gallery.getByRole("button", { name: asked.example }).click();
+  await look();
+  await take(page, asked.design);
+  await current(page);
+  await take(page, asked.design);
+  await look();
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  return { found, words: await words(page) };
+};
+
+// A link, then an edit, then a reload; then the link again, and another file
+scenarios.link = async () => {
+  const context = await newContext(), page = await begun(context);
+  await context.grantPermissions(["clipboard-read", "clipboard-write"]);
+  await part(page, "Take away");
+  await page.getByRole("button", { name: "Link to this design" }).click();
+  await page.getByText("The link holds the whole design").waitFor();
+  const link = page.url(), linked = await sha(page);
+  await page.reload();
+  const kept = await sha(page), address = page.url();
+  await number(page, "F2 x, mm", "27.25");
+  const edited = await sha(page), cleared = page.url();
+  await page.reload();
+  const reloaded = await sha(page);
+  await page.goto("about:blank");
+  await page.goto(link);
+  const opened = await sha(page);
+  await take(page, asked.other);
+  await page.waitForFunction((text) => window.workbench.state().text === text, asked.other);
+  const other = await sha(page);
+  await page.reload();
+  return { linked, kept, link, address, edited, cleared, reloaded, opened, other, last: await sha(page) };
+};
+
+// A field behind an alias is slid, and so is what the alias stands for
+scenarios.alias = async () => {
+  const page = await begun(await newContext()), found = [], before = (await state(page)).text;
+  for (const pointer of asked.pointers) {
+    const field = page.locator(`[data-pointer="${pointer}"]`).first(), slider = page.locator(`.slide:has([data-pointer="${pointer}"]) input[type=range]`);
+    await slider.scrollIntoViewIfNeeded();
+    const box = await slider.boundingBox();
+    await page.mouse.click(box.x + 0.8 * box.width, box.y + box.height / 2);
+    await sha(page);
+    const { text, steps, score } = await state(page);
+    found.push({ text, steps, value: Number(await field.inputValue()), p95: score.targets[0].p95_mm, words: await words(page) });
+    if (asked.shot) await page.screenshot({ path: asked.shot });
+    await page.keyboard.press("Control+z");
+    await sha(page);
+  }
+  return { found, before, after: (await state(page)).text };
+};
+
+// Texts that are no design, as a link, as a file, typed, and as something that was saved
+scenarios.unreadable = async () => {
+  const context = await newContext(), page = await open(context, asked.url, false), found = [];
+  const linkTo = (text) => page.evaluate(async (content) => {
+    const packed = new Uint8Array(await new Response(new Blob([content]).stream().pipeThrough(new CompressionStream("deflate-raw"))).arrayBuffer());
+    return `#design=${btoa(String.fromCharCode(...packed)).replace(/\+/g, "-").replace(/\//g, "_").replace(/=+$/, "")}`;
+  }, text);
+  const links = [];
+  for (const text of asked.texts) links.push(await linkTo(text));
+  for (const hash of links) {
+    await page.goto("about:blank");
+    await page.goto(`${asked.url}${hash}`);
+    await page.locator("#page h1").waitFor({ timeout: 5000 }).catch(() => null);
+    found.push({ how: "link", shown: await page.locator("#page").innerText() });
+  }
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  for (const text of asked.texts) {
+    await page.goto("about:blank");
+    await page.goto(asked.url);
+    await drop(page, "strange.yaml", text);
+    await page.locator(".message").waitFor({ timeout: 5000 }).catch(() => null);
+    found.push({ how: "file", shown: await page.locator("#page").innerText() });
+  }
+  // as the page may find it saved
+  for (const text of asked.texts) {
+    await page.evaluate((content) => {
+      localStorage.clear();
+      sessionStorage.clear();
+      localStorage.setItem("tailstack.workbench.design.some", JSON.stringify({ steps: [{ text: content, what: "Open" }], position: 0, at: Date.now() }));
+      localStorage.setItem("tailstack.workbench.design", JSON.stringify({ steps: [{ text: content, what: "Open" }], position: 0, at: Date.now() }));
+    }, text);
+    await page.reload();
+    await page.locator("#page h1").waitFor({ timeout: 5000 }).catch(() => null);
+    found.push({ how: "saved", shown: await page.locator("#page").innerText() });
+  }
+  for (const shape of [5, "text", { a: 1 }, [1, null, { name: 3 }], [{ id: 1 }]]) {
+    await page.evaluate((kept) => {
+      localStorage.clear();
+      sessionStorage.clear();
+      for (const name of ["runs", "variants", "design", "design.some", "theme"]) localStorage.setItem(`tailstack.workbench.${name}`, JSON.stringify(kept));
+    }, shape);
+    await page.reload();
+    await page.locator("#page h1").waitFor({ timeout: 5000 }).catch(() => null);
+    await take(page, asked.design);
+    await current(page).catch(() => null);
+    for (const title of ["Run", "Variants"]) await part(page, title);
+    found.push({ how: "shape", shown: await page.locator("#page").innerText() });
+  }
+  return { found };
+};
+
+// What is typed into the text: what is sent of it, what is said of it
+scenarios.typed = async () => {
+  const page = await begun(await newContext()), bodies = [], found = [];
+  page.on("request", (request) => { if (request.method() === "POST") bodies.push(request.postData() ?? ""); });
+  for (const text of asked.texts) {
+    const known = (await state(page)).text;
+    bodies.length = 0;
+    await take(page, text);
+    await page.waitForFunction((before) => window.workbench.state().text !== before, known).catch(() => null);
+    await settled(page);
+    const { current, refused, score, steps } = await state(page), scored = current && !refused;
+    found.push({ steps, refused, bodies: [...bodies], sha: scored ? score.provenance.design_sha256 : null, p95: scored ? score.targets[0].p95_mm : null, strip: await page.locator(".verdict").innerText(), words: await words(page) });
+    if (!scored) {
+      await part(page, "Run");
+      await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
+      await page.waitForTimeout(300);
+      found[found.length - 1].runs = await page.locator(".runs > li").count();
+      if (asked.shot) await page.screenshot({ path: asked.shot });
+    }
+  }
+  return { found };
+};
+
+// Two tabs: what one keeps, the other has
+scenarios.tabs = async () => {
+  const context = await newContext(), first = await begun(context), second = await open(context, asked.url);
+  for (const page of [first, second]) await part(page, "Variants");
+  const keep = (page) => page.getByRole("button", { name: "Keep this design as a variant" }).click();
+  await keep(first);
+  await number(second, "F2 x, mm", "27.25");
+  await sha(second);
+  await keep(second);
+  for (const page of [first, second]) {
+    await part(page, "Run");
+    await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
+    await page.locator(".runs > li").first().waitFor();
+  }
+  for (const page of [first, second]) await page.waitForFunction(() => document.querySelectorAll(".run[data-state=succeeded]").length === 2, null, { timeout: 120000 }).catch(() => null);
+  const lists = async (page) => ({
+    variants: await page.locator('[aria-label="Variants"] tbody tr > th').allInnerTexts(), runs: await page.locator(".runs > li").count(),
+  });
+  const live = [await lists(first), await lists(second)];
+  await second.getByRole("button", { name: "Remove variant A" }).click();
+  await first.waitForFunction(() => document.querySelectorAll('[aria-label="Variants"] tbody tr').length === 2, null, { timeout: 5000 }).catch(() => null);
+  const removed = await lists(first);
+  const third = await open(context, asked.url);
+  for (const title of ["Variants", "Run"]) await part(third, title);
+  return { live, removed, third: await lists(third) };
+};
+
+// A key that is held, many presses, and how far back undo reaches
+scenarios.presses = async () => {
+  const page = await begun(await newContext()), first = await sha(page), found = [];
+  const steps = async () => (await state(page)).steps;
+  await page.getByRole("application", { name: /^Elevation Front/ }).focus();
+  await page.keyboard.press("n");
+  for (let k = 0; k < 20; k += 1) await page.keyboard.press(k % 2 ? "ArrowRight" : "ArrowUp");
+  found.push(await steps());
+  await page.waitForTimeout(1100);
+  await page.keyboard.press("ArrowRight");
+  found.push(await steps());
+  await page.keyboard.press("n");
+  await page.keyboard.press("ArrowRight");
+  found.push(await steps());
+  const field = page.getByLabel("F2 x, mm", { exact: true });
+  for (let k = 0; k < 350; k += 1) await field.evaluate((node, value) => {
+    node.value = value;
+    node.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+  }, String(20 + k / 100));
+  found.push(await steps());
+  const last = await sha(page);
+  await page.reload();
+  await current(page);
+  const reloaded = await sha(page), kept = await state(page);
+  await page.evaluate(() => { for (let k = 0; k < 400; k += 1) document.dispatchEvent(new KeyboardEvent("keydown", { key: "z", ctrlKey: true, bubbles: true })); });
+  return { found, first, last, reloaded, kept: kept.steps, size: await page.evaluate(() => Object.entries(localStorage).reduce((sum, [k, v]) => sum + k.length + v.length, 0)), undone: await sha(page) };
+};
+
+// The browser's storage is full, or refuses: what is on the page outlives a reload, and it is said
+scenarios.full = async () => {
+  const context = await newContext(), page = await begun(context), found = [];
+  for (const how of ["full", "refuses"]) {
+    await number(page, "F2 x, mm", how === "full" ? "28" : "27");
+    await sha(page);
+    await page.evaluate(() => {
+      for (const size of [100000, 1000, 10]) {
+        try { for (let k = 0; ; k += 1) localStorage.setItem(`fill ${size} ${k}`, "x".repeat(size)); } catch { /* full */ }
+      }
+    });
+    if (how === "refuses") await page.evaluate(() => { const set = Storage.prototype.setItem; Storage.prototype.setItem = function (...given) { if (this === localStorage) throw new DOMException("full", "QuotaExceededError"); set.apply(this, given); }; });
+    for (const x of ["27.25", "27.5", "27.75", "28.25", "28.5"]) await number(page, "F2 x, mm", x);
+    const before = await sha(page), told = await page.getByText("The browser keeps nothing").count();
+    if (how === "refuses") await page.addInitScript(() => { const set = Storage.prototype.setItem; Storage.prototype.setItem = function (...given) { if (this === localStorage) throw new DOMException("full", "QuotaExceededError"); set.apply(this, given); }; });
+    await page.reload();
+    found.push({ before, after: await sha(page), told, toldAgain: await page.getByText("The browser keeps nothing").count() });
+  }
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  return { found };
+};
+
+// Files of all kinds on a page without a design, and on one with a design
+scenarios.files = async () => {
+  const found = {};
+  for (const started of [false, true]) {
+    const context = await newContext(), page = started ? await begun(context) : await open(context, asked.url, false);
+    page.on("dialog", (dialog) => dialog.accept("3"));
+    for (const { name, base64 } of asked.files) {
+      await page.evaluate(() => document.querySelector(".message button")?.click());
+      await drop(page, name, Buffer.from(base64, "base64"));
+      await page.locator(".message", { hasText: name }).waitFor({ timeout: 30000 }).catch(() => null);
+      found[`${started ? "design" : "empty"} ${name}`] = { words: await words(page).catch(() => ""), text: (await state(page)).text };
+    }
+  }
+  return { found };
+};
+
+// A run whose result the service no longer has; a wrong key
+scenarios.gone = async () => {
+  const context = await newContext(), page = await begun(context);
+  await part(page, "Run");
+  await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
+  await page.locator(".run[data-kind=report][data-state=succeeded]").first().waitFor({ timeout: 120000 });
+  await page.route("**/v1/results/**", (route) => route.fulfill({ status: 404, contentType: "application/problem+json", body: '{"title":"Not found","status":404,"errors":[]}' }));
+  await page.reload();
+  await current(page);
+  await part(page, "Run");
+  const run = page.locator(".runs > li").first();
+  await page.waitForTimeout(800);
+  if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
+  return { state: await run.getAttribute("data-state"), shown: await run.innerText(), links: await run.locator("a").count() };
+};
+
+scenarios.key = async () => {
+  const context = await newContext(), page = await open(context, asked.url, false), field = page.getByLabel(/API key/);
+  await take(page, asked.design);
+  await field.waitFor();
+  await page.waitForTimeout(300);
+  const asking = await page.locator("#page").innerText();
+  await field.fill("not a key");
+  await page.getByRole("button", { name: "Use it" }).click();
+  await page.waitForTimeout(800);
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  return { asking, wrong: await page.locator("#page").innerText() };
+};
+
+// Bytes of the text that a move of a bead changes
+scenarios.written = async () => {
+  const page = await begun(await newContext()), before = (await state(page)).text;
+  const [x, y] = await centre(bead(page, "F10"));
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x + 20, y + 10, { steps: 3 });
+  await page.mouse.up();
+  await sha(page);
+  const moved = (await state(page)).text;
+  await page.getByRole("button", { name: "Lose F3: take it out" }).click();
+  await sha(page);
+  return { before, moved, lost: (await state(page)).text };
+};
+
+await play(scenarios);

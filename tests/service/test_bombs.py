@@ -1,0 +1,125 @@
+"""Small files that stand for gigabytes are refused while they are read: no process grows, and none is killed for it."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import psutil
+import pyarrow
+import pytest
+from bombs import BOMBS, NOISE
+from served import Served, served
+from service_scenes import check_problem, small_design
+
+from family import forked_of
+from tailstack_service.tables import MEDIA_TYPES
+
+MB = 1_000_000
+API_GROWTH = 40 * MB  # with a body of 8 MB, as it arrives and as it leaves for the computing process
+CHILD_PEAK = 1_000 * MB  # 400 of them before
+CHILD_SECONDS = 10.0  # of CPU: they took a minute; a refusal takes less than one where nobody else computes
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    service: Served
+    sha256: str
+
+    def post(self, media: str, body: bytes) -> httpx.Response:
+        return httpx.post(
+            f"{self.service.url}/v1/scores/batch", params={"design_sha256": self.sha256}, content=body,
+            headers={"Content-Type": media}, timeout=300, trust_env=False,
+        )  # fmt: skip
+
+    def computing(self) -> psutil.Process:
+        """The only computing process of the API."""
+        (only,) = forked_of(self.service.pid)
+        return only
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    with served(tmp_path_factory.mktemp("bombs")) as service:
+        answer = httpx.post(
+            f"{service.url}/v1/validations", json={"design": small_design()}, timeout=300, trust_env=False
+        )
+        yield Place(service, answer.json()["design_sha256"])
+
+
+def peak_bytes(pid: int) -> int:
+    return next(
+        1024 * int(line.split()[1])
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines()
+        if line.startswith("VmHWM")
+    )
+
+
+def forget_peak(pid: int) -> int:
+    """Begin the count of the peak anew; gives what is held now."""
+    Path(f"/proc/{pid}/clear_refs").write_text("5")
+    return peak_bytes(pid)
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_small_file_that_stands_for_gigabytes_is_refused(place: Place, name: str) -> None:
+    form, make = BOMBS[name]
+    body = make()
+    child = place.computing()
+    before, held = sum(child.cpu_times()[:2]), forget_peak(place.service.pid)
+    forget_peak(child.pid)
+    answer = place.post(MEDIA_TYPES[form], body)
+    slug = answer.json()["type"].rpartition("/")[2]
+    assert slug in ("limit-exceeded", "invalid-request"), answer.text
+    check_problem(answer, 422, slug)
+    assert place.computing() == child
+    assert peak_bytes(place.service.pid) - held < API_GROWTH
+    assert peak_bytes(child.pid) < CHILD_PEAK
+    assert sum(child.cpu_times()[:2]) - before < CHILD_SECONDS
+
+
+def test_an_offset_beyond_its_buffer_reads_nothing_of_the_process(place: Place) -> None:
+    """The texts of a column end 4 kB behind their buffer: what lies there may be another tenant's design."""
+    table = pyarrow.RecordBatch.from_arrays(
+        [pyarrow.array([0.3, 0.4]), pyarrow.array(["note", "more"])], names=[NOISE, "note"]
+    )
+    sink = pyarrow.BufferOutputStream()
+    with pyarrow.ipc.new_stream(sink, table.schema) as stream:
+        stream.write_batch(table)
+    sound = sink.getvalue().to_pybytes()
+    assert sound.count(struct.pack("<3i", 0, 4, 8)) == 1
+    damaged = sound.replace(struct.pack("<3i", 0, 4, 8), struct.pack("<3i", 0, 4, 4096))
+    child = place.computing()
+    assert place.post(MEDIA_TYPES["arrow"], sound).status_code == 200
+    answer = place.post(MEDIA_TYPES["arrow"], damaged)
+    check_problem(answer, 422, "invalid-request")
+    assert place.computing() == child
+
+
+def test_what_takes_too_much_memory_is_refused_and_the_process_goes_on() -> None:
+    """Under the limit of the system: at once, and no matter who asks for it."""
+    program = """
+from functools import partial
+from tailstack_service.http.computations import perform
+from tailstack_service.operations.perform import perform as perform_unit
+from tailstack_service.processes.memory import limit_memory, memory_within
+from tailstack_service.task import Task
+limit_memory(600_000_000)
+refused = perform(partial(bytearray, 900_000_000))
+print(refused.slug, refused.problems[0].hint)
+try:
+    with memory_within(50_000_000):
+        bytearray(100_000_000)
+except MemoryError:
+    print(len(bytearray(100_000_000)))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "limit-exceeded" in done.stdout
+    assert "TAILSTACK_MAX_PROCESS_BYTES" in done.stdout
+    assert done.stdout.endswith("100000000\n")

@@ -1,0 +1,713 @@
+"""Places to compute: processes that are killed when they have to be, and shared, so that nobody waits for the large
+request of somebody else."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import operator
+import os
+import random
+import re
+import signal
+import sqlite3
+import threading
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import httpx
+import psutil
+import pytest
+from service_scenes import Caller, client_with, small_design
+from starlette.requests import Request
+
+from tailstack import load_design, losses, score
+from tailstack.errors import LimitError
+from tailstack_service.http import computations, compute_pool
+from tailstack_service.http.compute_pool import CallerLeft, ComputePool, FairQueue
+from tailstack_service.integrations import umbridge_models
+from tailstack_service.jobs.store import database
+from tailstack_service.operations import effort
+from tailstack_service.operations.request import RawRequest
+from tailstack_service.problems import RefusedAt, TransportError
+from tailstack_service.processes import nursery
+from tailstack_service.processes.frames import Defect, Died
+from tailstack_service.processes.nursery import ForkedProcess
+from tailstack_service.settings import Settings
+from tailstack_service.task import Estimated
+
+QUICK, LONG = 0.0, 60.0  # seconds expected
+BUSY = partial(sum, range(10**12))  # hours of CPU
+
+
+def read_then(seconds: float, rest: Callable[[], Any]) -> Any:
+    """A request that is read in no time, and whose rest is expected to take so many seconds."""
+    return Estimated(seconds, rest)
+
+
+def wait_for(path: Path) -> None:
+    """Compute until a file is there."""
+    while not path.exists():
+        time.sleep(0.02)
+
+
+def request(tenant: str = "a") -> Request:
+    return Caller(tenant).request()
+
+
+@asynccontextmanager
+async def some(count: int = 2, waiting: int = 8, seconds: float = 60.0) -> AsyncIterator[ComputePool]:
+    made = ComputePool(count, waiting, seconds, threading.Event())
+    try:
+        yield made
+    finally:
+        pids = made.pids()
+        await made.close()
+        assert not any(psutil.pid_exists(pid) for pid in pids)
+
+
+def tell(story: Callable[[], Awaitable[None]]) -> None:
+    async def told() -> None:
+        await asyncio.wait_for(story(), 300)
+
+    asyncio.run(told())
+
+
+async def until(true: Callable[[], object], seconds: float = 280.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.01)
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 0.02)
+    monkeypatch.setattr(compute_pool, "WORTH_SECONDS", 0.0)
+
+
+def test_what_a_call_returns_refuses_or_breaks_arrives() -> None:
+    async def story() -> None:
+        async with some() as computing:
+            assert await computing.run(request(), partial(operator.add, 40, 2), QUICK) == 42
+            sent = RawRequest("json", b'{"design": {"schema": "tailstack/design/1"}}')
+            with pytest.raises(RefusedAt) as refused:
+                await computing.run(request(), partial(computations.receive, "score", sent, Settings()), QUICK)
+            assert refused.value.slug == "invalid-design"
+            assert all(problem.pointer.startswith("/design") for problem in refused.value.problems)
+            with pytest.raises(Defect, match="ZeroDivisionError"):
+                await computing.run(request(), partial(operator.truediv, 1, 0), QUICK)
+            assert await computing.run(request(), partial(operator.add, 1, 1), LONG) == 2
+
+    tell(story)
+
+
+def test_a_process_that_dies_under_a_call_is_replaced() -> None:
+    async def story() -> None:
+        async with some(1) as computing:
+            with pytest.raises(Died, match="7"):
+                await computing.run(request(), partial(os._exit, 7), QUICK)
+            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+
+    tell(story)
+
+
+def test_files_that_were_replaced_under_the_service_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is computed with some of the old sources and some of the new."""
+    monkeypatch.setattr(nursery, "digest_code", lambda: "of other sources")
+
+    async def story() -> None:
+        async with some(1) as computing:
+            with pytest.raises(TransportError, match="were replaced") as refused:
+                await computing.run(request(), os.getpid, QUICK)
+            assert (refused.value.slug, computing.warmth) == ("stopping", "failed")
+
+    tell(story)
+
+
+def test_what_takes_longer_than_the_limit_is_killed(impatient: None) -> None:
+    async def story() -> None:
+        async with some(1, seconds=0.5) as computing:
+            with pytest.raises(LimitError, match="TAILSTACK_MAX_SECONDS"):
+                await computing.run(request(), BUSY, LONG)
+            assert computing.kills == 1
+            assert await computing.run(request(), os.getpid, QUICK) in computing.pids()
+
+    tell(story)
+
+
+def test_what_nobody_waits_for_any_more_is_killed(impatient: None) -> None:
+    async def story() -> None:
+        async with some(1) as computing:
+            pid = await computing.run(request(), os.getpid, QUICK)
+            leaving = Caller()
+            running = asyncio.create_task(computing.run(leaving.request(), partial(time.sleep, 60), LONG))
+            waiting = asyncio.create_task(computing.run(leaving.request(), partial(time.sleep, 60), LONG))
+            await asyncio.sleep(0.1)
+            leaving.gone = True
+            for task in (running, waiting):
+                with pytest.raises(CallerLeft):
+                    await task
+            await until(lambda: not psutil.pid_exists(pid))
+            assert await computing.run(request(), partial(operator.add, 1, 1), LONG) == 2
+
+    tell(story)
+
+
+def test_what_has_just_begun_is_finished_for_who_left() -> None:
+    """A new process costs more than what is left of it."""
+
+    async def story() -> None:
+        async with some(1) as computing:
+            pid = await computing.run(request(), os.getpid, QUICK)
+            await computing.run(Caller(gone=True).request(), partial(time.sleep, 0.4), QUICK)
+            assert computing.pids() == [pid]
+
+    tell(story)
+
+
+def test_a_stop_ends_what_runs_and_what_waits() -> None:
+    async def story() -> None:
+        async with some(1) as computing:
+            tasks = [asyncio.create_task(computing.run(request(), partial(time.sleep, 3600), LONG)) for _ in range(3)]
+            await asyncio.sleep(0.3)
+            computing._stopping.set()
+            for task in (*tasks, computing.run(request(), os.getpid, QUICK)):
+                with pytest.raises(TransportError) as refused:
+                    await task
+                assert refused.value.slug == "stopping"
+
+    tell(story)
+
+
+def test_something_quick_never_waits_for_something_long() -> None:
+    """Of two processes long computations have one, however many wait, and quick ones have both."""
+
+    async def story() -> None:
+        async with some(2) as computing:
+            long = [asyncio.create_task(computing.run(request(), partial(time.sleep, 60), LONG)) for _ in range(4)]
+            await asyncio.sleep(0.1)
+            for _ in range(3):
+                assert await asyncio.wait_for(computing.run(request(), partial(operator.add, 1, 1), QUICK), 20) == 2
+            assert not any(task.done() for task in long)
+            for task in long:
+                task.cancel()
+            await asyncio.gather(*long, return_exceptions=True)
+            at_once = [computing.run(request(), partial(time.sleep, 0.5), QUICK) for _ in range(2)]
+            await asyncio.gather(*at_once)
+            assert len(computing.pids()) == 2
+
+    tell(story)
+
+
+def test_seconds_are_those_of_the_processor(impatient: None) -> None:
+    """What waits for the processor on a busy machine, or sleeps, uses none of its time."""
+
+    async def story() -> None:
+        async with some(1, seconds=0.5) as computing:
+            await computing.run(request(), partial(time.sleep, 2.0), LONG)
+            assert computing.kills == 0
+
+    tell(story)
+
+
+def test_what_uses_no_processor_at_all_is_given_up(impatient: None) -> None:
+    async def story() -> None:
+        async with some(1) as computing:
+            computing._hang_seconds = 1.0
+            with pytest.raises(Died, match="no processor time"):
+                await computing.run(request(), partial(time.sleep, 60), LONG)
+            assert computing.kills == 1
+
+    tell(story)
+
+
+def test_what_was_read_and_takes_long_goes_on_where_it_was_read(tmp_path: Path) -> None:
+    """... as one of the long ones, and nothing is killed or read again."""
+
+    async def story() -> None:
+        async with some(2) as computing:
+            call = partial(read_then, LONG, partial(wait_for, tmp_path / "go"))
+            slow = asyncio.create_task(computing.run(request(), call, QUICK))
+            await until(lambda: computing._long == 1)
+            for _ in range(3):
+                assert await computing.run(request("b"), partial(operator.add, 1, 1), QUICK) == 2
+            assert not slow.done()
+            (tmp_path / "go").touch()
+            await slow
+            assert (computing._long, computing._under_way, computing.kills) == (0, 0, 0)
+
+    tell(story)
+
+
+def test_what_was_read_and_takes_long_waits_for_its_turn_where_the_long_ones_are_many(tmp_path: Path) -> None:
+    """Its process is given back: a flood of what looks short until it is read keeps nobody waiting."""
+
+    async def story() -> None:
+        async with some(2, waiting=20) as computing:
+            call = partial(read_then, LONG, partial(wait_for, tmp_path / "go"))
+            flood = [asyncio.create_task(computing.run(request("greedy"), call, QUICK)) for _ in range(6)]
+            await until(lambda: computing._long == 1 and len(computing._long_turns) == 5)
+            assert await computing.run(request("modest"), partial(operator.add, 1, 1), QUICK) == 2
+            assert not any(task.done() for task in flood)
+            (tmp_path / "go").touch()
+            await asyncio.gather(*flood)
+            assert (computing._long, computing._under_way, computing.kills) == (0, 0, 0)
+
+    tell(story)
+
+
+def test_processor_time_is_paid_for_and_not_waiting() -> None:
+    """A small score that waits for a busy machine, or a disk, costs its tenant no turn."""
+
+    async def story() -> None:
+        async with some(1) as computing:
+            await computing.run(request(), partial(operator.add, 1, 1), QUICK)
+            before = computing._quick_turns._used["a"]
+            await computing.run(request(), partial(time.sleep, 3 * compute_pool.LOOK_SECONDS), QUICK)
+            assert computing._quick_turns._used["a"] - before < compute_pool.LOOK_SECONDS / 2
+
+    tell(story)
+
+
+def test_what_nobody_waits_for_any_more_is_never_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """... when its turn comes before anybody has looked whether its caller is there: it would have to be killed."""
+    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 30.0)
+
+    async def story() -> None:
+        async with some(1) as computing:
+            leaving = Caller()
+            tasks = [asyncio.create_task(computing.run(leaving.request(), BUSY, LONG)) for _ in range(3)]
+            await until(lambda: len(computing._long_turns) == 2)
+            leaving.gone = True
+            tasks[0].cancel()
+            for left in tasks[1:]:
+                with pytest.raises(CallerLeft):
+                    await left
+            assert (computing.kills, computing._under_way) == (1, 0)
+            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+
+    tell(story)
+
+
+def test_a_process_that_was_killed_while_it_waited_is_nobodys_loss() -> None:
+    async def story() -> None:
+        async with some(1) as computing:
+            pid = await computing.run(request(), os.getpid, QUICK)
+            os.kill(pid, signal.SIGKILL)
+            await until(lambda: computing._idle[0].ended)
+            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+            assert computing.kills == 0
+
+    tell(story)
+
+
+def test_a_process_that_is_not_there_yet_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its computation was cancelled while it was being forked: it counts as killed, and its place is free."""
+    there = threading.Event()
+
+    def wait(process: ForkedProcess) -> None:
+        there.wait(100.0)
+        waited(process)
+
+    waited = ForkedProcess.wait_for_birth
+    monkeypatch.setattr(ForkedProcess, "wait_for_birth", wait)
+    monkeypatch.setattr(ForkedProcess, "pid", None)
+
+    async def story() -> None:
+        async with some(1) as computing:
+            early = asyncio.create_task(computing.run(request(), BUSY, LONG))
+            await until(lambda: computing._under_way == 1)
+            early.cancel()
+            await until(lambda: computing._under_way == 0)
+            assert computing.kills == 1
+            monkeypatch.undo()
+            there.set()
+            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+
+    tell(story)
+
+
+def test_what_is_soon_done_is_finished_for_a_caller_who_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """By its processor time: on a busy machine it is no nearer to its end, and every process killed makes it busier."""
+    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 0.02)
+
+    async def story() -> None:
+        async with some(1) as computing:
+            leaving = Caller()
+            call = partial(read_then, 2.0, partial(wait_for, tmp_path / "go"))
+            running = asyncio.create_task(computing.run(leaving.request(), call, QUICK))
+            await until(lambda: computing._under_way == 1)
+            leaving.gone = True
+            await asyncio.sleep(2.5)  # longer than was expected, and nothing used
+            (tmp_path / "go").touch()
+            assert await running is None
+            assert computing.kills == 0
+
+    tell(story)
+
+
+def test_with_one_process_what_was_read_goes_on() -> None:
+    async def story() -> None:
+        async with some(1) as computing:
+            call = partial(read_then, LONG, partial(operator.add, 1, 1))
+            assert await computing.run(request(), call, QUICK) == 2
+
+    tell(story)
+
+
+def test_a_refusal_after_the_reading_arrives() -> None:
+    """Also from a process that goes on with what it has read."""
+
+    async def story() -> None:
+        async with some() as computing:
+            with pytest.raises(Defect, match="ZeroDivisionError"):
+                await computing.run(request(), partial(read_then, LONG, partial(operator.truediv, 1, 0)), QUICK)
+            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+            assert computing.kills == 0
+
+    tell(story)
+
+
+def test_tenants_take_turns() -> None:
+    """One asks ten times before the other asks once: the other's comes after one of the ten."""
+
+    async def story() -> None:
+        async with some(1, waiting=20) as computing:
+            ended: list[str] = []
+
+            async def ask(tenant: str) -> None:
+                await computing.run(request(tenant), partial(time.sleep, 0.02), QUICK)
+                ended.append(tenant)
+
+            greedy = [asyncio.create_task(ask("greedy")) for _ in range(10)]
+            await asyncio.sleep(0)
+            await asyncio.gather(*greedy, ask("other"))
+            assert ended.index("other") <= 2
+
+    tell(story)
+
+
+def taken(turns: FairQueue, *names: str, expected: float = 0.0) -> list[str]:
+    """The order in which computations are taken, each named by its tenant and a number."""
+    for name in names:
+        turns.put(cast(Any, SimpleNamespace(tenant=name[0], name=name, expected=expected)))
+    return [cast(Any, turns.take()).name for _ in range(len(turns))]
+
+
+def test_the_order_of_turns() -> None:
+    turns = FairQueue()
+    assert taken(turns, "a1", "a2", "a3", "b1", "c1", "b2") == ["a1", "b1", "c1", "a2", "b2", "a3"]
+    assert not turns
+
+
+def test_who_used_more_than_was_expected_pays_for_it() -> None:
+    """a overran by ten seconds: the next five of b, two seconds each, come before it."""
+    turns = FairQueue()
+    assert taken(turns, "a1", "b1", expected=2.0) == ["a1", "b1"]
+    turns.charge("a", 9.0)
+    names = [f"b{k}" for k in range(6)]
+    assert taken(turns, "a2", *names, expected=2.0) == [*names[:5], "a2", names[5]]
+
+
+def test_what_was_not_used_is_not_saved_up() -> None:
+    """Who comes after a while is served in its turn, and not until it has used as much as the others."""
+    turns = FairQueue()
+    taken(turns, *(f"a{k}" for k in range(9)), expected=1.0)
+    assert taken(turns, "a1", "b1", "a2", "b2", "b3", expected=1.0)[-1] != "a2"
+
+
+def test_who_fills_the_room_is_the_one_who_is_refused() -> None:
+    async def story() -> None:
+        async with some(1, waiting=3) as computing:
+            asked = [asyncio.create_task(computing.run(request("a"), partial(time.sleep, 0.3), LONG)) for _ in range(4)]
+            await asyncio.sleep(0.05)
+            with pytest.raises(TransportError) as refused:
+                await computing.run(request("a"), os.getpid, LONG)
+            assert (refused.value.slug, refused.value.headers) == ("busy", {"Retry-After": "2"})
+            assert "3 wait, the limit" in str(refused.value)
+            assert await computing.run(request("b"), os.getpid, LONG) in computing.pids()
+            ends = await asyncio.gather(*asked, return_exceptions=True)
+            assert [isinstance(end, TransportError) for end in ends] == [False, False, False, True]
+
+    tell(story)
+
+
+def test_what_was_taken_for_quick_and_is_not_is_one_of_the_long_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """... where it is; of two, one begins anew when the other is done, and pays for the process that it took."""
+    monkeypatch.setattr(compute_pool, "OVERRUN_SECONDS", 0.3)
+    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 0.02)
+
+    async def story() -> None:
+        async with some(2) as computing:
+            slow = [asyncio.create_task(computing.run(request(), BUSY, QUICK)) for _ in range(2)]
+            await until(lambda: computing._long == 1 and computing.kills == 1)
+            assert await computing.run(request("b"), partial(operator.add, 1, 1), QUICK) == 2
+            assert not any(task.done() for task in slow)
+            assert computing._quick_turns._used["a"] > compute_pool.BIRTH_SECONDS
+            for task in slow:
+                task.cancel()
+            await asyncio.gather(*slow, return_exceptions=True)
+
+    tell(story)
+
+
+# --- how long something takes ---------------------------------------------------------------------
+
+
+def sized(fiducials: int, views: int, targets: int) -> dict[str, Any]:
+    design = small_design()
+    point, view, target = design["fiducials"]["points"][0], design["views"][0], design["targets"][0]
+    return {
+        **design,
+        "fiducials": {"points": [point] * fiducials},
+        "views": [view] * views,
+        "targets": [target] * targets,
+    }
+
+
+@pytest.mark.parametrize(
+    ("size", "quick"),
+    [
+        ((8, 2, 1), True),
+        ((24, 2, 2), True),
+        ((12, 2, 5), True),
+        ((200, 8, 1), False),
+        ((8, 2, 50), False),
+        ((200, 8, 200), False),
+    ],
+)
+def test_size_says_what_is_quick(size: tuple[int, int, int], quick: bool) -> None:
+    assert (effort.score_seconds([effort.Size(*size)]) <= compute_pool.QUICK_SECONDS) == quick
+
+
+@pytest.mark.parametrize(
+    ("fiducials", "targets", "limits", "missed"),
+    [(8, 1, 1, False), (8, 6, 1, False), (8, 3, 2, True), (12, 6, 4, False), (30, 4, 1, False), (33, 4, 1, True)],
+)
+def test_the_losses_of_a_score_are_expected_at_what_they_take(
+    fiducials: int, targets: int, limits: int, missed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """independent: what the search is seen to do, gains of images and exact laws, counted while a score is computed."""
+    draw = random.Random(4)
+    design = small_design(optimise=None, requirements=[{"name": f"r{k}", "limit_mm": 1 + k} for k in range(limits)])
+    design["fiducials"]["points"] = [
+        {"position_mm": [draw.uniform(-40, 40), draw.uniform(-40, 40), draw.uniform(-80, 5)]} for _ in range(fiducials)
+    ]
+    design["targets"] = [{"name": f"t{k}", "position_mm": [k, 0, 70]} for k in range(targets)]
+    if missed:
+        design["fiducials"]["loss_probability"] = 0.01
+    gains, laws = [0], [0]
+    lose, law_without = losses.lose, losses.LossSearch._law_without
+
+    def count_gains(imaging: Any, weights: Any, imaged: Any, moved: Any) -> None:
+        gains[0] += len(imaged) * weights.size
+        lose(imaging, weights, imaged, moved)
+
+    def count_laws(search: Any, *asked: Any) -> Any:
+        laws[0] += 1
+        return law_without(search, *asked)
+
+    monkeypatch.setattr(losses, "lose", count_gains)
+    monkeypatch.setattr(losses.LossSearch, "_law_without", count_laws)
+    loaded = load_design(design)
+    score(loaded)
+    size = effort.size_of(loaded)
+    plain = effort.score_seconds([size], losses=False)
+    for seconds, other in (("GAIN_SECONDS", "LAW_SECONDS"), ("LAW_SECONDS", "GAIN_SECONDS")):
+        with monkeypatch.context() as alone:
+            alone.setattr(effort, seconds, 1.0)
+            alone.setattr(effort, other, 0.0)
+            expected = effort.score_seconds([size]) - plain
+        if seconds == "GAIN_SECONDS":
+            assert expected == pytest.approx(gains[0], rel=1e-9)
+        else:  # one to ten of a requirement at a target are asked before the worst is known
+            assert abs(expected - laws[0]) <= 10 * targets * limits
+
+
+def test_what_is_asked_without_losses_is_expected_without_them() -> None:
+    design = {**large_design()}
+    design["fiducials"] = {**design["fiducials"], "loss_probability": 0.01}
+    bodies = (json.dumps({"design": design, "losses": each}).encode() for each in (True, False))
+    found = [computations.receive("score", RawRequest("json", body), Settings()) for body in bodies]
+    assert all(isinstance(one, Estimated) for one in found)
+    size = effort.size_of(load_design(design))
+    assert size == (200, 2, 35, 35, True)
+    assert [one.seconds for one in found] == [  # type: ignore[union-attr]
+        effort.score_seconds([size]), effort.score_seconds([size], losses=False)
+    ]  # fmt: skip
+    assert found[0].seconds > 5 * found[1].seconds  # type: ignore[union-attr]
+
+
+def large_design() -> dict[str, Any]:
+    """200 fiducials, a view more, 49 targets: 40 of them the samples of regions."""
+    design, draw = small_design(optimise=None, requirements=[{"name": "all", "limit_mm": 1.5}]), random.Random(1)
+    design["fiducials"]["points"] = [
+        {"position_mm": [draw.uniform(-40, 40), draw.uniform(-40, 40), draw.uniform(-80, 5)]} for _ in range(200)
+    ]
+    region = {"sphere": {"centre_mm": [0, 0, 60], "radius_mm": 5}}
+    design["targets"] = [{"name": f"t{k}", "position_mm": [k, 0, 70]} for k in range(20)] + [
+        {"name": "ball", "region": region}
+    ]
+    return design
+
+
+def escaped(text: str) -> str:
+    """The same keys, each first letter written as an escape."""
+    return re.sub(r"^( *(?:- )?)([a-z])([a-z_]*):", lambda m: f'{m[1]}"\\x{ord(m[2]):02x}{m[3]}":', text, flags=re.M)
+
+
+def disguises() -> dict[str, tuple[str, RawRequest]]:
+    """One large design as many requests, none of which says by its words how long it takes."""
+    from tailstack.design.write import data_to_yaml
+
+    design = large_design()
+    yaml, one = data_to_yaml(design), json.dumps({"design": design})
+    gate = json.dumps({"designs": [{"file": "a.yaml", "design": design}], "mode": "analytic"})
+    texts = json.dumps({"designs": [{"file": "a.yaml", "text": escaped(yaml)}], "mode": "analytic"})
+    return {
+        "YAML": ("score", RawRequest("yaml", yaml.encode())),
+        "YAML in UTF-16": ("score", RawRequest("yaml", yaml.encode("utf-16"))),
+        "YAML with escaped keys": ("score", RawRequest("yaml", escaped(yaml).encode())),
+        "JSON": ("score", RawRequest("json", one.encode())),
+        "JSON in UTF-16": ("score", RawRequest("json", one.encode("utf-16"))),
+        "gate": ("gate", RawRequest("json", gate.encode())),
+        "gate, escaped mode": ("gate", RawRequest("json", gate.replace('"analytic"', '"\\u0061nalytic"').encode())),
+        "gate of escaped text": ("gate", RawRequest("json", texts.encode())),
+        "layout": ("layout", RawRequest("json", one.encode())),
+        "check of a job": ("verification", RawRequest("json", one.encode())),
+        "table": ("batch", RawRequest("json", json.dumps({
+            "design": design, "table": {"/views/0/fiducial_noise_px": [0.3]}
+        }).encode())),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("disguise", disguises())
+def test_a_large_design_is_long_whatever_it_looks_like(disguise: str) -> None:
+    """The estimate is that of the design as it was read: the same for every way to write it."""
+    name, sent = disguises()[disguise]
+    found = computations.receive(name, sent, Settings())
+    assert isinstance(found, Estimated)
+    assert found.seconds >= effort.score_seconds([effort.Size(200, 2, 20)])
+
+
+def test_second_order_is_long_however_it_is_written() -> None:
+    body = json.dumps({"design": small_design(targets=large_design()["targets"]), "second_order": True})
+    plain = computations.receive("score", RawRequest("json", body.encode()), Settings())
+    written = computations.receive(
+        "score", RawRequest("json", body.replace("second_", "second\\u005f").encode()), Settings()
+    )
+    assert isinstance(plain, Estimated)
+    assert isinstance(written, Estimated)
+    assert written.seconds == plain.seconds > 1.0
+
+
+def test_losses_count_in_a_gate_that_judges_them() -> None:
+    """A policy decides whether the worst loss is looked for, and with it how long a gate takes."""
+
+    def seconds(rules: dict[str, Any]) -> float:
+        body = {
+            "designs": [{"file": "a.yaml", "design": small_design()}],
+            "policy": {"schema": "tailstack/policy/1", "name": "p", "rules": rules},
+            "mode": "analytic",
+        }
+        found = computations.receive("gate", RawRequest("json", json.dumps(body).encode()), Settings())
+        assert isinstance(found, Estimated), found
+        return found.seconds
+
+    judged = seconds({"survives-loss": {"lost": 1}})
+    assert judged > seconds({"p95": {"limit_mm": 0.6}}) > 0.0
+
+
+def test_an_evaluation_has_a_size() -> None:
+    """UM-Bridge: of the design, and of what is asked of it."""
+
+    def seconds(verb: str, design: dict[str, Any]) -> float:
+        body = {
+            "name": "score",
+            "input": [[0.3]],
+            "config": {"design": design, "inputs": ["/views/0/fiducial_noise_px"]},
+        }
+        found = umbridge_models.answer(verb, json.dumps(body).encode(), None, Settings())
+        assert isinstance(found, Estimated), found
+        return found.seconds
+
+    assert seconds("Evaluate", small_design()) <= compute_pool.QUICK_SECONDS < seconds("Evaluate", large_design())
+    assert seconds("Gradient", large_design()) > 10 * seconds("Evaluate", large_design())
+
+
+@pytest.mark.parametrize("form", ["application/vnd.apache.parquet", "model/step"])
+def test_what_is_packed_is_long_whatever_its_size(form: str) -> None:
+    assert effort.reading_seconds(RawRequest(form, b"x")) > compute_pool.QUICK_SECONDS
+
+
+# --- over HTTP ------------------------------------------------------------------------------------
+
+
+def test_many_scores_at_once_are_all_answered_alike() -> None:
+    body = {"design": small_design()}
+
+    def post(client: httpx.Client) -> Any:
+        response = client.post("/v1/scores", json=body)
+        assert response.status_code == 200, response.text
+        return response.json()
+
+    with client_with(Settings(max_waiting=100)) as client, ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(post, [client] * 40))
+    assert all(answer == answers[0] for answer in answers)
+
+
+def test_yaml_and_json_designs_score_alike() -> None:
+    from tailstack.design.write import data_to_yaml
+
+    with client_with() as client:
+        by_json = client.post("/v1/scores", json={"design": small_design(), "second_order": True}).json()
+        text = data_to_yaml(small_design())
+        yaml = {"Content-Type": "application/yaml"}
+        by_yaml = client.post("/v1/scores?second_order=true", content=text, headers=yaml).json()
+    assert by_yaml == by_json
+
+
+def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(database, "BUSY_SECONDS", 8.0)
+    path, body = tmp_path / "jobs.sqlite3", {"design": small_design(), "trials": 1000}
+    with client_with(Settings(database=f"sqlite:///{path}")) as client, ThreadPoolExecutor(20) as pool:
+        assert client.post("/v1/verifications", json=body).status_code == 202
+        with sqlite3.connect(path, isolation_level=None) as other:
+            other.execute("BEGIN IMMEDIATE")
+            waiting = [pool.submit(client.post, "/v1/verifications", json=body) for _ in range(12)]
+            time.sleep(0.3)
+            assert len(client.get("/v1/jobs").json()["jobs"]) == 1
+            assert client.get("/health/ready").status_code == 200
+            assert not any(each.done() for each in waiting)
+            for refused in waiting:
+                response = refused.result(timeout=300)
+                assert response.status_code == 503, response.text
+                assert response.json()["type"] == "/v1/problems/store-unavailable"
+                assert int(response.headers["retry-after"]) > 0
+            other.execute("ROLLBACK")
+        other.close()
+        assert client.post("/v1/verifications", json=body).status_code == 202
+
+
+def test_scores_need_no_database(tmp_path: Any) -> None:
+    """The directory of the database is gone: scores are answered, jobs are refused for a while."""
+    settings = Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")
+    with client_with(settings) as client:
+        for path in tmp_path.iterdir():
+            path.unlink()
+        body = {"design": small_design()}
+        assert client.post("/v1/scores", json=body).status_code == 200
+        assert client.post("/v1/validations", json=body).status_code == 200
+        refused = client.post("/v1/verifications", json=body)
+        assert refused.status_code == 503, refused.text
+        assert int(refused.headers["retry-after"]) > 0
+        assert str(tmp_path) not in refused.text
+        ready = client.get("/health/ready")
+        assert (ready.status_code, ready.json()["status"]) == (503, "no database")

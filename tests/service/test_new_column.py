@@ -1,0 +1,70 @@
+"""A column of the budget is one entry of its list: terminal, notebook, HTML, PDF and spreadsheet have it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+from service_scenes import EXAMPLES, ROOT
+
+BEFORE = '        Column("dP95/dh", "mm/unit", "significant", on=IN_DETAIL, of=lambda row: row.line.dp95_per_unit),\n'
+TOY = '        Column("Toyness", "toys", "fixed", 1, of=lambda row: 1000 * row.line.variance_share),\n'
+PROGRAM = """
+import io, json, sys
+import openpyxl
+from pypdf import PdfReader
+from tailstack import load_design, score
+from tailstack_service.documents import to_json
+from tailstack_service.operations.rendering import render_all
+from tailstack_service.rendering.page import Page, write_on
+from tailstack_service.rendering.score import score_text
+
+found = score(load_design(sys.argv[1]))
+told = {"terminal": score_text(found), "notebook": found._repr_html_()}
+with write_on(Page(160, details=True)):
+    told["details"] = score_text(found)
+made = dict(render_all("score", to_json(found), ("html", "pdf", "xlsx")))
+told["html"] = made["html"].decode()
+told["pdf"] = "\\n".join(page.extract_text() for page in PdfReader(io.BytesIO(made["pdf"])).pages)
+sheet = openpyxl.load_workbook(io.BytesIO(made["xlsx"]))["Budget"]
+told["xlsx"] = "\\n".join(" ".join(str(cell) for cell in row) for row in sheet.iter_rows(values_only=True))
+largest = max(line.variance_share for line in found.worst_target.contributors)
+print(json.dumps({"told": told, "largest": 1000 * largest}))
+"""
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], float]:
+    """What a copy with one more column shows of a score, and the largest number in the column."""
+    folder = tmp_path_factory.mktemp("copy")
+    shutil.copytree(ROOT / "solver" / "tailstack", folder / "tailstack", ignore=shutil.ignore_patterns("*.nb?"))
+    file = folder / "tailstack" / "results" / "score.py"
+    text = file.read_text(encoding="utf-8")
+    assert text.count(BEFORE) == 1
+    file.write_text(text.replace(BEFORE, TOY + BEFORE), encoding="utf-8")
+    path = os.pathsep.join(str(each) for each in (folder, ROOT / "service"))
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(EXAMPLES / "demo.yaml")],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=900,
+        check=False,
+        cwd=folder,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    return found["told"], found["largest"]
+
+
+@pytest.mark.parametrize("writer", ["terminal", "details", "notebook", "html", "pdf", "xlsx"])
+def test_every_writer_has_the_column(shown: tuple[dict[str, str], float], writer: str) -> None:
+    told, largest = shown
+    words = told[writer].lower()
+    assert "toyness" in words
+    assert "toys" in words
+    assert (f"{largest:.1f}" if writer != "xlsx" else f"{largest:.4f}"[:-2]) in words

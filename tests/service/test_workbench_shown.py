@@ -1,0 +1,258 @@
+"""What the workbench shows: the bead that is pressed, the verdict and its basis, and what is no longer current."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import yaml
+from browsing import DEMO, browser, used
+from served import Served, served
+from service_scenes import EXAMPLES, ROOT
+
+from tailstack import load_design, score
+from tailstack.results.verdicts import decisive_check
+
+__all__ = ["browser"]
+
+UNITS = EXAMPLES / "gallery" / "per_unit_limit.yaml"
+ROTATIONS = {"min_deg": 0.01, "max_deg": 0.5}
+BUILT = ROOT / "service" / "tailstack_service" / "workbench"
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
+    with served(tmp_path_factory.mktemp("workbench")) as running:
+        yield running
+
+
+def shown(service: Served, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:
+    return used(service.url, scenario, design, script="shown.mjs", **more)
+
+
+def design_with(**changes: Any) -> str:
+    return yaml.safe_dump({**yaml.safe_load(DEMO), **changes}, allow_unicode=True, sort_keys=False)
+
+
+# --- which bead is pressed ---------------------------------------------------------------------------------------
+
+
+def test_a_press_at_the_centre_of_a_mark_takes_that_bead_and_its_name_is_shown_before(service: Served) -> None:
+    found = shown(service, "press")
+    assert len(found["found"]) == 60
+    assert [entry for entry in found["found"] if not entry[1] == entry[2] == entry[3]] == []
+    assert found["steps"] == 0  # a press that moves nothing is no change
+
+
+def test_presses_at_one_place_take_one_bead_after_the_other_and_a_drag_the_one_that_is_chosen(service: Served) -> None:
+    design = yaml.safe_load(DEMO)
+    design["fiducials"]["points"][6]["position_mm"] = [-29, 30, -24]  # F7 behind F5, as seen from the front
+    found = shown(service, "below", yaml.safe_dump(design, sort_keys=False), labels=["F5", "F7"])
+    first, second, third = found["chosen"]
+    assert {first, second} == {"F5", "F7"}
+    assert third == first
+    assert f"Below it {second}" in found["said"]
+    assert found["moved"] == f"Undo: Move {first}"
+
+
+def test_a_finger_scrolls_over_beads_and_drags_the_one_that_was_chosen(service: Served) -> None:
+    found = shown(service, "finger")
+    assert found["first"]["scrolled"] > 50
+    assert found["first"]["steps"] == 0
+    assert found["chosen"] == "F9"
+    assert found["second"]["steps"] == 1
+
+
+# --- the verdict, and what it rests on -----------------------------------------------------------------------------
+
+
+def test_a_verification_speaks_in_the_strip_while_the_design_is_the_verified_one(service: Served) -> None:
+    """The limit is nearer to the estimate than 1 %: only a simulation decides."""
+    design = yaml.safe_load(DEMO)
+    design["requirements"][0]["limit_mm"] = 1.145
+    found = shown(service, "verified", yaml.safe_dump(design, sort_keys=False))
+    assert found["inside"]["y"] < 300  # the button is in the first window of the page
+    for state in ("before", "changed"):
+        assert found[state]["basis"] == "estimate"
+        assert "Not decided" in found[state]["words"]
+    for state in ("after", "undone"):
+        assert found[state]["basis"] == "simulation"
+        assert found[state]["words"].startswith(found["run"])  # the verdict of the run
+        assert re.search(r"Verified: [\d,]+ simulated shots", found[state]["words"])
+    assert f"\t{found['run']}\t" in found["rows"]
+    assert found["offered"] == 0  # nobody is asked to do again what was done
+    assert not any("tailstack" in found[state]["words"] for state in ("before", "after", "changed", "undone"))
+
+
+def test_an_optimum_that_is_taken_ends_with_the_verdict_of_its_verification(service: Served) -> None:
+    found = shown(service, "optimum")
+    assert (found["basis"], found["badge"].split("\n")[0]) == ("simulation", "Pass")
+
+
+def test_strip_run_slack_and_variants_speak_of_the_requirement_that_decides(service: Served) -> None:
+    estimate = decisive_check(score(load_design(UNITS)).verdict.checks)
+    assert estimate is not None
+    assert (estimate.requirement, estimate.status) == ("every-unit", "fail")
+    found = shown(service, "units", UNITS.read_text(encoding="utf-8"))
+    assert found["p95"] == f"{estimate.value_mm:.3f}"
+    assert len(found["variants"]) == 2  # now, and A
+    for row in found["variants"]:
+        assert row.split("\t")[1:4] == ["Fail", found["p95"], "0.600"]
+        assert "every-unit at tip" in row
+    assert found["opened"] is True  # the run is looked at where runs are
+    assert "every-unit at tip" in found["said"]
+    assert any("−" in cell for cell in found["slack"])
+    assert not any(cell.startswith("+") for cell in found["slack"])  # nothing is to be loosened where the design fails
+    assert len(found["listed"]) == 2
+    assert found["listed"] == found["rows"]
+    assert found["verified"] in found["listed"][1]
+    assert "succeeded" not in found["head"]
+    assert "each unit" in found["caption"]
+
+
+# --- what is no longer current -------------------------------------------------------------------------------------
+
+
+def test_what_is_not_of_the_design_on_the_page_is_grey(service: Served) -> None:
+    found = shown(service, "grey")
+    numbers = ("sentence", "p95", "badge", "budget", "rows")
+    for state, shade in (("current", 1), ("awaited", 0.62), ("answered", 1)):
+        assert {name: found[state][name] for name in numbers} == dict.fromkeys(numbers, shade), state
+        assert found[state]["word"].startswith("Fail")  # the badge keeps its word during a drag
+        assert found[state]["picture"] == 1  # a bead is drawn where it is
+    assert "fail" not in found["awaited"]["colours"]
+    assert (found["own"], found["other"]) == (1, 0.62)  # a run of this design, and of another state
+    assert found["refused"]["pictures"] == [0.62, 0.62]
+    assert found["refused"]["p95"] == 0.62
+
+
+def test_a_requirement_is_denied_only_where_the_design_states_none(service: Served) -> None:
+    data = yaml.safe_load(DEMO)
+    without = {key: value for key, value in data.items() if key not in ("requirements", "optimise")}
+    fiducials = {**data["fiducials"], "points": data["fiducials"]["points"][:2]}
+    found = shown(
+        service, "none", refused=design_with(fiducials=fiducials), without=yaml.safe_dump(without, sort_keys=False)
+    )
+    assert "states no requirement" not in found["refused"]
+    assert "states no requirement" not in found["waiting"]
+    assert "warming up" in found["waiting"]
+    assert "states no requirement" in found["without"]
+
+
+def test_a_service_that_is_back_is_asked_at_once(service: Served) -> None:
+    found = shown(service, "back")
+    assert found["away"] == 4  # after 0.5, 1, 2, 4 s; the next would come after 8
+    assert found["current"] is True
+
+
+# --- in the way ------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_said_is_in_sight_and_moves_nothing(service: Served) -> None:
+    step = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")
+    found = shown(service, "near", file="carrier.step", step=step)
+    assert found["inside"] is True
+    assert found["shifted"] == 0
+    assert "carrier.step is being read" in found["working"]
+    assert found["done"] == 0
+
+
+def test_numbers_are_understood_or_refused_where_they_are_typed(service: Served) -> None:
+    found = shown(service, "numbers", axis="/views/0/fiducial_noise_px")
+    understood = {"27,5": 27.5, "28 mm": 28, "29mm": 29, "−3.5": -3.5, "1e2": 100}
+    for typed, entry in found["found"].items():
+        if typed in understood:
+            assert float(entry["value"]) == understood[typed]
+            assert (entry["wrong"], entry["invalid"]) == ([], "false")
+        else:  # abc, 0x10, 12 px
+            assert entry["shown"] == typed  # it stands there to be mended
+            assert typed in entry["wrong"][0]
+            assert entry["invalid"] == "true"
+            assert float(entry["value"]) == -3.5  # of before
+    assert "0,1" in found["refused"]
+    assert [float(value) for value in found["sweep"]] == pytest.approx([0.2, 0.3, 0.4])
+    assert {"views › AP › fiducial_noise_px", "fiducials › F2 › position_mm › 0"}.issubset(
+        " › ".join(words for words in name.split(" › ") if words != "points") for name in found["offered"]
+    )
+    assert not any(name.startswith("/") for name in found["offered"])
+    assert found["head"] == "views.AP.fiducial_noise_px, px"
+
+
+def test_diagnostics_keep_the_policy_of_the_page_and_tab_leaves_the_editor(service: Served) -> None:
+    texts = {
+        "range": "name: [1, 2\nviews: {\n",
+        "point": "a: 1\nb: {x: 1",
+        "refusal": DEMO.replace("limit_mm: 1.0", "limit_mm: -1"),
+    }
+    found = shown(service, "editor", texts=texts)
+    assert all(found["seen"].values())
+    assert "-1" in found["seen"]["refusal"]
+    assert found["breaches"] == []
+    assert (found["left"], found["same"]) == (True, True)
+    assert "Tab" in found["hint"]
+
+
+def test_keys_in_either_case_focus_after_a_choice_and_regions_that_are_told_apart(service: Served) -> None:
+    found = shown(service, "marks", example=yaml.safe_load(DEMO)["name"])
+    assert found["focus"] == "main"
+    assert found["keys"] == ["F1", "F2", "F1"]
+    assert found["twice"] == []
+    assert (found["wide"], found["cut"]) == (0, 0)  # no column of the budget is cut
+    lock = json.loads((ROOT / "service" / "workbench" / "package-lock.json").read_text(encoding="utf-8"))
+    contained = {path: entry for path, entry in lock["packages"].items() if path and not entry.get("dev")}
+    assert {"node_modules/preact", "node_modules/yaml", "node_modules/@codemirror/view"} <= set(contained)
+    parts = found["licences"].split("-" * 80)
+    assert len(parts) == len(contained)
+    for (path, entry), part in zip(contained.items(), parts, strict=True):
+        name = path.rpartition("node_modules/")[2]
+        assert f"{name} {entry['version']} ({entry['license']})" in part
+        assert "Copyright" in part
+        assert "THE SOFTWARE IS PROVIDED" in part
+    (file,) = BUILT.glob("assets/licences-*.txt")  # in the package, and so in the wheel
+    assert file.read_text(encoding="utf-8") == found["licences"]
+
+
+def test_with_many_targets_the_strip_stays_a_strip(service: Served) -> None:
+    targets = [{"name": f"target {k}", "position_mm": [k - 6, 5, 40 + 5 * k]} for k in range(12)]
+    found = shown(service, "tall", design_with(targets=targets))
+    assert found["height"] < 150
+    assert "tip-accuracy at target 11: " in found["words"]  # one requirement, kept or not, however many targets it has
+
+
+def test_on_a_phone_what_is_found_stays_in_sight_and_no_name_pushes_the_page_wider(service: Served) -> None:
+    targets = [
+        {"name": "Clivus – unterster noch erreichbarer Punkt (Plan B)", "position_mm": [0, 0, 70]},
+        {"name": "Sella, Mitte", "position_mm": [2, 5, 60]},
+    ]
+    requirements = [
+        {"name": "every-target", "limit_mm": 5.0},
+        {"name": "sella-99-percent-of-all-shots-for-the-file", "limit_mm": 0.2, "targets": ["Sella, Mitte"]},
+    ]
+    design = design_with(targets=targets, requirements=requirements, optimise={"rotation_bounds": ROTATIONS})
+    found = shown(service, "phone", design)
+    assert found["wide"] == 0
+    assert (found["top"], found["height"] < 100) == (0, True)
+    assert found["words"].startswith("Fail")
+    assert f"{found['value']} mm" in found["words"]
+    decisive = decisive_check(score(load_design(design)).verdict.checks)
+    assert decisive is not None
+    assert found["said"].startswith(
+        f"1 of 2 requirements kept; what decides is {decisive.requirement} at {decisive.target}: "
+    )
+
+
+@pytest.mark.parametrize("name", ["gallery/operating_theatre", "slicer_markups"])
+def test_an_example_is_opened_as_it_was_written(service: Served, name: str) -> None:
+    path = EXAMPLES / f"{name}.yaml"
+    written, design = path.read_text(encoding="utf-8"), load_design(path)
+    found = shown(service, "example", example=design.name)
+    assert found["sha"] == design.sha256
+    lines = [line for line in written.splitlines() if not line.startswith("# yaml-language-server")]
+    if design.document.fiducials.file is None:
+        assert found["text"].splitlines() == lines
+    comments = [line for line in lines if line.lstrip().startswith("#")]
+    assert len(comments) > 1
+    assert [line for line in found["text"].splitlines() if line.lstrip().startswith("#")] == comments

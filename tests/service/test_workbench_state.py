@@ -1,0 +1,266 @@
+"""What becomes of a design on the workbench, in a real Chromium: opened, linked, saved, undone, read and written.
+
+Expected numbers and hashes are the command's reading of the same text (the page has a reader of its own).
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterator
+from typing import Any, cast
+
+import pytest
+import yaml
+from browsing import DEMO, browser, used
+from served import Served, served
+from service_scenes import EXAMPLES
+
+from tailstack import Design, load_design, score
+from tailstack.effects.image_field import FieldOfView
+from tailstack.errors import DesignError, TailstackError
+
+__all__ = ["browser"]
+
+SCRIPT = "state.mjs"
+THEATRE = (EXAMPLES / "gallery" / "operating_theatre.yaml").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory, browser: None) -> Iterator[Served]:
+    with served(tmp_path_factory.mktemp("state")) as running:
+        yield running
+
+
+def seen(service: Served, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:
+    return used(service.url, scenario, design, script=SCRIPT, **more)
+
+
+def command_reads(text: str) -> Design | None:
+    """The design that the command reads of a text; None where it refuses."""
+    try:
+        return load_design(text)
+    except DesignError:
+        return None
+
+
+def with_rotations(value: str) -> str:
+    """The demo with something else as the tolerances rx and ry of both seats."""
+    text, count = re.subn(r"(?m)^( +)(rx|ry): \{.*$", rf"\1\2: {value}", DEMO)
+    assert count == 4
+    return text
+
+
+# --- opened -------------------------------------------------------------------------------------------------------
+
+
+def test_the_design_that_is_open_is_opened_again_and_keeps_its_numbers(service: Served) -> None:
+    found = seen(service, "again", example=yaml.safe_load(DEMO)["name"])
+    for after in found["found"]:
+        assert (after["current"], after["refused"], after["p95"], after["images"]) == (True, None, "1.144", 2)
+    assert [after["steps"] for after in found["found"]] == [1, 2]  # the file has comments that the example has not
+    assert "is what is open already" in found["words"]
+
+
+def test_after_a_link_the_first_edit_and_the_next_file_win(service: Served) -> None:
+    tube = (EXAMPLES / "tube_carrier.yaml").read_text(encoding="utf-8")
+    found = seen(service, "link", other=tube)
+    assert found["linked"] == found["kept"] == found["opened"] == load_design(DEMO).sha256
+    assert found["address"] == found["link"]
+    assert "#" not in found["cleared"]  # a bookmark of it holds no older design
+    assert found["reloaded"] == found["edited"] != found["linked"]
+    assert found["last"] == found["other"] == load_design(tube).sha256
+
+
+# --- read as the command reads ------------------------------------------------------------------------------------
+
+BOMB = "a: &a [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
+    f"{name}: &{name} [{','.join([f'*{before}'] * 10)}]\n" for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+UNREADABLE = {
+    "a: *x\n": "*x stands for nothing",
+    BOMB: "at most 50000 values",
+    "hello": "This is no design",
+    "[" * 3000: "nested too deep",
+    "schema: !!str a\n": "YAML tags",
+    "1: a\n": "The name of a field is a text",
+}
+
+
+def test_a_text_that_is_no_design_is_explained_however_it_comes(service: Served) -> None:
+    for text in UNREADABLE:
+        with pytest.raises(TailstackError):
+            load_design(text.encode())
+    found = seen(service, "unreadable", texts=list(UNREADABLE))
+    by_way: dict[str, list[str]] = {}
+    for one in found["found"]:
+        by_way.setdefault(one["how"], []).append(one["shown"])
+    for way in ("link", "file", "saved"):
+        for shown, words in zip(by_way[way], UNREADABLE.values(), strict=True):
+            assert words in shown, (way, shown[:500])
+    for shown in by_way["shape"]:  # what was saved in another shape is left
+        assert "drill guide" in shown
+    assert found["watched"]["messages"] == []
+
+
+def test_a_number_that_is_none_is_refused_by_its_name_before_anything_is_sent(service: Served) -> None:
+    texts = [
+        with_rotations(".nan"),
+        DEMO.replace("limit_mm: 1.0", "limit_mm: .inf"),
+        DEMO.replace("tolerances:", "tolerances: .nan\n    notes:", 1),
+        DEMO.replace("half_width_deg: 0.10", "half_width_deg: -.inf"),
+    ]
+    found = seen(service, "typed", texts=texts)["found"]
+    for text, after in zip(texts, found, strict=True):
+        with pytest.raises(DesignError):
+            load_design(text)
+        assert after["sha"] is None
+        assert after["bodies"] == []
+        assert after["runs"] == 0  # nor is a verification begun
+    places = [
+        ("interfaces › connector_flange › tolerances › rx", ".nan"),
+        ("requirements › tip-accuracy › limit_mm", ".inf"),
+        ("interfaces › structure_connector › tolerances", ".nan"),
+        ("interfaces › structure_connector › tolerances › rx › half_width_deg", "-.inf"),
+    ]
+    for after, (place, number) in zip(found, places, strict=True):
+        assert place in after["strip"]
+        assert f"must be a finite number; got {number}" in after["strip"]
+
+
+def test_a_field_without_a_value_counts_as_for_the_command_and_is_remarked(service: Served) -> None:
+    texts = [
+        with_rotations(""),  # half typed
+        DEMO.replace("pivot_mm: [0, 0, -95]", "pivot_mm: null"),  # required
+        DEMO.replace("  manufacturing: {", "  manufacturing: null # {"),
+        DEMO.replace("coverage_factor: 2", "coverage_factor: ~"),
+    ]
+    found = seen(service, "typed", texts=texts)["found"]
+    for text, after in zip(texts, found, strict=True):
+        assert text != DEMO
+        expected = command_reads(text)
+        assert after["sha"] == (expected and expected.sha256)
+        assert after["p95"] == (expected and score(expected).targets[0].p95_mm)
+        assert (after["refused"] is None) == (expected is not None)
+    assert "without a value" in found[0]["words"]
+    assert "connector_flange › tolerances › rx" in found[0]["words"]
+
+
+def test_numbers_are_read_as_by_the_command(service: Served) -> None:
+    texts = [
+        re.sub("starts: [0-9]+", "starts: 010", DEMO),
+        re.sub("starts: [0-9]+", "starts: 0x10", DEMO),
+        f"{DEMO}__proto__: {{ a: 1 }}\n",
+        DEMO.replace("[-30, -29, -72]", "[-3.e1, -29, -72.]"),
+        (EXAMPLES / "gallery" / "kinematic_seat.yaml").read_text(encoding="utf-8"),  # with -0.0
+    ]
+    found = seen(service, "typed", texts=texts)["found"]
+    for text, after in zip(texts, found, strict=True):
+        expected = command_reads(text)
+        if "__proto__" in text:  # the design before is still there
+            assert expected is None
+            assert "no field __proto__" in after["words"]
+        else:
+            assert after["sha"] == (expected and expected.sha256)
+
+
+# --- written ------------------------------------------------------------------------------------------------------
+
+
+def test_a_field_behind_an_alias_changes_by_itself(service: Served) -> None:
+    """The text says what the slider showed, one undo brings the old one back, and the other view keeps its field."""
+    pointers = [f"views/{view}/image_field/half_widths_px/3" for view in (1, 0)]
+    found = seen(service, "alias", THEATRE, pointers=pointers)
+    assert found["before"] == found["after"] == THEATRE
+    for view, after in zip((1, 0), found["found"], strict=True):
+        wanted = yaml.safe_load(THEATRE)
+        widths = [list(one["image_field"]["half_widths_px"]) for one in wanted["views"]]
+        widths[view][3] = after["value"]
+        read = load_design(after["text"])
+        fields = [cast(FieldOfView, one).image_field for one in read.document.views]
+        assert [list(one.half_widths_px) for one in fields if one] == widths
+        assert after["steps"] == 2
+        assert after["p95"] == score(read).targets[0].p95_mm
+        assert "views › 1 › image_field: an alias" in after["words"]
+        assert after["text"].count("#") == THEATRE.count("#")
+
+
+def test_a_move_changes_one_line_and_a_lost_bead_takes_its_own(service: Served) -> None:
+    found = seen(service, "written")
+    before, moved, lost = (found[name].splitlines() for name in ("before", "moved", "lost"))
+    assert len(before) == len(moved)
+    changed = [k for k, line in enumerate(before) if line != moved[k]]
+    assert [before[k].split(",")[0].strip() for k in changed] == ["- { label: F10"]
+    assert "[ " not in found["lost"]  # lists are spaced as the author spaces them
+    assert set(moved) - set(lost) == {line for line in moved if "label: F3," in line}
+
+
+# --- kept ---------------------------------------------------------------------------------------------------------
+
+
+def test_variants_and_runs_of_two_tabs_are_all_kept(service: Served) -> None:
+    found = seen(service, "tabs")
+    both = {"variants": ["now", "A", "B"], "runs": 2}
+    assert found["live"] == [both, both]
+    assert found["removed"] == found["third"] == {"variants": ["now", "B"], "runs": 2}
+
+
+def test_presses_in_a_row_are_one_step_and_the_first_design_is_never_out_of_reach(service: Served) -> None:
+    found = seen(service, "presses")
+    assert found["found"] == [2, 3, 4, 300]
+    assert found["reloaded"] == found["last"]
+    assert found["kept"] > 41
+    assert found["size"] < 1_000_000
+    assert found["undone"] == found["first"] == load_design(DEMO).sha256
+
+
+def test_a_full_storage_loses_no_move_and_one_that_refuses_is_told_after_the_reload_too(service: Served) -> None:
+    full, refuses = seen(service, "full")["found"]
+    assert full["after"] == full["before"]
+    assert (full["told"], full["toldAgain"]) == (0, 0)
+    assert refuses["after"] == refuses["before"]
+    assert (refuses["told"], refuses["toldAgain"]) == (1, 1)
+
+
+# --- files, runs, keys --------------------------------------------------------------------------------------------
+
+
+def test_files_are_taken_or_it_is_said_what_to_do(service: Served) -> None:
+    points = "label,x_mm,y_mm,z_mm\n" + "".join(f"B{k},{20 * k - 50},{(-1) ** k * 25},{7 * k - 60}\n" for k in range(7))
+    umlaut = DEMO.replace("drill guide", "Führung", 1)
+    step = (EXAMPLES / "integrations" / "step" / "carrier.step").read_bytes()
+    files = {
+        "beads.csv": points.encode(), "latin.yaml": umlaut.encode("latin-1"),
+        "latin.csv": points.replace("B1", "Bé").encode("latin-1"), "marked.yaml": umlaut.encode("utf-16"),
+    }  # fmt: skip
+    sent = [{"name": name, "base64": base64.b64encode(content).decode()} for name, content in files.items()]
+    carrier = {"name": "carrier.step", "base64": base64.b64encode(step).decode()}
+    found = seen(service, "files", files=[*sent, carrier])["found"]
+    assert "then drop beads.csv on it" in found["empty beads.csv"]["words"]
+    for page in ("empty", "design"):
+        assert "not UTF-8" in found[f"{page} latin.yaml"]["words"]
+        assert "Führung" in found[f"{page} marked.yaml"]["text"]
+        assert "�" not in "".join(one["text"] for one in found.values())
+    assert "UTF-8" in found["design latin.csv"]["words"]
+    assert "7 fiducials" in found["design beads.csv"]["words"]
+    words = found["design carrier.step"]["words"]  # what is said of a design that a file starts is not said of this one
+    assert "8 fiducials" in words
+    assert "tailstack init" not in words
+    assert "limit" not in words
+
+
+def test_a_run_whose_result_is_gone_says_so(service: Served) -> None:
+    found = seen(service, "gone")
+    assert (found["state"], found["links"]) == ("gone", 0)
+    assert "no longer has its result" in found["shown"]
+    assert "run it again" in found["shown"]
+
+
+def test_a_wrong_key_is_told_in_words_for_whoever_sits_at_the_page(
+    tmp_path_factory: pytest.TempPathFactory, browser: None
+) -> None:
+    with served(tmp_path_factory.mktemp("key"), TAILSTACK_AUTH="required") as running:
+        found = seen(running, "key")
+    assert "asks for an API key" in found["asking"]
+    assert "does not know this key" in found["wrong"]
+    assert "Bearer" not in found["asking"] + found["wrong"]

@@ -1,0 +1,155 @@
+"""Statements about *all* that a design declares, on a scene in which everything is at work.
+
+A new field of a system fails the first test until the scene has it; the others then ask of it what they ask of all:
+no list of names in them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from scenes import every_effect, with_effects
+from tailstack.effects import EFFECTS
+from tailstack.fields import INTERFACES
+from tailstack.montecarlo import compile_plan, draw, evaluate
+from tailstack.propagation.linear import linearise
+from tailstack.results import Score
+from tailstack.scoring import score
+from tailstack.studies.bench.levels import draw_time, share_draws
+from tailstack.studies.coupling import name_sources, remove_biases, study_coupling
+from tailstack.studies.linearity import Grid, study_linearity
+from tailstack.system import Drawn, Law, Sources, System, View, no_sources
+from tailstack_service.rendering.score import shares_of
+
+# What is no source of error, known or random: what is seen, from where, where to, and how it is computed.
+GEOMETRY = {
+    System: {
+        "name", "views", "fiducial_labels", "fiducials_mm", "manufacturing_law", "manufacturing_coverage_factor",
+        "T_flange_con", "T_tcp_flange", "targets", "requirements", "reading", "rotation_form", "estimator",
+        "triangulation", "notes", "design_sha256", "fiducial_radius_mm",
+        "loss_probability",  # moves nothing: it is asked what is left when images are missing
+    },
+    View: {"name", "projection", "image_size_px", "sees", "intrinsics_prior"},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scene() -> System:
+    return every_effect(np.random.default_rng(3))
+
+
+def test_the_scene_has_every_effect(scene: System) -> None:
+    kinds = {effect.name.split(":")[0] for effect in scene.effects}
+    assert len(kinds) == len(EFFECTS), "put the new effect into scenes.every_effect"
+    for effect in scene.effects:
+        assert effect.sources.count or effect.known.any(), effect.name
+    places: tuple[System | View, ...] = (scene, *scene.views)
+    for place in places:
+        for each in fields(place):
+            if each.name not in GEOMETRY[type(place)]:
+                value = getattr(place, each.name)
+                assert value is not None, f"put {each.name} into scenes.every_effect, or call it geometry"
+                if isinstance(value, (float, np.ndarray)):
+                    assert np.any(np.asarray(value) != 0), each.name
+                if (sources := getattr(value, "sources", value)) is not value:
+                    assert sources.count, each.name
+                if (bias := getattr(value, "bias", None)) is not None:
+                    assert np.any(bias != 0), each.name
+
+
+def test_without_biases_nothing_is_left_that_is_known(scene: System) -> None:
+    """closed form: the error of the full chain at the centre of all that is random is 0."""
+    before = evaluate(compile_plan(scene), np.zeros((1, compile_plan(scene).dimension)))
+    plan = compile_plan(remove_biases(scene))
+    after = evaluate(plan, np.zeros((1, plan.dimension)))
+    assert np.abs(before).max() > 0.1
+    assert np.abs(after).max() < 1e-9
+    model = linearise(plan.system, plan.system.targets[0])
+    assert not model.known
+    assert np.abs(model.tcp_bias_mm).max() < 1e-9
+    assert plan.dimension == compile_plan(scene).dimension
+
+
+def test_what_is_known_counts_once(scene: System) -> None:
+    """closed form: where noise is next to nothing, so is what it adds, whatever else is known."""
+    quiet = replace(
+        scene,
+        views=tuple(replace(view, fiducial_noise_px=1e-6, target_noise_px=1e-6) for view in scene.views),
+        execution=replace(scene.execution, sources=no_sources(3)),
+        effects=tuple(
+            replace(effect, sources=no_sources(len(effect.known))) if effect.drawn is Drawn.SHOT else effect
+            for effect in scene.effects
+        ),
+    )
+    for case in study_coupling(quiet, levels=((1.0, 2.0),), trials=2**13).cases:
+        assert case.p95_noise_mm < 1e-4
+        assert case.p95_vector_sum_mm == pytest.approx(case.p95_installation_mm, rel=1e-3)
+
+
+def test_every_source_is_named_as_installation_or_as_noise(scene: System) -> None:
+    model = linearise(scene, scene.targets[0])
+    once, again = (name_sources(model, per_unit=per_unit) for per_unit in (True, False))
+    for block in model.blocks:
+        kind = block.contributor.split(":")[0].replace("_", " ")
+        assert (kind in once) == block.per_unit
+        assert (kind in again) != block.per_unit
+    assert "all that is known" in once
+
+
+def sources_of(system: System) -> dict[str, System]:
+    """The system with everything bounded in one place, for each place that may be."""
+    found = {}
+    for each in fields(system):
+        value = getattr(system, each.name)
+        if hasattr(value, "sources"):
+            found[each.name] = replace(system, **{each.name: replace(value, sources=bound(value.sources))})
+    for effect in system.effects:
+        if effect.sources.count:
+            found[effect.name] = with_effects(system, replace(effect, sources=bound(effect.sources)))
+    return found
+
+
+def bound(sources: Sources) -> Sources:
+    return replace(sources, laws=tuple(Law.BOUNDED if j == 0 else law for j, law in enumerate(sources.laws)))
+
+
+def test_every_place_that_may_be_bounded_is_noticed(scene: System) -> None:
+    grid = Grid(noises_px=(0.5,), rotations_deg=(0.0,), spreads=(1.0,), counts=(len(scene.fiducials_mm),))
+    assert "bounded" not in study_linearity(scene, grid, trials=2**13).varied
+    every = sources_of(scene)
+    assert len(every) >= 8
+    for place, system in every.items():
+        assert "bounded components stand" in study_linearity(system, grid, trials=2**13).varied, place
+
+
+def test_only_what_is_mounted_anew_is_drawn_at_each_installation(scene: System) -> None:
+    """What stays with a unit and is no mount is of the structure, the C-arm or the robot: one for a bench."""
+    plan = compile_plan(scene)
+    z = share_draws(plan, draw(plan, 5, np.arange(12)), (2, 4, 6))
+    model = linearise(scene, scene.targets[0])
+    for block in model.blocks:
+        wanted = 12 if not block.per_unit else 3 if block.contributor in INTERFACES else 1
+        columns = z[:, plan.columns_of(block.contributor)]
+        assert len(np.unique(columns, axis=0)) == wanted, block.contributor
+        assert draw_time(block) == {12: "shot", 3: "installation", 1: "unit"}[wanted]
+
+
+def test_shares_of_localisation_are_of_the_error_that_each_source_makes(scene: System) -> None:
+    """sampled: the full chain with one source at work at a time; 4,000 trials of a variance are good to 10 %."""
+    found: Score = score(scene)
+    shares = shares_of(found.targets[0], "localisation")
+    assert sum(share for _, share in shares) == pytest.approx(1.0, abs=1e-9)
+    by_source: dict[str, float] = {}
+    for line, share in shares:
+        by_source[line.name] = by_source.get(line.name, 0.0) + share
+    plan = compile_plan(scene)
+    z = draw(plan, 9, np.arange(4000))
+    total = sum(std**2 for std in found.targets[0].localisation.std_mm)
+    for block in plan.blocks:
+        alone = np.zeros_like(z)
+        alone[:, block.start : block.stop] = z[:, block.start : block.stop]
+        variance = float(np.trace(np.cov(evaluate(plan, alone)[:, 0, 1].T)))
+        assert by_source.get(block.name, 0.0) == pytest.approx(variance / total, rel=0.12, abs=1e-4), block.name
