@@ -1,0 +1,36 @@
+"""The one way in which a test waits: for a condition, under one generous limit, and with a word of what was last seen.
+
+A limit is never what a test is about: it only ends a test whose condition will not come true any more.  What a test
+wants to know of time it asks of a clock that it turns (``turned_clock.py``), or as a count.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+LIMIT_SECONDS = float(os.environ.get("TAILSTACK_TESTS_LIMIT_SECONDS", "180"))  # of every wait in the tests
+LOOK_SECONDS = 0.01  # between two looks at a condition
+
+T = TypeVar("T")
+
+
+def until(condition: Callable[[], T], says: Callable[[], object] = lambda: "it never came true") -> T:
+    """What the condition gives once it is true; ``says`` is asked what there is to see where it never becomes so."""
+    ends = time.monotonic() + LIMIT_SECONDS
+    while not (found := condition()):
+        assert time.monotonic() < ends, f"after {LIMIT_SECONDS:g} s: {says()}"
+        time.sleep(LOOK_SECONDS)
+    return found
+
+
+async def until_async(condition: Callable[[], T], says: Callable[[], object] = lambda: "it never came true") -> T:
+    """The same inside of an event loop, which goes on meanwhile."""
+    ends = time.monotonic() + LIMIT_SECONDS
+    while not (found := condition()):
+        assert time.monotonic() < ends, f"after {LIMIT_SECONDS:g} s: {says()}"
+        await asyncio.sleep(LOOK_SECONDS)
+    return found
