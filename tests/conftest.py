@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import random
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -11,8 +12,9 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-settings.register_profile("tailstack", deadline=None)  # a busy machine is no failure
-settings.load_profile("tailstack")
+# A busy machine is no failure, and a run without a seed draws what the run before drew
+settings.register_profile("fixed", deadline=None, derandomize=True)
+settings.register_profile("free", deadline=None)
 
 PYTEST_OWN = "PYTEST_CURRENT_TEST"  # pytest writes it before each phase of a test
 OUR_LOGGERS = ("tailstack", "tailstack_service")
@@ -21,7 +23,9 @@ LEFT_OUT = pytest.StashKey[int]()
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--short", action="store_true", help="leave out what is marked as long")
-    parser.addoption("--first-case", action="store_true", help="of each test the first of its cases alone")
+    parser.addoption("--seed", type=int, default=0, help="of what is drawn at random; 0: as it is written")
+    parser.addoption("--shuffle", type=int, default=None, help="a seed: files, and the tests of each, in random order")
+    parser.addoption("--costs", default=None, help="a file to which each test writes the CPU seconds that it took")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -29,19 +33,23 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers",
         "long(*cases, but=()): left out of the short tier: the whole test, the cases named, or all but those in `but`",
     )
+    config.addinivalue_line("markers", "hostile: random; with another --seed it tries what it has not tried before")
+    settings.load_profile("free" if config.getoption("--seed") else "fixed")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    chosen = items[:]
     if config.getoption("--short"):
-        chosen = [item for item in items if not is_long(item)]
-        config.stash[LEFT_OUT] = len(items) - len(chosen)
-    if config.getoption("--first-case"):
-        first = {item.nodeid.partition("[")[0]: item for item in reversed(chosen)}
-        chosen = [item for item in chosen if first[item.nodeid.partition("[")[0]] is item]
-    kept = set(chosen)
-    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
-    items[:] = chosen
+        long = [item for item in items if is_long(item)]
+        config.stash[LEFT_OUT] = len(long)
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if not is_long(item)]
+    if config.getoption("--shuffle") is not None:
+        chance = random.Random(config.getoption("--shuffle"))
+        chance.shuffle(items)
+        files = sorted({item.path for item in items})
+        chance.shuffle(files)
+        place = {file: k for k, file in enumerate(files)}
+        items.sort(key=lambda item: place[item.path])
 
 
 def is_long(item: pytest.Item) -> bool:
@@ -49,6 +57,24 @@ def is_long(item: pytest.Item) -> bool:
     case = item.name.partition("[")[2][:-1]
     marks = list(item.iter_markers("long"))
     return any(case in mark.args if mark.args else case not in mark.kwargs.get("but", ()) for mark in marks)
+
+
+@pytest.fixture(scope="session")
+def run_seed(request: pytest.FixtureRequest) -> int:
+    """What a random test adds to the seed that it names: 0 unless --seed says otherwise."""
+    return int(request.config.getoption("--seed"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Notes what a test costs, with what it starts: CPU of this process and of the children that ended."""
+    before = sum(os.times()[:4])
+    try:
+        return (yield)
+    finally:
+        if file := item.config.getoption("--costs"):
+            with open(file, "a", encoding="utf-8") as record:
+                record.write(f"{sum(os.times()[:4]) - before:.2f} {item.nodeid}\n")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -17,9 +16,9 @@ import psutil
 import pytest
 
 from family import die_with_parent, ended
+from tiers import SIDE_BY_SIDE
 
 CONFTEST = Path(__file__).parents[1] / "conftest.py"
-RUN = Path(__file__).parents[2] / "run"
 
 # Each pair: a test that leaks, and one that fails if it meets the leak
 TESTS = """
@@ -121,8 +120,7 @@ def test_what_a_file_of_tests_starts_is_started_once(tmp_path: Path) -> None:
         (tmp_path / name).write_text(SHARING, encoding="utf-8")
     given = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTEST_"))}
     given |= {"STARTED": str(tmp_path / "started"), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    side_by_side = runpy.run_path(str(RUN))["SIDE_BY_SIDE"]
-    command = [sys.executable, "-m", "pytest", "-p", "xdist", "--rootdir", str(tmp_path), *side_by_side, "."]
+    command = [sys.executable, "-m", "pytest", "-p", "xdist", "--rootdir", str(tmp_path), *SIDE_BY_SIDE, "."]
     done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=300, check=False)
     assert "16 passed" in done.stdout, done.stdout
     assert sorted((tmp_path / "started").read_text().split()) == ["test_one.py", "test_other.py"]
