@@ -20,6 +20,8 @@ from tailstack.design import check_design, convert, load_design
 from tailstack.design.fiducial_files import FORMATS
 from tailstack.errors import Problem, TailstackError
 
+pytestmark = pytest.mark.hostile
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = EXAMPLES / "demo.yaml"
 TEXT = DEMO.read_text()
@@ -151,8 +153,8 @@ def damaged(content, rng):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_damaged_bytes(seed):
-    rng = random.Random(seed)
+def test_damaged_bytes(seed, run_seed):
+    rng = random.Random(seed + 10 * run_seed)
     as_json = json.dumps(ALL["demo"], indent=1).encode()
     for _ in range(60):
         attempt(damaged(TEXT.encode(), rng))
@@ -160,8 +162,8 @@ def test_damaged_bytes(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_damaged_fiducial_files(seed):
-    rng = random.Random(1000 + seed)
+def test_damaged_fiducial_files(seed, run_seed):
+    rng = random.Random(1000 + seed + 10 * run_seed)
     files = sorted((EXAMPLES / "fiducials").iterdir())
     for _ in range(60):
         path = rng.choice(files)

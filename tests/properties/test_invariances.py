@@ -15,6 +15,8 @@ from tailstack import score, verify
 from tailstack.arrays import Array
 from tailstack.system import DirectEffect, Law, System
 
+pytestmark = pytest.mark.hostile
+
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 

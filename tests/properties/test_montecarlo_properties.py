@@ -23,6 +23,8 @@ from tailstack.montecarlo import Run, Samples, Simulation, compile_plan, draw, e
 from tailstack.montecarlo.chain import evaluate_plainly
 from tailstack.system import Reading, System, Triangulation
 
+pytestmark = pytest.mark.hostile
+
 
 def same(a: Samples, b: Samples) -> None:
     for x, y in zip(a.errors, b.errors, strict=True):

@@ -20,6 +20,8 @@ from tailstack.tail.declared import (
 )
 from tailstack.tail.gaussian import norm_cdf, norm_cvar, norm_mean, norm_quantile, norm_quantile_gradient, norm_sf
 
+pytestmark = pytest.mark.hostile
+
 many = settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 some = settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 

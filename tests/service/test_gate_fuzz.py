@@ -96,8 +96,9 @@ def outcome(request: dict[str, Any]) -> GateRecord | TailstackError:
 
 
 @pytest.mark.long
-def test_whatever_arrives_is_judged_or_refused() -> None:
-    chance, request, met = random.Random(SEED), whole_request(), Counter[str]()
+@pytest.mark.hostile
+def test_whatever_arrives_is_judged_or_refused(run_seed: int) -> None:
+    chance, request, met = random.Random(SEED + run_seed), whole_request(), Counter[str]()
     for _ in range(CASES):
         found = outcome(bent(request, chance))
         met[type(found).__name__] += 1

@@ -82,14 +82,14 @@ def configuration(service: Served, key: str, directory: Path) -> Path:
     return path
 
 
-def report_of(service: Served, directory: Path) -> tuple[dict[str, Any], str]:
+def report_of(service: Served, directory: Path, seed: int) -> tuple[dict[str, Any], str]:
     """What schemathesis found, as its own record and as text for people."""
     scopes = [part for scope in ("read", "compute", "metrics") for part in ("--scope", scope)]
     key = service.run("keys", "create", "--tenant", "a", "--name", "test", *scopes).strip()
     config, record = configuration(service, key, directory), directory / "report.json"
     command = [
         str(Path(sys.executable).parent / "schemathesis"), "--config-file", str(config), "run",
-        f"{service.url}/openapi.json", "--seed", str(SEED), "--report", "json", "--report-json-path", str(record),
+        f"{service.url}/openapi.json", "--seed", str(seed), "--report", "json", "--report-json-path", str(record),
         "--no-color",
     ]  # fmt: skip
     hooks = str(HERE / "schemathesis_hooks.py")
@@ -102,10 +102,11 @@ def report_of(service: Served, directory: Path) -> tuple[dict[str, Any], str]:
 
 
 @pytest.mark.long
-def test_every_phase_finds_nothing(tmp_path: Path) -> None:
+@pytest.mark.hostile
+def test_every_phase_finds_nothing(tmp_path: Path, run_seed: int) -> None:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with served(tmp_path, **LIMITS) as service:
-        report, text = report_of(service, tmp_path)
+        report, text = report_of(service, tmp_path, SEED + run_seed)
         log = service.log.read_text(encoding="utf-8")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -19,6 +19,8 @@ from service_scenes import EXAMPLES, client_with
 from plain_data import replaced
 from tailstack_service.cli.main import main
 
+pytestmark = pytest.mark.hostile
+
 ALL = {path.stem: yaml.safe_load(path.read_text()) for path in sorted(EXAMPLES.glob("*.yaml"))}
 # What is wrong with a document as a whole has no pointer into it; with syntax it has a line.
 WHOLE = {"unsupported-schema", "point-list", "wrong-type"}

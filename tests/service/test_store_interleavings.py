@@ -205,9 +205,10 @@ class Play:
 
 
 @pytest.mark.long
+@pytest.mark.hostile
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_random_interleavings_agree_with_the_model(store: Database, clock: Clock, seed: int) -> None:
-    play = Play(store, clock, seed)
+def test_random_interleavings_agree_with_the_model(store: Database, clock: Clock, seed: int, run_seed: int) -> None:
+    play = Play(store, clock, seed + 10 * run_seed)
     for number in range(STEPS):
         play.step()
         if number % 20 == 0:

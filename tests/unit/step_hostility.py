@@ -100,7 +100,7 @@ def main() -> None:
         address_space = int(stream.read().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (address_space + MEMORY_BYTES,) * 2)
     signal.signal(signal.SIGVTALRM, hang)
-    draw = random.Random(20260722)
+    draw = random.Random(20260722 + int(sys.argv[1]))
     mutants = ((f"mutant {k}", damage(good[k % len(good)], draw)) for k in range(MUTANTS))
     outcomes: Counter[str] = Counter()
     failures: list[str] = []

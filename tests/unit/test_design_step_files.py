@@ -116,8 +116,9 @@ def test_seats_and_pins_hold_where_they_were_drawn(name: str) -> None:
 
 
 @pytest.mark.long
-def test_two_thousand_damaged_files_are_read_or_refused_within_limits() -> None:
-    program = [sys.executable, str(Path(__file__).with_name("step_hostility.py"))]
+@pytest.mark.hostile
+def test_two_thousand_damaged_files_are_read_or_refused_within_limits(run_seed: int) -> None:
+    program = [sys.executable, str(Path(__file__).with_name("step_hostility.py")), str(run_seed)]
     run = subprocess.run(program, capture_output=True, text=True, check=True, timeout=300)
     found = json.loads(run.stdout)
     print(found["outcomes"], found["slowest"], found["memory_bytes"])
