@@ -87,9 +87,11 @@ def pytest_testnodedown(node: Any) -> None:
     node.config.stash[LEFT_OUT] = getattr(node, "workeroutput", {}).get("left_out", 0)
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    if left_out := config.stash.get(LEFT_OUT, 0):
-        terminalreporter.write_line(f"{left_out} tests were left out, which are long; all of them: ./run test --all")
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """The last line of a run says what it did not run."""
+    if not hasattr(config, "workerinput") and (left_out := config.stash.get(LEFT_OUT, 0)):
+        print(f"{left_out} tests were left out, which are long; all of them: ./run test --all")
 
 
 @pytest.fixture(autouse=True)

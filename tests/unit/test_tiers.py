@@ -91,8 +91,9 @@ def test_costs_are_written_by_test(tmp_path: Path) -> None:
     burns += "    while time.process_time() < START + 1.0: sum(range(1000))\n"
     (tmp_path / "test_burns.py").write_text("def test_rests(): pass\n" + burns)
     run_tests(tmp_path, "--costs", str(tmp_path / "costs"))
-    costs = dict(reversed(line.split(" ")) for line in (tmp_path / "costs").read_text().splitlines())
-    assert float(costs["test_burns.py::test_burns"]) > float(costs["test_burns.py::test_rests"])
+    lines = [line.split(" ") for line in (tmp_path / "costs").read_text().splitlines()]
+    costs = {test: float(seconds) for seconds, test in lines}
+    assert costs["test_burns.py::test_burns"] > costs["test_burns.py::test_rests"]
     assert costs.keys() == {"test_burns.py::test_burns", "test_burns.py::test_rests"}
 
 
