@@ -80,8 +80,15 @@ def run_checks(checks: Iterable[tuple[str, ...]]) -> int:
 
 
 def run_tier(*options: str) -> int:
-    if (code := pytest(*SIDE_BY_SIDE, *options)) or not has_avx512():
-        return code
+    """Kernels are compiled beforehand: where there are none yet, each of the processes would compile them all."""
+    warm_up = [sys.executable, "-m", "tailstack_service.cli.main", "warm-up"]
+    return subprocess.call(warm_up) or pytest(*SIDE_BY_SIDE, *options)
+
+
+def run_tier_of_processors(*options: str) -> int:
+    """What the instructions of a processor can change, as one without AVX-512 compiles it."""
+    if not has_avx512():
+        return 0
     print("run: tests of the kernels as on a processor without AVX-512", file=sys.stderr, flush=True)
     os.environ.update(NUMBA_CPU_NAME="x86-64-v3", NUMBA_CPU_FEATURES="")
     files = sorted(str(file) for pattern in OF_PROCESSORS for file in Path("tests").glob(pattern))
@@ -109,7 +116,8 @@ def run_all(arguments: list[str]) -> int:
     print(f"run: seed {seed}; again with it: ./run test --all --seed {seed}", file=sys.stderr, flush=True)
     if "--for" in options:
         return run_for(seconds_of(options["--for"]), seed)
-    return run_checks(CHECKS) or run_tier(*seeded(seed), *given)
+    options = [*seeded(seed), *given]
+    return run_checks(CHECKS) or run_tier(*options) or run_tier_of_processors(*options)
 
 
 def seeded(seed: int) -> tuple[str, ...]:
@@ -238,34 +246,37 @@ def files_by_distance(changed: list[str]) -> list[str]:
 def users_of_files() -> dict[str, set[str]]:
     """For each Python file those that import it, by the text of their import statements."""
     modules: dict[str, str] = {}
-    files = sorted(path for room in ROOMS for path in Path(room).rglob("*.py") if ".venv" not in path.parts)
-    for room in ROOMS:
-        for path in files:
-            if path.is_relative_to(room):
-                name = ".".join(path.relative_to(room).with_suffix("").parts).removesuffix(".__init__")
-                modules.setdefault(name, str(path))
+    files: set[Path] = set()
+    for room in map(Path, ROOMS):
+        for path in sorted(room.rglob("*.py")):
+            files.add(path)
+            name = ".".join(path.relative_to(room).with_suffix("").parts).removesuffix(".__init__")
+            modules.setdefault(name, str(path))
     users: dict[str, set[str]] = {}
-    for path in files:
+    for path in sorted(files):
         for name in imported_by(path):
             if (file := modules.get(name)) and file != str(path):
                 users.setdefault(file, set()).add(str(path))
     return users
 
 
+IMPORTS = re.compile(
+    r"^ *(?:from (?P<base>[.\w]+) import (?P<names>\([^)]*\)|[^#\n]*)|import (?P<modules>[^#\n]*))", re.MULTILINE
+)
+
+
 def imported_by(path: Path) -> Iterator[str]:
-    module = ".".join(path.with_suffix("").parts[1:]).removesuffix(".__init__")
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                parts = module.split(".")
-                base = ".".join(
-                    [*parts[: len(parts) - node.level + (path.name == "__init__.py")], *filter(None, [base])]
-                )
-            yield base
-            yield from (f"{base}.{alias.name}" for alias in node.names)
+    """Modules that a file names, and names in them that may be modules."""
+    parts = path.with_suffix("").parts[1:]
+    for found in IMPORTS.finditer(path.read_text(encoding="utf-8")):
+        if found["modules"]:
+            yield from (name.split()[0] for name in found["modules"].split(",") if name.strip())
+            continue
+        base = found["base"].lstrip(".")
+        if level := len(found["base"]) - len(base):
+            base = ".".join([*parts[: len(parts) - level], *filter(None, [base])])
+        yield base
+        yield from (f"{base}.{name}" for name in re.findall(r"(\w+)(?: as \w+)?", found["names"]))
 
 
 # --- what tests cost ------------------------------------------------------------------------------

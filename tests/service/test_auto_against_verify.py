@@ -32,6 +32,7 @@ def sample(seed: int, designs: int, forms: tuple[Form, ...], nu: tuple[float, fl
     return [hold_design(rng, forms[k % len(forms)], nu, LOOKS) for k in range(designs)]
 
 
+@pytest.mark.long
 def test_auto_passes_no_design_that_misses_its_limit() -> None:
     """sampled: the chain against first order in the same deviates, with no guard band about a limit.
 
@@ -53,6 +54,7 @@ def test_the_sample_finds_wrong_passes_where_disagreement_is_left_out() -> None:
     assert any(row.wrong for row in rows)
 
 
+@pytest.mark.long
 def test_statements_are_kept_where_much_goes_wrong_at_once() -> None:
     """sampled: P90 to P99.9 of both errors, in the same deviates, held to what is stated of each, on either side.
 

@@ -66,6 +66,7 @@ def forget_peak(pid: int) -> int:
     return peak_bytes(pid)
 
 
+@pytest.mark.long(but=["1 kB of Arrow: 200 rows of one text of 8 MB"])
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_small_file_that_stands_for_gigabytes_is_refused(place: Place, name: str) -> None:
     form, make = BOMBS[name]

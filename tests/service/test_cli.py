@@ -141,7 +141,7 @@ def test_score_prints_the_budget_and_the_verdict(call: Any) -> None:
     assert code == {"pass": 0, "fail": 1, "inconclusive": 4}[verdict.split()[1]]
     for heading in (
         "The design misses tip-accuracy: in 95 % of shots",
-        "share of",
+        "share, %",
         "a tenth tighter",
         "not included: ",
     ):
@@ -246,7 +246,7 @@ def test_verify_json_is_the_published_document(call: Any) -> None:
 def test_verify_prints_intervals_and_the_verdict(call: Any) -> None:
     code, out, _ = call("verify", DEMO, "--trials", "20000")
     check_columns(out)
-    assert "between, 95 %" in out
+    assert "how sure: P95 is known to " in out
     assert out.strip().splitlines()[-1].startswith("verdict: ")
     assert code in (0, 1, 4)
 

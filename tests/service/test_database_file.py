@@ -135,6 +135,7 @@ def test_nothing_is_written_without_the_log_of_the_file(client: httpx.Client, di
     assert count(client) == before + 1
 
 
+@pytest.mark.long
 def test_a_full_disk_shows_in_readiness_until_there_is_room_again(client: httpx.Client, disk: Path) -> None:
     if not disk.is_mount():
         pytest.skip("NOT TESTED: this user may not mount a small disk")

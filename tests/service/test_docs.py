@@ -58,6 +58,7 @@ def test_the_rows_of_a_table_have_the_cells_of_its_header(page: Path) -> None:
     assert wrong == []
 
 
+@pytest.mark.long
 def test_the_minute_with_curl_runs_as_it_stands(tmp_path: Path) -> None:
     """Pasted into a shell, but for the line that starts the service and the address of the one that runs here."""
     (block,) = re.findall(r"## In one minute\n\n```bash\n(.*?)```", HTTP, re.DOTALL)

@@ -94,6 +94,7 @@ def test_python_client_is_small_and_imports_whole(package: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 def test_the_same_document_makes_the_same_bytes(package: Path, tmp_path: Path) -> None:
     """In another process, whose sets have another order."""
     again = generated(tmp_path, "python")
@@ -158,7 +159,6 @@ def test_programs_with_the_python_client_are_typed(package: Path, tmp_path: Path
 # --- the TypeScript types -----------------------------------------------------------------------------
 
 
-@pytest.mark.long
 def test_typescript_example_has_the_right_types(types: Path) -> None:
     done = node.run("tsc", "--project", types)
     assert done.returncode == 0, done.stdout

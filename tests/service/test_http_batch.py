@@ -99,6 +99,7 @@ def test_a_table_comes_back_in_its_own_format(client: httpx.Client, sha256: str,
         assert found[row] == pytest.approx(expected_p95(row), rel=1e-9)
 
 
+@pytest.mark.long
 def test_the_same_bytes_at_once_and_as_a_job(client: httpx.Client) -> None:
     request = {"design": small_design(), "table": TABLE, "columns": ["p95_mm", "verdict"]}
     at_once = client.post(PATH, json=request)

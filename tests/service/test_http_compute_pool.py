@@ -674,6 +674,7 @@ def test_yaml_and_json_designs_score_alike() -> None:
     assert by_yaml == by_json
 
 
+@pytest.mark.long
 def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(database, "BUSY_SECONDS", 8.0)
     path, body = tmp_path / "jobs.sqlite3", {"design": small_design(), "trials": 1000}

@@ -177,6 +177,7 @@ def test_large_gates_that_nobody_waits_for_are_given_up(place: Place) -> None:
     assert len(before.keys() & after.keys()) == len(before) - 1
 
 
+@pytest.mark.long
 def test_a_stop_waits_for_nothing_that_is_computed(place: Place) -> None:
     """Whoever waits is told so as a problem document: in a process, in the queue, and with half of a body sent."""
     before = place.wait_until_quiet()

@@ -30,7 +30,7 @@ from ..arrays import frozen
 from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, refuse_coverage
 from ..system import Act, Drawn, Effect, Law, Place, Scene, Sources
 from ..tolerances import coverage_of
-from .kind import Doubt, EffectKind, Excess, Rule
+from .kind import Doubt, EffectKind, Excess, PlausibilityTest
 
 
 class Bending(Record):
@@ -82,7 +82,7 @@ KIND = EffectKind(
     sections={"design": OfDesign},
     compile=_compile,
     not_modelled=lambda system: "" if any(e.name == "bending" for e in system.effects) else "bending of the structure",
-    doubts=(Rule("bending-too-large", "A structure that sags like a rope", "5 mm: a judgement.", _doubt),),
+    doubts=(PlausibilityTest("bending-too-large", "A structure that sags like a rope", "5 mm: a judgement.", _doubt),),
     limits=_limits,
 )
 '''

@@ -80,17 +80,20 @@ def test_pages_open_from_a_file_without_any_request_or_message(
         assert found["failed"] == [], name
 
 
+@pytest.mark.long
 def test_nobody_is_shut_out(seen: dict[tuple[str, str, int], dict[str, Any]]) -> None:
     """oracle: axe-core, WCAG 2.0 to 2.2, A and AA, and that no two regions have one name."""
     for name, found in seen.items():
         assert found["violations"] == [], name
 
 
+@pytest.mark.long
 def test_no_page_is_wider_than_its_screen(seen: dict[tuple[str, str, int], dict[str, Any]]) -> None:
     for name, found in seen.items():
         assert found["width"] <= name[2], name
 
 
+@pytest.mark.long
 def test_the_layout_is_drawn_and_turns_with_a_key(seen: dict[tuple[str, str, int], dict[str, Any]]) -> None:
     for name, found in seen.items():
         if name[0] not in WITH_VIEWER:

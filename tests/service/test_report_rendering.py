@@ -316,6 +316,7 @@ def test_the_spreadsheet_holds_the_numbers_with_their_units(report: Report, body
     assert found == pytest.approx([low, target.p95_mm, high], rel=DIGITS)
 
 
+@pytest.mark.long
 def test_the_spreadsheet_shows_as_many_digits_as_the_pages_and_holds_all(report: Report, body: bytes) -> None:
     """independent: Python's own rounding to three significant digits; cells are read back by openpyxl."""
     book = openpyxl.load_workbook(io.BytesIO(rendered("report", body, "xlsx")[0]))
@@ -424,6 +425,7 @@ def test_the_spreadsheet_prints_on_as_many_pages_as_it_has_sheets_and_few_more(b
 # --- PDF ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_no_page_of_the_pdf_but_the_last_is_half_empty(body: bytes) -> None:
     """Where the lowest words of each page stand; those of its pictures count, its foot does not."""
     pages = PdfReader(io.BytesIO(rendered("report", body, "pdf")[0])).pages
@@ -439,6 +441,7 @@ def test_no_page_of_the_pdf_but_the_last_is_half_empty(body: bytes) -> None:
         assert min(above_foot) < 0.5 * float(page.mediabox.height), place
 
 
+@pytest.mark.long
 def test_pictures_of_three_views_are_as_large_in_the_pdf_as_those_of_two() -> None:
     """Letters of a line that stands below each view: their size on paper, in points."""
     sizes = {}

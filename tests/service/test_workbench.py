@@ -164,6 +164,7 @@ def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page
     assert found["sha"] == load_design(design).sha256  # what somebody else computed can be gone on with
 
 
+@pytest.mark.long
 def test_a_verification_asks_for_what_the_operator_allows(tmp_path: Path, browser: None) -> None:
     with served(tmp_path, TAILSTACK_MAX_TRIALS="50000") as running:
         assert httpx.get(f"{running.url}/version", timeout=300).json()["max_trials"] == 50_000

@@ -40,6 +40,7 @@ def design_with(**changes: Any) -> str:
 # --- which bead is pressed ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_press_at_the_centre_of_a_mark_takes_that_bead_and_its_name_is_shown_before(service: Served) -> None:
     found = shown(service, "press")
     assert len(found["found"]) == 60
@@ -47,6 +48,7 @@ def test_a_press_at_the_centre_of_a_mark_takes_that_bead_and_its_name_is_shown_b
     assert found["steps"] == 0  # a press that moves nothing is no change
 
 
+@pytest.mark.long
 def test_presses_at_one_place_take_one_bead_after_the_other_and_a_drag_the_one_that_is_chosen(service: Served) -> None:
     design = yaml.safe_load(DEMO)
     design["fiducials"]["points"][6]["position_mm"] = [-29, 30, -24]  # F7 behind F5, as seen from the front
@@ -58,6 +60,7 @@ def test_presses_at_one_place_take_one_bead_after_the_other_and_a_drag_the_one_t
     assert found["moved"] == f"Undo: Move {first}"
 
 
+@pytest.mark.long
 def test_a_finger_scrolls_over_beads_and_drags_the_one_that_was_chosen(service: Served) -> None:
     found = shown(service, "finger")
     assert found["first"]["scrolled"] > 50
@@ -69,6 +72,7 @@ def test_a_finger_scrolls_over_beads_and_drags_the_one_that_was_chosen(service: 
 # --- the verdict, and what it rests on -----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_verification_speaks_in_the_strip_while_the_design_is_the_verified_one(service: Served) -> None:
     """The limit is nearer to the estimate than 1 %: only a simulation decides."""
     design = yaml.safe_load(DEMO)
@@ -92,6 +96,7 @@ def test_an_optimum_that_is_taken_ends_with_the_verdict_of_its_verification(serv
     assert (found["basis"], found["badge"].split("\n")[0]) == ("simulation", "Pass")
 
 
+@pytest.mark.long
 def test_strip_run_slack_and_variants_speak_of_the_requirement_that_decides(service: Served) -> None:
     estimate = decisive_check(score(load_design(UNITS)).verdict.checks)
     assert estimate is not None
@@ -116,6 +121,7 @@ def test_strip_run_slack_and_variants_speak_of_the_requirement_that_decides(serv
 # --- what is no longer current -------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_what_is_not_of_the_design_on_the_page_is_grey(service: Served) -> None:
     found = shown(service, "grey")
     numbers = ("sentence", "p95", "badge", "budget", "rows")
@@ -129,6 +135,7 @@ def test_what_is_not_of_the_design_on_the_page_is_grey(service: Served) -> None:
     assert found["refused"]["p95"] == 0.62
 
 
+@pytest.mark.long
 def test_a_requirement_is_denied_only_where_the_design_states_none(service: Served) -> None:
     data = yaml.safe_load(DEMO)
     without = {key: value for key, value in data.items() if key not in ("requirements", "optimise")}
@@ -142,6 +149,7 @@ def test_a_requirement_is_denied_only_where_the_design_states_none(service: Serv
     assert "states no requirement" in found["without"]
 
 
+@pytest.mark.long
 def test_a_service_that_is_back_is_asked_at_once(service: Served) -> None:
     found = shown(service, "back")
     assert found["away"] == 4  # after 0.5, 1, 2, 4 s; the next would come after 8
@@ -151,6 +159,7 @@ def test_a_service_that_is_back_is_asked_at_once(service: Served) -> None:
 # --- in the way ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_what_is_said_is_in_sight_and_moves_nothing(service: Served) -> None:
     step = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")
     found = shown(service, "near", file="carrier.step", step=step)
@@ -160,6 +169,7 @@ def test_what_is_said_is_in_sight_and_moves_nothing(service: Served) -> None:
     assert found["done"] == 0
 
 
+@pytest.mark.long
 def test_numbers_are_understood_or_refused_where_they_are_typed(service: Served) -> None:
     found = shown(service, "numbers", axis="/views/0/fiducial_noise_px")
     understood = {"27,5": 27.5, "28 mm": 28, "29mm": 29, "−3.5": -3.5, "1e2": 100}
@@ -181,6 +191,7 @@ def test_numbers_are_understood_or_refused_where_they_are_typed(service: Served)
     assert found["head"] == "views.AP.fiducial_noise_px, px"
 
 
+@pytest.mark.long
 def test_diagnostics_keep_the_policy_of_the_page_and_tab_leaves_the_editor(service: Served) -> None:
     texts = {
         "range": "name: [1, 2\nviews: {\n",
@@ -195,6 +206,7 @@ def test_diagnostics_keep_the_policy_of_the_page_and_tab_leaves_the_editor(servi
     assert "Tab" in found["hint"]
 
 
+@pytest.mark.long
 def test_keys_in_either_case_focus_after_a_choice_and_regions_that_are_told_apart(service: Served) -> None:
     found = shown(service, "marks", example=yaml.safe_load(DEMO)["name"])
     assert found["focus"] == "main"
@@ -215,6 +227,7 @@ def test_keys_in_either_case_focus_after_a_choice_and_regions_that_are_told_apar
     assert file.read_text(encoding="utf-8") == found["licences"]
 
 
+@pytest.mark.long
 def test_with_many_targets_the_strip_stays_a_strip(service: Served) -> None:
     targets = [{"name": f"target {k}", "position_mm": [k - 6, 5, 40 + 5 * k]} for k in range(12)]
     found = shown(service, "tall", design_with(targets=targets))
@@ -222,6 +235,7 @@ def test_with_many_targets_the_strip_stays_a_strip(service: Served) -> None:
     assert "tip-accuracy at target 11: " in found["words"]  # one requirement, kept or not, however many targets it has
 
 
+@pytest.mark.long
 def test_on_a_phone_what_is_found_stays_in_sight_and_no_name_pushes_the_page_wider(service: Served) -> None:
     targets = [
         {"name": "Clivus – unterster noch erreichbarer Punkt (Plan B)", "position_mm": [0, 0, 70]},
@@ -244,6 +258,7 @@ def test_on_a_phone_what_is_found_stays_in_sight_and_no_name_pushes_the_page_wid
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["gallery/operating_theatre", "slicer_markups"])
 def test_an_example_is_opened_as_it_was_written(service: Served, name: str) -> None:
     path = EXAMPLES / f"{name}.yaml"

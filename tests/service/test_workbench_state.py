@@ -62,6 +62,7 @@ def test_the_design_that_is_open_is_opened_again_and_keeps_its_numbers(service: 
     assert "is what is open already" in found["words"]
 
 
+@pytest.mark.long
 def test_after_a_link_the_first_edit_and_the_next_file_win(service: Served) -> None:
     tube = (EXAMPLES / "tube_carrier.yaml").read_text(encoding="utf-8")
     found = seen(service, "link", other=tube)
@@ -87,6 +88,7 @@ UNREADABLE = {
 }
 
 
+@pytest.mark.long
 def test_a_text_that_is_no_design_is_explained_however_it_comes(service: Served) -> None:
     for text in UNREADABLE:
         with pytest.raises(TailstackError):
@@ -103,6 +105,7 @@ def test_a_text_that_is_no_design_is_explained_however_it_comes(service: Served)
     assert found["watched"]["messages"] == []
 
 
+@pytest.mark.long
 def test_a_number_that_is_none_is_refused_by_its_name_before_anything_is_sent(service: Served) -> None:
     texts = [
         with_rotations(".nan"),
@@ -128,6 +131,7 @@ def test_a_number_that_is_none_is_refused_by_its_name_before_anything_is_sent(se
         assert f"must be a finite number; got {number}" in after["strip"]
 
 
+@pytest.mark.long
 def test_a_field_without_a_value_counts_as_for_the_command_and_is_remarked(service: Served) -> None:
     texts = [
         with_rotations(""),  # half typed
@@ -146,6 +150,7 @@ def test_a_field_without_a_value_counts_as_for_the_command_and_is_remarked(servi
     assert "connector_flange › tolerances › rx" in found[0]["words"]
 
 
+@pytest.mark.long
 def test_numbers_are_read_as_by_the_command(service: Served) -> None:
     texts = [
         re.sub("starts: [0-9]+", "starts: 010", DEMO),
@@ -167,6 +172,7 @@ def test_numbers_are_read_as_by_the_command(service: Served) -> None:
 # --- written ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_field_behind_an_alias_changes_by_itself(service: Served) -> None:
     """The text says what the slider showed, one undo brings the old one back, and the other view keeps its field."""
     pointers = [f"views/{view}/image_field/half_widths_px/3" for view in (1, 0)]
@@ -185,6 +191,7 @@ def test_a_field_behind_an_alias_changes_by_itself(service: Served) -> None:
         assert after["text"].count("#") == THEATRE.count("#")
 
 
+@pytest.mark.long
 def test_a_move_changes_one_line_and_a_lost_bead_takes_its_own(service: Served) -> None:
     found = seen(service, "written")
     before, moved, lost = (found[name].splitlines() for name in ("before", "moved", "lost"))
@@ -198,6 +205,7 @@ def test_a_move_changes_one_line_and_a_lost_bead_takes_its_own(service: Served) 
 # --- kept ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_variants_and_runs_of_two_tabs_are_all_kept(service: Served) -> None:
     found = seen(service, "tabs")
     both = {"variants": ["now", "A", "B"], "runs": 2}
@@ -205,6 +213,7 @@ def test_variants_and_runs_of_two_tabs_are_all_kept(service: Served) -> None:
     assert found["removed"] == found["third"] == {"variants": ["now", "B"], "runs": 2}
 
 
+@pytest.mark.long
 def test_presses_in_a_row_are_one_step_and_the_first_design_is_never_out_of_reach(service: Served) -> None:
     found = seen(service, "presses")
     assert found["found"] == [2, 3, 4, 300]
@@ -214,6 +223,7 @@ def test_presses_in_a_row_are_one_step_and_the_first_design_is_never_out_of_reac
     assert found["undone"] == found["first"] == load_design(DEMO).sha256
 
 
+@pytest.mark.long
 def test_a_full_storage_loses_no_move_and_one_that_refuses_is_told_after_the_reload_too(service: Served) -> None:
     full, refuses = seen(service, "full")["found"]
     assert full["after"] == full["before"]
@@ -225,6 +235,7 @@ def test_a_full_storage_loses_no_move_and_one_that_refuses_is_told_after_the_rel
 # --- files, runs, keys --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_files_are_taken_or_it_is_said_what_to_do(service: Served) -> None:
     points = "label,x_mm,y_mm,z_mm\n" + "".join(f"B{k},{20 * k - 50},{(-1) ** k * 25},{7 * k - 60}\n" for k in range(7))
     umlaut = DEMO.replace("drill guide", "Führung", 1)
@@ -249,6 +260,7 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served) -> None:
     assert "limit" not in words
 
 
+@pytest.mark.long
 def test_a_run_whose_result_is_gone_says_so(service: Served) -> None:
     found = seen(service, "gone")
     assert (found["state"], found["links"]) == ("gone", 0)
@@ -256,6 +268,7 @@ def test_a_run_whose_result_is_gone_says_so(service: Served) -> None:
     assert "run it again" in found["shown"]
 
 
+@pytest.mark.long
 def test_a_wrong_key_is_told_in_words_for_whoever_sits_at_the_page(
     tmp_path_factory: pytest.TempPathFactory, browser: None
 ) -> None:

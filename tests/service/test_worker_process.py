@@ -49,7 +49,7 @@ def at_work(db: Database) -> bool:
     return len(workers.list_workers(db)) == 1
 
 
-@pytest.mark.long("postgresql-15-0")
+@pytest.mark.long(but=["sqlite-15-0"])
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
 def test_a_stop_is_clean_and_leaves_no_process(
     database_url: str, tmp_path: Path, sign: signal.Signals, code: int

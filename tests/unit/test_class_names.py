@@ -6,6 +6,8 @@ import ast
 from collections import defaultdict
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 # Both are published: the one in docs/python.md, the other as a schema of openapi.json.
 BOTH_PUBLISHED = {"Conversion"}
@@ -33,6 +35,7 @@ def test_no_class_name_is_defined_twice():
     )
 
 
+@pytest.mark.long
 def test_exceptions_are_still_needed():
     places = classes_by_name()
     assert [name for name in BOTH_PUBLISHED if len(places[name]) < 2] == []

@@ -103,6 +103,7 @@ def limited(system, error="tcp", quantile=0.95, **how):
     return replace(system, requirements=(Requirement("r", error, quantile, 1.0, 0.95, names, **how),))
 
 
+@pytest.mark.long("0", "1")
 @pytest.mark.parametrize("seed", range(2))
 def test_the_worst_loss_at_many_neighbouring_targets_is_that_of_brute_force(seed):
     rng = np.random.default_rng(seed)

@@ -54,6 +54,7 @@ def test_the_new_design_scores_and_verifies_as_promised() -> None:
     assert high - low < 0.02
 
 
+@pytest.mark.long
 def test_costs_are_those_of_the_documents() -> None:
     """closed form: sum of 1 / half-width in rad over the six rotations, before and after, from the documents."""
     result = demo_result()

@@ -244,6 +244,7 @@ def test_the_corrected_programme_has_value_and_slopes_of_the_exact_quantile(risk
         assert slopes[0] @ along == pytest.approx(difference, rel=rel, abs=rel / 10)
 
 
+@pytest.mark.long
 def test_shadows_of_beads_are_kept_apart() -> None:
     """closed form: half of both shadows, diameter times focal length over depth, and 3 px; the distance that is asked
     for between their middles is less."""

@@ -55,6 +55,7 @@ def test_a_looser_limit_costs_less_and_every_point_is_verified() -> None:
     assert ratios == pytest.approx([ratios[0]] * 4, rel=1e-9)
 
 
+@pytest.mark.long
 def test_every_point_reproduces_its_quantile_and_its_cost() -> None:
     """independent: the score of a document with the point's numbers; closed form: sum of 1 / half-width in rad."""
     result = placed()

@@ -165,6 +165,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return answer
 
 
+@pytest.mark.long
 def test_it_takes_few_files() -> None:
     """The third is what editors show of it; a row in docs/estimators.md stands beside them."""
     files = Counter(file for file, _, _ in EDITS)
@@ -172,6 +173,7 @@ def test_it_takes_few_files() -> None:
     assert all((ROOT / "solver" / "tailstack" / file).is_file() for file in files)
 
 
+@pytest.mark.long
 def test_it_is_listed_accepted_and_not_trusted_before_it_is_calibrated(told: dict[str, Any]) -> None:
     assert "pose_and_focal" in json.dumps(told["schema"]["$defs"]["Model"]["properties"]["estimator"])
     assert told["validate"]["code"] == 0, told["validate"]
@@ -181,6 +183,7 @@ def test_it_is_listed_accepted_and_not_trusted_before_it_is_calibrated(told: dic
     assert "Gauss-Newton for pose and focal length, eight lanes" in told["verify"]["engine"]
 
 
+@pytest.mark.long
 def test_what_it_estimates_does_not_count_and_what_it_believes_does(told: dict[str, Any]) -> None:
     """closed form: least squares absorb what moves the images as an unknown does; rounding is left."""
     lines = {
@@ -195,6 +198,7 @@ def test_what_it_estimates_does_not_count_and_what_it_believes_does(told: dict[s
     assert p95_mm["toy, principal point wrong"] > 1.001 * p95_mm["toy"]
 
 
+@pytest.mark.long
 def test_it_stands_between_those_that_know_more_and_less(told: dict[str, Any]) -> None:
     """closed form: every unknown more adds to the covariance; a prior of nothing and of certainty is no prior."""
     p95_mm = told["p95_mm"]
@@ -203,6 +207,7 @@ def test_it_stands_between_those_that_know_more_and_less(told: dict[str, Any]) -
     assert p95_mm["toy"] == p95_mm["toy, told a prior"]
 
 
+@pytest.mark.long
 def test_simulation_agrees_with_first_order(told: dict[str, Any]) -> None:
     """sampled: P95 of 40,000 and 100,000 trials; intervals of 99.9 %, and a half of a per cent for what first order
     leaves out: error rate 2e-3 at most."""
@@ -215,6 +220,7 @@ def test_simulation_agrees_with_first_order(told: dict[str, Any]) -> None:
         assert first_order / simulated == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.long
 def test_lanes_are_the_plain_form(told: dict[str, Any]) -> None:
     """independent: QR from the nominal pose, as of the other estimators.  Where a view sees two fiducials fewer, its
     focal length is known to 14 %, and one trial in fifteen is left to that."""
@@ -224,6 +230,7 @@ def test_lanes_are_the_plain_form(told: dict[str, Any]) -> None:
     assert told["alike"]  # whatever trials run beside it
 
 
+@pytest.mark.long
 def test_tables_and_studies_have_it(told: dict[str, Any]) -> None:
     batch, one_by_one = told["batch"]
     assert batch == pytest.approx(one_by_one, rel=1e-12)
