@@ -116,8 +116,8 @@ def run_all(arguments: list[str]) -> int:
     print(f"run: seed {seed}; again with it: ./run test --all --seed {seed}", file=sys.stderr, flush=True)
     if "--for" in options:
         return run_for(seconds_of(options["--for"]), seed)
-    options = [*seeded(seed), *given]
-    return run_checks(CHECKS) or run_tier(*options) or run_tier_of_processors(*options)
+    more = (*seeded(seed), *given)
+    return run_checks(CHECKS) or run_tier(*more) or run_tier_of_processors(*more)
 
 
 def seeded(seed: int) -> tuple[str, ...]:
