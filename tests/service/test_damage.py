@@ -38,8 +38,8 @@ def test_a_changed_result_is_refused_its_job_says_so_and_asked_again_it_is_compu
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "jobs.sqlite3"
-    settings = Settings(database=f"sqlite:///{path}", worker_processes=1)
-    keyed = {"Idempotency-Key": "one", "Prefer": "wait=60"}
+    settings = Settings(database=f"sqlite:///{path}", worker_processes=1, max_wait_seconds=600.0)
+    keyed = {"Idempotency-Key": "one", "Prefer": "wait=600"}
     with (
         running_service(settings, worker=True, worker_log=tmp_path / "worker.log") as (host, port),
         httpx.Client(base_url=f"http://{host}:{port}", timeout=LIMIT_SECONDS, trust_env=False) as client,

@@ -147,15 +147,17 @@ def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) ->
     (tmp_path / "sitecustomize.py").write_text(
         f"import sys; sys.modules.update(dict.fromkeys({(*MODULES_OF['optimise'], *MODULES_OF['report'])!r}))\n"
     )
-    with served.served(tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{served.PATH}") as service:
+    with served.served(
+        tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{served.PATH}", TAILSTACK_MAX_WAIT_SECONDS="600"
+    ) as service:
         design = {"Content-Type": "application/yaml"}, (EXAMPLES / "demo.yaml").read_bytes()
         with httpx.Client(base_url=service.url, headers=design[0], timeout=LIMIT_SECONDS) as client:
             assert client.post("/v1/scores", content=design[1]).status_code == 200
-            refused = client.post("/v1/optimisations", content=design[1], headers={"Prefer": "wait=30"})
+            refused = client.post("/v1/optimisations", content=design[1], headers={"Prefer": "wait=600"})
             assert refused.status_code == 501, refused.text
             assert refused.json()["type"] == "/v1/problems/missing-extra"
             assert refused.json()["errors"][0]["hint"] == command("optimise")
-            done = client.post("/v1/verifications?trials=1000", content=design[1], headers={"Prefer": "wait=30"})
+            done = client.post("/v1/verifications?trials=1000", content=design[1], headers={"Prefer": "wait=600"})
             assert done.status_code in (200, 303)
             result = client.get("/v1/jobs?limit=1").json()["jobs"][0]["links"]["result"]
             page = client.get(f"{result}/report?format=html")

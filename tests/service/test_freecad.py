@@ -44,7 +44,7 @@ def freecad() -> str:
 def course(freecad: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What came of the course, run once; the folder with the saved documents is in it."""
     folder = tmp_path_factory.mktemp("freecad")
-    with client_with(Settings(worker_processes=1), worker=True) as client:
+    with client_with(Settings(worker_processes=1, max_wait_seconds=600.0), worker=True) as client:
         design = client.get("/v1/examples/first_carrier").json()
         design["optimise"]["starts"] = 1  # quick
         (folder / "design.json").write_text(json.dumps(design), encoding="utf-8")
@@ -58,7 +58,7 @@ def course(freecad: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
         assert (folder / "found.json").is_file(), done.stdout[-2000:] + done.stderr[-2000:]
         found: dict[str, Any] = json.loads((folder / "found.json").read_text(encoding="utf-8"))
         assert "traceback" not in found, found["traceback"]
-        optimum = client.post("/v1/optimisations", json={"design": design}, headers={"Prefer": "wait=60"})
+        optimum = client.post("/v1/optimisations", json={"design": design}, headers={"Prefer": "wait=600"})
         assert optimum.status_code == httpx.codes.OK
     return {**found, "folder": folder, "design": design, "expected": optimum.json()}
 

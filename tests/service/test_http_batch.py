@@ -31,7 +31,7 @@ PATH = "/v1/scores/batch"
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[httpx.Client]:
-    with client_with(Settings(worker_processes=1, max_batch_rows=6_000), worker=True) as client:
+    with client_with(Settings(worker_processes=1, max_batch_rows=6_000, max_wait_seconds=600.0), worker=True) as client:
         yield client
 
 
@@ -112,7 +112,7 @@ def test_the_same_bytes_at_once_and_as_a_job(client: httpx.Client) -> None:
     assert "at least 0" in record.columns["reason"][2]
     job = client.post(PATH, json=request, headers={"Prefer": "respond-async"})
     assert job.status_code == 202, job.text
-    waited = client.post(PATH, json=request, headers={"Prefer": "wait=30"})
+    waited = client.post(PATH, json=request, headers={"Prefer": "wait=600"})
     assert waited.status_code == 200, waited.text
     assert waited.content == at_once.content
     report = client.get(waited.headers["content-location"] + "/report?format=xlsx")

@@ -124,6 +124,7 @@ def service(folder: Path, *arguments: str, **changes: str) -> Iterator[tuple[sub
         "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}",
         "TAILSTACK_WORKER_PROCESSES": "1",  # every process more is two seconds of a core before the first request
         "TAILSTACK_SHORT_WORKERS": "1",
+        "TAILSTACK_MAX_WAIT_SECONDS": "600",
     }
     process = subprocess.Popen(
         [*COMMAND, "serve", "--port", "0", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -261,7 +262,7 @@ def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
             ThreadPoolExecutor(2) as pool,
         ):
             job = client.post("/v1/verifications", json=body).json()
-            waiting = pool.submit(client.post, "/v1/verifications", json=body, headers={"Prefer": "wait=60"})
+            waiting = pool.submit(client.post, "/v1/verifications", json=body, headers={"Prefer": "wait=600"})
             begun = Flag()
             stream = pool.submit(read_stream, client, job["links"]["events"], begun)
             assert begun.wait(LIMIT_SECONDS)
@@ -320,7 +321,7 @@ def after_a_death(tmp_path_factory: pytest.TempPathFactory) -> tuple[httpx.Respo
         first.kill()
         second = running_worker(process, other_than=first.pid)
         assert second.pid != first.pid
-        headers = {"X-Request-ID": "trace-1", "Prefer": "wait=60"}
+        headers = {"X-Request-ID": "trace-1", "Prefer": "wait=600"}
         body = {"design": small_design(), "trials": 1000}
         answer = httpx.post(
             url + "/v1/verifications", json=body, headers=headers, timeout=LIMIT_SECONDS, trust_env=False
