@@ -12,6 +12,8 @@ from typing import TypeVar
 
 import psutil
 
+from waiting import LIMIT_SECONDS
+
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
@@ -43,7 +45,7 @@ def ended(process: P) -> Iterator[P]:
         for stream in (process.stdin, process.stdout, process.stderr):
             if stream is not None:
                 stream.close()
-        process.wait(60)
+        process.wait(LIMIT_SECONDS)
 
 
 def forked_of(pid: int) -> list[psutil.Process]:

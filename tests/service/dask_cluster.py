@@ -15,7 +15,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -26,8 +25,7 @@ import pytest
 from postgres import required
 
 from family import die_with_parent
-
-STARTING_SECONDS = 60.0
+from waiting import LIMIT_SECONDS, until
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,27 +127,27 @@ class Cluster:
                 self.workers[place] = self._launch(
                     "dask_worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard",
                     "--dashboard-address", "127.0.0.1:0", "--host", "127.0.0.1", "--memory-limit", "0",
-                    "--local-directory", str(self.directory), "--death-timeout", "60",
+                    "--local-directory", str(self.directory), "--death-timeout", f"{LIMIT_SECONDS:.0f}",
                 )  # fmt: skip
 
     def kill_scheduler(self) -> None:
         """Workers without a scheduler leave by themselves."""
         assert self.scheduler is not None
         self.scheduler.kill()
-        self.scheduler.wait(10)
+        self.scheduler.wait(LIMIT_SECONDS)
 
     def kill_worker(self, place: int) -> None:
         worker = self.workers[place]
         assert worker is not None
         worker.kill()
-        worker.wait(10)
+        worker.wait(LIMIT_SECONDS)
 
     def close(self) -> None:
         for process in [*self.workers, self.scheduler]:
             if process is not None:
                 if process.poll() is None:
                     process.kill()
-                process.wait(10)
+                process.wait(LIMIT_SECONDS)
         self._parent.shutdown()
         shutil.rmtree(self.directory, ignore_errors=True)
 
@@ -170,7 +168,7 @@ class Cluster:
                     cwd=self.directory, preexec_fn=die_with_parent,
                 )  # fmt: skip
 
-        return self._parent.submit(start).result(STARTING_SECONDS)
+        return self._parent.submit(start).result(LIMIT_SECONDS)
 
     def _start_on_free_port(self) -> int:
         # Below the range that the system hands to outgoing connections, so that it is still free at a restart
@@ -191,15 +189,19 @@ class Cluster:
         raise RuntimeError(f"the Dask scheduler did not start:\n{self.log()[-2000:]}")
 
     def _answers(self) -> bool:
-        assert self.scheduler is not None
-        deadline = time.monotonic() + STARTING_SECONDS
-        while self.scheduler.poll() is None and time.monotonic() < deadline:
+        """Whether somebody listens, once that is known."""
+        scheduler = self.scheduler
+        assert scheduler is not None
+
+        def listens() -> bool:
             try:
-                socket.create_connection(("127.0.0.1", self.port), timeout=1).close()
-                return True
+                socket.create_connection(("127.0.0.1", self.port), timeout=LIMIT_SECONDS).close()
             except OSError:
-                time.sleep(0.05)
-        return False
+                return False
+            return True
+
+        until(lambda: scheduler.poll() is not None or listens(), self.log)
+        return scheduler.poll() is None
 
 
 def installed() -> bool:

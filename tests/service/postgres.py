@@ -7,6 +7,7 @@ lists ``postgresql``: then they fail.
 
 from __future__ import annotations
 
+import math
 import os
 import pwd
 import random
@@ -16,7 +17,6 @@ import signal
 import socket
 import subprocess
 import tempfile
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -30,8 +30,8 @@ import pytest
 from psycopg import sql
 
 from family import die_with_parent
+from waiting import LIMIT_SECONDS, until
 
-STARTING_SECONDS = 60.0
 USER = "tailstack"
 
 
@@ -59,27 +59,28 @@ class Server:
 
     def start(self) -> None:
         """Start the server and wait until it answers."""
-        self._parent.submit(self._launch).result(STARTING_SECONDS)
-        deadline = time.monotonic() + STARTING_SECONDS
-        while True:
+        self._parent.submit(self._launch).result(LIMIT_SECONDS)
+
+        def answers() -> bool:
             try:
-                psycopg.connect(self.url("postgres"), connect_timeout=5).close()
-                return
+                psycopg.connect(self.url("postgres"), connect_timeout=math.ceil(LIMIT_SECONDS)).close()
             except psycopg.OperationalError as error:
-                assert self._process is not None
-                if self._process.poll() is not None or time.monotonic() > deadline:
+                if not self.running:
                     raise RuntimeError(f"PostgreSQL did not start: {error}\n{self._log.read_text()[-2000:]}") from None
-                time.sleep(0.02)
+                return False
+            return True
+
+        until(answers, lambda: f"PostgreSQL does not answer: {self._log.read_text()[-2000:]}")
 
     def stop(self, *, immediate: bool = True) -> None:
         """Stop it; ``immediate`` as after a power cut: nothing is finished or flushed, the next start recovers."""
         if self._process is not None and self.running:
             self._process.send_signal(signal.SIGQUIT if immediate else signal.SIGINT)
             try:
-                self._process.wait(30)
+                self._process.wait(LIMIT_SECONDS)
             except subprocess.TimeoutExpired:
                 self._process.kill()
-                self._process.wait(10)
+                self._process.wait(LIMIT_SECONDS)
 
     def restart(self, *, immediate: bool = True) -> None:
         self.stop(immediate=immediate)
@@ -126,7 +127,7 @@ class Server:
             self.binaries / "initdb", "--pgdata", self.directory / "data", "--username", USER, "--no-sync",
             "--auth", "scram-sha-256", "--pwfile", password_file, "--encoding", "UTF8", "--locale", "C.UTF-8",
         ]  # fmt: skip
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300, **self._identity())
+        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_SECONDS, **self._identity())
         if done.returncode != 0:
             raise RuntimeError(f"initdb failed: {done.stderr or done.stdout}")
         password_file.unlink()
@@ -186,7 +187,9 @@ def find_binaries() -> Path | None:
     )
     configured = shutil.which("pg_config")
     if configured:
-        done = subprocess.run([configured, "--bindir"], capture_output=True, text=True, timeout=300, check=True)
+        done = subprocess.run(
+            [configured, "--bindir"], capture_output=True, text=True, timeout=LIMIT_SECONDS, check=True
+        )
         candidates.append(Path(done.stdout.strip()))
     found = shutil.which("postgres")
     if found:

@@ -8,24 +8,21 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
 import httpx
-import psutil
 from service_scenes import ROOT
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from tailstack_service.cli.main import main
+from waiting import LIMIT_SECONDS, until
 
 COMMAND = [sys.executable, "-m", "tailstack_service.cli.main"]
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
-READY_SECONDS = 300.0  # a cold compile cache takes a while
-STOP_SECONDS = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,26 +86,16 @@ def served(directory: Path, **changes: str) -> Iterator[Served]:
 
 
 def _await_ready(url: str, process: subprocess.Popen[str], log: Path) -> None:
-    deadline = time.monotonic() + READY_SECONDS
-    while httpx.get(url + "/health/ready", timeout=READY_SECONDS, trust_env=False).status_code != 200:
+    def ready() -> bool:
         assert process.poll() is None, log.read_text()
-        assert time.monotonic() < deadline, log.read_text()
-        time.sleep(0.1)
+        return httpx.get(url + "/health/ready", timeout=LIMIT_SECONDS, trust_env=False).status_code == 200
+
+    until(ready, log.read_text)
 
 
 def _end(process: subprocess.Popen[str]) -> None:
     """SIGTERM, and SIGKILL for whoever of the family is still there."""
-    family = [process.pid]
-    if process.poll() is None:
-        family += [child.pid for child in psutil.Process(process.pid).children(recursive=True)]
+    with ended(process):
         process.send_signal(signal.SIGTERM)
-    try:
-        process.wait(STOP_SECONDS)
-    except subprocess.TimeoutExpired:
-        for pid in family:
-            if psutil.pid_exists(pid):
-                os.kill(pid, signal.SIGKILL)
-        process.wait(STOP_SECONDS)
-    finally:
-        if process.stdout is not None:
-            process.stdout.close()
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(LIMIT_SECONDS)

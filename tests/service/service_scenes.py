@@ -22,6 +22,7 @@ from tailstack_service.http.server import running_service
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
@@ -77,7 +78,7 @@ def client_with(settings: Settings | None = None, *, worker: bool = False) -> It
     """A client of a service that runs in this process, over a real connection; jobs end only with a worker."""
     with (
         running_service(settings or Settings(worker_processes=1), warm_up=False, worker=worker) as (host, port),
-        httpx.Client(base_url=f"http://{host}:{port}", timeout=300, trust_env=False) as client,
+        httpx.Client(base_url=f"http://{host}:{port}", timeout=LIMIT_SECONDS, trust_env=False) as client,
     ):
         yield client
 

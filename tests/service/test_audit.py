@@ -14,7 +14,6 @@ import httpx
 import pytest
 from service_scenes import client_with, limited
 from store_scenes import Clock
-from worker_scenes import until
 
 from tailstack_service.jobs.store import audit, upkeep
 from tailstack_service.jobs.store.database import Database
@@ -22,6 +21,7 @@ from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.keys import create_key, revoke_key
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.settings import Settings
+from waiting import until
 
 DAY = 86_400.0
 HOUR = 3_600.0

@@ -23,6 +23,7 @@ from tailstack_service.report.charts import (
 )
 from tailstack_service.report.half_widths import tolerance_curves
 from tailstack_service.report.records import Difference, ErrorDistribution
+from waiting import LIMIT_SECONDS
 
 LONG = " ".join(f"adapter{k} of the carrier on its third spigot" for k in range(5))  # two hundred letters
 SHOWN = ErrorDistribution("tip $a$", (0.0, 0.5, 1.0, 1.5), (0.5, 0.3, 0.2), (0.48, 0.31, 0.21), 5000)
@@ -39,7 +40,7 @@ def run(code: str, folder: Path, **environment: str) -> subprocess.CompletedProc
     kept = {name: value for name, value in os.environ.items() if name not in ("MPLCONFIGDIR", "XDG_CACHE_HOME")}
     return subprocess.run(
         [sys.executable, "-c", code], env={**kept, "PYTHONPATH": path, "PYTHONUTF8": "1", **environment}, cwd=folder,
-        capture_output=True, text=True, timeout=300, check=True,
+        capture_output=True, text=True, timeout=LIMIT_SECONDS, check=True,
     )  # fmt: skip
 
 

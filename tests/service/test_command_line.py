@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 from service_scenes import EXAMPLES, ROOT, commands
 
+from waiting import LIMIT_SECONDS
+
 DEMO = str(EXAMPLES / "demo.yaml")
 
 
@@ -29,7 +31,7 @@ def test_python_m_tailstack_is_the_command_and_hints_say_so() -> None:
     done = subprocess.run(
         [sys.executable, "-P", "-m", "tailstack", "score", "nowhere.yaml"],
         env={"PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}", "PATH": ""},
-        capture_output=True, text=True, timeout=300, check=False,
+        capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False,
     )  # fmt: skip
     assert done.returncode == 2
     assert done.stderr.startswith("tailstack score: the design document is not valid")

@@ -8,14 +8,17 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from tailstack import ahead
 from tailstack_service.console.compilation import CompilationProgress
+from waiting import LIMIT_SECONDS
 
 # Three that take a moment, as if a verb needed no others
 PROGRAM = """
@@ -35,13 +38,22 @@ print(json.dumps([kernels.TRAFFIC.compiled, kernels.TRAFFIC.loaded]))
 """
 
 
-def start(place: Path, **variables: str) -> subprocess.Popen[str]:
+@contextmanager
+def running(place: Path, **variables: str) -> Iterator[subprocess.Popen[str]]:
+    """The program; it ends with the block."""
     given = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
     given |= {"HOME": str(place), "PYTHONPATH": os.pathsep.join(path for path in sys.path if path), **variables}
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM], env=given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=die_with_parent,
     )  # fmt: skip
+    with ended(process):
+        yield process
+
+
+def run(place: Path, **variables: str) -> tuple[str, str]:
+    with running(place, **variables) as process:
+        return process.communicate(timeout=LIMIT_SECONDS)
 
 
 def stored(place: Path) -> set[str]:
@@ -50,19 +62,20 @@ def stored(place: Path) -> set[str]:
 
 @pytest.mark.long
 def test_what_a_command_needs_is_compiled_once_and_counted(tmp_path: Path) -> None:
-    first = start(tmp_path)
-    out, err = first.communicate(timeout=600)
+    out, err = run(tmp_path)
     assert json.loads(out) == [0, 2], err  # none here: other processes did it
     assert re.fullmatch(r"(compiling kernels, once on this machine: [0-3] of 3(, about \d+ s)?\n)+", err), err
     assert stored(tmp_path / ".cache" / "tailstack" / "kernels") >= {"tail.lattice.balls", "tail.spectrum._law_fault"}
-    out, err = start(tmp_path).communicate(timeout=600)
+    out, err = run(tmp_path)
     assert (json.loads(out), err) == ([0, 2], "")
 
 
 @pytest.mark.long
 def test_two_first_commands_at_once_leave_whole_files(tmp_path: Path) -> None:
-    started = [start(tmp_path, XDG_CACHE_HOME=str(tmp_path / "cache")) for _ in range(2)]
-    assert [json.loads(process.communicate(timeout=600)[0]) for process in started] == [[0, 2], [0, 2]]
+    cache = str(tmp_path / "cache")
+    with running(tmp_path, XDG_CACHE_HOME=cache) as one, running(tmp_path, XDG_CACHE_HOME=cache) as other:
+        said = [process.communicate(timeout=LIMIT_SECONDS)[0] for process in (one, other)]
+    assert [json.loads(out) for out in said] == [[0, 2], [0, 2]]
     place = tmp_path / "cache" / "tailstack" / "kernels"
     assert not list(place.glob(".*"))
     assert stored(place) >= {"tail.lattice.balls", "tail.spectrum._law_fault", "tail.declared.column_slopes"}
@@ -71,8 +84,7 @@ def test_two_first_commands_at_once_leave_whole_files(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_without_a_place_to_keep_them_they_are_compiled_beside_all_the_same(tmp_path: Path) -> None:
     (tmp_path / "home").touch()  # no folder can be made in it
-    process = start(tmp_path / "home", TMPDIR=str(tmp_path))
-    out, err = process.communicate(timeout=600)
+    out, err = run(tmp_path / "home", TMPDIR=str(tmp_path))
     assert json.loads(out) == [0, 2], err
     assert err.count("cannot be written") == 1
     assert "set NUMBA_CACHE_DIR" in err

@@ -12,6 +12,7 @@ from service_scenes import EXAMPLES
 
 from tailstack_service.cli.main import main
 from tailstack_service.cli.verbs import verbs
+from waiting import LIMIT_SECONDS
 
 SCRIPTS = Path(__file__).parent / "shells"
 SHELLS = ("bash", "zsh", "fish")
@@ -62,7 +63,7 @@ def offers(shell: str, script: Path, line: str, room: Path) -> set[str]:
         "zsh": ["zsh", "-f", str(SCRIPTS / "complete.zsh"), str(script.parent), line],
         "fish": ["fish", "--no-config", "-c", f"source {script}; complete -C '{line}'"],
     }[shell]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=room, timeout=300, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=room, timeout=LIMIT_SECONDS, check=False)
     return {offer.split("\t")[0] for offer in done.stdout.splitlines()}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
@@ -14,8 +13,7 @@ import psutil
 import pytest
 import strange_units
 from dask_cluster import Cluster
-from strange_units import request
-from worker_scenes import LONG, until
+from strange_units import begun, request
 
 from family import forked_of
 from tailstack import load_design
@@ -29,6 +27,7 @@ from tailstack_service.operations.request import RawRequest
 from tailstack_service.problems import RequestError
 from tailstack_service.settings import Settings
 from tailstack_service.task import Estimated, Task
+from waiting import LIMIT_SECONDS, until
 
 if TYPE_CHECKING:
     from tailstack_service.jobs.engines.dask import DaskEngine
@@ -45,17 +44,20 @@ def children(cluster: Cluster) -> list[psutil.Process]:
     return found
 
 
-def burning(cluster: Cluster) -> list[psutil.Process]:
-    """Processes beside the workers that have computed in the last moments."""
-    found, before = [], {}
-    for child in children(cluster):
-        with suppress(psutil.NoSuchProcess):
-            before[child] = child.cpu_times().user
-    time.sleep(0.25)
-    for child, seconds in before.items():
-        with suppress(psutil.NoSuchProcess):
-            found += [child] if child.cpu_times().user > seconds + 0.02 else []
-    return found
+def computing(cluster: Cluster) -> psutil.Process:
+    """The first process beside the workers that is seen to compute: it used a good part of a second of the processor
+    since it was first looked at, which no mere start does."""
+    first: dict[psutil.Process, float] = {}
+
+    def found() -> psutil.Process | None:
+        for child in children(cluster):
+            with suppress(psutil.NoSuchProcess):
+                seconds = child.cpu_times().user
+                if seconds > first.setdefault(child, seconds) + 0.1:
+                    return child
+        return None
+
+    return until(found)
 
 
 @pytest.fixture
@@ -73,11 +75,11 @@ def test_tasks_are_computed_and_nothing_stays_in_the_cluster(dask_cluster: Clust
     from distributed import Client
 
     futures = [engine.submit(task(number=number), f"plain-{number}") for number in range(20)]
-    results = {future.result(LONG).result for future in futures}
+    results = {future.result(LIMIT_SECONDS).result for future in futures}
     assert len(results) == 20
     assert None not in results
     with Client(dask_cluster.address, security=engine._security, set_as_default=False) as watcher:
-        until(lambda: watcher.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)) == 0, 10.0)
+        until(lambda: watcher.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)) == 0)
 
 
 def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:
@@ -88,11 +90,11 @@ def test_a_death_is_that_of_one_task_and_not_of_the_dask_worker(dask_cluster: Cl
     for number, future in enumerate(futures):
         if number % 4 == 0:
             with pytest.raises(Died, match="SIGKILL"):
-                future.result(LONG)
+                future.result(LIMIT_SECONDS)
         else:
-            assert future.result(LONG).result
+            assert future.result(LIMIT_SECONDS).result
     with pytest.raises(Defect, match="ArithmeticError"):
-        engine.submit(task("raise"), "raise").result(LONG)
+        engine.submit(task("raise"), "raise").result(LIMIT_SECONDS)
     assert [worker.pid for worker in dask_cluster.workers if worker and worker.poll() is None] == before
 
 
@@ -113,60 +115,64 @@ def test_a_table_of_designs_has_the_same_bytes_when_a_process_is_killed_over_it(
     with closing(DaskEngine(Settings(**dask_cluster.settings))) as engine, ThreadPoolExecutor(1) as pool:
         until(lambda: engine.capacity == 2)
         answer = pool.submit(compute_job, engine, "batch", job.content)
-        until(lambda: burning(dask_cluster))[0].kill()
-        found = answer.result(3 * LONG)
+        computing(dask_cluster).kill()
+        found = answer.result(LIMIT_SECONDS)
     options = operation.options.model_validate({"table": table})
     assert found == to_json(operation.run(Call((load_design(EXAMPLE_DESIGN),), options)))
 
 
 @pytest.mark.long
-def test_a_kill_stops_the_process_beside_the_dask_worker(dask_cluster: Cluster, engine: DaskEngine) -> None:
-    future = engine.submit(task("burn"), "burn")
-    burners: list[psutil.Process] = []
-    while not burners:  # 3 s of computing are no mere start
-        burners = [process for process in burning(dask_cluster) if process.cpu_times().user > 3.0]
+def test_a_kill_stops_the_process_beside_the_dask_worker(engine: DaskEngine, tmp_path: Path) -> None:
+    """It computes for ever otherwise."""
+    note = tmp_path / "note"
+    future = engine.submit(task("burn", note=str(note)), "burn")
+    ((_, pid),) = until(lambda: begun(note))
     engine.kill(future)
-    ended, _ = psutil.wait_procs(burners, timeout=300)
-    assert ended == burners
-    assert engine.submit(task(), "after").result(LONG).result
+    until(lambda: not psutil.pid_exists(pid))
+    assert engine.submit(task(), "after").result(LIMIT_SECONDS).result
 
 
 def test_processes_beside_dask_workers_compute_with_one_thread(dask_cluster: Cluster, engine: DaskEngine) -> None:
     for number in range(4):
-        engine.submit(task(n=number), f"environment-{number}").result(LONG)
+        engine.submit(task(n=number), f"environment-{number}").result(LIMIT_SECONDS)
     assert all(child.environ()["OMP_NUM_THREADS"] == "1" for child in children(dask_cluster))
 
 
 @pytest.mark.long
-def test_a_lost_dask_worker_costs_only_time(dask_cluster: Cluster, engine: DaskEngine) -> None:
+def test_a_lost_dask_worker_costs_only_time(dask_cluster: Cluster, engine: DaskEngine, tmp_path: Path) -> None:
     """The scheduler gives what it computed to the other one."""
-    futures = [engine.submit(task("sleep", seconds=1.0, n=number), f"lost-{number}") for number in range(2)]
-    until(lambda: all(dask_cluster.workers) and len(children(dask_cluster)) >= 2)
-    time.sleep(0.3)
+    note, go = tmp_path / "note", tmp_path / "go"
+    held = task("wait", note=str(note), until=str(go))
+    futures = [engine.submit(held, f"lost-{number}") for number in range(2)]
+    until(lambda: len(begun(note)) == 2, lambda: begun(note))
     dask_cluster.kill_worker(0)
-    assert all(future.result(LONG).result for future in futures)
+    go.touch()
+    assert all(future.result(LIMIT_SECONDS).result for future in futures)
     dask_cluster.revive()
     until(lambda: engine.capacity == 2)
 
 
 @pytest.mark.long
-def test_a_lost_scheduler_gives_everything_back_and_is_found_again(dask_cluster: Cluster, engine: DaskEngine) -> None:
+def test_a_lost_scheduler_gives_everything_back_and_is_found_again(
+    dask_cluster: Cluster, engine: DaskEngine, tmp_path: Path
+) -> None:
     from tailstack_service.processes.frames import GivenBack
 
-    futures = [engine.submit(task("burn", seconds=30.0, n=number), f"away-{number}") for number in range(4)]
-    until(lambda: len(burning(dask_cluster)) == 2)
+    note = tmp_path / "note"
+    futures = [engine.submit(task("burn", note=str(note)), f"away-{number}") for number in range(4)]
+    until(lambda: len(begun(note)) == 2, lambda: begun(note))
     beside = children(dask_cluster)
     dask_cluster.kill_scheduler()
     for future in futures:
         with pytest.raises(GivenBack):
-            future.result(LONG)
+            future.result(LIMIT_SECONDS)
     assert engine.capacity == 0
-    psutil.wait_procs(beside, timeout=300)  # the Dask workers leave, and nobody computes for nobody
+    psutil.wait_procs(beside, timeout=LIMIT_SECONDS)  # the Dask workers leave, and nobody computes for nobody
     assert not [process for process in beside if process.is_running()]
     until(lambda: all(worker and worker.poll() is not None for worker in dask_cluster.workers))
     dask_cluster.revive()
     until(lambda: engine.capacity == 2)
-    assert engine.submit(task(), "found").result(LONG).result
+    assert engine.submit(task(), "found").result(LIMIT_SECONDS).result
 
 
 @pytest.mark.long
@@ -178,7 +184,7 @@ def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster
     with closing(DaskEngine(nowhere)) as engine:
         assert engine.capacity == 0
         with pytest.raises(GivenBack):
-            engine.submit(task(), "x").result(LONG)
+            engine.submit(task(), "x").result(LIMIT_SECONDS)
 
 
 def test_another_version_on_the_dask_workers_computes_nothing(
@@ -188,7 +194,7 @@ def test_another_version_on_the_dask_workers_computes_nothing(
 
     monkeypatch.setattr("tailstack_service.jobs.engines.dask.running_code", lambda: "0.0.0")
     with pytest.raises(GivenBack, match=r"the job was claimed by 0\.0\.0"):
-        engine.submit(task(), f"version-{os.urandom(3).hex()}").result(LONG)
+        engine.submit(task(), f"version-{os.urandom(3).hex()}").result(LIMIT_SECONDS)
 
 
 @pytest.mark.parametrize(

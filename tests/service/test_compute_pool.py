@@ -19,18 +19,17 @@ from pathlib import Path
 import psutil
 import pytest
 import strange_units
-from strange_units import expected_answer, request
-from worker_scenes import until
+from strange_units import begun, expected_answer, request
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import child
 from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
 from tailstack_service.processes.interpreter import digest_code, make_command, make_environment
 from tailstack_service.task import ADVANCE, Outcome, Task, UnitResult
+from waiting import LIMIT_SECONDS, until
 
 UNIT = b'{"unit":0}'
-LONG = 30.0  # s, for what takes a fraction of one
 
 
 def task(do: str = "answer", spec: bytes = UNIT, **options: object) -> Task:
@@ -52,10 +51,10 @@ def pool() -> Iterator[PoolEngine]:
 
 def test_a_task_and_its_outcome(pool: PoolEngine) -> None:
     asked = request(units=1)
-    result = pool.submit(Task("verification", asked, UNIT), "one").result(LONG).result
+    result = pool.submit(Task("verification", asked, UNIT), "one").result(LIMIT_SECONDS).result
     assert result is not None
     look = Task("verification", asked, ADVANCE, (UnitResult(1, UNIT, result),))
-    assert pool.submit(look, "two").result(LONG).answer == expected_answer(asked)
+    assert pool.submit(look, "two").result(LIMIT_SECONDS).answer == expected_answer(asked)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +68,7 @@ def test_a_task_and_its_outcome(pool: PoolEngine) -> None:
 )
 def test_a_death_names_its_signal(pool: PoolEngine, number: int, words: str) -> None:
     with pytest.raises(Died, match=words):
-        pool.submit(task("die", signal=int(number)), f"signal-{number}").result(LONG)
+        pool.submit(task("die", signal=int(number)), f"signal-{number}").result(LIMIT_SECONDS)
 
 
 def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,12 +76,12 @@ def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pyte
     monkeypatch.setattr("tailstack_service.processes.nursery.digest_code", lambda: "of the files that were here")
     words = "were replaced since this process was started"
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(OutOfDate, match=words):
-        engine.submit(task(), "late").result(LONG)
+        engine.submit(task(), "late").result(LIMIT_SECONDS)
 
 
 def test_what_solvers_print_does_not_meet_the_outcomes(pool: PoolEngine) -> None:
     for number in range(4):
-        assert pool.submit(task("print"), f"print-{number}").result(LONG).result
+        assert pool.submit(task("print"), f"print-{number}").result(LIMIT_SECONDS).result
 
 
 def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:
@@ -92,14 +91,14 @@ def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:
     for number, future in enumerate(futures):
         if number % 4 == 0:
             with pytest.raises(Died, match="SIGKILL"):
-                future.result(LONG)
+                future.result(LIMIT_SECONDS)
         else:
-            assert future.result(LONG).result
+            assert future.result(LIMIT_SECONDS).result
 
 
 def test_an_exit_code_is_told(pool: PoolEngine) -> None:
     with pytest.raises(Died, match="exit code 3"):
-        pool.submit(task("leave"), "leave").result(LONG)
+        pool.submit(task("leave"), "leave").result(LIMIT_SECONDS)
 
 
 def test_a_process_that_dies_idle_is_nobodys_fault(pool: PoolEngine) -> None:
@@ -107,68 +106,76 @@ def test_a_process_that_dies_idle_is_nobodys_fault(pool: PoolEngine) -> None:
         for pid in pool.pids():
             os.kill(pid, signal.SIGKILL)
         futures = [pool.submit(task(), f"after-{os.urandom(4).hex()}") for _ in range(2)]
-        assert all(future.result(LONG).result for future in futures)
+        assert all(future.result(LIMIT_SECONDS).result for future in futures)
 
 
 def test_a_defect_comes_with_its_traceback(pool: PoolEngine) -> None:
     with pytest.raises(Defect, match="ArithmeticError: a defect, for the test of it") as caught:
-        pool.submit(task("raise"), "raise").result(LONG)
+        pool.submit(task("raise"), "raise").result(LIMIT_SECONDS)
     assert "strange_units.py" in str(caught.value)
 
 
-@pytest.mark.long
-def test_a_kill_stops_the_process_at_once(pool: PoolEngine) -> None:
-    future = pool.submit(task("burn", seconds=3600.0), "burn")
-    until(lambda: pool.seconds(future) > 0.2)
-    busy: list[int] = []
-    while not busy:  # on a machine that others use, a process that has just been started may take a while to compute
-        busy = [pid for pid in pool.pids() if psutil.Process(pid).cpu_times().user > 0.1]
+def test_a_kill_stops_the_process_at_once(pool: PoolEngine, tmp_path: Path) -> None:
+    """It computes for ever otherwise."""
+    note = tmp_path / "note"
+    future = pool.submit(task("burn", note=str(note)), "burn")
+    ((_, pid),) = until(lambda: begun(note))
+    assert pool.seconds(future) > 0.0
     pool.kill(future)
-    assert future.exception(LONG) is not None
+    assert future.exception(LIMIT_SECONDS) is not None
     assert pool.seconds(future) == 0.0
-    assert any(gone(pid) for pid in busy)
-    assert pool.submit(task(), "after-burn").result(LONG).result
+    assert gone(pid)
+    assert pool.submit(task(), "after-burn").result(LIMIT_SECONDS).result
 
 
-def test_what_waits_can_be_killed_and_harms_nobody(pool: PoolEngine) -> None:
-    running = [pool.submit(task("sleep", seconds=0.5), f"sleep-{k}") for k in range(2)]
+def test_what_waits_can_be_killed_and_harms_nobody(pool: PoolEngine, tmp_path: Path) -> None:
+    go = tmp_path / "go"
+    running = [pool.submit(task("wait", until=str(go)), f"wait-{k}") for k in range(2)]
     waiting = pool.submit(task(), "waiting")
     assert pool.seconds(waiting) == 0.0
     pool.kill(waiting)
     assert waiting.cancelled()
-    assert all(future.result(LONG).result for future in running)
+    go.touch()
+    assert all(future.result(LIMIT_SECONDS).result for future in running)
 
 
-def test_signals_to_the_group_are_left_to_the_worker(pool: PoolEngine) -> None:
-    future = pool.submit(task("sleep", seconds=0.5), "signals")
-    until(lambda: pool.seconds(future) > 0.1)
+def test_signals_to_the_group_are_left_to_the_worker(pool: PoolEngine, tmp_path: Path) -> None:
+    note, go = tmp_path / "note", tmp_path / "go"
+    future = pool.submit(task("wait", note=str(note), until=str(go)), "signals")
+    until(lambda: begun(note))
     for pid in pool.pids():
         os.kill(pid, signal.SIGINT)
         os.kill(pid, signal.SIGTERM)
-    assert future.result(LONG).result
+    go.touch()
+    assert future.result(LIMIT_SECONDS).result
 
 
-def test_processes_do_not_end_with_the_thread_that_asked(pool: PoolEngine) -> None:
+def test_processes_do_not_end_with_the_thread_that_asked(tmp_path: Path) -> None:
     """PR_SET_PDEATHSIG looks at the thread that started a process: a replacement is started under one that ends."""
+    note, go = tmp_path / "note", tmp_path / "go"
     found: list[Future[Outcome]] = []
 
     def short_life() -> None:
         engine = PoolEngine(1, function=strange_units.FUNCTION)
-        found.append(engine.submit(task("sleep", seconds=0.5), "threads"))
+        found.append(engine.submit(task("wait", note=str(note), until=str(go)), "threads"))
         engines.append(engine)
+        until(lambda: begun(note))
 
     engines: list[PoolEngine] = []
     thread = threading.Thread(target=short_life)
     thread.start()
-    thread.join()
+    thread.join(LIMIT_SECONDS)
     try:
-        assert found[0].result(LONG).result
+        until(lambda: not Path(f"/proc/self/task/{thread.native_id}").exists())  # the system has let it go
+        go.touch()
+        assert len(begun(note)) == 1
+        assert found[0].result(LIMIT_SECONDS).result
     finally:
         engines[0].close()
 
 
 def test_environment_of_heavy_loops(pool: PoolEngine) -> None:
-    pool.submit(task(), "environment").result(LONG)
+    pool.submit(task(), "environment").result(LIMIT_SECONDS)
     told = psutil.Process(pool.pids()[0]).environ()
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
         assert told[name] == "1"
@@ -180,9 +187,9 @@ def test_a_process_is_replaced_after_many_tasks() -> None:
         first = engine.pids()
         for number in range(0, child.TASKS, 100):
             for future in [engine.submit(task(), f"{number + k}") for k in range(100)]:
-                future.result(LONG)
+                future.result(LIMIT_SECONDS)
         until(lambda: engine.pids() != first)
-        assert engine.submit(task(), "one more").result(LONG).result
+        assert engine.submit(task(), "one more").result(LIMIT_SECONDS).result
 
 
 def test_a_function_that_cannot_be_imported_is_a_defect() -> None:
@@ -190,13 +197,13 @@ def test_a_function_that_cannot_be_imported_is_a_defect() -> None:
         closing(PoolEngine(1, function="no_such_module:perform")) as engine,
         pytest.raises(Defect, match="no_such_mod"),
     ):
-        engine.submit(task(), "x").result(LONG)
+        engine.submit(task(), "x").result(LIMIT_SECONDS)
 
 
 def test_processes_that_never_begin_are_not_started_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tailstack_service.processes.nursery.make_command", lambda *_: [sys.executable, "-c", ""])
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(GivenBack, match="in a row"):
-        engine.submit(task(), "x").result(LONG)
+        engine.submit(task(), "x").result(LIMIT_SECONDS)
 
 
 def test_closing_leaves_no_process() -> None:
@@ -211,16 +218,16 @@ def test_closing_leaves_no_process() -> None:
 
 
 PARENT = """
-import json, sys, time
+import json, threading
 from strange_units import FUNCTION, request
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.task import Task
+from waiting import until
 engine = PoolEngine(2, function=FUNCTION)
-future = engine.submit(Task("verification", request("burn", seconds=3600.0), b'{"unit":0}'), "x")
-while not engine.seconds(future):
-    time.sleep(0.01)
+future = engine.submit(Task("verification", request("burn"), b'{"unit":0}'), "x")
+until(lambda: engine.seconds(future))
 print(json.dumps(engine.pids()), flush=True)
-time.sleep(3600)
+threading.Event().wait()
 """
 
 
@@ -233,15 +240,12 @@ def test_processes_end_with_their_parent_even_while_they_compute() -> None:
         env=make_environment(),
         preexec_fn=die_with_parent,
     )
-    try:
+    with ended(parent):
         assert parent.stdout is not None
         pids = json.loads(parent.stdout.readline())
         assert len(pids) == 2
         parent.kill()
         until(lambda: all(gone(pid) for pid in pids))
-    finally:
-        parent.kill()
-        parent.communicate(timeout=LONG)
 
 
 def test_a_process_whose_parent_is_already_another_leaves() -> None:
@@ -251,11 +255,8 @@ def test_a_process_whose_parent_is_already_another_leaves() -> None:
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=make_environment(),
             preexec_fn=die_with_parent,
     )  # fmt: skip
-    try:
-        assert started.wait(LONG) == 1
-    finally:
-        started.kill()
-        started.communicate(timeout=LONG)
+    with ended(started):
+        assert started.wait(LIMIT_SECONDS) == 1
 
 
 # --- signs of life --------------------------------------------------------------------------------
@@ -263,21 +264,23 @@ def test_a_process_whose_parent_is_already_another_leaves() -> None:
 
 @pytest.mark.long
 def test_a_process_that_stands_still_is_killed_and_one_that_computes_is_not(tmp_path: Path) -> None:
-    note = tmp_path / "note"
+    note, go = tmp_path / "note", tmp_path / "go"
     with closing(PoolEngine(2, function=strange_units.FUNCTION, hang_seconds=2.0)) as engine:
-        burn = task("burn", seconds=5.0, note=str(note))
+        burn = task("burn", note=str(note), until=str(go))
         stopped, computing = (engine.submit(burn, name) for name in ("stopped", "computing"))
-        until(lambda: note.exists() and len(note.read_text().splitlines()) == 2)  # both have begun
+        until(lambda: len(begun(note)) == 2)
         victim = engine._children._busy["stopped"][0].pid
         os.kill(victim, signal.SIGSTOP)
         with pytest.raises(Died, match="no sign of life: it used no processor time"):
-            stopped.result(LONG)
+            stopped.result(LIMIT_SECONDS)
         assert not psutil.pid_exists(victim)
-        assert computing.result(LONG).result is not None
-        deadlocked = engine.submit(task("sleep"), "deadlocked")  # it waits for what does not come
+        assert not computing.done()  # it has computed for as long
+        go.touch()
+        assert computing.result(LIMIT_SECONDS).result is not None
+        deadlocked = engine.submit(task("wait"), "deadlocked")  # it waits for what does not come
         with pytest.raises(Died, match="no sign of life"):
-            deadlocked.result(LONG)
-        assert engine.submit(task(), "next").result(LONG).result is not None
+            deadlocked.result(LIMIT_SECONDS)
+        assert engine.submit(task(), "next").result(LIMIT_SECONDS).result is not None
 
 
 @pytest.mark.long
@@ -287,5 +290,5 @@ def test_a_task_that_is_too_large_for_the_pipe_of_a_process_that_stands_still() 
         (pid,) = engine.pids()
         os.kill(pid, signal.SIGSTOP)
         large = engine.submit(Task("verification", request(filler="x" * 5_000_000), UNIT), "large")
-        assert large.result(LONG).result is not None  # by another process: this one had not begun
+        assert large.result(LIMIT_SECONDS).result is not None  # by another process: this one had not begun
         assert not psutil.pid_exists(pid)

@@ -11,7 +11,6 @@ import httpx
 import pytest
 from service_scenes import client_with, small_design
 from store_scenes import Clock, claim, claim_one, find, finish, record, split, submit, url_of
-from worker_scenes import until
 
 from tailstack_service.cli.main import main
 from tailstack_service.http.server import running_service
@@ -19,6 +18,7 @@ from tailstack_service.jobs.store import events, jobs, results, upkeep, usage
 from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.jobs.store.errors import DamagedStore, StoreError
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS, until
 
 BODY = {"design": small_design(), "trials": 1000}
 FORGED = b'{"schema":"tailstack/verification/1","p95_mm":0.0}'
@@ -38,13 +38,13 @@ def test_a_changed_result_is_refused_its_job_says_so_and_asked_again_it_is_compu
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "jobs.sqlite3"
-    settings = Settings(database=f"sqlite:///{path}", worker_processes=1)
-    keyed = {"Idempotency-Key": "one", "Prefer": "wait=60"}
+    settings = Settings(database=f"sqlite:///{path}", worker_processes=1, max_wait_seconds=600.0)
+    keyed = {"Idempotency-Key": "one", "Prefer": "wait=600"}
     with (
         running_service(settings, worker=True, worker_log=tmp_path / "worker.log") as (host, port),
-        httpx.Client(base_url=f"http://{host}:{port}", timeout=300, trust_env=False) as client,
+        httpx.Client(base_url=f"http://{host}:{port}", timeout=LIMIT_SECONDS, trust_env=False) as client,
     ):
-        until(lambda: client.get("/health/ready").status_code == 200, 120)
+        until(lambda: client.get("/health/ready").status_code == 200)
         first = client.post("/v1/verifications", json=BODY, headers=keyed)
         assert first.status_code == 200, first.text
         result, job = first.headers["content-location"], first.headers["location"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +14,8 @@ import psutil
 import pytest
 from served import Served, served
 from service_scenes import small_design
-from worker_scenes import until
+
+from waiting import LIMIT_SECONDS, until
 
 BODY = {"design": small_design(), "trials": 1000}
 
@@ -25,13 +25,16 @@ def disk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A disk of 24 MB if this user may mount one, else a directory."""
     folder = tmp_path_factory.mktemp("disk")
     mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=24m", "tmpfs", folder], capture_output=True, check=False
+        ["mount", "-t", "tmpfs", "-o", "size=24m", "tmpfs", folder],
+        capture_output=True,
+        check=False,
+        timeout=LIMIT_SECONDS,
     )
     try:
         yield folder
     finally:
         if mounted.returncode == 0:
-            subprocess.run(["umount", "--lazy", folder], check=True)
+            subprocess.run(["umount", "--lazy", folder], check=True, timeout=LIMIT_SECONDS)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +46,7 @@ def service(disk: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Se
 
 @pytest.fixture
 def client(service: Served) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=service.url, timeout=300, trust_env=False) as connected:
+    with httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False) as connected:
         until(lambda: ready(connected) == 200)
         yield connected
 
@@ -85,7 +88,7 @@ def without(path: Path) -> Iterator[None]:
 
 
 @pytest.mark.long
-def test_nothing_is_written_into_a_file_that_was_deleted(client: httpx.Client, disk: Path) -> None:
+def test_nothing_is_written_into_a_file_that_was_deleted(service: Served, client: httpx.Client, disk: Path) -> None:
     path, before = disk / "jobs.sqlite3", count(client)
     job = accept(client)
     until(lambda: client.get(job).json()["state"] == "succeeded")
@@ -94,9 +97,10 @@ def test_nothing_is_written_into_a_file_that_was_deleted(client: httpx.Client, d
         assert client.get(job).status_code == 503
         # Who is started while it is away does not make a new one in its place
         worker = next(iter(workers_of(client)))
+        looked = service.log.read_text().count("waiting for the database")
         worker.kill()
-        until(lambda: any(child.pid != worker.pid for child in workers_of(client)))
-        time.sleep(1.5)
+        until(lambda: service.log.read_text().count("waiting for the database") > looked + 1)
+        assert worker.pid not in [child.pid for child in workers_of(client)]
         assert not path.exists()
     until(lambda: ready(client) == 200)
     assert count(client) == before + 1

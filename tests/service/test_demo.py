@@ -22,6 +22,7 @@ from tailstack_service.cli.demo import demo_text
 from tailstack_service.cli.main import main
 from tailstack_service.console.remote import RemoteError, RemoteService
 from tailstack_service.schemas import json_schema
+from waiting import LIMIT_SECONDS
 
 
 @pytest.mark.long
@@ -54,7 +55,7 @@ def test_the_demo_prints_the_lines_that_matter(tmp_path: Path) -> None:
     """Ten lines and the next command; the numbers are those of the documents that it wrote."""
     done = subprocess.run(
         [sys.executable, "-m", "tailstack_service.cli.main", "demo", "-o", "out"], cwd=tmp_path, capture_output=True,
-        text=True, timeout=300, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        text=True, timeout=LIMIT_SECONDS, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
@@ -104,10 +105,10 @@ def test_an_interrupted_demo_leaves_nothing_behind(tmp_path: Path) -> None:
         family = psutil.Process(process.pid).children(recursive=True)
         assert family  # the worker, and what computes for it
         process.send_signal(signal.SIGINT)
-        _, rest = process.communicate(timeout=300)
+        _, rest = process.communicate(timeout=LIMIT_SECONDS)
         assert process.returncode == 130
         assert "Traceback" not in rest
-        _, alive = psutil.wait_procs(family, timeout=300)
+        _, alive = psutil.wait_procs(family, timeout=LIMIT_SECONDS)
         assert not alive
         with pytest.raises(ProcessLookupError):  # nobody is left in its process group
             os.killpg(process.pid, 0)
@@ -153,19 +154,17 @@ def test_a_demo_interrupted_while_it_compiles_ends_at_once(tmp_path: Path) -> No
     command = [sys.executable, "-m", "tailstack_service.cli.main", "demo", "--full", "-o", str(tmp_path / "demo")]
     variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
     (tmp_path / "cache").mkdir()
-    with subprocess.Popen(
+    process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=variables, preexec_fn=die_with_parent
-    ) as process:
-        try:
-            assert process.stderr is not None
-            assert "starting the service" in process.stderr.readline()
-            assert "compiling the kernels" in process.stderr.readline()
-            family = psutil.Process(process.pid).children(recursive=True)
-            process.send_signal(signal.SIGINT)
-            _, err = process.communicate(timeout=300)
-        finally:
-            process.kill()
-    assert process.returncode == 130, err
-    assert "interrupted" in err
-    assert "POST" not in err  # nothing was asked of a service that had compiled
-    assert not psutil.wait_procs(family, timeout=300)[1]
+    )
+    with ended(process):
+        assert process.stderr is not None
+        assert "starting the service" in process.stderr.readline()
+        assert "compiling the kernels" in process.stderr.readline()
+        family = psutil.Process(process.pid).children(recursive=True)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=LIMIT_SECONDS)
+        assert process.returncode == 130, err
+        assert "interrupted" in err
+        assert "POST" not in err  # nothing was asked of a service that had compiled
+        assert not psutil.wait_procs(family, timeout=LIMIT_SECONDS)[1]

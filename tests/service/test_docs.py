@@ -18,6 +18,7 @@ from tailstack_service.http.app import create_app
 from tailstack_service.names import OTHERS
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.settings import schemas
+from waiting import LIMIT_SECONDS
 
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 HTTP = (ROOT / "docs" / "http.md").read_text(encoding="utf-8")
@@ -68,7 +69,7 @@ def test_the_minute_with_curl_runs_as_it_stands(tmp_path: Path) -> None:
     with served.served(tmp_path) as service:
         script = "\n".join(["set -eu", f"api={service.url}", *rest]).replace("@examples/", f"@{ROOT}/examples/")
         done = subprocess.run(
-            ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+            ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
         )
     assert done.returncode == 0, done.stderr
     assert json.loads((tmp_path / "accepted.json").read_text())["kind"] == "optimisation"
@@ -170,7 +171,7 @@ def find_spec_of(name: str) -> object:
 def test_architecture_draws_the_walk_that_the_code_takes(name: str) -> None:
     done = subprocess.run(
         [sys.executable, ROOT / "docs" / "walks.py", "--check", name],
-        capture_output=True, text=True, check=False, timeout=600,
+        capture_output=True, text=True, check=False, timeout=LIMIT_SECONDS,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
 

@@ -17,6 +17,7 @@ import yaml
 from service_scenes import ROOT
 
 from tailstack_service.cli.main import main
+from waiting import LIMIT_SECONDS
 
 GALLERY = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
 DESIGNS = sorted((ROOT / "examples" / "gallery").glob("*.yaml"))
@@ -26,7 +27,12 @@ SOURCES = ("src", "href", "srcset", "data", "poster", "action", "style")
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, *map(str, arguments)], capture_output=True, text=True, check=False, timeout=300, cwd=ROOT
+        [sys.executable, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=LIMIT_SECONDS,
+        cwd=ROOT,
     )
 
 

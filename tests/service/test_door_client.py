@@ -10,7 +10,6 @@ import importlib.util
 import json
 import re
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -20,6 +19,8 @@ from typing import Any
 
 import pytest
 from service_scenes import EXAMPLES
+
+from waiting import LIMIT_SECONDS, until
 
 DOORS = EXAMPLES / "integrations"
 CLIENT = DOORS / "freecad" / "tailstack_http.py"
@@ -87,7 +88,7 @@ def test_a_drag_has_one_request_in_flight_and_ends_with_the_latest(client: Modul
     traffic, dragged = Traffic(), Event()
 
     def slowly(_: str, body: Any) -> Answer:
-        assert dragged.wait(300)
+        assert dragged.wait(LIMIT_SECONDS)
         return 200, {"number": body["design"]}
 
     with serving(slowly, traffic) as address:
@@ -97,8 +98,7 @@ def test_a_drag_has_one_request_in_flight_and_ends_with_the_latest(client: Modul
             latest.ask(number)
             assert latest.take() == []
         dragged.set()
-        while latest.is_busy:
-            time.sleep(0.005)
+        until(lambda: not latest.is_busy)
         taken = latest.take()
     assert taken[-1] == (39, {"number": 39})
     assert [question for question, _ in taken] == sorted(question for question, _ in taken)
@@ -114,16 +114,15 @@ def test_a_long_answer_is_given_up_when_something_newer_is_asked(client: ModuleT
         for step in range(100):
             steps.append((name, step))
             begun.set()
-            assert overtaken.wait(300)
+            assert overtaken.wait(LIMIT_SECONDS)
             yield name, step
 
     latest = client.Latest(in_steps)
     latest.ask("old")
-    assert begun.wait(300)
+    assert begun.wait(LIMIT_SECONDS)
     latest.ask("new")
     overtaken.set()
-    while latest.is_busy:
-        time.sleep(0.01)
+    until(lambda: not latest.is_busy)
     assert {question for question, _ in latest.take()} == {"new"}
     assert len([step for step in steps if step[0] == "old"]) == 1
 
@@ -138,8 +137,7 @@ def test_an_error_of_a_request_is_an_answer_and_the_thread_lives_on(client: Modu
     answers = []
     for number in (0, 1):
         latest.ask(number)
-        while latest.is_busy:
-            time.sleep(0.005)
+        until(lambda: not latest.is_busy)
         answers += [str(answer) for _, answer in latest.take()]
     assert answers == ["no", "1"]
 

@@ -25,6 +25,7 @@ from service_scenes import EXAMPLES, ROOT
 
 from tailstack.extras import MODULES_OF, install_command
 from tailstack.version import __version__
+from waiting import LIMIT_SECONDS
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LARGEST_CORE_BYTES = 450e6
@@ -54,7 +55,7 @@ def tailstack(*arguments: str, without: tuple[str, ...], folder: Path) -> subpro
     variables |= {"PYTHONPATH": served.PATH, "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}"}
     return subprocess.run(
         [sys.executable, "-c", code, *arguments], env=variables, cwd=folder, capture_output=True, text=True,
-        timeout=300, check=False,
+        timeout=LIMIT_SECONDS, check=False,
     )  # fmt: skip
 
 
@@ -146,15 +147,17 @@ def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) ->
     (tmp_path / "sitecustomize.py").write_text(
         f"import sys; sys.modules.update(dict.fromkeys({(*MODULES_OF['optimise'], *MODULES_OF['report'])!r}))\n"
     )
-    with served.served(tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{served.PATH}") as service:
+    with served.served(
+        tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{served.PATH}", TAILSTACK_MAX_WAIT_SECONDS="600"
+    ) as service:
         design = {"Content-Type": "application/yaml"}, (EXAMPLES / "demo.yaml").read_bytes()
-        with httpx.Client(base_url=service.url, headers=design[0], timeout=300) as client:
+        with httpx.Client(base_url=service.url, headers=design[0], timeout=LIMIT_SECONDS) as client:
             assert client.post("/v1/scores", content=design[1]).status_code == 200
-            refused = client.post("/v1/optimisations", content=design[1], headers={"Prefer": "wait=30"})
+            refused = client.post("/v1/optimisations", content=design[1], headers={"Prefer": "wait=600"})
             assert refused.status_code == 501, refused.text
             assert refused.json()["type"] == "/v1/problems/missing-extra"
             assert refused.json()["errors"][0]["hint"] == command("optimise")
-            done = client.post("/v1/verifications?trials=1000", content=design[1], headers={"Prefer": "wait=30"})
+            done = client.post("/v1/verifications?trials=1000", content=design[1], headers={"Prefer": "wait=600"})
             assert done.status_code in (200, 303)
             result = client.get("/v1/jobs?limit=1").json()["jobs"][0]["links"]["result"]
             page = client.get(f"{result}/report?format=html")
@@ -167,7 +170,7 @@ def test_python_is_told_too() -> None:
     code = f"import sys; sys.modules.update(dict.fromkeys({MODULES_OF['optimise']!r}))\nfrom tailstack import optimise"
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": served.PATH}, capture_output=True, text=True,
-        timeout=300, check=False,
+        timeout=LIMIT_SECONDS, check=False,
     )  # fmt: skip
     assert "MissingExtraError" in done.stderr
     assert command("optimise") in done.stderr.splitlines()[-1]
@@ -207,8 +210,8 @@ def test_an_extra_comes_from_where_the_package_came_from(
         (metadata / "direct_url.json").write_text(json.dumps(noted))
     done = subprocess.run(
         [sys.executable, "-c", "from tailstack.extras import install_command as f; print(f('pdf', 'optimise'))"],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path, capture_output=True, text=True, timeout=300,
-        check=True,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path, capture_output=True, text=True,
+        timeout=LIMIT_SECONDS, check=True,
     )  # fmt: skip
     assert done.stdout.strip() == expected
     Requirement(shlex.split(expected)[2])  # is one that pip reads
@@ -220,14 +223,19 @@ def test_the_command_of_a_checkout_is_one_that_pip_carries_out(tmp_path: Path) -
     options = ("--dry-run", "--no-deps", "--no-index", "--no-build-isolation", "--no-cache-dir")
     pip = [sys.executable, "-m", *words[:2], *options, *words[2:]]
     variables = {**os.environ, "PIP_CONFIG_FILE": os.devnull}
-    done = subprocess.run(pip, env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        pip, env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert f"tailstack-{__version__}" in done.stdout
 
 
 def test_nothing_that_ships_installs_tailstack_by_name() -> None:
     """There is no such package on an index: its name may be anybody's. A page that names an index says so itself."""
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    git = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False, timeout=LIMIT_SECONDS
+    )
+    listed = git.stdout.split()
     files = [name for name in listed if not name.endswith(".lock") and name.split("/")[0] not in ("tests", "openapi")]
     if not files:
         pytest.skip("NOT TESTED: this is no git checkout")

@@ -16,6 +16,7 @@ from tailstack.design import load_design
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.progress import Progress
 from tailstack_service.schemas import json_schema
+from waiting import until
 
 
 @pytest.fixture
@@ -233,9 +234,8 @@ def test_why_kernels_are_compiled_is_said_once_and_whole(monkeypatch: pytest.Mon
     log = io.StringIO()
     monkeypatch.setattr("tailstack_service.console.progress.QUIET_SECONDS", 0.01)
     monkeypatch.setattr("tailstack_service.console.progress.LOG_EVERY", 0.01)
-    with compilation.CompilationProgress(ahead.EVERY, 2, reason, log) as progress:
-        while log.getvalue().count("compiling kernels, once on this machine: ") < 2:
-            progress._done.wait(0.01)
+    with compilation.CompilationProgress(ahead.EVERY, 2, reason, log):
+        until(lambda: log.getvalue().count("compiling kernels, once on this machine: ") >= 2, log.getvalue)
     lines = log.getvalue().splitlines()
     assert " ".join(" ".join(lines[:2]).split()) == f"kernels are compiled: {reason}"
     assert max(map(len, lines)) <= 80

@@ -23,9 +23,9 @@ from service_scenes import EXAMPLES, ROOT, client_with
 
 from tailstack import load_design, score
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS
 
 WORKBENCH = EXAMPLES / "integrations" / "freecad"
-SECONDS = 240
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def freecad() -> str:
 def course(freecad: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What came of the course, run once; the folder with the saved documents is in it."""
     folder = tmp_path_factory.mktemp("freecad")
-    with client_with(Settings(worker_processes=1), worker=True) as client:
+    with client_with(Settings(worker_processes=1, max_wait_seconds=600.0), worker=True) as client:
         design = client.get("/v1/examples/first_carrier").json()
         design["optimise"]["starts"] = 1  # quick
         (folder / "design.json").write_text(json.dumps(design), encoding="utf-8")
@@ -52,12 +52,13 @@ def course(freecad: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
         environment = {**os.environ, "COURSE": json.dumps(told), "HOME": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
         done = subprocess.run(
             [freecad, str(ROOT / "tests" / "service" / "freecad_course.py")],
-            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=SECONDS, env=environment, check=False,
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LIMIT_SECONDS,
+            env=environment, check=False,
         )  # fmt: skip
         assert (folder / "found.json").is_file(), done.stdout[-2000:] + done.stderr[-2000:]
         found: dict[str, Any] = json.loads((folder / "found.json").read_text(encoding="utf-8"))
         assert "traceback" not in found, found["traceback"]
-        optimum = client.post("/v1/optimisations", json={"design": design}, headers={"Prefer": "wait=60"})
+        optimum = client.post("/v1/optimisations", json={"design": design}, headers={"Prefer": "wait=600"})
         assert optimum.status_code == httpx.codes.OK
     return {**found, "folder": folder, "design": design, "expected": optimum.json()}
 
@@ -173,10 +174,9 @@ def test_a_bead_that_an_expression_holds_is_named_and_nothing_is_moved(course: d
     assert course["refused"]["as it was"]
 
 
-@pytest.mark.long
 def test_without_a_service_it_says_how_to_start_one_and_nothing_waits(course: dict[str, Any]) -> None:
     assert "start it with: tailstack serve" in course["refused"]["no service"]
-    assert course["refused"]["refresh_seconds"] < 1.0
+    assert course["refused"]["refreshed before it was answered"]
 
 
 def test_the_addon_names_its_workbench_and_what_it_needs() -> None:

@@ -4,14 +4,13 @@ says so, and everything goes on by itself when it wakes."""
 from __future__ import annotations
 
 import asyncio
-import json
 import signal
 import threading
-import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import httpx
 import psutil
@@ -19,15 +18,18 @@ import pytest
 import strange_units
 from postgres import Server
 from served import served
-from service_scenes import small_design
+from service_scenes import client_with, small_design
 from store_scenes import submit
-from worker_scenes import LONG, finished, prepared_database, until, worker_process
+from worker_scenes import finished, prepared_database, worker_process
 from worker_scenes import submit as submit_strange
 
 from tailstack_service.http import service
 from tailstack_service.jobs.store import database, jobs, schema, workers
+from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS, until
 
 
 @pytest.mark.long
@@ -42,13 +44,18 @@ def test_a_transaction_gives_a_silent_server_up_and_the_next_one_works(
             with postgres_server.frozen():
                 with pytest.raises(StoreUnavailable, match="did not answer within 1 s"):
                     submit(db.within(1.0))
-                ending = db.endable()
+                ending, asked = db.endable(), threading.Event()
+
+                def ask(ending: Database, asked: threading.Event) -> object:
+                    asked.set()
+                    return jobs.find_job(ending, "acme", job.id)
+
                 with ThreadPoolExecutor(1) as pool:
-                    waiting = pool.submit(jobs.find_job, ending, "acme", job.id)
-                    time.sleep(0.2)
+                    waiting = pool.submit(ask, ending, asked)
+                    assert asked.wait(LIMIT_SECONDS)
                     ending.end_within(0.3)
                     with pytest.raises(StoreUnavailable):
-                        waiting.result(LONG)
+                        waiting.result(LIMIT_SECONDS)
             assert jobs.find_job(db, "acme", job.id) == job
     finally:
         db.close()
@@ -67,7 +74,7 @@ def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wake
     body = {"design": small_design(), "trials": 1000}
     with (
         served(tmp_path, TAILSTACK_DATABASE=postgres_url, TAILSTACK_LEASE_SECONDS="3") as service,
-        httpx.Client(base_url=service.url, timeout=300, trust_env=False) as client,
+        httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False) as client,
         ThreadPoolExecutor(24) as pool,
     ):
         serve = next(p for p in psutil.Process().children() if p.cmdline()[-3:] == ["serve", "--port", "0"])
@@ -77,11 +84,10 @@ def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wake
             waiting = [pool.submit(client.get, "/v1/jobs") for _ in range(16)]  # more than there are readers
             for status, told in pool.map(ready, [client] * 5):
                 assert (status, told) == (503, "no database")
-            assert not any(each.done() for each in waiting)  # it looks for 2 s, they for 10
             assert client.get("/health/live").status_code == 200
             assert client.post("/v1/scores", json={"design": small_design()}).status_code == 200
             for refused in waiting:
-                response = refused.result(LONG)
+                response = refused.result(LIMIT_SECONDS)
                 assert response.status_code == 503, response.text
                 assert response.json()["type"] == "/v1/problems/store-unavailable"
             threads, files = serve.num_threads(), serve.num_fds()
@@ -96,26 +102,54 @@ def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wake
 
 
 @pytest.mark.long
+def test_readiness_waits_for_nobody_who_waits(
+    postgres_server: Server, postgres_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those who read wait for as long as the server stands still, in every thread that there is for them."""
+    schema.migrate_database(postgres_url)
+    monkeypatch.setattr(database, "BUSY_SECONDS", LIMIT_SECONDS)
+    monkeypatch.setattr(database, "CONNECTING_SECONDS", LIMIT_SECONDS)
+    monkeypatch.setattr(service, "LOOK_SECONDS", 0.3)
+    listing: list[bool] = []
+    list_page = jobs.list_page
+
+    def listed(*arguments: Any, **named: Any) -> Any:
+        listing.append(True)
+        return list_page(*arguments, **named)
+
+    monkeypatch.setattr(jobs, "list_page", listed)
+    with client_with(Settings(database=postgres_url)) as client, ThreadPoolExecutor(16) as pool:
+        assert ready(client)[0] == 200
+        with postgres_server.frozen():
+            waiting = [pool.submit(client.get, "/v1/jobs") for _ in range(2 * service.THREADS)]
+            until(lambda: len(listing) == service.THREADS, lambda: listing)
+            for _ in range(3):
+                assert ready(client) == (503, "no database")
+            assert not any(each.done() for each in waiting)
+        assert [each.result(LIMIT_SECONDS).status_code for each in waiting] == [200] * len(waiting)
+        until(lambda: ready(client)[0] == 200)
+
+
+@pytest.mark.long
 def test_what_is_computed_while_the_database_stands_still_is_recorded_and_not_computed_again(
     postgres_server: Server, postgres_url: str, tmp_path: Path
 ) -> None:
     """Two workers with units in their hands; by the time the server wakes every lease has run out."""
-    note = tmp_path / "note"
-    request = strange_units.request("sleep", seconds=4.0, units=3, note=str(note))
+    note, go = tmp_path / "note", tmp_path / "go"
+    request = strange_units.request("wait", units=3, note=str(note), until=str(go))
     with prepared_database(postgres_url) as db, ExitStack() as stack:
         for name in ("one", "other"):
             stack.enter_context(worker_process(postgres_url, tmp_path / name))
         until(lambda: len(workers.list_workers(db)) == 2)
         made = submit_strange(db, request)
-        until(lambda: note.exists() and len(note.read_text().splitlines()) == 4)
+        until(lambda: len(strange_units.begun(note)) == 4)
         with postgres_server.frozen():
-            time.sleep(2.5)
+            go.touch()
+            for name in ("one", "other"):  # by then no beat came through for longer than a lease
+                until(lambda name=name: "leases are not prolonged" in (tmp_path / name).read_text())  # type: ignore[misc]
         ended = finished(db, made)
     assert ended.state == "succeeded"
-    begun = Counter(
-        json.loads(line.rpartition(" ")[0])["unit"] for line in note.read_text().splitlines() if "unit" in line
-    )
-    assert begun == {0: 1, 1: 1, 2: 1}
+    assert Counter(strange_units.units_begun(note)) == {0: 1, 1: 1, 2: 1}
 
 
 @pytest.mark.long
@@ -123,12 +157,12 @@ def test_a_worker_stops_while_its_database_stands_still(
     postgres_server: Server, postgres_url: str, tmp_path: Path
 ) -> None:
     with prepared_database(postgres_url) as db, worker_process(postgres_url, tmp_path / "log") as worker:
-        submit_strange(db, strange_units.request("sleep", seconds=60.0))
+        submit_strange(db, strange_units.request("wait"))
         until(lambda: "begun" in (tmp_path / "log").read_text())
         with postgres_server.frozen():
-            time.sleep(1.0)
+            until(lambda: "leases are not prolonged" in (tmp_path / "log").read_text())
             worker.send_signal(signal.SIGTERM)
-            assert worker.wait(LONG) == 0  # while it stands still
+            assert worker.wait(LIMIT_SECONDS) == 0  # while it stands still
 
 
 def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
@@ -144,7 +178,7 @@ def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
 
     def hang(_: object, number: int = -1) -> int:
         begun.append(number)
-        answers.wait(30)
+        answers.wait(LIMIT_SECONDS)
         return number
 
     async def story() -> None:

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,12 @@ import pytest
 from gate_scenes import BAD, GOOD, STRICT, waivers
 from service_scenes import ROOT, write_json
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.gate.records import GateRecord
 from tailstack_service.schemas import record_of
+from waiting import LIMIT_SECONDS
 
 ALL = ("text", "json", "sarif", "junit", "github", "gitlab", "markdown")
 
@@ -247,7 +247,7 @@ def test_a_full_stream_leaves_no_pass_in_the_files(folder: Path, which: str) -> 
             [sys.executable, "-m", "tailstack_service.cli.main", "gate", "good.yaml", "--policy=policy.yaml",
              "--mode=analytic", "--format=json=out.json", *wanted],
             env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-            stdout=target, stderr=subprocess.PIPE, text=True, timeout=300, check=False,
+            stdout=target, stderr=subprocess.PIPE, text=True, timeout=LIMIT_SECONDS, check=False,
         )  # fmt: skip
     assert ran.returncode == 3
     assert f"cannot write {'to stdout' if which == 'stdout' else '/dev/full'}: No space left on device" in ran.stderr
@@ -262,7 +262,7 @@ def test_a_stdout_that_is_closed_leaves_no_pass_in_the_files(folder: Path) -> No
         ["sh", "-c", '"$0" -m tailstack_service.cli.main "$@" >&-', sys.executable, "gate", "good.yaml",
          "--policy=policy.yaml", "--mode=analytic", "--format=json=out.json", "--format=text"],
         env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-        stderr=subprocess.PIPE, text=True, timeout=300, check=False,
+        stderr=subprocess.PIPE, text=True, timeout=LIMIT_SECONDS, check=False,
     )  # fmt: skip
     assert ran.returncode == 3
     assert "cannot write to stdout: it is closed" in ran.stderr
@@ -279,7 +279,7 @@ def test_a_device_that_stands_for_a_file_is_written_to_and_not_replaced(folder: 
             [sys.executable, "-m", "tailstack_service.cli.main", "gate", "good.yaml", "--policy=policy.yaml",
              "--mode=analytic", "--format=text=/dev/stdout"],
             env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-            stdout=log, stderr=subprocess.DEVNULL, timeout=300, check=False,
+            stdout=log, stderr=subprocess.DEVNULL, timeout=LIMIT_SECONDS, check=False,
         )  # fmt: skip
     assert ran.returncode == 0
     assert Path("/dev/stdout").is_symlink()
@@ -329,61 +329,54 @@ def test_a_killed_gate_leaves_files_that_say_so(folder: Path) -> None:
     """The process is killed while it computes; what it wrote at its start stays."""
     assert gate("good.yaml", "--policy", "policy.yaml") == 0
     code = (
-        "import sys, time\n"
+        "import sys, threading\n"
         "from tailstack_service.cli import gate, main\n"
-        "gate._judge = lambda *_: (print('judging', flush=True), time.sleep(60))\n"
+        "gate._judge = lambda *_: (print('judging', flush=True), threading.Event().wait())\n"
         "sys.exit(main.main(sys.argv[1:]))\n"
     )
     outputs = [f"--format={name}=out.{name}" for name in ALL]
     environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"}
-    child = subprocess.Popen(
-        [sys.executable, "-c", code, "gate", "good.yaml", *outputs],
-        stdout=subprocess.PIPE,
-        env=environment,
-        cwd=folder,
-        preexec_fn=die_with_parent,
-    )
-    try:
+    with ended(
+        subprocess.Popen(
+            [sys.executable, "-c", code, "gate", "good.yaml", *outputs],
+            stdout=subprocess.PIPE,
+            env=environment,
+            cwd=folder,
+            preexec_fn=die_with_parent,
+        )
+    ) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == b"judging\n"
         child.send_signal(signal.SIGKILL)
-        assert child.wait(10) == -signal.SIGKILL
-    finally:
-        child.kill()
-        child.wait(10)
-        if child.stdout is not None:
-            child.stdout.close()
+        assert child.wait(LIMIT_SECONDS) == -signal.SIGKILL
     assert (record().verdict, record().exit_code) == ("not evaluated", 3)
     for name in ALL:
         text = (folder / f"out.{name}").read_text(encoding="utf-8")
         assert "it is running, or it was killed" in text, name
 
 
-@pytest.mark.long
 def test_an_interrupted_process_leaves_with_130(folder: Path) -> None:
     code = (
-        "import sys, time\n"
+        "import sys, threading\n"
         "from tailstack_service.cli import gate, main\n"
-        "gate._judge = lambda *_: (print('judging', flush=True), time.sleep(60))\n"
+        "gate._judge = lambda *_: (print('judging', flush=True), threading.Event().wait())\n"
         "sys.exit(main.main(sys.argv[1:]))\n"
     )
     environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"}
-    child = subprocess.Popen(
-        [sys.executable, "-c", code, "gate", "good.yaml", "--format=json=out.json"],
-        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, cwd=folder,
+    with ended(
+        subprocess.Popen(
+            [sys.executable, "-c", code, "gate", "good.yaml", "--format=json=out.json"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+            cwd=folder,
             preexec_fn=die_with_parent,
-    )  # fmt: skip
-    try:
+        )
+    ) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == b"judging\n"
-        time.sleep(0.1)
         child.send_signal(signal.SIGINT)
-        assert child.wait(10) == 130
-    finally:
-        child.kill()
-        child.wait(10)
-        if child.stdout is not None:
-            child.stdout.close()
+        assert child.wait(LIMIT_SECONDS) == 130
     assert (record().exit_code, record().findings[0].rule) == (130, "not-evaluated")
 
 

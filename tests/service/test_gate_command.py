@@ -21,6 +21,7 @@ from tailstack_service.documents import to_json
 from tailstack_service.gate.rules import RULES
 from tailstack_service.gate.text import render_markdown
 from tailstack_service.schemas import record_of
+from waiting import LIMIT_SECONDS
 
 PASSING, FAILING = 1.4, 0.3  # limits in mm; P95 of the small design is about 0.65 mm
 
@@ -262,7 +263,7 @@ def test_mode_analytic_loads_nothing_heavy(folder: Path) -> None:
         [sys.executable, "-c", code, "gate", "one.yaml", "--policy", "policy.yaml", "--mode", "analytic", *formats,
          "--format=text=out.txt"],
         env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-        cwd=folder, capture_output=True, text=True, timeout=300, check=False,
+        cwd=folder, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False,
     )  # fmt: skip
     assert (ran.returncode, ran.stdout) == (0, "[]\n"), ran.stderr
 

@@ -17,6 +17,7 @@ from service_scenes import client_with, coplanar_design, limited
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS
 
 UNUSED = {"name": "seat", "tolerances": ["structure_conector.r?"], "min_half_width_deg": 0.05}
 POLICY = {**STRICT, "rules": {**STRICT["rules"], "fiducial-spacing": {"min_mm": 80.0},  # type: ignore[dict-item]
@@ -175,8 +176,8 @@ def answering(*answers: tuple[int | None, bytes]) -> Iterator[tuple[str, list[by
             serve(*answer)
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        listener.settimeout(20)
+        listener.settimeout(LIMIT_SECONDS)
         thread = threading.Thread(target=serve_all, daemon=True)
         thread.start()
         yield f"http://127.0.0.1:{listener.getsockname()[1]}", got
-        thread.join(20)
+        thread.join(LIMIT_SECONDS)

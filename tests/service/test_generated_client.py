@@ -24,7 +24,8 @@ from answers import ANSWERS, answers, differences, shape, shortened
 from openapi_scenes import DOCUMENT, OPENAPI
 from served import Served, served
 
-SECONDS = 300
+from waiting import LIMIT_SECONDS
+
 LARGEST_BYTES, MOST_FILES = 1_500_000, 300
 COURSE = Path(__file__).with_name("client_course.py")
 USES = [
@@ -38,7 +39,7 @@ pytest.register_assert_rewrite(COURSE.stem)
 def generated(folder: Path, choice: str) -> Path:
     """The folder, in which the command has made one of the clients."""
     command: list[str | Path] = [sys.executable, OPENAPI / "generate.py", f"--{choice}", "-o", folder]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_SECONDS)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder / choice
 
@@ -75,7 +76,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 @pytest.fixture(scope="module")
 def client(course: ModuleType, service: Served) -> Iterator[Any]:
     """Nobody is asked for a key here."""
-    with course.Client(base_url=service.url, raise_on_unexpected_status=True, timeout=300) as client:
+    with course.Client(base_url=service.url, raise_on_unexpected_status=True, timeout=LIMIT_SECONDS) as client:
         yield client
 
 
@@ -89,7 +90,7 @@ def test_python_client_is_small_and_imports_whole(package: Path) -> None:
     modules = sorted(".".join(path.relative_to(package).with_suffix("").parts) for path in package.rglob("*.py"))
     code = "\n".join(f"import {module.removesuffix('.__init__')}" for module in modules)
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], cwd=package, capture_output=True, text=True, timeout=SECONDS
+        [sys.executable, "-W", "error", "-c", code], cwd=package, capture_output=True, text=True, timeout=LIMIT_SECONDS
     )
     assert done.returncode == 0, done.stderr
 
@@ -151,7 +152,7 @@ def test_programs_with_the_python_client_are_typed(package: Path, tmp_path: Path
     programs = [COURSE, *sorted(tmp_path.glob("wrong*.py"))]
     command: list[str | Path] = [sys.executable, "-m", "mypy", "--config-file", settings]
     command += ["--cache-dir", tmp_path / "cache", *programs]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_SECONDS)
     found = set(re.findall(r"(\w+)\.py:\d+: error", done.stdout))
     assert found == {f"wrong{number}" for number in range(len(WRONG_PYTHON))}, done.stdout + done.stderr
 

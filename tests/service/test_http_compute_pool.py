@@ -12,7 +12,6 @@ import re
 import signal
 import sqlite3
 import threading
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
@@ -26,13 +25,14 @@ import psutil
 import pytest
 from service_scenes import Caller, client_with, small_design
 from starlette.requests import Request
+from strange_units import stand_still, wait_for
 
 from tailstack import load_design, losses, score
 from tailstack.errors import LimitError
 from tailstack_service.http import computations, compute_pool
 from tailstack_service.http.compute_pool import CallerLeft, ComputePool, FairQueue
 from tailstack_service.integrations import umbridge_models
-from tailstack_service.jobs.store import database
+from tailstack_service.jobs.store import database, jobs
 from tailstack_service.operations import effort
 from tailstack_service.operations.request import RawRequest
 from tailstack_service.problems import RefusedAt, TransportError
@@ -41,6 +41,7 @@ from tailstack_service.processes.frames import Defect, Died
 from tailstack_service.processes.nursery import ForkedProcess
 from tailstack_service.settings import Settings
 from tailstack_service.task import Estimated
+from waiting import LIMIT_SECONDS, until, until_async
 
 QUICK, LONG = 0.0, 60.0  # seconds expected
 BUSY = partial(sum, range(10**12))  # hours of CPU
@@ -49,12 +50,6 @@ BUSY = partial(sum, range(10**12))  # hours of CPU
 def read_then(seconds: float, rest: Callable[[], Any]) -> Any:
     """A request that is read in no time, and whose rest is expected to take so many seconds."""
     return Estimated(seconds, rest)
-
-
-def wait_for(path: Path) -> None:
-    """Compute until a file is there."""
-    while not path.exists():
-        time.sleep(0.02)
 
 
 def request(tenant: str = "a") -> Request:
@@ -74,16 +69,26 @@ async def some(count: int = 2, waiting: int = 8, seconds: float = 60.0) -> Async
 
 def tell(story: Callable[[], Awaitable[None]]) -> None:
     async def told() -> None:
-        await asyncio.wait_for(story(), 300)
+        await asyncio.wait_for(story(), 2 * LIMIT_SECONDS)  # what waits in it has its own limit
 
     asyncio.run(told())
 
 
-async def until(true: Callable[[], object], seconds: float = 280.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.01)
+def looks(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Lets the pool look often at what is computed; gives what it had taken at each look, s of the processor.
+
+    Between two of them at least ``LOOK_SECONDS`` pass.
+    """
+    seen: list[float] = []
+    watch = ComputePool._watch
+
+    def watching(pool: ComputePool, computation: Any, taken: float) -> None:
+        seen.append(taken)
+        watch(pool, computation, taken)
+
+    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 0.02)
+    monkeypatch.setattr(ComputePool, "_watch", watching)
+    return seen
 
 
 @pytest.fixture
@@ -147,26 +152,33 @@ def test_what_nobody_waits_for_any_more_is_killed(impatient: None) -> None:
         async with some(1) as computing:
             pid = await computing.run(request(), os.getpid, QUICK)
             leaving = Caller()
-            running = asyncio.create_task(computing.run(leaving.request(), partial(time.sleep, 60), LONG))
-            waiting = asyncio.create_task(computing.run(leaving.request(), partial(time.sleep, 60), LONG))
-            await asyncio.sleep(0.1)
+            running = asyncio.create_task(computing.run(leaving.request(), stand_still, LONG))
+            waiting = asyncio.create_task(computing.run(leaving.request(), stand_still, LONG))
+            await until_async(lambda: computing._under_way == len(computing._long_turns) == 1)
             leaving.gone = True
             for task in (running, waiting):
                 with pytest.raises(CallerLeft):
                     await task
-            await until(lambda: not psutil.pid_exists(pid))
+            await until_async(lambda: not psutil.pid_exists(pid))
             assert await computing.run(request(), partial(operator.add, 1, 1), LONG) == 2
 
     tell(story)
 
 
-def test_what_has_just_begun_is_finished_for_who_left() -> None:
+def test_what_has_just_begun_is_finished_for_who_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A new process costs more than what is left of it."""
+    seen = looks(monkeypatch)
 
     async def story() -> None:
         async with some(1) as computing:
             pid = await computing.run(request(), os.getpid, QUICK)
-            await computing.run(Caller(gone=True).request(), partial(time.sleep, 0.4), QUICK)
+            left = asyncio.create_task(
+                computing.run(Caller(gone=True).request(), partial(wait_for, tmp_path / "go"), QUICK)
+            )
+            before = len(seen)
+            await until_async(lambda: len(seen) > before + 5)
+            (tmp_path / "go").touch()
+            await left
             assert computing.pids() == [pid]
 
     tell(story)
@@ -175,8 +187,8 @@ def test_what_has_just_begun_is_finished_for_who_left() -> None:
 def test_a_stop_ends_what_runs_and_what_waits() -> None:
     async def story() -> None:
         async with some(1) as computing:
-            tasks = [asyncio.create_task(computing.run(request(), partial(time.sleep, 3600), LONG)) for _ in range(3)]
-            await asyncio.sleep(0.3)
+            tasks = [asyncio.create_task(computing.run(request(), stand_still, LONG)) for _ in range(3)]
+            await until_async(lambda: (computing._under_way, len(computing._long_turns)) == (1, 2))
             computing._stopping.set()
             for task in (*tasks, computing.run(request(), os.getpid, QUICK)):
                 with pytest.raises(TransportError) as refused:
@@ -186,32 +198,39 @@ def test_a_stop_ends_what_runs_and_what_waits() -> None:
     tell(story)
 
 
-def test_something_quick_never_waits_for_something_long() -> None:
+def test_something_quick_never_waits_for_something_long(tmp_path: Path) -> None:
     """Of two processes long computations have one, however many wait, and quick ones have both."""
 
     async def story() -> None:
         async with some(2) as computing:
-            long = [asyncio.create_task(computing.run(request(), partial(time.sleep, 60), LONG)) for _ in range(4)]
-            await asyncio.sleep(0.1)
+            long = [asyncio.create_task(computing.run(request(), stand_still, LONG)) for _ in range(4)]
+            await until_async(lambda: (computing._long, len(computing._long_turns)) == (1, 3))
             for _ in range(3):
-                assert await asyncio.wait_for(computing.run(request(), partial(operator.add, 1, 1), QUICK), 20) == 2
+                assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
             assert not any(task.done() for task in long)
             for task in long:
                 task.cancel()
             await asyncio.gather(*long, return_exceptions=True)
-            at_once = [computing.run(request(), partial(time.sleep, 0.5), QUICK) for _ in range(2)]
+            call = partial(wait_for, tmp_path / "go")
+            at_once = [asyncio.create_task(computing.run(request(), call, QUICK)) for _ in range(2)]
+            await until_async(lambda: computing._under_way == 2)
+            (tmp_path / "go").touch()
             await asyncio.gather(*at_once)
             assert len(computing.pids()) == 2
 
     tell(story)
 
 
-def test_seconds_are_those_of_the_processor(impatient: None) -> None:
+def test_seconds_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What waits for the processor on a busy machine, or sleeps, uses none of its time."""
+    seen = looks(monkeypatch)
 
     async def story() -> None:
         async with some(1, seconds=0.5) as computing:
-            await computing.run(request(), partial(time.sleep, 2.0), LONG)
+            waits = asyncio.create_task(computing.run(request(), partial(wait_for, tmp_path / "go"), LONG))
+            await until_async(lambda: len(seen) * compute_pool.LOOK_SECONDS > 3 * computing.seconds)
+            (tmp_path / "go").touch()
+            await waits
             assert computing.kills == 0
 
     tell(story)
@@ -222,7 +241,7 @@ def test_what_uses_no_processor_at_all_is_given_up(impatient: None) -> None:
         async with some(1) as computing:
             computing._hang_seconds = 1.0
             with pytest.raises(Died, match="no processor time"):
-                await computing.run(request(), partial(time.sleep, 60), LONG)
+                await computing.run(request(), stand_still, LONG)
             assert computing.kills == 1
 
     tell(story)
@@ -235,7 +254,7 @@ def test_what_was_read_and_takes_long_goes_on_where_it_was_read(tmp_path: Path) 
         async with some(2) as computing:
             call = partial(read_then, LONG, partial(wait_for, tmp_path / "go"))
             slow = asyncio.create_task(computing.run(request(), call, QUICK))
-            await until(lambda: computing._long == 1)
+            await until_async(lambda: computing._long == 1)
             for _ in range(3):
                 assert await computing.run(request("b"), partial(operator.add, 1, 1), QUICK) == 2
             assert not slow.done()
@@ -253,7 +272,7 @@ def test_what_was_read_and_takes_long_waits_for_its_turn_where_the_long_ones_are
         async with some(2, waiting=20) as computing:
             call = partial(read_then, LONG, partial(wait_for, tmp_path / "go"))
             flood = [asyncio.create_task(computing.run(request("greedy"), call, QUICK)) for _ in range(6)]
-            await until(lambda: computing._long == 1 and len(computing._long_turns) == 5)
+            await until_async(lambda: computing._long == 1 and len(computing._long_turns) == 5)
             assert await computing.run(request("modest"), partial(operator.add, 1, 1), QUICK) == 2
             assert not any(task.done() for task in flood)
             (tmp_path / "go").touch()
@@ -263,15 +282,21 @@ def test_what_was_read_and_takes_long_waits_for_its_turn_where_the_long_ones_are
     tell(story)
 
 
-def test_processor_time_is_paid_for_and_not_waiting() -> None:
+def test_processor_time_is_paid_for_and_not_waiting(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A small score that waits for a busy machine, or a disk, costs its tenant no turn."""
+    seen = looks(monkeypatch)
 
     async def story() -> None:
         async with some(1) as computing:
             await computing.run(request(), partial(operator.add, 1, 1), QUICK)
             before = computing._quick_turns._used["a"]
-            await computing.run(request(), partial(time.sleep, 3 * compute_pool.LOOK_SECONDS), QUICK)
-            assert computing._quick_turns._used["a"] - before < compute_pool.LOOK_SECONDS / 2
+            waits = asyncio.create_task(computing.run(request(), partial(wait_for, tmp_path / "go"), QUICK))
+            seen.clear()
+            await until_async(lambda: len(seen) > 40)
+            (tmp_path / "go").touch()
+            await waits
+            waited = len(seen) * compute_pool.LOOK_SECONDS  # at least
+            assert computing._quick_turns._used["a"] - before < waited / 2
 
     tell(story)
 
@@ -284,7 +309,7 @@ def test_what_nobody_waits_for_any_more_is_never_begun(monkeypatch: pytest.Monke
         async with some(1) as computing:
             leaving = Caller()
             tasks = [asyncio.create_task(computing.run(leaving.request(), BUSY, LONG)) for _ in range(3)]
-            await until(lambda: len(computing._long_turns) == 2)
+            await until_async(lambda: len(computing._long_turns) == 2)
             leaving.gone = True
             tasks[0].cancel()
             for left in tasks[1:]:
@@ -301,7 +326,7 @@ def test_a_process_that_was_killed_while_it_waited_is_nobodys_loss() -> None:
         async with some(1) as computing:
             pid = await computing.run(request(), os.getpid, QUICK)
             os.kill(pid, signal.SIGKILL)
-            await until(lambda: computing._idle[0].ended)
+            await until_async(lambda: computing._idle[0].ended)
             assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
             assert computing.kills == 0
 
@@ -313,7 +338,7 @@ def test_a_process_that_is_not_there_yet_is_given_up(monkeypatch: pytest.MonkeyP
     there = threading.Event()
 
     def wait(process: ForkedProcess) -> None:
-        there.wait(100.0)
+        there.wait(LIMIT_SECONDS)
         waited(process)
 
     waited = ForkedProcess.wait_for_birth
@@ -323,9 +348,9 @@ def test_a_process_that_is_not_there_yet_is_given_up(monkeypatch: pytest.MonkeyP
     async def story() -> None:
         async with some(1) as computing:
             early = asyncio.create_task(computing.run(request(), BUSY, LONG))
-            await until(lambda: computing._under_way == 1)
+            await until_async(lambda: computing._under_way == 1)
             early.cancel()
-            await until(lambda: computing._under_way == 0)
+            await until_async(lambda: computing._under_way == 0)
             assert computing.kills == 1
             monkeypatch.undo()
             there.set()
@@ -336,16 +361,17 @@ def test_a_process_that_is_not_there_yet_is_given_up(monkeypatch: pytest.MonkeyP
 
 def test_what_is_soon_done_is_finished_for_a_caller_who_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """By its processor time: on a busy machine it is no nearer to its end, and every process killed makes it busier."""
-    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 0.02)
+    seen = looks(monkeypatch)
+    monkeypatch.setattr(compute_pool, "WORTH_SECONDS", 0.2)
 
     async def story() -> None:
         async with some(1) as computing:
             leaving = Caller()
-            call = partial(read_then, 2.0, partial(wait_for, tmp_path / "go"))
+            call = partial(read_then, 0.4, partial(wait_for, tmp_path / "go"))
             running = asyncio.create_task(computing.run(leaving.request(), call, QUICK))
-            await until(lambda: computing._under_way == 1)
+            await until_async(lambda: computing._under_way == 1)
             leaving.gone = True
-            await asyncio.sleep(2.5)  # longer than was expected, and nothing used
+            await until_async(lambda: len(seen) * compute_pool.LOOK_SECONDS > 0.8)  # longer than expected, unused
             (tmp_path / "go").touch()
             assert await running is None
             assert computing.kills == 0
@@ -383,11 +409,11 @@ def test_tenants_take_turns() -> None:
             ended: list[str] = []
 
             async def ask(tenant: str) -> None:
-                await computing.run(request(tenant), partial(time.sleep, 0.02), QUICK)
+                await computing.run(request(tenant), os.getpid, QUICK)
                 ended.append(tenant)
 
             greedy = [asyncio.create_task(ask("greedy")) for _ in range(10)]
-            await asyncio.sleep(0)
+            await until_async(lambda: len(computing._quick_turns) == 9)
             await asyncio.gather(*greedy, ask("other"))
             assert ended.index("other") <= 2
 
@@ -423,16 +449,20 @@ def test_what_was_not_used_is_not_saved_up() -> None:
     assert taken(turns, "a1", "b1", "a2", "b2", "b3", expected=1.0)[-1] != "a2"
 
 
-def test_who_fills_the_room_is_the_one_who_is_refused() -> None:
+def test_who_fills_the_room_is_the_one_who_is_refused(tmp_path: Path) -> None:
     async def story() -> None:
         async with some(1, waiting=3) as computing:
-            asked = [asyncio.create_task(computing.run(request("a"), partial(time.sleep, 0.3), LONG)) for _ in range(4)]
-            await asyncio.sleep(0.05)
+            call = partial(wait_for, tmp_path / "go")
+            asked = [asyncio.create_task(computing.run(request("a"), call, LONG)) for _ in range(4)]
+            await until_async(lambda: len(computing._long_turns) == 3)
             with pytest.raises(TransportError) as refused:
                 await computing.run(request("a"), os.getpid, LONG)
             assert (refused.value.slug, refused.value.headers) == ("busy", {"Retry-After": "2"})
             assert "3 wait, the limit" in str(refused.value)
-            assert await computing.run(request("b"), os.getpid, LONG) in computing.pids()
+            modest = asyncio.create_task(computing.run(request("b"), os.getpid, LONG))
+            await until_async(asked[3].done)
+            (tmp_path / "go").touch()
+            assert await modest in computing.pids()
             ends = await asyncio.gather(*asked, return_exceptions=True)
             assert [isinstance(end, TransportError) for end in ends] == [False, False, False, True]
 
@@ -447,7 +477,7 @@ def test_what_was_taken_for_quick_and_is_not_is_one_of_the_long_ones(monkeypatch
     async def story() -> None:
         async with some(2) as computing:
             slow = [asyncio.create_task(computing.run(request(), BUSY, QUICK)) for _ in range(2)]
-            await until(lambda: computing._long == 1 and computing.kills == 1)
+            await until_async(lambda: computing._long == 1 and computing.kills == 1)
             assert await computing.run(request("b"), partial(operator.add, 1, 1), QUICK) == 2
             assert not any(task.done() for task in slow)
             assert computing._quick_turns._used["a"] > compute_pool.BIRTH_SECONDS
@@ -676,22 +706,36 @@ def test_yaml_and_json_designs_score_alike() -> None:
 
 @pytest.mark.long
 def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(database, "BUSY_SECONDS", 8.0)
+    """Who writes waits for it, as long as anybody waits, and is then refused."""
+    monkeypatch.setattr(database, "BUSY_SECONDS", LIMIT_SECONDS)
+    submitting: list[bool] = []
+    submit_job = jobs.submit_job
+
+    def submit(*arguments: Any, **named: Any) -> Any:
+        submitting.append(True)
+        return submit_job(*arguments, **named)
+
+    monkeypatch.setattr(jobs, "submit_job", submit)
     path, body = tmp_path / "jobs.sqlite3", {"design": small_design(), "trials": 1000}
     with client_with(Settings(database=f"sqlite:///{path}")) as client, ThreadPoolExecutor(20) as pool:
         assert client.post("/v1/verifications", json=body).status_code == 202
         with sqlite3.connect(path, isolation_level=None) as other:
             other.execute("BEGIN IMMEDIATE")
             waiting = [pool.submit(client.post, "/v1/verifications", json=body) for _ in range(12)]
-            time.sleep(0.3)
+            until(lambda: len(submitting) > 1)  # somebody writes, as far as that goes
             assert len(client.get("/v1/jobs").json()["jobs"]) == 1
             assert client.get("/health/ready").status_code == 200
             assert not any(each.done() for each in waiting)
-            for refused in waiting:
-                response = refused.result(timeout=300)
+            other.execute("ROLLBACK")
+            assert [each.result(LIMIT_SECONDS).status_code for each in waiting] == [202] * 12
+            other.execute("BEGIN IMMEDIATE")
+            monkeypatch.setattr(database, "BUSY_SECONDS", 0.3)
+            for refused in [pool.submit(client.post, "/v1/verifications", json=body) for _ in range(12)]:
+                response = refused.result(LIMIT_SECONDS)
                 assert response.status_code == 503, response.text
                 assert response.json()["type"] == "/v1/problems/store-unavailable"
                 assert int(response.headers["retry-after"]) > 0
+            monkeypatch.setattr(database, "BUSY_SECONDS", LIMIT_SECONDS)
             other.execute("ROLLBACK")
         other.close()
         assert client.post("/v1/verifications", json=body).status_code == 202

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import select
 import socket
-import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import suppress
+from typing import Any
 
 import httpx
 import pytest
 from service_scenes import check_problem, client_with, read_answer
+from starlette.requests import Request
 
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS, until
 
 HEAD = b"POST %b HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
 QUICK = Settings(body_seconds=0.3, max_body_bytes=50_000)
@@ -22,8 +26,15 @@ def client() -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.fixture(scope="module")
+def patient() -> Iterator[httpx.Client]:
+    """For bodies that come to their end, however slow the machine is."""
+    with client_with(QUICK.model_copy(update={"body_seconds": LIMIT_SECONDS})) as client:
+        yield client
+
+
 def connect(client: httpx.Client) -> socket.socket:
-    return socket.create_connection((client.base_url.host, client.base_url.port or 80), timeout=300)
+    return socket.create_connection((client.base_url.host, client.base_url.port or 80), timeout=LIMIT_SECONDS)
 
 
 def test_a_body_that_never_comes_is_408_and_the_connection_is_closed(client: httpx.Client) -> None:
@@ -35,40 +46,63 @@ def test_a_body_that_never_comes_is_408_and_the_connection_is_closed(client: htt
     assert b"connection: close" in rest.lower()
 
 
+def something_came(connection: socket.socket) -> bool:
+    """Whether the other side has said something, or closed the connection."""
+    return bool(select.select([connection], [], [], 0)[0])
+
+
 def said_until_closed(connection: socket.socket, drip: bytes = b"") -> bytes:
-    """What the other side says until it closes the connection; ``drip`` is sent again and again meanwhile."""
-    connection.settimeout(0.1)
-    deadline, received = time.monotonic() + 300, b""
-    while True:
-        assert time.monotonic() < deadline, received
-        try:
-            if drip:
-                connection.sendall(drip)
-            more = connection.recv(65536)
-        except TimeoutError:
-            continue
-        except OSError:  # what was sent after the end is answered with a reset
-            break
-        if not more:
-            break
-        received += more
+    """What the other side says until it closes the connection; ``drip`` is sent again and again until it says so."""
+
+    def answered_a_drip() -> bool:
+        connection.sendall(drip)
+        return something_came(connection)
+
+    received = b""
+    with suppress(OSError):  # what was sent after the end is answered with a reset
+        if drip:
+            until(answered_a_drip)
+        while more := connection.recv(65536):
+            received += more
     return received
 
 
-@pytest.mark.long
 def test_a_body_that_drips_is_408_in_the_same_time(client: httpx.Client) -> None:
+    """A body of which something always comes is never complete: it would be read for ever."""
     with connect(client) as connection:
         connection.sendall(HEAD % b"/v1/scores" + b"Content-Length: 100000\r\n\r\n")
         received = said_until_closed(connection, b" ")
     assert received.startswith(b"HTTP/1.1 408")
 
 
-def test_a_kept_connection_serves_one_request_after_another(client: httpx.Client) -> None:
+@pytest.fixture
+def pieces(monkeypatch: pytest.MonkeyPatch) -> list[bytes | None]:
+    """Of the bodies of requests, as the service reads them: None when it begins to wait for one, then what came."""
+    seen: list[bytes | None] = []
+    receive = vars(Request)["receive"].fget
+
+    def watched(request: Request) -> Callable[[], Awaitable[Any]]:
+        inner = receive(request)
+
+        async def reading() -> Any:
+            seen.append(None)
+            message = await inner()
+            seen.append(message.get("body", b""))
+            return message
+
+        return reading
+
+    monkeypatch.setattr(Request, "receive", property(watched))
+    return seen
+
+
+def test_a_kept_connection_serves_one_request_after_another(patient: httpx.Client, pieces: list[bytes | None]) -> None:
     """Each body in two pieces."""
-    with connect(client) as connection:
+    with connect(patient) as connection:
         for _ in range(4):
+            pieces.clear()
             connection.sendall(HEAD % b"/v1/scores" + b"Content-Length: 2\r\n\r\n{")
-            time.sleep(0.15)
+            until(lambda: b"{" in pieces, lambda: pieces)
             connection.sendall(b"}")
             status, _ = read_answer(connection)
             assert status == b"HTTP/1.1 422 Unprocessable Entity"
@@ -101,13 +135,14 @@ def test_what_is_not_http_is_refused(client: httpx.Client, head: bytes) -> None:
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("path", [b"/v1/scores", b"/nowhere", b"/health/live"])
 def test_what_stops_being_http_is_told_in_a_line_and_no_traceback(
-    client: httpx.Client, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture, path: bytes, late: bool
-) -> None:
+    client: httpx.Client, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture,
+    pieces: list[bytes | None], path: bytes, late: bool,
+) -> None:  # fmt: skip
     """A stranger without a key could otherwise fill the disk: two kilobytes of log for seventy bytes."""
     with connect(client) as connection:
         connection.sendall(HEAD % path + b"Transfer-Encoding: chunked\r\n\r\n")
         if late:  # what is answered without the body has its answer by then
-            time.sleep(0.1)
+            until(lambda: something_came(connection) or pieces)
         connection.sendall(b"ZZZ\r\n\r\n")
         received = said_until_closed(connection)
     assert received.startswith(b"HTTP/1.1 ")
@@ -130,7 +165,7 @@ def test_a_request_with_two_lengths_ends_its_connection(client: httpx.Client) ->
         assert b"connection: close" in received.lower()
 
 
-def test_a_long_body_is_read_off_so_that_its_refusal_arrives(client: httpx.Client) -> None:
+def test_a_long_body_is_read_off_so_that_its_refusal_arrives(patient: httpx.Client) -> None:
     body = b" " * 5_000_000
-    response = client.post("/v1/scores", content=body, headers={"Content-Type": "application/json"})
+    response = patient.post("/v1/scores", content=body, headers={"Content-Type": "application/json"})
     check_problem(response, 413, "limit-exceeded")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from tailstack_service.http.answers import wait_seconds
 from tailstack_service.processes.interpreter import running_code
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS, until
 
 TOO_MANY = {"design": small_design(), "trials": 1_000_000_000}  # of which 0.8 GB of norms would be recorded
 ENDLESS = {"design": small_design(), "trials": 400_000_000}  # minutes of computing
@@ -51,11 +51,8 @@ def done(client: httpx.Client, path: str, body: dict[str, Any], **headers: str) 
 
 
 def ended(client: httpx.Client, job_id: str) -> dict[str, Any]:
-    deadline = time.monotonic() + 300
-    while (job := client.get(f"/v1/jobs/{job_id}").json())["finished_at"] is None:
-        assert time.monotonic() < deadline, job
-        time.sleep(0.02)
-    return dict(job)
+    until(lambda: client.get(f"/v1/jobs/{job_id}").json()["finished_at"], lambda: client.get(f"/v1/jobs/{job_id}").text)
+    return dict(client.get(f"/v1/jobs/{job_id}").json())
 
 
 def check_job(job: dict[str, Any]) -> dict[str, Any]:
@@ -198,7 +195,6 @@ def test_a_wait_is_cut_to_the_limit(said: list[str], granted: int | None) -> Non
     assert wait_seconds(Request({"type": "http", "headers": headers}), 30.7) == granted
 
 
-@pytest.mark.long
 def test_who_cannot_wait_long_enough_gets_the_job(idle: httpx.Client) -> None:
     response = idle.post("/v1/verifications", json=QUICK, headers={"Prefer": "respond-async, wait=60"})
     assert (response.status_code, response.headers["preference-applied"]) == (202, "wait=0")
@@ -323,10 +319,8 @@ def test_a_record_is_read_again_only_when_it_has_changed(client: httpx.Client) -
 @pytest.mark.long
 def test_a_running_job_tells_how_far_it_is_and_ends_when_it_is_cancelled(client: httpx.Client) -> None:
     job = client.post("/v1/verifications", json=ENDLESS).json()
-    deadline = time.monotonic() + 300  # of what is waited for, however slow the machine
-    while (record := client.get(job["links"]["self"]).json())["progress"]["units_done"] < 3:
-        assert time.monotonic() < deadline, record
-        time.sleep(0.05)
+    until(lambda: client.get(job["links"]["self"]).json()["progress"]["units_done"] >= 3)
+    record = client.get(job["links"]["self"]).json()
     assert record["state"] == "running"
     assert 0 < record["progress"]["fraction"] < 1
     assert record["progress"]["eta_seconds"] > 0
@@ -426,7 +420,7 @@ def test_unknown_results_are_404(idle: httpx.Client, name: str) -> None:
 
 def events_of(client: httpx.Client, job_id: str, **headers: str) -> list[ServerSentEvent]:
     """Every event of a stream that ends by itself."""
-    with client.stream("GET", f"/v1/jobs/{job_id}/events", headers=headers, timeout=300) as response:
+    with client.stream("GET", f"/v1/jobs/{job_id}/events", headers=headers, timeout=LIMIT_SECONDS) as response:
         assert response.status_code == 200
         assert response.headers["content-type"] == "text/event-stream"
         return list(read_events(response))
@@ -472,12 +466,9 @@ def test_streams_are_bounded_and_places_come_back(idle: httpx.Client) -> None:
         busy = idle.get(path)
         check_problem(busy, 503, "busy")
         assert int(busy.headers["retry-after"]) > 0
-    deadline = time.monotonic() + 300  # the service notices when it next has something to say
     idle.post(job["links"]["cancel"])
-    while (response := idle.get(path)).status_code != 200:
-        assert time.monotonic() < deadline, response.text
-        time.sleep(0.05)
-    assert '"state":"cancelled"' in response.text
+    until(lambda: idle.get(path).status_code == 200)  # the service notices when it next has something to say
+    assert '"state":"cancelled"' in idle.get(path).text
 
 
 def test_the_client_of_the_command_line_reads_the_same(client: httpx.Client) -> None:

@@ -9,8 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -22,11 +21,11 @@ import httpx
 import psutil
 import pytest
 from service_scenes import EXAMPLES, ROOT, small_design
-from worker_scenes import until
 
 from family import die_with_parent, ended
 from tailstack_service.cli.main import main
 from tailstack_service.console.remote import ServerSentEvent, read_events
+from waiting import LIMIT_SECONDS, until
 
 DEMO = str(EXAMPLES / "demo.yaml")
 PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
@@ -40,7 +39,7 @@ def environment(**changes: str) -> dict[str, str]:
 
 def run(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     changes = options.pop("env", {})
-    options |= {"capture_output": True, "text": True, "encoding": "utf-8", "timeout": 300}
+    options |= {"capture_output": True, "text": True, "encoding": "utf-8", "timeout": LIMIT_SECONDS}
     return subprocess.run([*COMMAND, *arguments], env=environment(**changes), **options)
 
 
@@ -61,7 +60,9 @@ def test_help_loads_nothing_heavy() -> None:
         "heavy = {'numpy', 'numba', 'scipy', 'casadi', 'cvxpy', 'matplotlib', 'fastapi', 'uvicorn', 'httpx', 'yaml'};"
         "print(sorted(heavy & set(sys.modules)), file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment(), timeout=300)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), timeout=LIMIT_SECONDS
+    )
     assert done.stderr == "[]\n"
 
 
@@ -85,18 +86,15 @@ def test_problems_from_stdin_name_it_and_its_line() -> None:
 
 def test_a_reader_that_leaves_is_no_error() -> None:
     process = subprocess.Popen(
-        [*COMMAND, "schema", "design"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=environment(),
+        [*COMMAND, "schema", "design"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment(),
         preexec_fn=die_with_parent,
-    )
-    assert process.stdout is not None
-    assert process.stderr is not None
-    process.stdout.close()
-    assert process.stderr.read() == b""
-    process.stderr.close()
-    assert process.wait(timeout=300) == 0
+    )  # fmt: skip
+    with ended(process):
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(LIMIT_SECONDS) == 0
 
 
 def test_a_stream_that_cannot_be_written_is_not_an_answer(tmp_path: Path) -> None:
@@ -104,7 +102,12 @@ def test_a_stream_that_cannot_be_written_is_not_an_answer(tmp_path: Path) -> Non
     (tmp_path / "read-only").touch()
     with open(tmp_path / "read-only") as unwritable:
         done = subprocess.run(
-            [*COMMAND, "schema"], stdout=unwritable, stderr=subprocess.PIPE, text=True, env=environment(), timeout=300
+            [*COMMAND, "schema"],
+            stdout=unwritable,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment(),
+            timeout=LIMIT_SECONDS,
         )
     assert done.returncode == 3
     assert "next: " in done.stderr
@@ -121,27 +124,19 @@ def service(folder: Path, *arguments: str, **changes: str) -> Iterator[tuple[sub
         "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}",
         "TAILSTACK_WORKER_PROCESSES": "1",  # every process more is two seconds of a core before the first request
         "TAILSTACK_SHORT_WORKERS": "1",
+        "TAILSTACK_MAX_WAIT_SECONDS": "600",
     }
     process = subprocess.Popen(
         [*COMMAND, "serve", "--port", "0", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env=environment(**{**own, **changes}),
             preexec_fn=die_with_parent,
     )  # fmt: skip
-    assert process.stdout is not None
-    family: list[psutil.Process] = []
-    try:
+    with ended(process):
+        assert process.stdout is not None
         line = process.stdout.readline()
         found = re.match(r"serving on (http://\S+)", line)
         assert found, line
         yield process, found.group(1)
-    finally:
-        if process.poll() is None:
-            family = family_of(process)
-            process.kill()
-        for member in family:
-            with suppress(psutil.NoSuchProcess):
-                member.kill()
-        process.communicate()
 
 
 def family_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
@@ -158,30 +153,32 @@ def api_processes_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     return found
 
 
-def check_gone(family: list[psutil.Process], seconds: float = 300.0) -> None:
+def check_gone(family: list[psutil.Process]) -> None:
     """Nobody is left of the processes that a service had started."""
-    _, alive = psutil.wait_procs(family, timeout=seconds)
+    _, alive = psutil.wait_procs(family, timeout=LIMIT_SECONDS)
     assert not alive, [member.cmdline() for member in alive]
 
 
 def running_worker(process: subprocess.Popen[str], other_than: int = 0) -> psutil.Process:
     """The worker beside a service, as soon as it is there."""
-    deadline = time.monotonic() + 300
-    while time.monotonic() < deadline:
+
+    def found() -> psutil.Process | None:
         for member in psutil.Process(process.pid).children():
             with suppress(psutil.NoSuchProcess):
                 if "worker" in member.cmdline() and member.pid != other_than:
                     return member
-        time.sleep(0.05)
-    raise AssertionError("no worker was started")
+        return None
+
+    return until(found, lambda: "no worker was started")
 
 
-def await_ready(url: str, seconds: float = 300.0) -> None:
+def answers(url: str, path: str) -> bool:
+    return httpx.get(url + path, timeout=LIMIT_SECONDS, trust_env=False).status_code == 200
+
+
+def await_ready(url: str) -> None:
     """Poll readiness (a cold compile cache takes a while)."""
-    deadline = time.monotonic() + seconds
-    while httpx.get(url + "/health/ready", timeout=300, trust_env=False).status_code != 200:
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    until(lambda: answers(url, "/health/ready"))
 
 
 @pytest.mark.long
@@ -189,14 +186,14 @@ def await_ready(url: str, seconds: float = 300.0) -> None:
 def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, code: int, api_processes: str) -> None:
     with service(tmp_path, TAILSTACK_API_PROCESSES=api_processes) as (process, url):
         await_ready(url)
-        assert httpx.get(url + "/health/live", trust_env=False).json() == {"status": "alive"}
-        answer = httpx.post(url + "/v1/scores", json={"design": small_design()}, timeout=300, trust_env=False)
+        assert httpx.get(url + "/health/live", timeout=LIMIT_SECONDS, trust_env=False).json() == {"status": "alive"}
+        answer = httpx.post(url + "/v1/scores", json={"design": small_design()}, timeout=LIMIT_SECONDS, trust_env=False)
         assert answer.status_code == 200
         running_worker(process)
         family = family_of(process)
         assert len(family) >= (1 if api_processes == "1" else 3)
         process.send_signal(sign)
-        out, err = process.communicate(timeout=300)
+        out, err = process.communicate(timeout=LIMIT_SECONDS)
         assert process.returncode == code, err
         check_gone(family)
         assert out == ""
@@ -208,14 +205,24 @@ def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, c
         again.bind(("127.0.0.1", port))
 
 
-@pytest.mark.long("0.0-1", "0.3-1", "0.8-1", "0.8-2", "1.5-1", "1.5-2")
-@pytest.mark.parametrize(("seconds", "api_processes"), [(0.0, "1"), (0.3, "2"), (0.8, "1"), (1.5, "2")])
-def test_a_stop_that_comes_during_the_start_is_heard(tmp_path: Path, seconds: float, api_processes: str) -> None:
+MOMENTS: dict[str, Callable[[subprocess.Popen[str], str], object]] = {
+    "at once": lambda process, url: True,
+    "with a process beside it": lambda process, url: family_of(process),
+    "when it answers": lambda process, url: answers(url, "/health/live"),
+}
+
+
+@pytest.mark.long(but=("when it answers-2",))
+@pytest.mark.parametrize(
+    ("moment", "api_processes"),
+    [("at once", "1"), ("with a process beside it", "1"), ("with a process beside it", "2"), ("when it answers", "2")],
+)
+def test_a_stop_that_comes_during_the_start_is_heard(tmp_path: Path, moment: str, api_processes: str) -> None:
     """What says where it listens can be stopped, although it has not begun to serve."""
-    with service(tmp_path, "--no-worker", TAILSTACK_API_PROCESSES=api_processes) as (process, _):
-        time.sleep(seconds)
+    with service(tmp_path, "--no-worker", TAILSTACK_API_PROCESSES=api_processes) as (process, url):
+        until(lambda: MOMENTS[moment](process, url))
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=300)
+        _, err = process.communicate(timeout=LIMIT_SECONDS)
         assert process.returncode == 0, err
         assert "Traceback" not in err
 
@@ -226,11 +233,11 @@ def test_a_service_that_still_compiles_stops_all_the_same(tmp_path: Path) -> Non
     cache = tmp_path / "cache"
     cache.mkdir()
     with service(tmp_path, "--no-worker", NUMBA_CACHE_DIR=str(cache)) as (process, url):
-        response = httpx.get(url + "/health/ready", timeout=300, trust_env=False)
+        response = httpx.get(url + "/health/ready", timeout=LIMIT_SECONDS, trust_env=False)
         assert (response.status_code, response.json()["kernels"]) == (503, "warming up")
-        until(lambda: any(path.is_file() for path in cache.rglob("*")), 900)  # it has compiled one of them
+        until(lambda: any(path.is_file() for path in cache.rglob("*")))  # it has compiled one of them
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=300)
+        _, err = process.communicate(timeout=LIMIT_SECONDS)
         assert process.returncode == 0, err
         assert "Traceback" not in err
 
@@ -250,18 +257,24 @@ def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
     with service(tmp_path, "--no-worker") as (process, url):
         await_ready(url)
         body = {"design": small_design(), "trials": 1000}
-        with httpx.Client(base_url=url, timeout=300, trust_env=False) as client, ThreadPoolExecutor(2) as pool:
+        with (
+            httpx.Client(base_url=url, timeout=LIMIT_SECONDS, trust_env=False) as client,
+            ThreadPoolExecutor(2) as pool,
+        ):
             job = client.post("/v1/verifications", json=body).json()
-            waiting = pool.submit(client.post, "/v1/verifications", json=body, headers={"Prefer": "wait=60"})
+            waiting = pool.submit(client.post, "/v1/verifications", json=body, headers={"Prefer": "wait=600"})
             begun = Flag()
             stream = pool.submit(read_stream, client, job["links"]["events"], begun)
-            assert begun.wait(300)
+            assert begun.wait(LIMIT_SECONDS)
             until(lambda: len(client.get("/v1/jobs").json()["jobs"]) == 2)  # what is waited for is accepted
             process.send_signal(signal.SIGTERM)
-            assert waiting.result(timeout=300).status_code == 202
-            assert "event: state" in stream.result(timeout=300)
-        assert process.wait(timeout=300) == 0
-    with service(tmp_path) as (process, url), httpx.Client(base_url=url, timeout=300, trust_env=False) as client:
+            assert waiting.result(timeout=LIMIT_SECONDS).status_code == 202
+            assert "event: state" in stream.result(timeout=LIMIT_SECONDS)
+        assert process.wait(timeout=LIMIT_SECONDS) == 0
+    with (
+        service(tmp_path) as (process, url),
+        httpx.Client(base_url=url, timeout=LIMIT_SECONDS, trust_env=False) as client,
+    ):
         for job_id in (job["id"], waiting.result().json()["id"]):
             text = client.get(f"/v1/jobs/{job_id}/events").text
             assert '"state":"succeeded"' in text
@@ -274,11 +287,11 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
     limit = {"TAILSTACK_MAX_TRIALS": "10000000"}
     with service(tmp_path, **limit) as (process, url):
         await_ready(url)
-        job = httpx.post(url + "/v1/verifications", json=body, trust_env=False, timeout=300).json()
+        job = httpx.post(url + "/v1/verifications", json=body, trust_env=False, timeout=LIMIT_SECONDS).json()
         first: list[ServerSentEvent] = []
         with (
             suppress(httpx.HTTPError),
-            httpx.stream("GET", url + job["links"]["events"], timeout=300, trust_env=False) as r,
+            httpx.stream("GET", url + job["links"]["events"], timeout=LIMIT_SECONDS, trust_env=False) as r,
         ):
             for event in read_events(r):
                 first.append(event)
@@ -286,11 +299,13 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
                     family = family_of(process)
                     process.kill()
                     break
-        process.wait(timeout=300)
+        process.wait(timeout=LIMIT_SECONDS)
         check_gone(family)  # the worker notices that its parent has gone
     with service(tmp_path, TAILSTACK_LEASE_SECONDS="1", **limit) as (_, url):
         header = {"Last-Event-ID": first[-1].id}
-        with httpx.stream("GET", url + job["links"]["events"], headers=header, timeout=300, trust_env=False) as r:
+        with httpx.stream(
+            "GET", url + job["links"]["events"], headers=header, timeout=LIMIT_SECONDS, trust_env=False
+        ) as r:
             rest = list(read_events(r))
     ids = [int(event.id) for event in first + rest]
     assert ids == list(range(1, len(ids) + 1))
@@ -306,11 +321,13 @@ def after_a_death(tmp_path_factory: pytest.TempPathFactory) -> tuple[httpx.Respo
         first.kill()
         second = running_worker(process, other_than=first.pid)
         assert second.pid != first.pid
-        headers = {"X-Request-ID": "trace-1", "Prefer": "wait=60"}
+        headers = {"X-Request-ID": "trace-1", "Prefer": "wait=600"}
         body = {"design": small_design(), "trials": 1000}
-        answer = httpx.post(url + "/v1/verifications", json=body, headers=headers, timeout=300, trust_env=False)
+        answer = httpx.post(
+            url + "/v1/verifications", json=body, headers=headers, timeout=LIMIT_SECONDS, trust_env=False
+        )
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=300)
+        _, err = process.communicate(timeout=LIMIT_SECONDS)
     return answer, [json.loads(line) for line in err.splitlines() if line.startswith("{")]
 
 
@@ -337,24 +354,26 @@ def test_one_of_several_api_processes_that_dies_is_replaced_and_counters_are_sha
         await_ready(url)
         assert len(api_processes_of(process)) == 2
         for _ in range(20):  # on connections of their own, so that both take some
-            assert httpx.get(url + "/version", trust_env=False).status_code == 200
+            assert answers(url, "/version")
         counted = sum(requests_counted(url, "/version") for _ in range(2)) / 2
         assert counted == 20
         killed = api_processes_of(process)[0]
         computing = killed.children(recursive=True)
         killed.kill()
         check_gone(computing)
-        deadline = time.monotonic() + 300
-        while len(alive := api_processes_of(process)) < 2 or killed in alive:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+
+        def replaced() -> bool:
+            alive = api_processes_of(process)
+            return len(alive) == 2 and killed not in alive
+
+        until(replaced)
         await_ready(url)
-        assert httpx.get(url + "/version", trust_env=False).status_code == 200
+        assert answers(url, "/version")
         assert requests_counted(url, "/version") == 21
 
 
 def requests_counted(url: str, route: str) -> float:
-    text = httpx.get(url + "/metrics", trust_env=False).text
+    text = httpx.get(url + "/metrics", timeout=LIMIT_SECONDS, trust_env=False).text
     found = re.search(rf'tailstack_http_requests_total{{method="GET",route="{route}",status="200"}} (\S+)', text)
     return float(found.group(1)) if found else 0.0
 
@@ -390,8 +409,8 @@ def test_only_loopback_without_authentication(host: str, capsys: pytest.CaptureF
 def test_other_addresses_with_authentication(tmp_path: Path) -> None:
     with service(tmp_path, "--no-worker", "--host", "0.0.0.0", TAILSTACK_AUTH="required") as (_, url):
         local = url.replace("0.0.0.0", "127.0.0.1")
-        assert httpx.get(local + "/health/live", trust_env=False, timeout=300).status_code == 200
-        assert httpx.get(local + "/v1/jobs", trust_env=False, timeout=300).status_code == 401
+        assert httpx.get(local + "/health/live", trust_env=False, timeout=LIMIT_SECONDS).status_code == 200
+        assert httpx.get(local + "/v1/jobs", trust_env=False, timeout=LIMIT_SECONDS).status_code == 401
         database = {"TAILSTACK_DATABASE": f"sqlite:///{tmp_path / 'jobs.sqlite3'}"}
         made = run("keys", "create", "--tenant", "a", "--name", "test", "--scope", "read", env=database)
         assert made.returncode == 0, made.stderr
@@ -428,12 +447,26 @@ def test_what_ends_a_long_check(sign: signal.Signals, code: int) -> None:
     )  # fmt: skip
     with ended(process):
         assert process.stderr is not None
-        line = process.stderr.readline()  # progress appears after a second
+        line = process.stderr.readline()  # of progress
         assert line.startswith("verify: ")
         process.send_signal(sign)
-        out, err = process.communicate(timeout=300)
-        # an interrupt inside of exec() ends CPython by the signal itself, which shells call 130 as well
-        assert process.returncode in {code, -sign}, err
+        out, err = process.communicate(timeout=LIMIT_SECONDS)
+        assert process.returncode == code, err
         assert out == ""
         assert ("interrupted" in err) == (sign == signal.SIGINT)
         assert "Traceback" not in err
+
+
+def test_an_interrupt_of_a_text_that_is_executed_ends_with_the_code_too(tmp_path: Path) -> None:
+    """Functions are made so while libraries are loaded; under ``python -m`` CPython would end by the signal."""
+    (tmp_path / "interrupted.py").write_text(
+        "from tailstack_service.cli import main\n"
+        "main._run = lambda _: exec('raise KeyboardInterrupt')\n"
+        "main.command()\n",
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "interrupted"], capture_output=True, text=True, cwd=tmp_path, env=environment(),
+        timeout=LIMIT_SECONDS,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (130, "tailstack: interrupted\n")

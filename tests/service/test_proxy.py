@@ -16,10 +16,10 @@ import psutil
 import pytest
 from postgres import required
 from service_scenes import ROOT, check_problem, client_with, small_design
-from worker_scenes import until
 
 from family import die_with_parent
 from tailstack_service.settings import Settings
+from waiting import until
 
 NGINX = shutil.which("nginx") or "/usr/sbin/nginx"
 pytestmark = pytest.mark.skipif(

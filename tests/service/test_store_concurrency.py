@@ -2,50 +2,64 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import random
 import sqlite3
 import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event, Thread
+from typing import IO
 
 import pytest
 from postgres import Server
 from service_scenes import ROOT
 from store_scenes import LEASE, Clock, claim, claim_one, find, find_id, record, specs, split, submit, url_of
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from tailstack_service.jobs.store import database, events, jobs, queue, results, upkeep, workers
 from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.schema import HEAD, migrate_database, open_database
 from tailstack_service.task import ADVANCE
+from waiting import LIMIT_SECONDS, until
 
-PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service"), str(ROOT / "tests" / "service")])
+PATH = os.pathsep.join(str(ROOT / folder) for folder in ("solver", "service", "tests", "tests/service"))
 
-# A worker without a pool: claims, computes nothing, records, until there is nothing left.  Prints what it recorded.
+# A worker without a pool: claims, computes nothing, records, until a file is there.  Prints what it recorded, an empty
+# line when it found nothing to claim, and "held" when it has its first units, which it keeps until another file is
+# there.
 WORKER = """
 import sys
-import time
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import Event
+from strange_units import wait_for
 from tailstack_service.jobs.store import queue
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.task import ADVANCE, Outcome
 
-url, name, patience = sys.argv[1], sys.argv[2], int(sys.argv[3])
-db, idle = open_database(url), 0
+url, name, lease_seconds = sys.argv[1], sys.argv[2], float(sys.argv[3])
+go, enough = Path(sys.argv[4]), Path(sys.argv[5])
+db, first = open_database(url), True
 print("ready", flush=True)
-while idle < patience:
+while not enough.exists():
     held = queue.claim(
-        db, worker_id=name, solver_version="1.0", lease_seconds=1.0, limit=3, max_attempts=1000, max_deaths=5
+        db, worker_id=name, solver_version="1.0", lease_seconds=lease_seconds, limit=3, max_attempts=1000, max_deaths=5
     )
-    idle = 0 if held else idle + 1
-    time.sleep(0.005 if idle else 0)
+    if not held:
+        print(flush=True)
+        Event().wait(0.005)
+    elif first:
+        print("held", flush=True)
+        wait_for(go)
+        first = False
     for one in held:
         if one.spec != ADVANCE:
             outcome = Outcome(0.1, result=one.request + one.spec)
@@ -64,17 +78,21 @@ def expected_answer(request: bytes) -> bytes:
 
 
 @contextmanager
-def worker_process(db: Database, name: str, patience: int = 120) -> Iterator[subprocess.Popen[str]]:
+def worker_process(
+    db: Database, name: str, folder: Path, lease_seconds: float = 1.0
+) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
+    """A worker that is ready, and what it says; in ``folder`` the files ``go`` and ``enough`` that it looks for."""
     process = subprocess.Popen(
-        [sys.executable, "-c", WORKER, url_of(db), name, str(patience)], stdout=subprocess.PIPE, text=True,
+        [sys.executable, "-c", WORKER, url_of(db), name, str(lease_seconds), folder / "go", folder / "enough"],
+        stdout=subprocess.PIPE,
+        text=True,
         env={**os.environ, "PYTHONPATH": PATH},
-            preexec_fn=die_with_parent,
-    )  # fmt: skip
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate(timeout=300)
+        preexec_fn=die_with_parent,
+    )
+    with ended(process):
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield process, process.stdout
 
 
 def check_sound(db: Database) -> None:
@@ -100,14 +118,19 @@ def test_threads_that_claim_at_once_never_get_the_same_unit(store: Database) -> 
 
 
 @pytest.mark.long
-def test_processes_share_the_work_and_record_each_unit_once(store: Database) -> None:
-    with worker_process(store, "w1") as one, worker_process(store, "w2") as two:
-        for process in (one, two):
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
-        requests = {submit(store, b"%d" % number).id: b"%d" % number for number in range(40)}
-        lines = [process.communicate(timeout=300)[0].split("\n")[:-1] for process in (one, two)]
-    assert all(lines)  # both had their share
+def test_processes_share_the_work_and_record_each_unit_once(store: Database, tmp_path: Path) -> None:
+    requests = {submit(store, b"%d" % number).id: b"%d" % number for number in range(40)}
+    with (
+        worker_process(store, "w1", tmp_path, lease_seconds=600.0) as one,
+        worker_process(store, "w2", tmp_path, lease_seconds=600.0) as two,
+    ):
+        for _, said in (one, two):  # both have their share
+            assert next(line for line in said if line.strip()) == "held\n"
+        (tmp_path / "go").touch()
+        until(lambda: all(find_id(store, job_id).finished for job_id in requests))
+        (tmp_path / "enough").touch()
+        lines = [[line for line in said.read().split("\n") if line] for _, said in (one, two)]
+    assert all(lines)
     recorded = Counter(lines[0] + lines[1])
     assert set(recorded.values()) == {1}
     assert len(recorded) == 40 * 5
@@ -126,27 +149,23 @@ def answer_of(db: Database, job: jobs.Job) -> bytes:
 
 
 @pytest.mark.long
-def test_a_worker_killed_at_any_moment_loses_nothing(store: Database, clock: Clock) -> None:
+def test_a_worker_killed_at_any_moment_loses_nothing(store: Database, clock: Clock, tmp_path: Path) -> None:
     """Six kills -9 at random moments (seed 5) in the middle of claims and records; leases of one second."""
+    (tmp_path / "go").touch()
     dice = random.Random(5)
-    clock.now = time.time()
+    clock.now = datetime.now(UTC).timestamp()
     requests = {submit(store, b"%d" % number).id: b"%d" % number for number in range(20)}
     for number in range(6):
-        with worker_process(store, f"w{number}", 10_000) as process:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
+        with worker_process(store, f"w{number}", tmp_path) as (process, said):
             for _ in range(dice.randrange(12)):
-                process.stdout.readline()
-            time.sleep(dice.uniform(0.0, 0.004))
+                said.readline()
+            for _ in range(dice.randrange(12)):  # meanwhile it goes on
+                find_id(store, next(iter(requests)))
             process.kill()
-            process.wait(20)
+            process.wait(LIMIT_SECONDS)
     check_sound(store)
-    with worker_process(store, "last", 100_000) as process:
-        assert process.stdout is not None
-        deadline = time.monotonic() + 300
-        while any(not find_id(store, job_id).finished for job_id in requests):
-            assert time.monotonic() < deadline, "a killed worker's units were never taken up"
-            time.sleep(0.05)
+    with worker_process(store, "last", tmp_path):  # which takes up what the killed ones had
+        until(lambda: all(find_id(store, job_id).finished for job_id in requests))
     for job_id, request in requests.items():
         assert answer_of(store, find_id(store, job_id)) == expected_answer(request)
     check_sound(store)
@@ -187,7 +206,8 @@ def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
                 upkeep.purge(store, 0.0)
         return done
 
-    store = Database(store.engine, store.dialect, time.time, store.turn)
+    ticks = itertools.count()  # time goes on with each look at it, and as far on a slow machine
+    store = Database(store.engine, store.dialect, lambda: 1.8e9 + 0.002 * next(ticks), store.turn)
     with ThreadPoolExecutor(8) as pool:
         total = sum(pool.map(play, range(8)), Counter())
     assert min(total["claims"], total["records"], total["cancels"]) > 10, total
@@ -203,9 +223,9 @@ def test_a_purge_leaves_a_result_that_a_job_is_just_coming_to(migrated_database:
         with ThreadPoolExecutor(1) as pool:
             with writing(db) as connection:
                 assert results.store_result(db, connection, "verification", b'{"orphan":1}', clock.now) == name
-                assert pool.submit(upkeep.purge, db, 1e4).result(20).results == 0
+                assert pool.submit(upkeep.purge, db, 1e4).result(LIMIT_SECONDS).results == 0
             assert kept_results(db, name) == 1
-            assert pool.submit(upkeep.purge, db, 1e4).result(20).results >= 1
+            assert pool.submit(upkeep.purge, db, 1e4).result(LIMIT_SECONDS).results >= 1
         assert kept_results(db, name) == 0
     finally:
         db.close()
@@ -226,12 +246,12 @@ def test_readers_do_not_wait_for_a_writer(store: Database) -> None:
         with writing(store) as connection:
             connection.exec_driver_sql("UPDATE jobs SET note = 'not yet committed'")
             inside.set()
-            leave.wait(300)
+            leave.wait(LIMIT_SECONDS)
 
     writer = Thread(target=write_slowly)
     writer.start()
     try:
-        assert inside.wait(300)
+        assert inside.wait(LIMIT_SECONDS)
         assert find(store, job) == job
         assert jobs.list_page(store, "acme", limit=5).jobs == (job,)
         assert len(events.read_events(store, "acme", job.id, 0, 5)) == 1
@@ -239,7 +259,7 @@ def test_readers_do_not_wait_for_a_writer(store: Database) -> None:
         assert writer.is_alive()  # who waited for it would have waited until it gave up
     finally:
         leave.set()
-        writer.join(300)
+        writer.join(LIMIT_SECONDS)
     assert find(store, job).note == "not yet committed"
 
 
@@ -258,12 +278,13 @@ def test_a_file_that_stays_locked_is_unavailable_and_nothing_is_wrong_afterwards
         there.close()
 
 
-@pytest.mark.long
 def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the_other(
     tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(database, "BUSY_SECONDS", 1.0)
+    """The one whose turn it is may wait for the file for ever: who waits for his turn is refused all the same."""
+    monkeypatch.setattr(database, "BUSY_SECONDS", 0.3)
     db = open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)
+    assert db.turn is not None
 
     def refused(_: int) -> bool:
         with pytest.raises(StoreUnavailable) as error:
@@ -271,13 +292,14 @@ def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the
         return "no other program may hold the file" in error.value.problems[0].hint
 
     try:
-        with sqlite3.connect(tmp_path / "a.sqlite3", isolation_level=None) as other:
+        with sqlite3.connect(tmp_path / "a.sqlite3", isolation_level=None) as other, ThreadPoolExecutor(12) as pool:
             other.execute("BEGIN IMMEDIATE")  # and then nothing more: as if it were stopped here
-            began = time.monotonic()
-            with ThreadPoolExecutor(12) as pool:
-                assert all(pool.map(refused, range(12)))
-            assert time.monotonic() - began < 12 * database.BUSY_SECONDS  # the least that they take in turn
+            first = pool.submit(submit, db.within(2 * LIMIT_SECONDS))
+            until(db.turn.locked)
+            assert all(pool.map(refused, range(11)))
+            assert not first.done()
             other.execute("ROLLBACK")
+            assert first.result(LIMIT_SECONDS).state == "queued"
         other.close()
         assert find(db, submit(db)).state == "queued"
     finally:
@@ -300,15 +322,16 @@ def test_processes_that_open_a_new_file_at_once(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'new' / 'a.sqlite3'}"
     opens = "from tailstack_service.jobs.store.schema import *; open_database(sys.argv[1], migrate=True).close()"
     command = [sys.executable, "-c", f"import sys; {opens}", url]
-    started = [
-        subprocess.Popen(command, env={**os.environ, "PYTHONPATH": PATH}, preexec_fn=die_with_parent) for _ in range(4)
-    ]
-    try:
-        assert [process.wait(60) for process in started] == [0] * 4
-    finally:
-        for process in started:
-            process.kill()
-            process.wait(20)
+    with ExitStack() as stack:
+        started = [
+            stack.enter_context(
+                ended(
+                    subprocess.Popen[bytes](command, env={**os.environ, "PYTHONPATH": PATH}, preexec_fn=die_with_parent)
+                )
+            )
+            for _ in range(4)
+        ]
+        assert [process.wait(LIMIT_SECONDS) for process in started] == [0] * 4
     path = tmp_path / "new" / "a.sqlite3"
     assert path.stat().st_mode & 0o777 == 0o600
     assert path.parent.stat().st_mode & 0o777 == 0o700
@@ -386,8 +409,8 @@ def test_claims_and_renewals_never_wait_for_a_row_that_another_holds(
         submit(db)
         with writing(db) as connection, ThreadPoolExecutor(1) as pool:
             connection.exec_driver_sql(f"SELECT 1 FROM {table} FOR UPDATE")
-            assert pool.submit(claim, db, "w2", 9).result(5) == []
-            assert pool.submit(queue.renew, db, "w1", [held], LEASE).result(5) == []  # not lost, only busy
+            assert pool.submit(claim, db, "w2", 9).result(LIMIT_SECONDS) == []
+            assert pool.submit(queue.renew, db, "w1", [held], LEASE).result(LIMIT_SECONDS) == []  # not lost, only busy
         assert len(claim(db, "w2", 9)) == 1
         assert record(db, held, result=b"x")
     finally:

@@ -15,6 +15,7 @@ from tailstack_service.jobs.store import events, jobs, results
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.errors import IdempotencyConflict, QueueFull
 from tailstack_service.jobs.store.jobs import Job
+from waiting import LIMIT_SECONDS
 
 
 def told(db: Database, job: Job, after: int = 0) -> list[tuple[int, str, dict[str, object]]]:
@@ -118,7 +119,7 @@ def test_equal_submissions_at_the_same_moment_make_one_job(store: Database) -> N
     barrier = Barrier(crowd)
 
     def post(number: int) -> tuple[str, bool]:
-        barrier.wait(20)
+        barrier.wait(LIMIT_SECONDS)
         job, new = jobs.submit_job(
             store, tenant="acme", kind="sweep", request=b"{}", design_name="d", solver_version="1.0",
             request_id=str(number), idempotency_key="same", max_queued=100,

@@ -25,6 +25,7 @@ from tailstack_service.jobs.store import jobs, results, schema, tables, upkeep, 
 from tailstack_service.jobs.store.database import Database, connect, writing
 from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
 from tailstack_service.jobs.store.schema import open_database
+from waiting import LIMIT_SECONDS
 
 DAY = 86_400.0
 
@@ -257,7 +258,7 @@ def test_what_is_said_of_restoring_can_be_typed(tmp_path: Path, clock: Clock) ->
         shutil.move(f"{folder / 'killed'}{ending}", f"{file}{ending}")
     stop, _, commands = said.partition("then ")
     assert "stop the service" in stop
-    subprocess.run(["sh", "-e", "-c", commands], check=True, timeout=300)
+    subprocess.run(["sh", "-e", "-c", commands], check=True, timeout=LIMIT_SECONDS)
     again = open_database(f"sqlite:///{file}", clock=clock)
     try:
         assert jobs.find_job(again, later.tenant, later.id) is None
@@ -288,7 +289,7 @@ def test_a_backup_of_a_server_can_be_restored(
         subprocess.run(
             [postgres_server.binaries / "pg_restore", "--no-owner", "--exit-on-error", f"--dbname={name}",
              "--host=127.0.0.1", f"--port={postgres_server.port}", "--username=tailstack", target],
-            check=True, timeout=300, env={**os.environ, "PGPASSWORD": postgres_server.password},
+            check=True, timeout=LIMIT_SECONDS, env={**os.environ, "PGPASSWORD": postgres_server.password},
         )  # fmt: skip
         check_restored(postgres_server.url(name), made, clock)
     finally:

@@ -31,6 +31,7 @@ from tailstack_service.operations.request import RawRequest
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 from tailstack_service.task import ADVANCE, Estimated, Task
+from waiting import LIMIT_SECONDS
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -230,7 +231,7 @@ def test_units_come_back_from_a_spawned_process_as_they_are_computed_here() -> N
     spec = perform(Task("verification", request, ADVANCE)).more[0]
     task = Task("verification", request, spec)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        there = pool.submit(perform, task).result(timeout=300)
+        there = pool.submit(perform, task).result(timeout=LIMIT_SECONDS)
     assert there.result == perform(task).result
     assert there.cpu_seconds > 0
 
@@ -246,7 +247,9 @@ def test_knowing_the_operations_loads_no_solver() -> None:
         "heavy = {'numpy', 'numba', 'casadi', 'scipy', 'yaml', 'fastapi', 'sqlalchemy'} & set(sys.modules)\n"
         "sys.exit(f'loaded: {heavy}' if heavy else 0)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
+    )
     assert done.returncode == 0, done.stderr
 
 

@@ -12,15 +12,16 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import sqlalchemy as sa
-from strange_units import expected_answer, request
-from worker_scenes import TENANT, VERSION, finished, job, prepared_database, submit, until, working
+from strange_units import begun, expected_answer, request
+from worker_scenes import TENANT, VERSION, finished, job, prepared_database, submit, working
 
 from tailstack.errors import SourcesChangedError
 from tailstack.version import __version__
@@ -29,6 +30,8 @@ from tailstack_service.jobs.store import events, jobs, queue, results, tables, w
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.processes.interpreter import running_code
+from tailstack_service.task import Outcome
+from waiting import LIMIT_SECONDS, until
 
 ROOT = Path(__file__).parents[2]
 
@@ -87,7 +90,7 @@ def test_many_small_jobs_none_lost_none_doubled(db: Database, tmp_path: Path) ->
     note = tmp_path / "note"
     asked = [request(units=2, number=number, note=str(note)) for number in range(40)]
     submitted = [submit(db, one) for one in asked]
-    with working(db, lease_seconds=30.0), working(db, lease_seconds=30.0):
+    with working(db, lease_seconds=600.0), working(db, lease_seconds=600.0):
         ended = [finished(db, one) for one in submitted]
     assert [answer(db, one) for one in ended] == [expected_answer(one) for one in asked]
     assert len(note.read_text().splitlines()) == 40 * 4
@@ -151,32 +154,60 @@ def test_an_outcome_that_a_unit_cannot_have_is_a_defect(db: Database, monkeypatc
 
 
 @pytest.mark.long("postgresql")
-def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
+def test_a_cancelled_job_stops_computing_with_the_next_beat(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    """There are three in the time of a lease; what is cancelled computes until it is stopped."""
+    beats: list[int] = []  # as many as have begun
+    kills: list[int] = []  # how many had at each
+    renew = queue.renew
+
+    def counted(*arguments: Any) -> Any:
+        beats.append(len(beats))
+        return renew(*arguments)
+
+    monkeypatch.setattr(queue, "renew", counted)
     with working(db, lease_seconds=1.5) as (_, engine):
+        kill = engine.kill
+
+        def noted(future: Future[Outcome]) -> None:
+            kills.append(len(beats))
+            kill(future)
+
+        monkeypatch.setattr(engine, "kill", noted)
         submitted = submit(db, request("burn", units=2))
         until(lambda: len(engine._children.seconds()) == 2)
         before = set(engine.pids())
         assert jobs.cancel_job(db, TENANT, submitted.id) is not None
-        until(lambda: not engine._children.seconds(), 1.5)
+        begun_before = len(beats)
+        until(lambda: not engine._children.seconds())
+        assert kills[0] <= begun_before + 1
         until(lambda: len(set(engine.pids()) - before) == 2)
         assert finished(db, submit(db, request())).state == "succeeded"
     assert job(db, submitted).state == "cancelled"
 
 
-@pytest.mark.long
-def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogCaptureFixture) -> None:
-    with working(db, max_job_seconds=2.0, lease_seconds=1.0) as (_, engine):
-        ended = finished(db, submit(db, request("sleep")), 10.0)
+def test_a_unit_that_takes_too_long_is_stopped(
+    db: Database, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As long as the engine says; it would never end by itself."""
+    with working(db, max_job_seconds=3600.0) as (_, engine):
+        monkeypatch.setattr(engine, "seconds", lambda _: 3599.0)
+        slow = submit(db, request("wait"))
+        until(lambda: len(unit_rows(db, slow)) == 2 and engine._children.seconds())
+        assert not job(db, slow).finished
+        monkeypatch.setattr(engine, "seconds", lambda _: 3601.0)
+        ended = finished(db, slow)
         until(lambda: not engine._children.seconds())
+        monkeypatch.setattr(engine, "seconds", lambda _: 0.0)
         assert finished(db, submit(db, request())).state == "succeeded"
     assert problem_of(ended)["type"] == "/v1/problems/limit-exceeded"
     assert "TAILSTACK_MAX_JOB_SECONDS" in problem_of(ended)["errors"][0]["hint"]
     assert len(told(caplog, "too-long")) == 1
 
 
-@pytest.mark.long
-def test_a_stop_gives_everything_back_at_once(db: Database) -> None:
-    asked = request("sleep", units=2, seconds=3.0)
+def test_a_stop_gives_everything_back_at_once(db: Database, tmp_path: Path) -> None:
+    """Also what would never end."""
+    go = tmp_path / "go"
+    asked = request("wait", units=2, until=str(go))
     submitted = submit(db, asked)
     with working(db, lease_seconds=600.0) as (_, engine):
         until(lambda: len(engine._children.seconds()) == 2)
@@ -185,31 +216,34 @@ def test_a_stop_gives_everything_back_at_once(db: Database) -> None:
     rows = unit_rows(db, submitted)
     assert [row.state for row in rows] == ["recorded", "ready", "ready"]
     assert [row.deaths for row in rows] == [0, 0, 0]
+    go.touch()
     with working(db, lease_seconds=600.0):
         assert answer(db, finished(db, submitted)) == expected_answer(asked)
 
 
-def test_a_late_record_is_refused(db: Database, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_late_record_is_refused(db: Database, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """The unit was taken over while this worker thought that it had it; what it finds is not written."""
-    submitted = submit(db, request("sleep", seconds=0.7))
+    submitted = submit(db, request("wait", until=str(tmp_path / "go")))
     with working(db, lease_seconds=600.0) as (_, engine):  # so long that it does not look for its loss
         until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
         with db.engine.connect() as connection:
             held = tables.units.c.number == 1
             connection.execute(sa.update(tables.units).where(held).values(token=tables.units.c.token + 1))
             connection.commit()
+        (tmp_path / "go").touch()
         until(lambda: told(caplog, "late"))
         assert unit_rows(db, submitted)[1].state == "leased"
         assert job(db, submitted).units_done == 1
 
 
 @pytest.mark.long("postgresql")
-def test_an_upgrade_computes_anew_and_says_so(db: Database) -> None:
-    asked = request("sleep", units=3, seconds=0.3)
+def test_an_upgrade_computes_anew_and_says_so(db: Database, tmp_path: Path) -> None:
+    asked = request("wait", units=3, held=[1, 2], until=str(tmp_path / "go"))
     submitted = submit(db, asked)
     with working(db, worker_processes=1, lease_seconds=600.0):
         until(lambda: job(db, submitted).units_done >= 2)
     assert not job(db, submitted).finished
+    (tmp_path / "go").touch()
     with working(db, solver_version="2.0"):
         ended = finished(db, submitted)
     assert (ended.solver_version, ended.generation) == ("2.0", 2)
@@ -220,7 +254,7 @@ def test_an_upgrade_computes_anew_and_says_so(db: Database) -> None:
 
 def test_a_code_of_the_same_version_computes_anew_and_says_so(db: Database) -> None:
     """Two commits may both be called 0.1.0: what a worker calls itself has the sources in it."""
-    asked = request("sleep", units=3, seconds=0.3)
+    asked = request(units=3)
     submitted = submit(db, asked, solver_version=__version__)
     with working(db, solver_version=None):
         ended = finished(db, submitted)
@@ -241,7 +275,7 @@ def test_what_a_code_calls_itself_changes_with_any_file_of_it(tmp_path: Path) ->
         code = "from tailstack_service.processes.interpreter import running_code; print(running_code())"
         done = subprocess.run(
             [sys.executable, "-P", "-c", code], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True,
-            timeout=300, check=True, cwd=tmp_path,
+            timeout=LIMIT_SECONDS, check=True, cwd=tmp_path,
         )  # fmt: skip
         return done.stdout.strip()
 
@@ -255,14 +289,16 @@ def test_what_a_code_calls_itself_changes_with_any_file_of_it(tmp_path: Path) ->
         changed.write_bytes(original)
 
 
-@pytest.mark.long
 def test_a_killed_process_is_counted_and_its_unit_computed_again(db: Database, tmp_path: Path) -> None:
-    note = tmp_path / "note"
-    asked = request("sleep", seconds=1.5, note=str(note))  # a machine may be slow to kill
+    note, go = tmp_path / "note", tmp_path / "go"
+    asked = request("wait", note=str(note), until=str(go))
     submitted = submit(db, asked)
     with working(db, worker_processes=1) as (_, engine):
-        until(lambda: note.exists() and len(note.read_text().splitlines()) == 2)  # a look, and the unit itself
-        os.kill(engine.pids()[0], signal.SIGKILL)
+        until(lambda: len(begun(note)) == 2)  # a look, and the unit itself
+        (killed,) = engine.pids()
+        os.kill(killed, signal.SIGKILL)
+        until(lambda: not psutil.pid_exists(killed))
+        go.touch()
         assert answer(db, finished(db, submitted)) == expected_answer(asked)
     assert [row.deaths for row in unit_rows(db, submitted)] == [0, 1, 0]
     assert [row.attempts for row in unit_rows(db, submitted)] == [1, 2, 1]
@@ -279,17 +315,17 @@ def test_short_units_are_taken_ahead_and_long_ones_are_not(db: Database, monkeyp
 
     monkeypatch.setattr(queue, "claim", counting)
     with working(db):
-        finished(db, submit(db, request("burn", units=4, seconds=0.5)))
+        finished(db, submit(db, request(units=4, cost=0.5)))
         longest = max(asked)
-        finished(db, submit(db, request(units=150)))
+        finished(db, submit(db, request(units=150, cost=0.001)))
     assert longest == 2  # as many as there are processes
     assert max(asked) == 2 * (1 + worker.AHEAD_UNITS)
 
 
 def test_the_database_may_go_away_while_units_are_computed(
-    db: Database, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    db: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Every statement fails for a second: what was computed meanwhile is recorded afterwards, by the same claims."""
+    """Every statement fails for a while: what was computed meanwhile is recorded afterwards, by the same claims."""
     from tailstack.errors import Problem
     from tailstack_service.jobs.store.errors import StoreUnavailable
 
@@ -307,11 +343,12 @@ def test_the_database_may_go_away_while_units_are_computed(
 
     for name, room in rooms.items():
         monkeypatch.setattr(room, name, replacing(name))
-    submitted = submit(db, request("sleep", units=2, seconds=0.5))
+    submitted = submit(db, request("wait", units=2, until=str(tmp_path / "go")))
     with working(db, lease_seconds=1.0) as (_, engine):
         until(lambda: len(engine._children.seconds()) == 2)
         away = True
         until(lambda: told(caplog, "store-unavailable"))
+        (tmp_path / "go").touch()
         until(lambda: not engine._children.seconds())
         away = False
         ended = finished(db, submitted)
@@ -325,7 +362,7 @@ def test_a_defect_of_the_second_thread_ends_the_worker(db: Database, monkeypatch
     def broken(*_: Any, **__: Any) -> Any:
         raise ArithmeticError("for the test of it")
 
-    held = submit(db, request("sleep"))
+    held = submit(db, request("wait"))
     with working(db, lease_seconds=1.0, expected=ArithmeticError):
         until(lambda: len(unit_rows(db, held)) == 2)
         monkeypatch.setattr(queue, "renew", broken)
@@ -333,17 +370,20 @@ def test_a_defect_of_the_second_thread_ends_the_worker(db: Database, monkeypatch
     assert [row.state for row in unit_rows(db, held)] == ["recorded", "ready"]
 
 
-def test_a_lost_unit_is_stopped_and_left_alone(db: Database, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_lost_unit_is_stopped_and_left_alone(
+    db: Database, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Another worker has the unit by now: the computation ends, nothing is released or recorded."""
     submitted = submit(db, request("burn"))
-    with working(db, lease_seconds=3.0) as (_, engine):
+    with working(db, lease_seconds=3.0) as (worker, engine):
+        monkeypatch.setattr(worker._heartbeat, "is_steady", lambda: False)  # so that it takes no lease over
         until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
         with db.engine.connect() as connection:
             held = tables.units.c.number == 1
-            taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": time.time() + 3.0}
+            taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": 0.0}
             connection.execute(sa.update(tables.units).where(held).values(taken))
             connection.commit()
-        until(lambda: not engine._children.seconds(), 5.0)
+        until(lambda: not engine._children.seconds())
         assert len(told(caplog, "lost")) == 1
     row = unit_rows(db, submitted)[1]
     assert (row.state, row.worker_id, row.deaths) == ("leased", "another", 0)

@@ -7,32 +7,32 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import psutil
 import pytest
 from postgres import Server
-from strange_units import expected_answer, request
+from strange_units import FUNCTION, expected_answer, request, units_begun
 from worker_scenes import (
-    LONG,
+    PROGRAM,
     TENANT,
+    VERSION,
     computing_processes,
     finished,
     job,
     prepared_database,
     started,
     submit,
-    until,
     worker_process,
 )
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from tailstack_service.jobs.store import results, workers
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.processes.interpreter import make_command, make_environment
+from waiting import LIMIT_SECONDS, until
 
 COMMAND = make_command("tailstack_service.cli.main", "worker")
 
@@ -63,9 +63,9 @@ def test_a_stop_is_clean_and_leaves_no_process(
         until(lambda: len(computing_processes(worker)) == 3)
         beside = computing_processes(worker)
         worker.send_signal(sign)
-        assert worker.wait(LONG) == code
+        assert worker.wait(LIMIT_SECONDS) == code
         assert workers.list_workers(db) == []
-        assert psutil.wait_procs(beside, timeout=300)[1] == []
+        assert psutil.wait_procs(beside, timeout=LIMIT_SECONDS)[1] == []
     told = log.read_text()
     assert f"{socket.gethostname()}-{worker.pid}-" in told
     assert ": 3 processes on " in told
@@ -77,21 +77,34 @@ def test_a_stop_is_clean_and_leaves_no_process(
 @pytest.mark.long
 def test_what_was_under_way_is_given_back_by_a_stop(database_url: str, tmp_path: Path) -> None:
     with prepared_database(database_url) as db:
-        asked = request("sleep", units=2, seconds=2.0)
+        go = tmp_path / "go"
+        asked = request("wait", units=2, until=str(go))
         submitted = submit(db, asked)
         with worker_process(database_url, tmp_path / "log", TAILSTACK_LEASE_SECONDS="600") as worker:
             until(lambda: (tmp_path / "log").read_text().count("action=begun") == 3)
             worker.terminate()
-            assert worker.wait(LONG) == 0
+            assert worker.wait(LIMIT_SECONDS) == 0
+        go.touch()
         with worker_process(database_url, tmp_path / "log", TAILSTACK_LEASE_SECONDS="600"):
             assert computed(db, submitted, asked)
+
+
+PATIENT = """
+from tailstack_service.jobs import process, worker
+worker.STOPPING_SECONDS = 3600.0  # for the database to take units back: a stop that waits for it waits for ever
+process.SAME_STOP_SECONDS = 0.0  # a signal more is another stop, however soon it comes
+"""
 
 
 @pytest.mark.long
 def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
     """The first cannot be acted on: another process holds the only write lock of the file."""
     url = f"sqlite:///{tmp_path / 'held.sqlite3'}"
-    with prepared_database(url) as db, worker_process(url, tmp_path / "log") as worker:
+    told = {"FUNCTION": FUNCTION, "VERSION": VERSION, "TAILSTACK_WORKER_PROCESSES": "2"}
+    with (
+        prepared_database(url) as db,
+        started([sys.executable, "-c", PATIENT + PROGRAM], url, tmp_path / "log", told) as worker,
+    ):
         submit(db, request("burn"))
         until(lambda: at_work(db))
         until(lambda: len(computing_processes(worker)) == 2)
@@ -99,28 +112,32 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
         raw = db.engine.raw_connection()
         try:
             raw.cursor().execute("BEGIN IMMEDIATE")
-            worker.terminate()
-            time.sleep(1.5)
-            assert worker.poll() is None
-            until(lambda: worker.send_signal(signal.SIGTERM) or time.sleep(0.2) or worker.poll() is not None)  # type: ignore[func-returns-value]
+
+            def gone_after_another_signal() -> bool:
+                worker.terminate()
+                return worker.poll() is not None
+
+            until(gone_after_another_signal)
             assert worker.returncode == 128 + signal.SIGTERM
         finally:
             raw.cursor().execute("ROLLBACK")
             raw.close()
-        assert psutil.wait_procs(beside, timeout=300)[1] == []
+        assert psutil.wait_procs(beside, timeout=LIMIT_SECONDS)[1] == []
 
 
 @pytest.mark.long
 def test_kill_9_of_a_worker_costs_only_time(database_url: str, tmp_path: Path) -> None:
     with prepared_database(database_url) as db:
-        asked = request("sleep", units=6, seconds=0.4)
+        go = tmp_path / "go"
+        asked = request("wait", units=6, held=[2, 3, 4, 5], until=str(go))
         submitted = submit(db, asked)
         with worker_process(database_url, tmp_path / "log") as first:
             until(lambda: job(db, submitted).units_done >= 3)
             beside = computing_processes(first)
             first.kill()
-            first.wait(LONG)
-            assert psutil.wait_procs(beside, timeout=300)[1] == []
+            first.wait(LIMIT_SECONDS)
+            assert psutil.wait_procs(beside, timeout=LIMIT_SECONDS)[1] == []
+        go.touch()
         with worker_process(database_url, tmp_path / "log"):
             assert computed(db, submitted, asked)
 
@@ -132,13 +149,15 @@ def test_a_frozen_worker_cannot_record(database_url: str, tmp_path: Path) -> Non
     Its unit is "late" where that is written before the heartbeat renews, "lost" otherwise.
     """
     with prepared_database(database_url) as db:
-        asked = request("sleep", seconds=1.0)
+        go = tmp_path / "go"
+        asked = request("wait", until=str(go))
         with worker_process(database_url, tmp_path / "frozen", TAILSTACK_WORKER_PROCESSES="1") as frozen:
             until(lambda: at_work(db))
             submitted = submit(db, asked)
             until(lambda: job(db, submitted).units_done == 1)
             until(lambda: (tmp_path / "frozen").read_text().count("action=begun") == 2)
             freeze(frozen.pid, db)
+            go.touch()
             with worker_process(database_url, tmp_path / "other"):
                 assert computed(db, submitted, asked)
                 os.kill(frozen.pid, signal.SIGCONT)
@@ -168,12 +187,15 @@ def words(log: str) -> list[str]:
 def test_a_database_restart_is_waited_for(postgres_server: Server, postgres_url: str, tmp_path: Path) -> None:
     """Immediate shutdown, as after a power cut, while units are computed; away for longer than a lease."""
     with prepared_database(postgres_url) as db, worker_process(postgres_url, tmp_path / "log") as worker:
-        asked = request("sleep", units=8, seconds=0.3)
+        go, log = tmp_path / "go", tmp_path / "log"
+        asked = request("wait", units=8, held=[2, 3, 4, 5, 6, 7], until=str(go))
         submitted = submit(db, asked)
         until(lambda: job(db, submitted).units_done >= 3)
         postgres_server.stop()
         try:
-            time.sleep(1.5)
+            go.touch()
+            # its own pauses, from 0.05 s on and twice as long each time: together they are longer than a lease
+            until(lambda: log.read_text().count("asks the database again soon") >= 6, log.read_text)
             assert worker.poll() is None
         finally:
             postgres_server.start()
@@ -194,14 +216,14 @@ def test_a_database_that_is_not_up_yet_is_waited_for(
                 postgres_server.start()
                 until(lambda: at_work(db))
                 worker.terminate()
-                assert worker.wait(LONG) == 0
+                assert worker.wait(LIMIT_SECONDS) == 0
         finally:
             postgres_server.restart()
 
 
 def test_a_database_without_tables_is_refused(postgres_url: str, tmp_path: Path) -> None:
     with started(COMMAND, postgres_url, tmp_path / "log", {}) as worker:
-        assert worker.wait(LONG) == 3
+        assert worker.wait(LIMIT_SECONDS) == 3
     assert "tailstack db migrate" in (tmp_path / "log").read_text()
 
 
@@ -209,7 +231,7 @@ def test_a_database_without_tables_is_refused(postgres_url: str, tmp_path: Path)
 def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path: Path) -> None:
     def check() -> tuple[int, str]:
         told = {**make_environment(), "TAILSTACK_DATABASE": database_url}
-        done = subprocess.run([*COMMAND, "--check"], env=told, capture_output=True, text=True, timeout=LONG)
+        done = subprocess.run([*COMMAND, "--check"], env=told, capture_output=True, text=True, timeout=LIMIT_SECONDS)
         return done.returncode, done.stdout
 
     with prepared_database(database_url) as db:
@@ -224,12 +246,12 @@ def test_the_health_check_sees_a_worker_of_this_host(database_url: str, tmp_path
 
 
 PARENT = """
-import os, sys, time
+import threading
 from tailstack_service.settings import load_settings
 from tailstack_service.jobs.process import start_worker_process
 child = start_worker_process(load_settings())
 print(child.pid, flush=True)
-time.sleep(60)
+threading.Event().wait()
 """
 
 
@@ -243,21 +265,19 @@ def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: si
             env={**make_environment(), "TAILSTACK_DATABASE": url, "TAILSTACK_WORKER_PROCESSES": "1"},
             preexec_fn=die_with_parent,
         )  # fmt: skip
-        try:
+        with ended(parent):
             assert parent.stdout is not None
             worker = psutil.Process(int(parent.stdout.readline()))
             until(lambda: at_work(db))
             until(lambda: len(worker.children(recursive=True)) == 2)  # a computing process, and what it was forked from
             family = [worker, *worker.children(recursive=True)]
             os.kill(worker.pid, signal.SIGINT)  # a Ctrl-C in the terminal is for the parent to act on
-            time.sleep(0.3)
+            after = submit(db, b"{}")
+            until(lambda: job(db, after).state != "queued")  # it still takes what there is to do
             assert worker.is_running()
             parent.send_signal(sign)
-            assert psutil.wait_procs(family, timeout=300)[1] == []
+            assert psutil.wait_procs(family, timeout=LIMIT_SECONDS)[1] == []
             assert workers.list_workers(db) == []  # it had time to give back what it had
-        finally:
-            parent.kill()
-            parent.communicate(timeout=LONG)
 
 
 def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -279,13 +299,14 @@ def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pyt
 
 @pytest.mark.long
 def test_a_computing_process_that_is_stopped_is_replaced_within_its_time(database_url: str, tmp_path: Path) -> None:
-    note = tmp_path / "note"
-    asked = request("burn", seconds=1.5, note=str(note))
+    note, go = tmp_path / "note", tmp_path / "go"
+    asked = request("burn", note=str(note), until=str(go))
     told = {"TAILSTACK_HANG_SECONDS": "2", "TAILSTACK_WORKER_PROCESSES": "1"}
     with prepared_database(database_url) as db, worker_process(database_url, tmp_path / "log", **told) as worker:
         made = submit(db, asked)
-        until(lambda: note.exists() and "unit" in note.read_text())
+        until(lambda: units_begun(note) == [0])
         (child,) = computing_processes(worker)
         child.suspend()
+        go.touch()
         assert computed(db, made, asked)
     assert "no sign of life" in (tmp_path / "log").read_text()

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import psutil
 import strange_units
 
-from family import die_with_parent, forked_of
+from family import die_with_parent, ended, forked_of
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.jobs.store import jobs
 from tailstack_service.jobs.store.database import Database
@@ -25,11 +22,10 @@ from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.jobs.worker import Worker
 from tailstack_service.processes.interpreter import make_environment
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS, until
 
-LONG = 180.0  # s, for what takes a few at most on a machine of its own
 VERSION = "1.0"
 TENANT = "acme"
-T = TypeVar("T")
 QUICK: dict[str, Any] = {"lease_seconds": 1.0, "poll_seconds": 0.01, "worker_processes": 2}
 
 PROGRAM = """
@@ -41,15 +37,6 @@ from tailstack_service.jobs.process import run_worker
 log_to_stderr(level=logging.DEBUG)
 run_worker(load_settings(), function=os.environ["FUNCTION"], solver_version=os.environ["VERSION"])
 """
-
-
-def until(condition: Callable[[], T], seconds: float = LONG) -> T:
-    """What the condition gives once it is true."""
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return found
 
 
 def submit(db: Database, request: bytes, **changes: Any) -> Job:
@@ -66,9 +53,9 @@ def job(db: Database, submitted: Job) -> Job:
     return found
 
 
-def finished(db: Database, submitted: Job, seconds: float = LONG) -> Job:
+def finished(db: Database, submitted: Job) -> Job:
     """The job once it has ended."""
-    until(lambda: job(db, submitted).finished, seconds)
+    until(lambda: job(db, submitted).finished, lambda: job(db, submitted))
     return job(db, submitted)
 
 
@@ -107,7 +94,7 @@ def working(
         yield worker, engine
     finally:
         worker.stop()
-        thread.join(LONG)
+        thread.join(LIMIT_SECONDS)
         assert not thread.is_alive()
     if raised and type(raised[0]) is not expected:
         raise raised[0]
@@ -136,24 +123,14 @@ def started(command: list[str], url: str, log: Path, told: Mapping[str, str]) ->
             env={**kept, "TAILSTACK_DATABASE": url, **told},
             preexec_fn=die_with_parent,
         )  # fmt: skip
-    try:
+    with ended(process):
         yield process
-    finally:
-        end(process)
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
     """Kill a process and those that it started."""
-    family = []
-    with suppress(psutil.NoSuchProcess):
-        family = psutil.Process(process.pid).children(recursive=True)
-    with suppress(ProcessLookupError):
-        os.kill(process.pid, signal.SIGCONT)
-    process.kill()
-    process.wait(LONG)
-    for one in family:
-        with suppress(psutil.NoSuchProcess):
-            one.kill()
+    with ended(process):
+        pass
 
 
 def computing_processes(process: subprocess.Popen[bytes]) -> list[psutil.Process]:

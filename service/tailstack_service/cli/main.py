@@ -161,7 +161,17 @@ def _speak_utf8_where_possible() -> None:
 def command() -> NoReturn:
     """The program: ``main``, and the end of the process with its code."""
     gc.set_threshold(10_000)  # the usual 700 searches a start, which makes a quarter of a million objects, 330 times
-    sys.exit(main())
+    code = main()
+    if code == INTERRUPTED:
+        _forget_interrupt()
+    sys.exit(code)
+
+
+def _forget_interrupt() -> None:
+    """Under ``python -m`` CPython remembers that an interrupt left a text that was executed (``exec`` of a string, as
+    dataclasses and numba make functions), also where it was caught outside of it, and ends the process by the signal
+    after all, in place of the code.  The next text that is executed makes it forget."""
+    exec("")
 
 
 if __name__ == "__main__":
