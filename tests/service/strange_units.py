@@ -1,7 +1,7 @@
 """Units that do what real ones must not: sleep, burn, raise, end their process.  Imported by computing processes.
 
 A request is JSON: ``do`` says how its units behave, ``units`` how many there are, ``seconds`` how long they take,
-``note`` a file to which each unit appends a line when it begins.
+``note`` a file to which each unit appends a line when it begins, ``gate`` a file that those wait for that hold.
 """
 
 from __future__ import annotations
@@ -69,6 +69,9 @@ def _behave(asked: dict[str, Any]) -> None:
         raise ArithmeticError("a defect, for the test of it")
     elif do == "sleep":
         time.sleep(seconds)
+    elif do == "hold":
+        while not Path(asked["gate"]).exists():
+            time.sleep(0.01)
     elif do == "burn":
         until = time.monotonic() + seconds
         while time.monotonic() < until:
