@@ -20,10 +20,11 @@ from typing import Any
 import yaml
 from service_scenes import EXAMPLES, ROOT
 
+from waiting import LIMIT_SECONDS
+
 ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
 EXAMPLE = EXAMPLES / "ci-gate"
 SOURCES = os.pathsep.join((str(ROOT / "solver"), str(ROOT / "service")))
-SECONDS = 120
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,9 @@ def redate(folder: Path, days: int) -> None:
 
 
 def git(folder: Path, *arguments: str) -> str:
-    done = subprocess.run(["git", *arguments], cwd=folder, capture_output=True, text=True, check=True, timeout=SECONDS)
+    done = subprocess.run(
+        ["git", *arguments], cwd=folder, capture_output=True, text=True, check=True, timeout=LIMIT_SECONDS
+    )
     return done.stdout
 
 
@@ -143,7 +146,7 @@ def run_step(identity: str, known: dict[str, str], workspace: Path, temporary: P
             GITHUB_STEP_SUMMARY=str(written["summary"]),
             RUNNER_TEMP=str(temporary),
         ),
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=SECONDS,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=LIMIT_SECONDS,
         encoding="utf-8", check=False,
     )  # fmt: skip
     outputs = dict(line.split("=", 1) for line in written["output"].read_text(encoding="utf-8").splitlines())
@@ -190,7 +193,7 @@ def run_job(job: dict[str, Any], project: Path, shell: list[str], path: Path) ->
             PATH=os.pathsep.join((str(path), os.environ["PATH"])),
             PIP_NO_DEPS="1", PIP_NO_BUILD_ISOLATION="0",
         ),
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=SECONDS,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=LIMIT_SECONDS,
         encoding="utf-8", check=False,
     )  # fmt: skip
     return Ran(done.returncode, done.stdout)
