@@ -716,7 +716,6 @@ def test_nothing_random_is_said() -> None:
     assert of(scene(design), "arrow", "bias")
 
 
-@pytest.mark.long
 def test_hundreds_of_fiducials_and_many_views_stay_cheap(monkeypatch: pytest.MonkeyPatch) -> None:
     """Seed 5.  What is drawn grows with the fiducials and no faster, and nothing is scored again for it."""
     data = json.loads(json.dumps(DEMO.source.data))
@@ -741,7 +740,7 @@ def test_hundreds_of_fiducials_and_many_views_stay_cheap(monkeypatch: pytest.Mon
     assert models == []
     assert [len(calls) for calls in compiled] == [1, 1]
     assert len(gaps) == len(data["views"])
-    assert len(found.items) - len(fewer.items) == 150
+    assert len(found.items) - len(fewer.items) == 150 * (1 + len(data["views"]))  # one each, and its image in each view
     assert len(drawn) <= 2 * len(fewer_drawn)
     assert len(imaged) <= 2 * len(fewer_imaged)
     assert len(drawn) + len(imaged) + len(scene_json(found)) < 1_500_000
