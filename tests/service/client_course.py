@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import time
 from contextlib import closing
 from html.parser import HTMLParser
 from pathlib import Path
@@ -57,8 +56,7 @@ from tailstack_client.types import File
 from tailstack_service.jobs.store.keys import create_key
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.settings import Settings
-
-SECONDS = 300.0  # a cold compile cache takes a while
+from waiting import LIMIT_SECONDS, until
 
 
 def _design(**changes: object) -> Design:
@@ -68,13 +66,16 @@ def _design(**changes: object) -> Design:
 def _awaited(client: AuthenticatedClient, job: object) -> Job:
     """The job when it has ended."""
     assert isinstance(job, Job)
-    deadline = time.monotonic() + SECONDS
-    while job.state in ("queued", "running"):
-        assert time.monotonic() < deadline, job
-        time.sleep(0.05)
-        job = get_job.sync(job.id, client=client)
-        assert isinstance(job, Job)
-    return job
+    seen = [job]
+
+    def ended() -> bool:
+        now = get_job.sync(seen[-1].id, client=client)
+        assert isinstance(now, Job)
+        seen.append(now)
+        return now.state not in ("queued", "running")
+
+    until(ended, says=lambda: seen[-1])
+    return seen[-1]
 
 
 def service_is_ready(client: AuthenticatedClient) -> None:
@@ -120,7 +121,7 @@ def a_report_arrives_whole_in_every_format(service: Served, client: Authenticate
         assert isinstance(report, File), report
         found[form] = report.payload.read()  # type: ignore[union-attr]
         url = f"{service.url}/v1/results/{job.result_sha256}/report?format={form}"
-        assert found[form] == httpx.get(url, trust_env=False, timeout=300).content
+        assert found[form] == httpx.get(url, trust_env=False, timeout=LIMIT_SECONDS).content
 
     pages = PdfReader(io.BytesIO(found["pdf"]), strict=True).pages
     assert "eight beads, two seats" in pages[0].extract_text()
@@ -231,9 +232,10 @@ def a_client_with_a_key_is_told_who_is_missing(tmp_path: Path) -> None:
     with client_with(settings) as guarded:
         with closing(open_database(settings.database_url)) as db:
             _, key = create_key(db, tenant="a", name="test", scopes=("read",), days=1.0)
-        with Client(base_url=str(guarded.base_url)) as nobody:
+        url, patience = str(guarded.base_url), httpx.Timeout(LIMIT_SECONDS)
+        with Client(base_url=url, timeout=patience) as nobody:
             refused = list_jobs.sync(client=nobody)  # type: ignore[arg-type]
             assert isinstance(refused, Problem)
             assert refused.status == 401
-        with AuthenticatedClient(base_url=str(guarded.base_url), token=key) as somebody:
+        with AuthenticatedClient(base_url=url, token=key, timeout=patience) as somebody:
             assert isinstance(list_jobs.sync(client=somebody), JobPage)

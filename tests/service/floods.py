@@ -24,7 +24,7 @@ import httpx
 from bombs import BOMBS
 from served import served
 from service_scenes import small_design
-from test_http_load import PATIENCE_SECONDS, SMALL, Place, flooded, large, large_gate
+from test_http_load import LOOK_SECONDS, SMALL, Place, flooded, large, large_gate
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.tables import MEDIA_TYPES
@@ -35,13 +35,13 @@ JSON, YAML = "application/json", "application/yaml"
 
 @dataclass(frozen=True, slots=True)
 class Flood:
-    """What one tenant sends again and again; ``seconds``: after which it hangs up."""
+    """What one tenant sends again and again; ``looks``: for an answer, after which it hangs up."""
 
     name: str
     path: str
     media: str
     body: bytes
-    seconds: float = PATIENCE_SECONDS
+    looks: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def list_floods(sha256: str) -> Iterator[Flood]:
     yield Flood("scores of 30 beads that are missed", "/v1/scores", JSON, json.dumps({"design": missed()}).encode())
     yield Flood("evaluations of UM-Bridge", "/umbridge/Evaluate", JSON, json.dumps(call).encode())
     yield Flood("gates, mode escaped", "/v1/gates", JSON, gate.replace('"analytic"', '"\\u0061nalytic"').encode())
-    yield Flood("gates of 25 designs, hung up after 1.5 s", "/v1/gates", JSON, large_gate(), 1.5)
+    yield Flood("gates of 25 designs, hung up after 1.5 s", "/v1/gates", JSON, large_gate(), round(1.5 / LOOK_SECONDS))
     yield Flood("validations", "/v1/validations", YAML, text.encode())
     yield Flood("tables in JSON", "/v1/scores/batch", JSON, json.dumps(rows).encode())
     table = f"/v1/scores/batch?design_sha256={sha256}"
@@ -120,7 +120,7 @@ def run_flood(place: Place, flood: Flood, connections: int, scores: int) -> Outc
     place.wait_until_quiet()
     idle, before = median(seconds_of_small_scores(place, scores)), place.kills()
     begin = partial(place.begin, "greedy", flood.path, flood.body, flood.media)
-    with flooded(begin, connections, flood.seconds):
+    with flooded(begin, connections, flood.looks):
         time.sleep(1.0)
         took = seconds_of_small_scores(place, scores)
     return Outcome(flood.name, idle, median(took), took[-max(2, scores // 100)], place.kills() - before)

@@ -7,11 +7,14 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+import httpx
 import node
 import pytest
 from postgres import required
 from rules import resolved
 from service_scenes import ROOT
+
+from waiting import until
 
 OPENAPI = ROOT / "openapi"
 DOCUMENT: dict[str, Any] = json.loads((OPENAPI / "openapi.json").read_text(encoding="utf-8"))
@@ -70,3 +73,15 @@ def is_secured(operation: dict[str, Any], document: dict[str, Any] = DOCUMENT) -
     """Whether an operation asks who is calling."""
     ways = operation.get("security", document.get("security", []))
     return bool(ways) and {} not in ways
+
+
+def ended_job(client: httpx.Client, path: str, **headers: str) -> dict[str, Any]:
+    """A job once it has ended."""
+    seen: list[dict[str, Any]] = []
+
+    def ended() -> bool:
+        seen.append(client.get(path, headers=headers).json())
+        return seen[-1]["state"] not in ("queued", "running")
+
+    until(ended, says=lambda: seen[-1])
+    return seen[-1]

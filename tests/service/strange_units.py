@@ -109,8 +109,6 @@ def _behave(asked: dict[str, Any]) -> None:
             wait_for(until)
     elif do == "burn":
         burn(until)
-    elif do == "sleep":
-        time.sleep(asked["seconds"])
     elif do == "print":
         print("solvers print where they like")
         os.write(1, b"and not only through Python\n")

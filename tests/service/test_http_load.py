@@ -8,12 +8,12 @@ import os
 import random
 import signal
 import socket
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -25,10 +25,12 @@ from served import Served, served
 from service_scenes import read_answer, small_design
 
 from family import forked_of
+from waiting import LIMIT_SECONDS, until
 
 CONNECTIONS = 60
 WORKERS = 2  # computing processes; one more is kept warm
-PATIENCE_SECONDS, QUIET_LOOKS = 300.0, 8  # of what is waited for, however slow the machine; looks at an idle service
+QUIET_LOOKS = 40  # at an idle service, one after another: more than it needs to notice that a caller has left
+LOOK_SECONDS = 0.25  # that a caller waits for its answer before it looks whether the flood has ended
 DONE = b"HTTP/1.1 200 OK"
 SMALL = json.dumps({"design": small_design()}).encode()
 
@@ -38,14 +40,15 @@ class Place:
     service: Served
     keys: dict[str, str]
 
-    def post(self, key: str, path: str, body: bytes, timeout: float = 120.0) -> httpx.Response:
+    def post(self, key: str, path: str, body: bytes) -> httpx.Response:
         headers = {"Authorization": f"Bearer {self.keys[key]}", "Content-Type": "application/json"}
-        return httpx.post(self.service.url + path, content=body, headers=headers, timeout=timeout, trust_env=False)
+        url = self.service.url + path
+        return httpx.post(url, content=body, headers=headers, timeout=LIMIT_SECONDS, trust_env=False)
 
     def begin(self, key: str, path: str, body: bytes, media: str = "application/json") -> socket.socket:
         """Send a request and leave the answer for later."""
         host, _, port = self.service.url.removeprefix("http://").partition(":")
-        connection = socket.create_connection((host, int(port)), timeout=300)
+        connection = socket.create_connection((host, int(port)), timeout=LIMIT_SECONDS)
         head = f"POST {path} HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {self.keys[key]}\r\n"
         head += f"Content-Type: {media}\r\nContent-Length: {len(body)}\r\n\r\n"
         connection.sendall(head.encode() + body)
@@ -64,26 +67,35 @@ class Place:
 
     def wait_until_used(self, before: dict[int, float], seconds: float) -> None:
         """Until one of the computing processes has used so many seconds more."""
-        deadline = time.monotonic() + PATIENCE_SECONDS
-        while not any(used > before.get(pid, 0.0) + seconds for pid, used in self.used()):
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        until(lambda: any(used > before.get(pid, 0.0) + seconds for pid, used in self.used()), says=self.used)
 
     def wait_until_quiet(self) -> dict[int, float]:
-        """Until nothing is computed and every process is there and warm; then what each has used, s."""
-        deadline, seen = time.monotonic() + PATIENCE_SECONDS, [self.used()]
-        while len(seen) <= QUIET_LOOKS or seen[-1] != seen[-1 - QUIET_LOOKS] or len(seen[-1]) != WORKERS:
-            assert time.monotonic() < deadline, seen[-QUIET_LOOKS:]
-            time.sleep(0.2)
+        """Until nothing is computed and every process is there and warm; then what each has used, s.
+
+        A process that has something to do and waits for a processor does not sleep, however busy the machine.
+        """
+        seen: list[list[tuple[int, float]]] = []
+
+        def quiet() -> bool:
+            if not self.asleep():
+                seen.clear()
             seen.append(self.used())
+            return len(seen) > QUIET_LOOKS and seen[-1] == seen[-1 - QUIET_LOOKS] and len(seen[-1]) == WORKERS
+
+        until(quiet, says=lambda: seen[-QUIET_LOOKS:])
         return dict(seen[-1])
+
+    def asleep(self) -> bool:
+        """Whether the API and each of its computing processes wait for something to do."""
+        with suppress(psutil.NoSuchProcess):
+            family = [psutil.Process(self.service.pid), *forked_of(self.service.pid)]
+            return all(one.status() == psutil.STATUS_SLEEPING for one in family)
+        return False
 
 
 @contextmanager
-def flooded(
-    begin: Callable[[], socket.socket], connections: int, seconds: float = PATIENCE_SECONDS
-) -> Iterator[list[bytes]]:
-    """Let so many callers ask again and again, who hang up after so many seconds, and at the end.
+def flooded(begin: Callable[[], socket.socket], connections: int, looks: int | None = None) -> Iterator[list[bytes]]:
+    """Let so many callers ask again and again, who hang up after so many looks for an answer, and at the end.
 
     Yields what they were answered so far, the first line of each.
     """
@@ -92,9 +104,10 @@ def flooded(
     def again() -> None:
         while not ended.is_set():
             with suppress(OSError), begin() as connection:
-                connection.settimeout(0.25)
-                deadline = time.monotonic() + seconds
-                while not ended.is_set() and time.monotonic() < deadline:
+                connection.settimeout(LOOK_SECONDS)
+                for _ in count() if looks is None else range(looks):
+                    if ended.is_set():
+                        break
                     with suppress(TimeoutError):
                         answered.append(connection.recv(1_000).partition(b"\r\n")[0])
                         break
@@ -183,7 +196,7 @@ def test_a_stop_waits_for_nothing_that_is_computed(place: Place) -> None:
     before = place.wait_until_quiet()
     gates = [place.begin("greedy", "/v1/gates", large_gate()) for _ in range(3)]
     host, _, port = place.service.url.removeprefix("http://").partition(":")
-    half = socket.create_connection((host, int(port)), timeout=300)
+    half = socket.create_connection((host, int(port)), timeout=LIMIT_SECONDS)
     head = f"POST /v1/scores HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {place.keys['greedy']}\r\n"
     half.sendall(head.encode() + b"Content-Type: application/json\r\nContent-Length: 1000\r\n\r\n{")
     place.wait_until_used(before, 0.5)
@@ -196,8 +209,8 @@ def test_a_stop_waits_for_nothing_that_is_computed(place: Place) -> None:
         assert status == b"HTTP/1.1 503 Service Unavailable"
         assert b"content-type: application/problem+json" in rest.lower()
         assert b"/v1/problems/stopping" in rest
-    place.service.process.wait(timeout=300)
-    _, alive = psutil.wait_procs(family, timeout=300)
+    place.service.process.wait(timeout=LIMIT_SECONDS)
+    _, alive = psutil.wait_procs(family, timeout=LIMIT_SECONDS)
     assert not alive
     log = Path(place.service.log).read_text()
     assert "Traceback" not in log

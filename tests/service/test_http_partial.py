@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,11 @@ from service_scenes import check_problem, client_with, coplanar_design, small_de
 from store_scenes import Clock
 
 from tailstack_service.jobs.store import designs, tables, upkeep
-from tailstack_service.jobs.store.database import Database, writing
+from tailstack_service.jobs.store.database import Database, reading, writing
+from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.operations.patches import merge
 from tailstack_service.settings import Settings
+from waiting import until
 
 MOVED = [12.0, -31.0, -44.0]
 NOWHERE = "0" * 64
@@ -109,9 +111,14 @@ def test_a_patched_design_of_a_score_is_not_kept_but_that_of_a_job_is(client: ht
 @pytest.mark.long
 def test_only_the_last_designs_are_kept(tmp_path: Path) -> None:
     settings = Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", max_kept_designs=2)
-    with client_with(settings) as client:
+    with client_with(settings) as client, closing(open_database(settings.database)) as kept:
         names = [sha256_of(score(client, design=small_design(name=name))) for name in ("one", "two", "three")]
-        time.sleep(0.5)  # written together, a moment later
+
+        def written() -> list[str]:
+            with reading(kept) as connection:
+                return sorted(connection.scalars(sa.select(tables.designs.c.sha256)))
+
+        until(lambda: written() == sorted(names[1:]), says=lambda: (names, written()))  # a moment later
         found = [score(client, design_sha256=name).status_code for name in names]
     assert found == [404, 200, 200]
 

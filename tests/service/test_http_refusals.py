@@ -13,6 +13,7 @@ from service_scenes import check_problem, client_with, coplanar_design, read_ans
 
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS
 
 JSON = {"Content-Type": "application/json"}
 YAML = {"Content-Type": "application/yaml"}
@@ -397,7 +398,7 @@ def test_an_announced_flood_is_refused_unread(bounded: httpx.Client) -> None:
     address = (bounded.base_url.host, bounded.base_url.port)
     head = b"POST /v1/scores HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
     head += b"Content-Length: 99999999999\r\n\r\n"
-    with socket.create_connection(address, timeout=300) as connection:
+    with socket.create_connection(address, timeout=LIMIT_SECONDS) as connection:
         connection.sendall(head)
         status, rest = read_answer(connection)
     assert status.startswith(b"HTTP/1.1 413 ")

@@ -20,6 +20,7 @@ from tailstack_service.console.remote import RemoteError, RemoteService, ServerS
 from tailstack_service.jobs.store.keys import create_key
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS
 
 QUICK = {"design": small_design(), "trials": 3000}
 
@@ -164,7 +165,7 @@ def server(*answers: bytes) -> Iterator[tuple[str, list[bytes]]]:
         thread = threading.Thread(target=answer, daemon=True)
         thread.start()
         yield f"http://127.0.0.1:{listening.getsockname()[1]}", heard
-        thread.join(timeout=300)
+        thread.join(timeout=LIMIT_SECONDS)
 
 
 STREAM = b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nConnection: close\r\n\r\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from math import inf
 
 import pytest
 
@@ -10,6 +11,7 @@ from tailstack.errors import Problem
 from tailstack_service.http import kept_designs
 from tailstack_service.http.kept_designs import KeptDesigns
 from tailstack_service.jobs.store.errors import StoreUnavailable
+from waiting import until_async
 
 
 class Table:
@@ -43,13 +45,15 @@ def test_a_design_is_found_at_once_where_it_came_and_soon_elsewhere() -> None:
     asyncio.run(story())
 
 
-def test_what_comes_together_is_written_together_and_once() -> None:
+def test_what_comes_together_is_written_together_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_designs, "FRESH_SECONDS", inf)
+
     async def story() -> None:
         table = Table()
         here = KeptDesigns(table.read, table.write)
         for name in "1231":
             here.keep("a", [(name, b"{}")])
-        await asyncio.sleep(4 * kept_designs.PAUSE_SECONDS)
+        await until_async(lambda: table.writes)
         here.keep("a", [("1", b"{}")])
         await here.close()
         assert table.writes == [3]
@@ -62,7 +66,7 @@ def test_a_design_that_is_gone_is_written_again_when_it_is_sent_again() -> None:
         table = Table()
         here = KeptDesigns(table.read, table.write)
         here.keep("a", [("1", b"{}")])
-        await asyncio.sleep(4 * kept_designs.PAUSE_SECONDS)
+        await until_async(lambda: table.writes)
         table.rows.clear()
         assert await here.find("a", "1") is None
         here.keep("a", [("1", b"{}")])

@@ -20,6 +20,7 @@ import pytest
 from service_scenes import EXAMPLES, ROOT
 
 from tailstack import ahead, kernels, processor
+from waiting import LIMIT_SECONDS
 
 pytestmark = pytest.mark.skipif(not processor.levels_here(), reason="no kernels are distributed for this processor")
 
@@ -51,13 +52,19 @@ class Environment:
         given |= {"HOME": str(self.place / "home"), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
         return subprocess.run(
             [self.python, "-c", program, *arguments], cwd=self.place, env=given, capture_output=True, text=True,
-            timeout=600, check=False,
+            timeout=3 * LIMIT_SECONDS, check=False,
         )  # fmt: skip
 
 
 def quietly(*command: str, **variables: str) -> str:
     done = subprocess.run(
-        command, cwd=ROOT, env={**os.environ, **variables}, capture_output=True, text=True, timeout=900, check=False
+        command,
+        cwd=ROOT,
+        env={**os.environ, **variables},
+        capture_output=True,
+        text=True,
+        timeout=5 * LIMIT_SECONDS,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -11,6 +11,8 @@ import sys
 import pytest
 from service_scenes import EXAMPLES, ROOT
 
+from waiting import LIMIT_SECONDS
+
 BEFORE = '        Column("dP95/dh", "mm/unit", "significant", on=IN_DETAIL, of=lambda row: row.line.dp95_per_unit),\n'
 TOY = '        Column("Toyness", "toys", "fixed", 1, of=lambda row: 1000 * row.line.variance_share),\n'
 PROGRAM = """
@@ -52,7 +54,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], flo
         env={**os.environ, "PYTHONPATH": path},
         capture_output=True,
         text=True,
-        timeout=900,
+        timeout=5 * LIMIT_SECONDS,
         check=False,
         cwd=folder,
     )

@@ -15,6 +15,8 @@ import yaml
 from browsing import browser, used
 from service_scenes import ROOT, copy_with_toy
 
+from waiting import LIMIT_SECONDS
+
 TOY = '''"""Bending of the structure under its own weight: beads sag with the square of their distance from the seat."""
 
 from __future__ import annotations
@@ -122,7 +124,7 @@ def run(variables: dict[str, str], folder: Path, *arguments: str, codes: tuple[i
         env=variables,
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=3 * LIMIT_SECONDS,
         check=False,
         cwd=folder,
     )

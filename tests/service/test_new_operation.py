@@ -15,6 +15,8 @@ import pytest
 import served
 from service_scenes import ROOT, copy_with_toy
 
+from waiting import LIMIT_SECONDS
+
 TOY = '''"""How far apart the fiducials are."""
 
 from __future__ import annotations
@@ -122,7 +124,7 @@ DESIGN = ROOT / "examples" / "demo.yaml"
 def tailstack(variables: dict[str, str], *arguments: str, folder: Path | None = None) -> str:
     done = subprocess.run(
         [sys.executable, "-m", "tailstack_service.cli.main", *arguments],
-        env=variables, capture_output=True, text=True, timeout=300, check=False, cwd=folder,
+        env=variables, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False, cwd=folder,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -159,7 +161,7 @@ def test_its_route_is_in_the_document(variables: dict[str, str]) -> None:
 def test_over_http_it_is_a_job_whose_record_is_that_of_the_command(url: str, variables: dict[str, str]) -> None:
     here = tailstack(variables, "spacing", str(DESIGN), "--neighbours", "2", "--json").rstrip("\n")
     yaml, header = DESIGN.read_bytes(), {"content-type": "application/yaml", "prefer": "wait=60"}
-    with httpx.Client(base_url=url, timeout=300, trust_env=False) as client:
+    with httpx.Client(base_url=url, timeout=LIMIT_SECONDS, trust_env=False) as client:
         there = client.post("/v1/spacings", params={"neighbours": 2}, content=yaml, headers=header)
         assert (there.status_code, there.text) == (200, here)
         (job,) = client.get("/v1/jobs", params={"kind": "spacing"}).json()["jobs"]

@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 from service_scenes import ROOT
 
+from waiting import LIMIT_SECONDS
+
 DEMO = ROOT / "examples" / "demo.yaml"
 BESIDE = '    scene: bool = Field(False, description="Add the scene in space, with the errors of a score.")\n'
 ADDED = '    room_px: Annotated[float, Field(gt=0, le=90)] = Field(5.0, description="Room at the edge, px.")\n'
@@ -76,8 +78,8 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     path = os.pathsep.join([str(folder), str(ROOT / "solver")])
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(DEMO)],
-        env={**os.environ, "PYTHONPATH": path, "COLUMNS": "100"}, capture_output=True, text=True, timeout=600,
-        check=False, cwd=folder,
+        env={**os.environ, "PYTHONPATH": path, "COLUMNS": "100"}, capture_output=True, text=True,
+        timeout=3 * LIMIT_SECONDS, check=False, cwd=folder,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     answer: dict[str, Any] = json.loads(done.stdout)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,10 +17,11 @@ from typing import Any
 
 import httpx
 import pytest
-from openapi_scenes import json_examples, light, operations, parameters
+from openapi_scenes import ended_job, json_examples, light, operations, parameters
 from served import served
 
 from plain_data import replaced
+from waiting import LIMIT_SECONDS, until
 
 FORMATS = ("html", "pdf", "xlsx", "json")
 KEPT_OPTIMISATIONS = 1  # of those that are accepted; the others are cancelled, for each takes seconds
@@ -54,7 +54,7 @@ def canary() -> Iterator[Canary]:
                 except TimeoutError:
                     continue
                 with connection:
-                    connection.settimeout(2.0)
+                    connection.settimeout(LIMIT_SECONDS)
                     found.seen.append(connection.recv(200).decode("latin-1"))
 
         thread = threading.Thread(target=listen, daemon=True)
@@ -139,7 +139,7 @@ def requests(
 def test_no_address_is_followed(tmp_path: Path) -> None:
     sent = accepted = 0
     with canary() as bird, served(tmp_path, TAILSTACK_MAX_QUEUED_JOBS="10000") as service:
-        client = httpx.Client(base_url=service.url, timeout=300, trust_env=False)
+        client = httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False)
         with client:
             jobs: list[dict[str, Any]] = []
             free: dict[str, list[list[Way]]] = {}  # by design: where the first operation took each kind of bait
@@ -169,10 +169,8 @@ def test_no_address_is_followed(tmp_path: Path) -> None:
         assert bird.seen == [], bird.places
         with socket.create_connection(("127.0.0.1", bird.port)) as connection:
             connection.sendall(b"the canary is awake")
-        deadline = time.monotonic() + 300
-        while not bird.seen:
-            assert time.monotonic() < deadline, "the canary would not have noticed"
-            time.sleep(0.02)
+        until(lambda: bird.seen, says=lambda: "the canary would not have noticed")
+        assert bird.seen == ["the canary is awake"]  # nobody was before it in the queue
     print(f"{sent} requests with an address in them, {accepted} jobs accepted, 0 connections")
     assert sent > 200
     assert accepted > 20
@@ -221,23 +219,15 @@ def _in_yaml(client: httpx.Client, bird: Canary) -> int:
     return 2 * (len(posts) + 1) * len(documents)
 
 
-def _results(client: httpx.Client, jobs: list[dict[str, Any]], seconds: float = 3000.0) -> dict[str, bool]:
+def _results(client: httpx.Client, jobs: list[dict[str, Any]]) -> dict[str, bool]:
     """Paths of the results of the jobs, once each has ended, and whether markup was sent."""
     slow = [job for job in jobs if job["kind"] == "optimisation"][KEPT_OPTIMISATIONS:]
     for job in slow:
         assert client.post(job["links"]["cancel"]).status_code in (202, 409)
-    deadline = time.monotonic() + seconds
     found: dict[str, bool] = {}
     is_markup = {job["links"]["self"]: job["is_markup"] for job in jobs}
-    waiting = [job["links"]["self"] for job in jobs]
-    while waiting:
-        place = waiting[0]
-        job = client.get(place).json()
-        if job["state"] in ("queued", "running"):
-            assert time.monotonic() < deadline, job
-            time.sleep(0.1)
-            continue
-        waiting.pop(0)
+    for place in is_markup:
+        job = ended_job(client, place)
         if job["state"] == "succeeded":
             path = job["links"]["result"]
             found[path] = found.get(path, False) or is_markup[place]

@@ -27,6 +27,7 @@ from tailstack_service.cli.main import main
 from tailstack_service.documents import from_json, from_plain, to_json
 from tailstack_service.gate.records import GateRecord
 from tailstack_service.operations.registry import OPERATIONS
+from waiting import LIMIT_SECONDS
 
 PATHS: dict[type[Result], str] = {
     Score: "/v1/scores",
@@ -257,7 +258,10 @@ import nbformat
 from nbclient import NotebookClient
 cells = [nbformat.v4.new_code_cell(source) for source in json.load(sys.stdin)]
 notebook = nbformat.v4.new_notebook(cells=cells)
-NotebookClient(notebook, timeout=300, kernel_name="python3", allow_errors=True).execute()
+limit = int(sys.argv[1])
+NotebookClient(
+    notebook, timeout=limit, startup_timeout=limit, kernel_name="python3", allow_errors=True
+).execute()
 nbformat.validate(notebook)
 json.dump([cell.outputs for cell in notebook.cells], sys.stdout)
 """
@@ -268,8 +272,8 @@ def test_a_notebook_runs(tmp_path: Path) -> None:
     """sampled: a kernel of IPython, asked as Jupyter asks it."""
     (tmp_path / "demo.yaml").write_bytes((EXAMPLES / "demo.yaml").read_bytes())
     done = subprocess.run(
-        [sys.executable, "-c", RUN], input=json.dumps(CELLS), cwd=tmp_path, capture_output=True, text=True,
-        timeout=240, check=False,
+        [sys.executable, "-c", RUN, f"{LIMIT_SECONDS:.0f}"], input=json.dumps(CELLS), cwd=tmp_path,
+        capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     imports, shown, drawn, frame, titled, wrong = json.loads(done.stdout)
@@ -293,8 +297,8 @@ def test_the_example_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
     assert all(not cell["outputs"] and cell["execution_count"] is None for cell in cells), "keep it without outputs"
     sources = [cell["source"] if isinstance(cell["source"], str) else "".join(cell["source"]) for cell in cells]
     done = subprocess.run(
-        [sys.executable, "-c", RUN], input=json.dumps(sources), cwd=path.parent, capture_output=True, text=True,
-        timeout=240, check=False,
+        [sys.executable, "-c", RUN, f"{LIMIT_SECONDS:.0f}"], input=json.dumps(sources), cwd=path.parent,
+        capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     outputs = json.loads(done.stdout)

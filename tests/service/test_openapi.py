@@ -24,6 +24,7 @@ from tailstack_service.http.openapi import openapi_json, request_name
 from tailstack_service.operations.registry import OPERATIONS as REGISTRY
 from tailstack_service.schemas import TITLES, json_schema
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS
 
 APPLICATION = create_app(warm_up=False)
 DOCUMENT = json.loads(openapi_json(APPLICATION))
@@ -41,7 +42,7 @@ OF_HTTP = {"content-length", "content-type", "transfer-encoding", "connection", 
 QUICK = {"design": small_design(), "trials": 1000}
 
 
-WAIT_SECONDS = 600  # for a job, however slow the machine: the most that a service may be told to wait
+WAIT_SECONDS = min(600, round(LIMIT_SECONDS))  # for a job; 600 are the most that a service may be told to wait
 
 
 @pytest.fixture(scope="module")

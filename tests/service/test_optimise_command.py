@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -30,6 +29,7 @@ from tailstack.results import Finding, Optimisation
 from tailstack_service.cli.main import main
 from tailstack_service.console.progress import Progress
 from tailstack_service.operations.optimisation import STOPPING, reporter
+from waiting import LIMIT_SECONDS
 
 DEMO = EXAMPLES / "demo.yaml"
 SCHEMA = "tailstack-design.schema.json"
@@ -271,7 +271,7 @@ def started(directory: Path, progress: str) -> Iterator[subprocess.Popen[str]]:
 def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
     with started(tmp_path, ", least cost so far ") as process:
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=300)
+        out, err = process.communicate(timeout=LIMIT_SECONDS)
     assert process.returncode == 130
     assert "Traceback" not in err
     assert STOPPING in err
@@ -287,10 +287,12 @@ def test_a_second_interrupt_leaves_at_once(tmp_path: Path) -> None:
     with started(tmp_path, "optimise: ") as process:
         assert process.stderr is not None
         process.send_signal(signal.SIGINT)
-        while STOPPING not in process.stderr.readline():
-            time.sleep(0.001)
+        said = ""
+        while STOPPING not in said:
+            said = process.stderr.readline()
+            assert said, "the search ended without a word of its stop"
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=300)
+        out, err = process.communicate(timeout=LIMIT_SECONDS)
     assert process.returncode == 130
     assert out == ""
     assert err.splitlines()[-1] == "tailstack: interrupted"

@@ -9,11 +9,12 @@ from typing import Any
 
 import httpx
 import pytest
-from browsing import browser, look
+from browsing import awaited, browser, look
 from service_scenes import check_problem, client_with
 
 from tailstack_service.http import pages
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS
 
 __all__ = ["browser"]
 
@@ -79,7 +80,7 @@ def test_assets_are_kept_for_ever_and_sent_compressed(client: httpx.Client) -> N
 
 @pytest.mark.parametrize("name", ["nothing.js", "%2e%2e", "..%2Fsecret.txt", "%2e%2e%2fsecret.txt", "a%00b", "."])
 def test_nothing_but_an_asset_is_read(client: httpx.Client, name: str) -> None:
-    with httpx.Client(base_url=client.base_url) as raw:
+    with httpx.Client(base_url=client.base_url, timeout=LIMIT_SECONDS) as raw:
         request = raw.build_request("GET", "/")
         request.url = request.url.copy_with(raw_path=f"/assets/{name}".encode())
         check_problem(raw.send(request), 404, "not-found")
@@ -108,7 +109,7 @@ def test_the_page_runs_in_chromium_and_asks_nobody_else(client: httpx.Client, br
         [
             {
                 "url": str(client.base_url),
-                "ask": ["new Promise((done) => setTimeout(done, 300))", "document.body.textContent"],
+                "ask": [awaited("document.body.textContent.trim()"), "document.body.textContent"],
             }
         ]
     )

@@ -21,7 +21,6 @@ import yaml
 from pipeline_scenes import (
     ACTION,
     EXAMPLE,
-    SECONDS,
     Ran,
     environment,
     git,
@@ -41,6 +40,7 @@ from service_scenes import ROOT
 from tailstack.version import __version__
 from tailstack_service.cli.main import main
 from tailstack_service.gate.waivers import read_waivers
+from waiting import LIMIT_SECONDS
 
 SCHEMAS = ROOT / "tests" / "data" / "schemas"
 HOOKS = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text(encoding="utf-8"))
@@ -107,7 +107,8 @@ def test_the_action_installs_what_it_was_checked_out_with(installed: Ran, room: 
     bin_ = Path(installed.outputs["bin"])
     code = "import importlib.metadata as m; print(m.version('tailstack'), m.distribution('tailstack').locate_file(''))"
     done = subprocess.run(
-        [bin_ / "python", "-c", code], env=environment(PYTHONPATH=""), capture_output=True, text=True, timeout=SECONDS,
+        [bin_ / "python", "-c", code], env=environment(PYTHONPATH=""), capture_output=True, text=True,
+        timeout=LIMIT_SECONDS,
         check=True,
     )  # fmt: skip
     assert done.stdout.startswith(f"{__version__} {bin_.parent}")
@@ -346,7 +347,8 @@ def hooked(project: Path) -> Ran:
     program, *words = shlex.split(hook["entry"])
     done = subprocess.run(
         [str(ROOT / program), *words, *hook["args"], *files], cwd=project, env=environment(), stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=SECONDS, encoding="utf-8", check=False,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        timeout=LIMIT_SECONDS, encoding="utf-8", check=False,
     )  # fmt: skip
     return Ran(done.returncode, done.stdout)
 

@@ -11,19 +11,21 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 from service_scenes import EXAMPLES, ROOT
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from tailstack.design import load_design
 from tailstack.results.tables import Table
 from tailstack_service.cli.main import main
 from tailstack_service.cli.words import FIRST, read_glossary
 from tailstack_service.operations.rendering import document_of
 from tailstack_service.report.blocks import Bullets, Document, Figure, Paragraph
+from waiting import LIMIT_SECONDS
 
 # What must not be met without --details, and where it went.
 BANNED = {
@@ -186,16 +188,11 @@ def run_in_terminal(width: int, *arguments: str) -> str:
     )  # fmt: skip
     os.close(slave)
     said = b""
-    while True:
-        try:
-            piece = os.read(master, 65536)
-        except OSError:
-            break
-        if not piece:
-            break
-        said += piece
-    process.wait()
-    os.close(master)
+    with os.fdopen(master, "rb", buffering=0) as terminal, ended(process):
+        with suppress(OSError):  # so a terminal ends that nobody writes to any more
+            while piece := terminal.read(65536):
+                said += piece
+        process.wait(LIMIT_SECONDS)
     return said.decode().replace("\r\n", "\n").replace("\x1b[0m", "")  # which numba's colours leave at exit
 
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from service_scenes import ROOT, limited
 
+from waiting import LIMIT_SECONDS
+
 ENVIRONMENTS = (
     {"PYTHONHASHSEED": "1", "TZ": "UTC", "LC_ALL": "C"},
     {"PYTHONHASHSEED": "2", "TZ": "Asia/Tokyo", "LC_ALL": "C.UTF-8", "NUMBA_NUM_THREADS": "1"},
@@ -29,8 +31,8 @@ def written(tmp_path: Path) -> list[Path]:
         path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
         done = subprocess.run(
             [*command, "--format", "html,pdf,xlsx,json", "-o", str(folder)],
-            env={**os.environ, "PYTHONPATH": path, **environment}, capture_output=True, text=True, timeout=300,
-            check=False,
+            env={**os.environ, "PYTHONPATH": path, **environment}, capture_output=True, text=True,
+            timeout=LIMIT_SECONDS, check=False,
         )  # fmt: skip
         assert done.returncode in (0, 1, 4), done.stderr
         folders.append(folder)

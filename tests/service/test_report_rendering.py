@@ -39,6 +39,7 @@ from tailstack_service.report.comparing import compute_comparison
 from tailstack_service.report.errors import PdfUnavailable
 from tailstack_service.report.records import Report
 from tailstack_service.schemas import json_schema
+from waiting import LIMIT_SECONDS
 
 HOSTILE = "<script>alert(1)</script>\"&'"
 FORMULA = '=HYPERLINK("http://127.0.0.1","x")'
@@ -417,7 +418,7 @@ def test_the_spreadsheet_prints_on_as_many_pages_as_it_has_sheets_and_few_more(b
     path.write_bytes(content := rendered("report", body, "xlsx")[0])
     own = f"-env:UserInstallation={(tmp_path / 'profile').as_uri()}"
     command = ["soffice", own, "--headless", "--convert-to", "pdf", "--outdir", str(tmp_path), str(path)]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    subprocess.run(command, check=True, capture_output=True, timeout=LIMIT_SECONDS)
     sheets = openpyxl.load_workbook(io.BytesIO(content)).sheetnames
     assert len(PdfReader(tmp_path / "report.pdf").pages) <= len(sheets) + 8
 

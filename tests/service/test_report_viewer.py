@@ -33,6 +33,13 @@ CanvasRenderingContext2D.prototype.fillRect = function (x, y, ...more) {
   if (this.canvas.closest(".viewer-stage") && x === 0 && y === 0) window.drawn = [];
   return fill.call(this, x, y, ...more);
 };
+const later = window.setTimeout.bind(window), never = window.clearTimeout, awaited = new Set(); // what is said later
+window.setTimeout = (what, ...more) => {
+  const number = later(() => { awaited.delete(number); what(); }, ...more);
+  awaited.add(number);
+  return number;
+};
+window.clearTimeout = (number) => { awaited.delete(number); never.call(window, number); };
 const frame = () => new Promise((done) => requestAnimationFrame(done));
 const frames = () => frame().then(frame).then(() => window.drawn);
 window.press = (key, times = 1, shiftKey = false) => {
@@ -55,7 +62,10 @@ window.press_button = (words) => {
   return frames();
 };
 const status = () => document.querySelector(".viewer-status").textContent;
-window.said = () => new Promise((done) => setTimeout(() => done(status()), 400));
+window.said = () => new Promise((done) => {
+  const look = () => (awaited.size ? requestAnimationFrame(look) : done(status()));
+  look();
+});
 """
 
 

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from service_scenes import ROOT
 
+from waiting import LIMIT_SECONDS
+
 NOISE = "Collecting everything; 17 warnings about nothing"
 INSTALLER = """#!/bin/sh
 echo "$(basename "$0") $*" >> "{folder}/calls"
@@ -60,7 +62,7 @@ class Clone:
         path = f"{self.folder / 'tools'}{os.pathsep}/usr/bin{os.pathsep}/bin"
         return subprocess.run(
             [sys.executable, str(self.folder / "run"), *arguments], env={"PATH": path}, capture_output=True, text=True,
-            timeout=300, check=False,
+            timeout=LIMIT_SECONDS, check=False,
         )  # fmt: skip
 
     def calls(self) -> list[str]:

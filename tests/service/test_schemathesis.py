@@ -7,21 +7,20 @@ forgets to ask is found.  What the configuration tells it beyond that stands in 
 from __future__ import annotations
 
 import json
-import resource
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from openapi_scenes import json_examples, light, operations
+from openapi_scenes import ended_job, json_examples, light, operations
 from served import Served, served
+
+from waiting import LIMIT_SECONDS
 
 HERE = Path(__file__).resolve().parent
 SEED = 20_260_131
-SECONDS = 900  # on a machine that has other things to do
 LIMITS = {
     "TAILSTACK_AUTH": "required",
     "TAILSTACK_MAX_TRIALS": "40000",  # the fewest that the study of the paper takes
@@ -58,11 +57,8 @@ def jobs_and_results(client: httpx.Client) -> tuple[list[str], list[str]]:
             jobs.append(response.json()["id"])
     client.post(f"/v1/jobs/{jobs[-1]}/cancel")
     results = []
-    deadline = time.monotonic() + 300  # a cold compile cache takes a while
     for job_id in jobs:
-        while (job := client.get(f"/v1/jobs/{job_id}").json())["state"] in ("queued", "running"):
-            assert time.monotonic() < deadline, job
-            time.sleep(0.1)
+        job = ended_job(client, f"/v1/jobs/{job_id}")
         results += [job["result_sha256"]] if job["result_sha256"] else []
     assert len(results) >= 5
     return jobs, results
@@ -71,7 +67,7 @@ def jobs_and_results(client: httpx.Client) -> tuple[list[str], list[str]]:
 def configuration(service: Served, key: str, directory: Path) -> Path:
     """The configuration file of this run."""
     with httpx.Client(
-        base_url=service.url, headers={"Authorization": f"Bearer {key}"}, timeout=300, trust_env=False
+        base_url=service.url, headers={"Authorization": f"Bearer {key}"}, timeout=LIMIT_SECONDS, trust_env=False
     ) as c:
         jobs, results = jobs_and_results(c)
     text = (HERE / "schemathesis.toml").read_text(encoding="utf-8")
@@ -95,7 +91,7 @@ def report_of(service: Served, directory: Path, seed: int) -> tuple[dict[str, An
     hooks = str(HERE / "schemathesis_hooks.py")
     variables = {**service.environment, "TAILSTACK_URL": service.url, "TAILSTACK_KEY": key, "TAILSTACK_HOOKS": hooks}
     done = subprocess.run(
-        command, env=variables, cwd=directory, capture_output=True, text=True, timeout=SECONDS, check=False
+        command, env=variables, cwd=directory, capture_output=True, text=True, timeout=5 * LIMIT_SECONDS, check=False
     )
     assert record.is_file(), done.stdout + done.stderr
     return json.loads(record.read_text(encoding="utf-8")), done.stdout
@@ -104,14 +100,11 @@ def report_of(service: Served, directory: Path, seed: int) -> tuple[dict[str, An
 @pytest.mark.long
 @pytest.mark.hostile
 def test_every_phase_finds_nothing(tmp_path: Path, run_seed: int) -> None:
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with served(tmp_path, **LIMITS) as service:
         report, text = report_of(service, tmp_path, SEED + run_seed)
         log = service.log.read_text(encoding="utf-8")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu_seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     cases = report["test_cases"]["generated"]
-    print(f"schemathesis: {cases} requests, {report['running_time']:.0f} s, with the service {cpu_seconds:.0f} CPU s")
+    print(f"schemathesis: {cases} requests")
     assert report["failures"] == [], text
     assert report["errors"] == [], text
     assert {name: phase["status"] for name, phase in report["phases"].items()} == dict.fromkeys(

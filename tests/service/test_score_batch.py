@@ -25,6 +25,7 @@ from tailstack_service.cli.main import main
 from tailstack_service.console.progress import Progress
 from tailstack_service.problems import RequestError
 from tailstack_service.tables import ENDINGS, read_table
+from waiting import LIMIT_SECONDS
 
 DEMO = str(Path(__file__).parents[2] / "examples" / "demo.yaml")
 AP, BEAD = "views.AP.fiducial_noise_px", "/fiducials/points/2/position_mm/1"
@@ -255,7 +256,7 @@ def test_memory_does_not_grow_with_the_table(tmp_path: Path) -> None:
         table = tmp_path / f"{count}.csv"
         table.write_text(f"{AP},{BEAD}\n" + "".join(f"0.{k % 800 + 100},{-30 - k % 97 / 100}\n" for k in range(count)))
         command = [sys.executable, "-c", PEAK, str(design), str(table), str(tmp_path / "scores.csv")]
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=LIMIT_SECONDS)
         code, peak = done.stdout.split()
         assert code == "0", done.stderr
         assert f"{count:,} compiled" in done.stderr

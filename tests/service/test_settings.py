@@ -12,6 +12,7 @@ import pytest
 from tailstack_service.cli.main import main
 from tailstack_service.problems import SettingsError
 from tailstack_service.settings import child_environment, default_settings, load_settings, refuse_unknown, schemas
+from waiting import LIMIT_SECONDS
 
 NOWHERE = "sqlite:////nowhere/at/all.sqlite3"
 
@@ -150,7 +151,7 @@ def test_a_score_loads_neither_settings_nor_a_client() -> None:
         f"import sys; from tailstack_service.cli.main import main; main(['--help']); main(['score', {str(demo)!r}]);"
         "print(sorted({'httpx', 'httpx_sse', 'pydantic_settings'} & set(sys.modules)), file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT_SECONDS)
     assert done.stderr.splitlines()[-1] == "[]"
 
 

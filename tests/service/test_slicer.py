@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib
 import json
 import sys
-import time
 from collections.abc import Callable, Iterator
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -21,6 +20,7 @@ from service_scenes import EXAMPLES, client_with
 from tailstack import load_design, score
 from tailstack.design import convert
 from tailstack_service.settings import Settings
+from waiting import until
 
 FOLDER = EXAMPLES / "integrations" / "slicer"
 MODULES = ("ctk", "qt", "slicer", "slicer.ScriptedLoadableModule", "slicer.util")
@@ -132,11 +132,13 @@ def ras_of(design: dict[str, Any]) -> list[tuple[str, list[float], int]]:
 
 
 def wait_for(widget: Any, words: str) -> str:
-    until = time.monotonic() + 60.0
-    while words not in widget.said.text:
-        assert time.monotonic() < until, widget.said.text
+    """What the panel says once it says so; its timer ticks meanwhile."""
+
+    def ticked() -> bool:
         widget.timer.connected["timeout()"]()
-        time.sleep(0.01)
+        return words in widget.said.text
+
+    until(lambda: words in widget.said.text or ticked(), says=lambda: widget.said.text)
     return str(widget.said.text)
 
 

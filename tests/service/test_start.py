@@ -8,18 +8,24 @@ import sys
 from pathlib import Path
 
 import pytest
-from pipeline_scenes import SECONDS, environment
+from pipeline_scenes import environment
 from service_scenes import EXAMPLES
 
 from tailstack_service.operations.operation import LateImport
 from tailstack_service.operations.registry import OPERATIONS
+from waiting import LIMIT_SECONDS
 
 PREFIX = "tailstack_service.cli."
 
 
 def told(code: str) -> list[str]:
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment(), capture_output=True, text=True, timeout=SECONDS, check=True
+        [sys.executable, "-c", code],
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_SECONDS,
+        check=True,
     )
     return done.stderr.splitlines()
 
@@ -129,7 +135,7 @@ def test_settings_of_numba_that_cannot_work_are_refused_at_the_start(
     variables = environment(TAILSTACK_DATABASE=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", **given)
     done = subprocess.run(
         [sys.executable, "-m", "tailstack_service.cli.main", *command],
-        env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS, check=False,
+        env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False,
     )  # fmt: skip
     assert done.returncode == 2, done.stderr
     assert words in done.stderr

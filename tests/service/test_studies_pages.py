@@ -13,6 +13,7 @@ import pytest
 from service_scenes import ROOT
 
 from tailstack_service.cli.main import build_parser
+from waiting import LIMIT_SECONDS
 
 PAPER = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 STUDIES = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
@@ -38,8 +39,8 @@ def environment() -> dict[str, str]:
 @pytest.mark.parametrize(("snippet", "printed"), SNIPPETS)
 def test_a_snippet_prints_what_the_page_says(snippet: str, printed: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", snippet], cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=300,
-        check=False,
+        [sys.executable, "-c", snippet], cwd=ROOT, env=environment(), capture_output=True, text=True,
+        timeout=LIMIT_SECONDS, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (0, printed), done.stderr
 

@@ -23,6 +23,7 @@ from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.problems import RefusedAt
 from tailstack_service.processes.frames import Defect
 from tailstack_service.settings import Settings
+from waiting import until
 
 NOISE = "views.*.fiducial_noise_px"
 RZ = "interfaces.structure_connector.tolerances.rx.half_width_deg"
@@ -88,25 +89,42 @@ def test_units_whose_process_dies_are_computed_again_and_then_given_up(tmp_path:
             compute_job(engine, "sweep", strange_units.request("raise"))
 
 
-def test_a_process_killed_under_a_sweep_changes_nothing(design: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    request = strange_units.request("sleep", units=4, seconds=0.4)
+def test_a_process_killed_under_a_sweep_changes_nothing(tmp_path: Path) -> None:
+    """Units that wait for a file: it appears once a process that has begun one was killed."""
+    note, gate = tmp_path / "begun", tmp_path / "gate"
+    request = strange_units.request("wait", units=4, note=str(note), until=str(gate))
+    killed: list[int] = []
+
+    def begun() -> list[int]:
+        """The processes that began a unit, in turn."""
+        lines = note.read_text().splitlines() if note.exists() else []
+        return [int(line.split()[-1]) for line in lines if line.startswith('{"unit"')]
+
+    def kill() -> None:
+        try:
+            killed.append(until(begun)[0])
+            os.kill(killed[0], signal.SIGKILL)
+        finally:
+            gate.touch()
+
     with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
-        killer = threading.Timer(0.6, lambda: os.kill(engine.pids()[0], signal.SIGKILL))
+        killer = threading.Thread(target=kill)
         killer.start()
         try:
             assert compute_job(engine, "sweep", request) == strange_units.expected_answer(request)
         finally:
             killer.join()
+    assert killed
+    assert len(begun()) == 5  # one of the four was begun twice
 
 
-@pytest.mark.long
 def test_an_engine_without_anything_to_compute_with_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     class Empty(PoolEngine):
         @property
         def capacity(self) -> int:
             return 0
 
-    monkeypatch.setattr(alone, "PATIENCE_SECONDS", 0.3)
+    monkeypatch.setattr(alone, "PATIENCE_SECONDS", 0.0)
     with (
         closing(Empty(1, function=strange_units.FUNCTION)) as engine,
         pytest.raises(NotConvergedError, match="nothing"),

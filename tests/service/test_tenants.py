@@ -9,7 +9,6 @@ import base64
 import hashlib
 import hmac
 import json
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -19,9 +18,12 @@ import jwt
 import pytest
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
-from openapi_scenes import is_secured, json_examples, light, operations, parameters
+from openapi_scenes import ended_job, is_secured, json_examples, light, operations, parameters
 from served import Served, served
 
+from waiting import LIMIT_SECONDS, until
+
+PAST, NEVER = 1_577_836_800, 4_102_444_800  # the years 2020 and 2100
 ISSUER, AUDIENCE = "https://identity.example", "tailstack"
 SECURED = {o["operationId"]: (path, method, o) for path, method, o in operations() if is_secured(o)}
 OPEN = {o["operationId"]: path for path, _, o in operations() if not is_secured(o)}
@@ -67,8 +69,7 @@ class Place:
 
     def token(self, key: Any = None, algorithm: str = "RS256", header: Any = None, **changes: Any) -> str:
         """A JSON Web Token of tenant A, with claims changed; None removes one."""
-        now = int(time.time())
-        claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "a", "scope": "read compute metrics", "exp": now + 600}
+        claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "a", "scope": "read compute metrics", "exp": NEVER}
         claims = {name: value for name, value in {**claims, **changes}.items() if value is not None}
         return jwt.encode(claims, key or self.private_key, algorithm=algorithm, headers=header)
 
@@ -94,7 +95,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     }
     with (
         served(directory, **settings) as service,
-        httpx.Client(base_url=service.url, timeout=300, trust_env=False) as c,
+        httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False) as c,
     ):
         every = ("--scope", "read", "--scope", "compute", "--scope", "metrics")
         keys = {tenant: _key(service, tenant, *every) for tenant in ("a", "b", "c", "d", "e")}
@@ -102,7 +103,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         service.run("keys", "revoke", keys["revoked"].split("_")[1])
         keys["expired"] = _key(service, "a", *every, "--days", "1e-6")
         keys |= {scope: _key(service, "a", "--scope", scope) for scope in ("read", "compute", "metrics")}
-        time.sleep(0.1)  # a millionth of a day has passed
+        expired = {"Authorization": bearer(keys["expired"])}  # after a millionth of a day
+        until(lambda: c.get("/v1/jobs", headers=expired).status_code == 401)
         yield Place(service, c, private, public, keys)
 
 
@@ -131,15 +133,9 @@ def owned(place: Place) -> Property:
     return Property(jobs, results)
 
 
-def finished(place: Place, location: str, key: str, seconds: float = 300.0) -> dict[str, Any]:
+def finished(place: Place, location: str, key: str) -> dict[str, Any]:
     """The job once it has ended."""
-    deadline = time.monotonic() + seconds
-    while True:
-        job: dict[str, Any] = place.client.get(location, headers={"Authorization": bearer(key)}).json()
-        if job["state"] in ("succeeded", "failed", "cancelled"):
-            return job
-        assert time.monotonic() < deadline, job
-        time.sleep(0.1)
+    return ended_job(place.client, location, Authorization=bearer(key))
 
 
 def answer(response: httpx.Response, identity: str) -> tuple[int, dict[str, str], bytes]:
@@ -242,10 +238,10 @@ def forged(place: Place, claims: dict[str, Any]) -> str:
 
 def bad_credentials(place: Place) -> dict[str, dict[str, str]]:
     """Headers that must not let anybody in, by what is wrong with them."""
-    good, now = place.keys["a"], int(time.time())
+    good = place.keys["a"]
     other = rsa.generate_private_key(public_exponent=65537, key_size=2048)
     other_jwk = json.loads(jwt.algorithms.RSAAlgorithm.to_jwk(other.public_key()))
-    claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "a", "scope": "read compute metrics", "exp": now + 600}
+    claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "a", "scope": "read compute metrics", "exp": NEVER}
     changed = place.token().split(".")
     claims_b64 = base64.urlsafe_b64encode(json.dumps({**claims, "tenant": "b"}).encode()).rstrip(b"=").decode()
     mixed = "_".join([*place.keys["b"].split("_")[:2], good.split("_", 2)[2]])
@@ -264,9 +260,9 @@ def bad_credentials(place: Place) -> dict[str, dict[str, str]]:
         "token for no audience": bearer(place.token(aud=None)),
         "token of another issuer": bearer(place.token(iss="https://evil.example")),
         "token of no issuer": bearer(place.token(iss=None)),
-        "token that has expired": bearer(place.token(exp=now - 60)),
+        "token that has expired": bearer(place.token(exp=PAST)),
         "token without an end": bearer(place.token(exp=None)),
-        "token before its time": bearer(place.token(nbf=now + 3600)),
+        "token before its time": bearer(place.token(nbf=NEVER - 1)),
         "token of nobody": bearer(place.token(tenant=None)),
         "token of an odd tenant": bearer(place.token(tenant=["a"])),
         "unsigned token": bearer(jwt.encode(claims, None, algorithm="none")),
@@ -377,8 +373,5 @@ def test_a_revoked_key_is_refused_within_seconds(place: Place) -> None:
     headers = {"Authorization": bearer(key)}
     assert place.client.get("/v1/jobs", headers=headers).status_code == 200
     place.service.run("keys", "revoke", key.split("_")[1])
-    deadline = time.monotonic() + 300
-    while place.client.get("/v1/jobs", headers=headers).status_code == 200:
-        assert time.monotonic() < deadline
-        time.sleep(0.2)
+    until(lambda: place.client.get("/v1/jobs", headers=headers).status_code != 200)
     assert place.client.get("/v1/jobs", headers=headers).status_code == 401

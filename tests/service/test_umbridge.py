@@ -21,6 +21,7 @@ from tailstack import DesignFunction, compile_design, load_design, score
 from tailstack.montecarlo import compile_plan, evaluate
 from tailstack_service.examples import read_example
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS
 
 CONFORMITY = ROOT / "tests" / "data" / "umbridge"
 INPUTS = [
@@ -63,7 +64,7 @@ def test_the_protocols_own_tests_pass(url: str, tmp_path: Path) -> None:
         sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "-c", "/dev/null",
         str(tmp_path), "--model_url", url, "--input_value", "0.1",
     ]  # fmt: skip
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert " passed" in done.stdout
     assert "skipped" not in done.stdout
@@ -187,7 +188,7 @@ def test_a_service_with_keys_asks_for_one(tmp_path: Path) -> None:
     with served(tmp_path, TAILSTACK_AUTH="required") as service:
         key = service.run("keys", "create", "--tenant", "a", "--name", "test", "--scope", "compute").strip()
         reader = service.run("keys", "create", "--tenant", "a", "--name", "reader", "--scope", "read").strip()
-        with httpx.Client(base_url=service.url, trust_env=False, timeout=300) as client:
+        with httpx.Client(base_url=service.url, trust_env=False, timeout=LIMIT_SECONDS) as client:
             for path in ("Info", "Evaluate"):
                 send = client.get if path == "Info" else client.post
                 check_problem(send(f"/umbridge/{path}"), 401, "unauthenticated")

@@ -15,13 +15,15 @@ import pytest
 from answers import ANSWERS, text_with_answers
 from service_scenes import EXAMPLES, ROOT
 
+from waiting import LIMIT_SECONDS
+
 
 @pytest.fixture(scope="module")
 def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The content of a wheel built from this checkout."""
     directory = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(directory)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=300)
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=LIMIT_SECONDS)
     with zipfile.ZipFile(next(directory.glob("*.whl"))) as wheel:
         wheel.extractall(directory / "content")
     return directory / "content"
@@ -30,7 +32,7 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def call(unpacked: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-P", "-m", "tailstack_service.cli.main", *arguments], capture_output=True, text=True,
-        timeout=300, cwd=unpacked.parent, env={**os.environ, "PYTHONPATH": str(unpacked)},
+        timeout=LIMIT_SECONDS, cwd=unpacked.parent, env={**os.environ, "PYTHONPATH": str(unpacked)},
     )  # fmt: skip
 
 
@@ -82,7 +84,7 @@ def test_the_database_is_made_from_it(unpacked: Path, tmp_path: Path) -> None:
     for action in ("migrate", "check"):
         done = subprocess.run(
             [sys.executable, "-P", "-m", "tailstack_service.cli.main", "db", action], capture_output=True, text=True,
-            timeout=300, cwd=tmp_path, env=environment,
+            timeout=LIMIT_SECONDS, cwd=tmp_path, env=environment,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
     assert done.stdout.endswith(": sound\n")

@@ -18,6 +18,7 @@ import pytest
 
 from tailstack.design import StepReading, StepSelection, read_step
 from tailstack.errors import DesignError
+from waiting import LIMIT_SECONDS
 
 FOLDER = Path(__file__).parents[1] / "data" / "step"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
@@ -118,12 +119,11 @@ def test_seats_and_pins_hold_where_they_were_drawn(name: str) -> None:
 @pytest.mark.long
 @pytest.mark.hostile
 def test_two_thousand_damaged_files_are_read_or_refused_within_limits(run_seed: int) -> None:
-    program = [sys.executable, str(Path(__file__).with_name("step_hostility.py")), str(run_seed)]
-    run = subprocess.run(program, capture_output=True, text=True, check=True, timeout=300)
+    program = [sys.executable, str(Path(__file__).with_name("step_hostility.py")), str(run_seed), f"{LIMIT_SECONDS:g}"]
+    run = subprocess.run(program, capture_output=True, text=True, check=True, timeout=3 * LIMIT_SECONDS)
     found = json.loads(run.stdout)
-    print(found["outcomes"], found["slowest"], found["memory_bytes"])
+    print(found["outcomes"], found["memory_bytes"])
     assert found["failures"] == []
     assert sum(found["outcomes"].values()) > 2000
     assert found["outcomes"]["read"] > 100
-    assert found["slowest"][0] < 5  # CPU seconds
     assert found["memory_bytes"] < 300_000_000

@@ -11,6 +11,7 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -18,8 +19,9 @@ from typing import Any
 
 import pytest
 
-from family import die_with_parent
+from family import die_with_parent, ended
 from tailstack import kernels, processor, sources
+from waiting import LIMIT_SECONDS
 
 PACKAGE = Path(kernels.__file__).parent
 CALLEE = """
@@ -69,7 +71,7 @@ class Checkout:
         given["PYTHONDONTWRITEBYTECODE"] = "1"  # Python takes a change within a second and of one length for none
         command = [sys.executable, "-c", program]
         return subprocess.run(
-            command, cwd=self.root, env=given, capture_output=True, text=True, timeout=300, check=False
+            command, cwd=self.root, env=given, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
         )
 
     def ask(self, before: str = "", **variables: str) -> dict[str, Any]:
@@ -301,11 +303,14 @@ def test_processes_that_compile_at_once_leave_whole_files(tmp_path: Path) -> Non
     program = ASK.format(before="") + "answer(1); answer(1.0 + 0j); print(answer(2), answer(2.0), answer(1j))"
     given = {**os.environ, "PYTHONPATH": str(made.root), "NUMBA_CACHE_DIR": str(made.store)}
     command = [sys.executable, "-c", program]
-    started = [
-        subprocess.Popen(command, env=given, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent)
-        for _ in range(3)
-    ]
-    said = {process.communicate(timeout=300)[0].splitlines()[-1] for process in started}
+    with ExitStack() as stack:
+        started = [
+            subprocess.Popen(command, env=given, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent)
+            for _ in range(3)
+        ]
+        for process in started:
+            stack.enter_context(ended(process))
+        said = {process.communicate(timeout=LIMIT_SECONDS)[0].splitlines()[-1] for process in started}
     assert said == {"30.0 30.0 (10+10j)"}
     done = made.run(program + "; print(kernels.TRAFFIC.compiled)")
     assert done.stdout.splitlines()[-1] == "30.0 30.0 (10+10j)\n0".splitlines()[-1], done.stderr

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tailstack import ahead, kernels, processor, sources
+from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).parents[2]
 BUILD = ROOT / "solver" / "kernels_wheel" / "build.py"
@@ -67,7 +68,7 @@ print(json.dumps(seen))
 def run(*command: str, **variables: str) -> subprocess.CompletedProcess[str]:
     given = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path), **variables}
     return subprocess.run(
-        [sys.executable, *command], env=given, capture_output=True, text=True, timeout=900, check=False
+        [sys.executable, *command], env=given, capture_output=True, text=True, timeout=5 * LIMIT_SECONDS, check=False
     )
 
 

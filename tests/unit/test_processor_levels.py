@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tailstack import processor
+from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
@@ -40,7 +41,12 @@ def numbers(**variables: str) -> tuple[str, dict[str, Any], dict[str, list[float
     given = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CPU")}
     given |= {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], cwd=ROOT, env=given | variables, capture_output=True, text=True, timeout=900
+        [sys.executable, "-c", PROGRAM],
+        cwd=ROOT,
+        env=given | variables,
+        capture_output=True,
+        text=True,
+        timeout=5 * LIMIT_SECONDS,
     )
     assert done.returncode == 0, done.stderr
     name, sampled, first_order = json.loads(done.stdout)

@@ -17,6 +17,7 @@ import pytest
 
 from family import die_with_parent, ended
 from tiers import SIDE_BY_SIDE
+from waiting import LIMIT_SECONDS
 
 CONFTEST = Path(__file__).parents[1] / "conftest.py"
 
@@ -87,7 +88,9 @@ def test_a_test_that_leaves_the_process_changed_fails(tmp_path: Path) -> None:
     given = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTEST_"))}
     given |= {"KEPT": "1", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     command = [sys.executable, "-m", "pytest", "-rA", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "."]
-    done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
+    )
     failed = set(re.findall(r"^(?:ERROR|FAILED) test_leaks\.py::test_(\w+)", done.stdout, re.MULTILINE))
     names = set(re.findall(r"^def test_(\w+)", TESTS, re.MULTILINE))
     assert failed == {name for name in names if not name.startswith("after_")} - {"innocent", "imports_a_library"}, (
@@ -121,31 +124,35 @@ def test_what_a_file_of_tests_starts_is_started_once(tmp_path: Path) -> None:
     given = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTEST_"))}
     given |= {"STARTED": str(tmp_path / "started"), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     command = [sys.executable, "-m", "pytest", "-p", "xdist", "--rootdir", str(tmp_path), *SIDE_BY_SIDE, "."]
-    done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
+    )
     assert "16 passed" in done.stdout, done.stdout
     assert sorted((tmp_path / "started").read_text().split()) == ["test_one.py", "test_other.py"]
 
 
 PARENT = """
-import subprocess, sys, time
+import signal, subprocess, sys
 from family import die_with_parent
-child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], preexec_fn=die_with_parent)
+child = subprocess.Popen([sys.executable, "-c", "import signal; signal.pause()"], preexec_fn=die_with_parent)
 print(child.pid, flush=True)
-time.sleep(600)
+signal.pause()
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="what a parent's end does to its children is Linux's own")
 def test_what_a_killed_test_started_does_not_run_on() -> None:
     """A child of an interrupted test once computed for half an hour, with 5 GB."""
-    with subprocess.Popen(
+    started = subprocess.Popen(
         [sys.executable, "-c", PARENT], cwd=CONFTEST.parent, stdout=subprocess.PIPE, preexec_fn=die_with_parent
-    ) as parent:
+    )
+    with ended(started) as parent:
         assert parent.stdout is not None
         child = psutil.Process(int(parent.stdout.readline()))
-        parent.kill()
-    psutil.wait_procs([child], timeout=300)
-    assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
+        parent.kill()  # it alone: what it started has to end by itself
+        psutil.wait_procs([child], timeout=LIMIT_SECONDS)
+        running = child.is_running() and child.status() != psutil.STATUS_ZOMBIE
+    assert not running
 
 
 BACKGROUND = """
@@ -160,18 +167,20 @@ subprocess.run([sys.executable, "-c", asked], preexec_fn=die_with_parent, check=
 def test_what_a_test_starts_can_be_interrupted_in_the_background_too() -> None:
     """A shell without job control starts what ends in & with SIGINT ignored, and its children inherit that."""
     background = ["sh", "-c", "trap '' INT; exec \"$@\"", "sh", sys.executable, "-c", BACKGROUND]
-    done = subprocess.run(background, cwd=CONFTEST.parent, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        background, cwd=CONFTEST.parent, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
+    )
     assert done.stdout == "True\n", done.stderr
 
 
 def test_what_a_failed_test_started_ends_with_it() -> None:
     """With what that started itself."""
-    idle = "[sys.executable, '-c', 'import time; time.sleep(600)']"
-    family = f"import subprocess, sys, time; child = subprocess.Popen({idle})"
+    idle = "[sys.executable, '-c', 'import signal; signal.pause()']"
+    family = f"import signal, subprocess, sys; child = subprocess.Popen({idle})"
     with pytest.raises(ZeroDivisionError):  # noqa: PT012, SIM117
         with ended(
             subprocess.Popen(
-                [sys.executable, "-c", family + "; print(child.pid, flush=True); time.sleep(600)"],
+                [sys.executable, "-c", family + "; print(child.pid, flush=True); signal.pause()"],
                 stdout=subprocess.PIPE,
                 text=True,
                 preexec_fn=die_with_parent,
@@ -180,7 +189,7 @@ def test_what_a_failed_test_started_ends_with_it() -> None:
             assert process.stdout is not None
             members = [psutil.Process(int(process.stdout.readline())), psutil.Process(process.pid)]
             1 / 0  # noqa: B018
-    psutil.wait_procs(members, timeout=300)
+    psutil.wait_procs(members, timeout=LIMIT_SECONDS)
     assert not any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in members)
 
 

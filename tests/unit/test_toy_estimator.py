@@ -17,6 +17,8 @@ from typing import Any
 
 import pytest
 
+from waiting import LIMIT_SECONDS
+
 ROOT = Path(__file__).parents[2]
 # (file below solver/tailstack, text, what stands in its place)
 EDITS = (
@@ -155,7 +157,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
-        timeout=900,
+        timeout=5 * LIMIT_SECONDS,
         check=False,
         cwd=folder,
     )

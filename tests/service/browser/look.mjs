@@ -31,6 +31,7 @@ const CANVAS = `(() => [...document.querySelectorAll(".viewer canvas")].map((can
   return {width: canvas.width, height: canvas.height, colours: seen.size, drawn: 1 - 4 * ground / data.length, hash};
 }))()`;
 
+const LIMIT = 1000 * Number(process.env.TAILSTACK_TESTS_LIMIT_SECONDS ?? 180); // of every wait, ms: the one limit of the tests
 const FRAMES = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))";
 
 async function looked(browser, job) {
@@ -38,6 +39,7 @@ async function looked(browser, job) {
     viewport: { width: job.width ?? 1280, height: job.height ?? 900 }, colorScheme: job.scheme ?? "light",
     javaScriptEnabled: job.script ?? true, reducedMotion: "reduce", serviceWorkers: "block",
   });
+  context.setDefaultTimeout(LIMIT);
   const page = await context.newPage();
   const found = { messages: [], requests: [], failed: [], violations: [], canvases: [] };
   page.on("console", (said) => found.messages.push(`${said.type()}: ${said.text()}`));
@@ -45,7 +47,7 @@ async function looked(browser, job) {
   page.on("request", (request) => found.requests.push(request.url()));
   page.on("requestfailed", (request) => found.failed.push(request.url()));
   try {
-    const answer = await page.goto(job.url, { waitUntil: "load", timeout: 60000 });
+    const answer = await page.goto(job.url, { waitUntil: "load" });
     found.status = answer?.status() ?? 0;
     found.headers = answer?.headers() ?? {};
     if (job.media) await page.emulateMedia({ media: job.media });

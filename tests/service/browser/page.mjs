@@ -13,6 +13,9 @@ const FLAGS = [
 export const asked = JSON.parse(readFileSync(0, "utf8"));
 export const browser = await chromium.launch({ executablePath: asked.executable, chromiumSandbox: asked.sandbox, args: FLAGS });
 
+/** Of every wait, ms: the one limit of the tests. */
+export const LIMIT = 1000 * Number(process.env.TAILSTACK_TESTS_LIMIT_SECONDS ?? 180);
+
 export const watched = { messages: [], strangers: [] };
 
 export async function open(context, url = asked.url, answered = true) {
@@ -28,16 +31,27 @@ export async function open(context, url = asked.url, answered = true) {
   return page;
 }
 
-export const newContext = (more = {}) => browser.newContext({
-  viewport: { width: asked.width ?? 1280, height: asked.height ?? 900 }, colorScheme: asked.scheme ?? "light", reducedMotion: "reduce",
-  acceptDownloads: true, serviceWorkers: "block", ...more,
-});
+export async function newContext(more = {}) {
+  const context = await browser.newContext({
+    viewport: { width: asked.width ?? 1280, height: asked.height ?? 900 }, colorScheme: asked.scheme ?? "light", reducedMotion: "reduce",
+    acceptDownloads: true, serviceWorkers: "block", ...more,
+  });
+  context.setDefaultTimeout(LIMIT);
+  return context;
+}
+/** What was done to the page so far is drawn. */
+export const drawn = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+/** And what fades has faded. */
+export async function faded(page) {
+  await drawn(page);
+  await page.evaluate(() => Promise.allSettled(document.getAnimations().filter((one) => one instanceof CSSTransition).map((one) => one.finished)));
+}
 export const state = (page) => page.evaluate(() => window.workbench.state());
-export const current = (page) => page.waitForFunction(() => window.workbench.state().current && !window.workbench.state().busy, null, { timeout: 600000 });
+export const current = (page) => page.waitForFunction(() => window.workbench.state().current && !window.workbench.state().busy);
 /** Of the design whose score stands there: asked in one go, for a file that is being opened takes the score away. */
 export const sha = async (page) => {
   const shown = () => { const { current, busy, score } = window.workbench.state(); return current && !busy && score?.provenance.design_sha256; };
-  return (await page.waitForFunction(shown, null, { timeout: 600000 })).jsonValue();
+  return (await page.waitForFunction(shown)).jsonValue();
 };
 export const take = (page, text, name = "design.yaml") =>
   page.setInputFiles("header input[type=file]", { name, mimeType: "application/yaml", buffer: Buffer.from(text) });

@@ -1,13 +1,13 @@
 // What the workbench shows, and how it answers: one scenario of those below.  See tests/service/test_workbench_shown.py.
 import { readFileSync } from "node:fs";
-import { asked, begun, bead, centre, current, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
+import { asked, begun, bead, centre, current, drawn, faded, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
 const opacity = (locator) => locator.evaluate((node) => { let all = 1; for (let at = node; at; at = at.parentElement) all *= Number(getComputedStyle(at).opacity); return all; });
 const picture = (page, name) => page.locator("figure.picture", { hasText: name });
 const press = async (page, [x, y]) => { await page.mouse.move(x, y); await page.mouse.down(); await page.mouse.up(); };
-const awaitRun = (page, kind) => page.locator(`.run[data-kind=${kind}][data-state=succeeded]`).first().waitFor({ timeout: 240000 });
+const awaitRun = (page, kind) => page.locator(`.run[data-kind=${kind}][data-state=succeeded]`).first().waitFor();
 
 // A press at the centre of every mark of every picture: which bead was announced, which was taken
 scenarios.press = async () => {
@@ -20,7 +20,7 @@ scenarios.press = async () => {
     for (const label of labels.sort()) {
       const [x, y] = await centre(pictures.nth(k).locator(`g.bead[data-bead="${label}"] circle.mark`));
       await page.mouse.move(x, y);
-      const announced = await pictures.nth(k).locator("g.bead.over").getAttribute("data-bead", { timeout: 2000 }).catch(() => null);
+      const announced = await pictures.nth(k).locator("g.bead.over").getAttribute("data-bead");
       await page.mouse.down();
       const taken = await pictures.nth(k).locator("g.bead.chosen").getAttribute("data-bead");
       await page.mouse.up();
@@ -51,21 +51,22 @@ scenarios.finger = async () => {
   const page = await begun(await newContext({ hasTouch: true, isMobile: true, viewport: { width: 390, height: 800 } }));
   const session = await page.context().newCDPSession(page), mark = bead(page, "F9");
   await mark.evaluate((node) => node.scrollIntoView({ block: "center" }));
-  const swipe = async () => {
+  const swipe = async (moved) => {
     const box = await mark.boundingBox(), x = box.x + box.width / 2, y = box.y + box.height / 2, steps = (await state(page)).steps, top = await page.evaluate(() => scrollY);
     const touch = (type, by) => session.send("Input.dispatchTouchEvent", { type, touchPoints: type === "touchEnd" ? [] : [{ x, y: y - by }] });
     await touch("touchStart", 0);
     for (let by = 4; by <= 120; by += 4) await touch("touchMove", by);
     await touch("touchEnd", 0);
-    await page.waitForTimeout(300);
+    await page.waitForFunction(moved, [top, steps]);
+    await drawn(page);
     return { scrolled: Math.round((await page.evaluate(() => scrollY)) - top), steps: (await state(page)).steps - steps };
   };
-  const first = await swipe();
+  const first = await swipe(([top]) => scrollY > top + 50);
   await mark.evaluate((node) => node.scrollIntoView({ block: "center" }));
   const box = await mark.boundingBox();
   await page.touchscreen.tap(box.x + box.width / 2, box.y + box.height / 2);
   const chosen = await picture(page, "Front (x, z)").locator("g.bead.chosen").getAttribute("data-bead");
-  return { first, chosen, second: await swipe() };
+  return { first, chosen, second: await swipe(([, steps]) => window.workbench.state().steps > steps) };
 };
 
 // The strip before and after a verification that is asked for in the strip; what a change and a reload make of it
@@ -74,7 +75,7 @@ scenarios.verified = async () => {
   const inside = await strip(page).getByRole("button", { name: "Verify this design" }).boundingBox();
   const before = await look();
   await strip(page).getByRole("button", { name: "Verify this design" }).click();
-  await page.locator('section.verdict[data-basis="simulation"]').waitFor({ timeout: 240000 });
+  await page.locator('section.verdict[data-basis="simulation"]').waitFor();
   const after = await look(), run = await page.locator(".run[data-kind=report] .status").first().innerText(), rows = await page.getByRole("region", { name: "Table of requirements" }).innerText();
   const offered = await strip(page).getByRole("button", { name: "Verify this design" }).count();
   if (asked.shot) await page.screenshot({ path: asked.shot });
@@ -108,11 +109,11 @@ scenarios.units = async () => {
   const variants = await page.locator('[aria-label="Variants"] tbody tr').allInnerTexts();
   await page.getByRole("button", { name: "How far may each be loosened?" }).click();
   const opened = await page.locator("details.part", { has: page.getByRole("heading", { name: "Run", exact: true }) }).evaluate((node) => new Promise((done) => { const look = () => (node.open ? done(true) : requestAnimationFrame(look)); look(); }));
-  await page.getByRole("columnheader", { name: "Slack" }).waitFor({ timeout: 60000 });
+  await page.getByRole("columnheader", { name: "Slack" }).waitFor();
   const said = await page.locator(".budget .note", { hasText: "Slack:" }).innerText();
   const column = await page.locator(".budget thead th").allInnerTexts(), slack = await page.locator(`.budget tbody tr > :nth-child(${column.indexOf("Slack") + 1})`).allInnerTexts();
   await strip(page).getByRole("button", { name: "Verify this design" }).click();
-  await page.locator('section.verdict[data-basis="simulation"]').waitFor({ timeout: 240000 });
+  await page.locator('section.verdict[data-basis="simulation"]').waitFor();
   await page.locator(".run .histogram").first().waitFor();
   const listed = await page.getByRole("region", { name: "Requirements as verified" }).first().locator("tbody tr").allInnerTexts();
   const rows = await page.getByRole("region", { name: "Table of requirements" }).locator("tbody tr").allInnerTexts();
@@ -159,7 +160,7 @@ scenarios.grey = async () => {
   await page.locator('[data-pointer="views/0/source_isocentre_mm"]').first().fill("-5");
   await page.keyboard.press("Enter");
   await page.locator(".verdict.refused").waitFor();
-  await page.waitForTimeout(700); // what fades has faded
+  await faded(page);
   found.refused = { pictures: await Promise.all((await page.locator('[aria-label="X-ray images"] figure.picture svg').all()).map(opacity)), p95: await opacity(page.locator("#p95")), text: await page.locator("#page").innerText() };
   if (asked.shot) await page.screenshot({ path: asked.shot });
   return found;
@@ -204,7 +205,7 @@ scenarios.near = async () => {
   await page.locator(".working progress").waitFor();
   found.working = await page.locator(".working").innerText();
   answer();
-  await page.locator(".message", { hasText: asked.file }).waitFor({ timeout: 60000 });
+  await page.locator(".message", { hasText: asked.file }).waitFor();
   found.done = await page.locator(".working").count();
   return found;
 };
@@ -293,7 +294,7 @@ scenarios.back = async () => {
   await page.unroute("**/v1/**");
   await page.unroute("**/health/**");
   await page.clock.runFor(2100); // the next look at its health
-  await page.waitForFunction(() => window.workbench.state().current, null, { timeout: 20000, polling: 100 }).catch(() => null);
+  await page.waitForFunction(() => window.workbench.state().current, null, { polling: 100 });
   return { away, current: (await state(page)).current };
 };
 
@@ -315,7 +316,7 @@ scenarios.marks = async () => {
   const names = await page.locator("section[aria-label], [role=region][aria-label]").evaluateAll((all) => all.map((one) => one.getAttribute("aria-label")));
   found.twice = names.filter((name, k) => names.indexOf(name) !== k);
   await page.getByRole("button", { name: "How far may each be loosened?" }).click();
-  await page.getByRole("columnheader", { name: "Slack" }).waitFor({ timeout: 60000 });
+  await page.getByRole("columnheader", { name: "Slack" }).waitFor();
   found.cut = await page.getByRole("region", { name: "Table of the budget" }).evaluate((node) => node.scrollWidth - node.clientWidth);
   const licences = page.getByRole("link", { name: "Licences of what this page contains" });
   found.licences = await (await page.request.get(await licences.evaluate((node) => node.href))).text();
@@ -335,7 +336,7 @@ scenarios.phone = async () => {
   const page = await begun(await newContext({ hasTouch: true, isMobile: true, viewport: { width: 390, height: 844 } }));
   const said = await page.locator(".verdict .stated").innerText(), value = await page.locator("#p95").textContent();
   await page.evaluate(() => scrollTo(0, 2500));
-  await page.waitForTimeout(300);
+  await faded(page);
   const head = page.locator(".verdict .head"), box = await head.boundingBox();
   if (asked.shot) await page.screenshot({ path: asked.shot });
   return { said, value, words: await head.innerText(), top: box.y, height: box.height, wide: await wide(page) };

@@ -1,6 +1,6 @@
 // What becomes of the design on the workbench: opened, linked, saved, undone, read and written as YAML.
 // See tests/service/test_workbench_state.py.
-import { asked, begun, bead, centre, current, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
+import { asked, begun, bead, centre, current, drawn, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
 
 const scenarios = {};
 const settled = (page) => page.waitForFunction(() => !window.workbench.state().busy && (window.workbench.state().current || window.workbench.state().refused));
@@ -17,10 +17,16 @@ const drop = async (page, name, bytes) => {
 // The design that is open is opened again: as an example, and as a file
 scenarios.again = async () => {
   const context = await newContext(), page = await open(context, asked.url, false), found = [];
+  const known = [];
   const look = async () => {
-    await page.waitForTimeout(500);
-    await settled(page).catch(() => null);
-    found.push({ ...(await state(page)), score: null, p95: await page.locator("#p95").textContent({ timeout: 2000 }).catch(() => null), images: await page.locator("figure.picture", { hasText: "X-ray" }).count() });
+    const said = await page.waitForFunction(() => {
+      const words = document.querySelector(".message")?.innerText ?? "";
+      return words.includes("is what is open already") && words;
+    });
+    known.push(await said.jsonValue());
+    await page.locator(".message button").click();
+    await settled(page);
+    found.push({ ...(await state(page)), score: null, p95: await page.locator("#p95").textContent(), images: await page.locator("figure.picture", { hasText: "X-ray" }).count() });
   };
   await page.getByRole("button", { name: asked.example }).click();
   await current(page);
@@ -32,7 +38,7 @@ scenarios.again = async () => {
   await take(page, asked.design);
   await look();
   if (asked.shot) await page.screenshot({ path: asked.shot });
-  return { found, words: await words(page) };
+  return { found, words: known.join("\n") };
 };
 
 // A link, then an edit, then a reload; then the link again, and another file
@@ -89,7 +95,7 @@ scenarios.unreadable = async () => {
   for (const hash of links) {
     await page.goto("about:blank");
     await page.goto(`${asked.url}${hash}`);
-    await page.locator("#page h1").waitFor({ timeout: 5000 }).catch(() => null);
+    await page.locator("#page h1").waitFor();
     found.push({ how: "link", shown: await page.locator("#page").innerText() });
   }
   if (asked.shot) await page.screenshot({ path: asked.shot });
@@ -97,7 +103,7 @@ scenarios.unreadable = async () => {
     await page.goto("about:blank");
     await page.goto(asked.url);
     await drop(page, "strange.yaml", text);
-    await page.locator(".message").waitFor({ timeout: 5000 }).catch(() => null);
+    await page.locator(".message").waitFor();
     found.push({ how: "file", shown: await page.locator("#page").innerText() });
   }
   // as the page may find it saved
@@ -109,7 +115,7 @@ scenarios.unreadable = async () => {
       localStorage.setItem("tailstack.workbench.design", JSON.stringify({ steps: [{ text: content, what: "Open" }], position: 0, at: Date.now() }));
     }, text);
     await page.reload();
-    await page.locator("#page h1").waitFor({ timeout: 5000 }).catch(() => null);
+    await page.locator("#page h1").waitFor();
     found.push({ how: "saved", shown: await page.locator("#page").innerText() });
   }
   for (const shape of [5, "text", { a: 1 }, [1, null, { name: 3 }], [{ id: 1 }]]) {
@@ -119,7 +125,7 @@ scenarios.unreadable = async () => {
       for (const name of ["runs", "variants", "design", "design.some", "theme"]) localStorage.setItem(`tailstack.workbench.${name}`, JSON.stringify(kept));
     }, shape);
     await page.reload();
-    await page.locator("#page h1").waitFor({ timeout: 5000 }).catch(() => null);
+    await page.locator("#page h1").waitFor();
     await take(page, asked.design);
     await current(page).catch(() => null);
     for (const title of ["Run", "Variants"]) await part(page, title);
@@ -135,15 +141,17 @@ scenarios.typed = async () => {
   for (const text of asked.texts) {
     const known = (await state(page)).text;
     bodies.length = 0;
+    await page.evaluate(() => document.querySelector(".message button")?.click());
+    await page.locator(".message").waitFor({ state: "detached" });
     await take(page, text);
-    await page.waitForFunction((before) => window.workbench.state().text !== before, known).catch(() => null);
+    await page.waitForFunction((before) => window.workbench.state().text !== before || document.querySelector(".message"), known);
     await settled(page);
     const { current, refused, score, steps } = await state(page), scored = current && !refused;
     found.push({ steps, refused, bodies: [...bodies], sha: scored ? score.provenance.design_sha256 : null, p95: scored ? score.targets[0].p95_mm : null, strip: await page.locator(".verdict").innerText(), words: await words(page) });
     if (!scored) {
       await part(page, "Run");
       await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
-      await page.waitForTimeout(300);
+      await drawn(page);
       found[found.length - 1].runs = await page.locator(".runs > li").count();
       if (asked.shot) await page.screenshot({ path: asked.shot });
     }
@@ -165,13 +173,13 @@ scenarios.tabs = async () => {
     await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
     await page.locator(".runs > li").first().waitFor();
   }
-  for (const page of [first, second]) await page.waitForFunction(() => document.querySelectorAll(".run[data-state=succeeded]").length === 2, null, { timeout: 120000 }).catch(() => null);
+  for (const page of [first, second]) await page.waitForFunction(() => document.querySelectorAll(".run[data-state=succeeded]").length === 2);
   const lists = async (page) => ({
     variants: await page.locator('[aria-label="Variants"] tbody tr > th').allInnerTexts(), runs: await page.locator(".runs > li").count(),
   });
   const live = [await lists(first), await lists(second)];
   await second.getByRole("button", { name: "Remove variant A" }).click();
-  await first.waitForFunction(() => document.querySelectorAll('[aria-label="Variants"] tbody tr').length === 2, null, { timeout: 5000 }).catch(() => null);
+  await first.waitForFunction(() => document.querySelectorAll('[aria-label="Variants"] tbody tr').length === 2);
   const removed = await lists(first);
   const third = await open(context, asked.url);
   for (const title of ["Variants", "Run"]) await part(third, title);
@@ -184,9 +192,11 @@ scenarios.presses = async () => {
   const steps = async () => (await state(page)).steps;
   await page.getByRole("application", { name: /^Elevation Front/ }).focus();
   await page.keyboard.press("n");
+  const now = Date.now(); // of the page too: presses within a second are one step
+  await page.clock.setFixedTime(now);
   for (let k = 0; k < 20; k += 1) await page.keyboard.press(k % 2 ? "ArrowRight" : "ArrowUp");
   found.push(await steps());
-  await page.waitForTimeout(1100);
+  await page.clock.setFixedTime(now + 1100);
   await page.keyboard.press("ArrowRight");
   found.push(await steps());
   await page.keyboard.press("n");
@@ -237,7 +247,7 @@ scenarios.files = async () => {
     for (const { name, base64 } of asked.files) {
       await page.evaluate(() => document.querySelector(".message button")?.click());
       await drop(page, name, Buffer.from(base64, "base64"));
-      await page.locator(".message", { hasText: name }).waitFor({ timeout: 30000 }).catch(() => null);
+      await page.locator(".message", { hasText: name }).waitFor();
       found[`${started ? "design" : "empty"} ${name}`] = { words: await words(page).catch(() => ""), text: (await state(page)).text };
     }
   }
@@ -249,13 +259,13 @@ scenarios.gone = async () => {
   const context = await newContext(), page = await begun(context);
   await part(page, "Run");
   await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
-  await page.locator(".run[data-kind=report][data-state=succeeded]").first().waitFor({ timeout: 120000 });
+  await page.locator(".run[data-kind=report][data-state=succeeded]").first().waitFor();
   await page.route("**/v1/results/**", (route) => route.fulfill({ status: 404, contentType: "application/problem+json", body: '{"title":"Not found","status":404,"errors":[]}' }));
   await page.reload();
   await current(page);
   await part(page, "Run");
   const run = page.locator(".runs > li").first();
-  await page.waitForTimeout(800);
+  await page.locator(".runs > li[data-state=gone]").waitFor();
   if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
   return { state: await run.getAttribute("data-state"), shown: await run.innerText(), links: await run.locator("a").count() };
 };
@@ -264,11 +274,11 @@ scenarios.key = async () => {
   const context = await newContext(), page = await open(context, asked.url, false), field = page.getByLabel(/API key/);
   await take(page, asked.design);
   await field.waitFor();
-  await page.waitForTimeout(300);
+  await page.getByText("asks for an API key").first().waitFor();
   const asking = await page.locator("#page").innerText();
   await field.fill("not a key");
   await page.getByRole("button", { name: "Use it" }).click();
-  await page.waitForTimeout(800);
+  await page.getByText("does not know this key").first().waitFor();
   if (asked.shot) await page.screenshot({ path: asked.shot });
   return { asking, wrong: await page.locator("#page").innerText() };
 };
