@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -19,11 +18,13 @@ import pytest
 from service_scenes import Caller, check_problem, small_design
 
 from tailstack_service.http.app import create_app
-from tailstack_service.http.compute_pool import ComputePool
+from tailstack_service.http.compute_pool import WARMTH_LOOK_SECONDS, ComputePool
 from tailstack_service.http.service import Service
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.processes.frames import Died
 from tailstack_service.settings import Settings
+from turned_clock import TurnedClock
+from waiting import until_async
 
 BODY = {"design": small_design()}
 GATE = {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"}
@@ -31,10 +32,10 @@ BEADS = {"format": "csv", "content": "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\
 
 
 def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Service], Awaitable[None]]) -> None:
-    """Tell a story about a service that is warming up."""
+    """Tell a story about a service that is warming up, whose clock stands still until the story turns it."""
     url = f"sqlite:///{tmp_path / 'jobs.sqlite3'}"
     open_database(url, migrate=True).close()
-    app = create_app(Settings(database=url, warm_up_seconds=seconds), warm_up=False)
+    app = create_app(Settings(database=url, warm_up_seconds=seconds), warm_up=False, clock=TurnedClock())
     service: Service = app.state.service
     service.pool.warmth = service.pool.readiness = "warming up"
 
@@ -50,6 +51,18 @@ def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Ser
     asyncio.run(tell())
 
 
+async def asked(client: httpx.AsyncClient, service: Service, path: str, body: Any) -> asyncio.Task[httpx.Response]:
+    """A request that waits for the kernels."""
+    asking = asyncio.create_task(client.post(path, json=body))
+    await clock_of(service).until_waits_async(WARMTH_LOOK_SECONDS)
+    return asking
+
+
+def clock_of(service: Service) -> TurnedClock:
+    assert isinstance(service.clock, TurnedClock)
+    return service.clock
+
+
 @pytest.mark.parametrize(
     ("path", "body"),
     [
@@ -61,25 +74,27 @@ def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Ser
 )
 def test_a_computation_waits_a_little_and_is_told_to_come_back(tmp_path: Path, path: str, body: Any) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
-        begun = time.monotonic()
-        response = await client.post(path, json=body)
-        assert time.monotonic() - begun >= 0.3
+        asking = await asked(client, service, path, body)
+        clock_of(service).turn(29.0)
+        await clock_of(service).until_waits_async(WARMTH_LOOK_SECONDS)
+        assert not asking.done()
+        clock_of(service).turn(1.0)
+        response = await asking
         entry = check_problem(response, 503, "warming-up")["errors"][0]
         assert 1 <= int(response.headers["retry-after"]) <= 30
-        assert "0.3 s" in entry["detail"]
+        assert "waited 30 s" in entry["detail"]
         assert "/health/ready" in entry["hint"]
         assert (await client.get("/health/ready")).json()["status"] == "warming up"
 
-    told(tmp_path, 0.3, story)
+    told(tmp_path, 30.0, story)
 
 
 @pytest.mark.long
 def test_who_comes_shortly_before_is_answered(tmp_path: Path) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
-        asking = asyncio.create_task(client.post("/v1/scores", json=BODY))
-        await asyncio.sleep(0.2)
-        assert not asking.done()
+        asking = await asked(client, service, "/v1/scores", BODY)
         service.pool.warmth = "ready"
+        clock_of(service).turn(WARMTH_LOOK_SECONDS)
         assert (await asking).status_code == 200
 
     told(tmp_path, 60.0, story)
@@ -87,9 +102,9 @@ def test_who_comes_shortly_before_is_answered(tmp_path: Path) -> None:
 
 def test_a_service_that_stops_meanwhile_says_so(tmp_path: Path) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
-        asking = asyncio.create_task(client.post("/v1/scores", json=BODY))
-        await asyncio.sleep(0.1)
+        asking = await asked(client, service, "/v1/scores", BODY)
         service.stopping.set()
+        clock_of(service).turn(WARMTH_LOOK_SECONDS)
         check_problem(await asking, 503, "stopping")
 
     told(tmp_path, 60.0, story)
@@ -115,10 +130,7 @@ def test_everything_is_loaded_once_and_what_was_forked_before_makes_room(tmp_pat
             request = Caller().request()
             assert places.warmth == "warming up"
             cold = await places.run(request, os.getpid, 0.0)
-            deadline = time.monotonic() + 300
-            while places.readiness == "warming up":
-                assert time.monotonic() < deadline
-                await asyncio.sleep(0.05)
+            await until_async(lambda: places.readiness != "warming up", lambda: "the kernels are still loaded")
             assert places.warmth == "ready"
             first = await places.run(request, loaded, 0.0)
             assert first != cold

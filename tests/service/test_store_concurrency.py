@@ -21,6 +21,7 @@ from service_scenes import ROOT
 from store_scenes import LEASE, Clock, claim, claim_one, find, find_id, record, specs, split, submit, url_of
 
 from family import die_with_parent
+from tailstack_service.clock import SYSTEM_CLOCK
 from tailstack_service.jobs.store import database, events, jobs, queue, results, upkeep, workers
 from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.errors import StoreUnavailable
@@ -187,7 +188,7 @@ def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
                 upkeep.purge(store, 0.0)
         return done
 
-    store = Database(store.engine, store.dialect, time.time, store.turn)
+    store = Database(store.engine, store.dialect, SYSTEM_CLOCK, store.turn)
     with ThreadPoolExecutor(8) as pool:
         total = sum(pool.map(play, range(8)), Counter())
     assert min(total["claims"], total["records"], total["cancels"]) > 10, total
