@@ -12,15 +12,15 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import sqlalchemy as sa
 from strange_units import expected_answer, request
-from worker_scenes import TENANT, VERSION, finished, job, prepared_database, submit, until, working
+from worker_scenes import TENANT, VERSION, Stops, finished, job, prepared_database, submit, until, working
 
 from tailstack.errors import SourcesChangedError
 from tailstack.version import __version__
@@ -29,8 +29,11 @@ from tailstack_service.jobs.store import events, jobs, queue, results, tables, w
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.processes.interpreter import running_code
+from turned_clock import TurnedClock
 
 ROOT = Path(__file__).parents[2]
+LEASE = 30.0  # s, by a clock that is turned
+BEAT = LEASE / worker.BEATS_PER_LEASE
 
 pytestmark = pytest.mark.usefixtures("quiet")
 
@@ -44,6 +47,17 @@ def quiet(caplog: pytest.LogCaptureFixture) -> None:
 def db(database_url: str) -> Iterator[Database]:
     with prepared_database(database_url) as db:
         yield db
+
+
+def by_turned_clock(db: Database) -> tuple[Database, TurnedClock]:
+    """The same database by a clock that stands still, and the clock."""
+    clock = TurnedClock()
+    return replace(db, clock=clock), clock
+
+
+def pass_a_beat(clock: TurnedClock) -> None:
+    clock.until_waits(BEAT)
+    clock.turn(BEAT)
 
 
 def answer(db: Database, ended: Job) -> bytes:
@@ -152,12 +166,14 @@ def test_an_outcome_that_a_unit_cannot_have_is_a_defect(db: Database, monkeypatc
 
 @pytest.mark.long("postgresql")
 def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
-    with working(db, lease_seconds=1.5) as (_, engine):
+    db, clock = by_turned_clock(db)
+    with working(db, lease_seconds=LEASE) as (_, engine):
         submitted = submit(db, request("burn", units=2))
         until(lambda: len(engine._children.seconds()) == 2)
         before = set(engine.pids())
         assert jobs.cancel_job(db, TENANT, submitted.id) is not None
-        until(lambda: not engine._children.seconds(), 1.5)
+        pass_a_beat(clock)
+        until(lambda: not engine._children.seconds())
         until(lambda: len(set(engine.pids()) - before) == 2)
         assert finished(db, submit(db, request())).state == "succeeded"
     assert job(db, submitted).state == "cancelled"
@@ -165,8 +181,15 @@ def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
 
 @pytest.mark.long
 def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogCaptureFixture) -> None:
-    with working(db, max_job_seconds=2.0, lease_seconds=1.0) as (_, engine):
-        ended = finished(db, submit(db, request("sleep")), 10.0)
+    db, clock = by_turned_clock(db)
+    with working(db, max_job_seconds=1.5 * BEAT, lease_seconds=LEASE) as (_, engine):
+        submitted = submit(db, request("sleep"))
+        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+        pass_a_beat(clock)
+        clock.until_waits(BEAT)
+        assert not job(db, submitted).finished
+        pass_a_beat(clock)
+        ended = finished(db, submitted)
         until(lambda: not engine._children.seconds())
         assert finished(db, submit(db, request())).state == "succeeded"
     assert problem_of(ended)["type"] == "/v1/problems/limit-exceeded"
@@ -191,13 +214,15 @@ def test_a_stop_gives_everything_back_at_once(db: Database) -> None:
 
 def test_a_late_record_is_refused(db: Database, caplog: pytest.LogCaptureFixture) -> None:
     """The unit was taken over while this worker thought that it had it; what it finds is not written."""
-    submitted = submit(db, request("sleep", seconds=0.7))
-    with working(db, lease_seconds=600.0) as (_, engine):  # so long that it does not look for its loss
-        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+    db, _ = by_turned_clock(db)  # there is no beat, by which it would notice its loss
+    submitted, stops = submit(db, request()), Stops("record 1")
+    with working(db, stops=stops):
+        stops.until_reached("record 1")
         with db.engine.connect() as connection:
             held = tables.units.c.number == 1
             connection.execute(sa.update(tables.units).where(held).values(token=tables.units.c.token + 1))
             connection.commit()
+        stops.let_go()
         until(lambda: told(caplog, "late"))
         assert unit_rows(db, submitted)[1].state == "leased"
         assert job(db, submitted).units_done == 1
@@ -335,15 +360,17 @@ def test_a_defect_of_the_second_thread_ends_the_worker(db: Database, monkeypatch
 
 def test_a_lost_unit_is_stopped_and_left_alone(db: Database, caplog: pytest.LogCaptureFixture) -> None:
     """Another worker has the unit by now: the computation ends, nothing is released or recorded."""
+    db, clock = by_turned_clock(db)
     submitted = submit(db, request("burn"))
-    with working(db, lease_seconds=3.0) as (_, engine):
+    with working(db, lease_seconds=LEASE) as (_, engine):
         until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
         with db.engine.connect() as connection:
             held = tables.units.c.number == 1
-            taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": time.time() + 3.0}
+            taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": clock.time() + LEASE}
             connection.execute(sa.update(tables.units).where(held).values(taken))
             connection.commit()
-        until(lambda: not engine._children.seconds(), 5.0)
+        pass_a_beat(clock)
+        until(lambda: not engine._children.seconds())
         assert len(told(caplog, "lost")) == 1
     row = unit_rows(db, submitted)[1]
     assert (row.state, row.worker_id, row.deaths) == ("leased", "another", 0)
