@@ -78,12 +78,15 @@ SETTINGS = {
 GATES, GATE_DESIGNS = 3, 25  # abandoned at a time, each of designs at the limits of size
 ANSWERED_WITHIN_SECONDS = 10.0  # a small score, after large gates were abandoned
 AHEAD = f"""
-import os, time
-from functools import partial
+from tailstack_service.clock import Clock
 from tailstack_service.settings import load_settings
-from tailstack_service.jobs import process
-process.open_database = partial(process.open_database, clock=lambda: time.time() + {AHEAD_SECONDS})
-process.run_worker(load_settings())
+from tailstack_service.jobs.process import run_worker
+
+class Ahead(Clock):
+    def time(self):
+        return super().time() + {AHEAD_SECONDS}
+
+run_worker(load_settings(), clock=Ahead())
 """
 
 

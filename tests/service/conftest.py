@@ -12,6 +12,9 @@ from openapi_scenes import node_tools
 from postgres import database_url, postgres_server, postgres_url
 from store_scenes import clock, command, migrated_database, migrated_file, store
 
+from tailstack_service.console.progress import Progress
+from turned_clock import TurnedClock
+
 __all__ = [
     "clock",
     "command",
@@ -32,6 +35,14 @@ def state_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """A service without TAILSTACK_DATABASE keeps what it is sent in a file of these tests, not of whoever runs them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_progress_by_the_time() -> Iterator[None]:
+    """The clock of progress stands still: a command says the same on stderr however long the machine takes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Progress, "usual_clock", TurnedClock())
         yield
 
 

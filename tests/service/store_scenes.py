@@ -11,6 +11,7 @@ import pytest
 from postgres import Server
 from service_scenes import commands
 
+from tailstack_service import clock as clock_module
 from tailstack_service.jobs.store import jobs, queue
 from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.jobs.store.jobs import Job
@@ -26,13 +27,13 @@ MAX_DEATHS = 5
 PROBLEM = b'{"type":"/v1/problems/infeasible","title":"No design","status":422,"detail":"none","errors":[]}'
 
 
-class Clock:
-    """Epoch seconds that move only when told."""
+class Clock(clock_module.Clock):
+    """Epoch seconds that move only when told.  Who waits for a lock of the database waits by the machine's time."""
 
     def __init__(self) -> None:
         self.now = 1_800_000_000.0
 
-    def __call__(self) -> float:
+    def time(self) -> float:
         return self.now
 
     def advance(self, seconds: float) -> None:

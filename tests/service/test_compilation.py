@@ -18,6 +18,7 @@ import pytest
 from family import die_with_parent, ended
 from tailstack import ahead
 from tailstack_service.console.compilation import CompilationProgress
+from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS
 
 # Three that take a moment, as if a verb needed no others
@@ -94,13 +95,15 @@ def test_without_a_place_to_keep_them_they_are_compiled_beside_all_the_same(tmp_
 def test_an_eta_is_given_from_the_first_moment() -> None:
     """closed_form: shares of the table's seconds; before the first kernel is done they are the only guide."""
     calls = ahead.calls_for(("optimise",))
-    progress = CompilationProgress(calls, 2, "those installed were built from other sources", io.StringIO())
+    clock = TurnedClock()
+    reason = "those installed were built from other sources"
+    progress = CompilationProgress(calls, 2, reason, io.StringIO(), clock=clock)
     total = sum(call.seconds for call in calls)
     head = "compiling kernels, once on this machine:"
     assert progress.line() == f"{head} 0 of 3, about {total / 2:.0f} s"
     for call in calls[:2]:
         progress.begin(call)
-    progress._began -= 100.0  # a slow machine: how long the rest takes is not known before something is done
+    clock.turn(100.0)  # a slow machine: how long the rest takes is not known before something is done
     assert progress.line() == f"{head} 0 of 3"
     progress.note(calls[1])
     done = calls[1].seconds + 0.5 * calls[0].seconds
@@ -115,7 +118,8 @@ def test_the_time_left_never_rises_while_one_waits() -> None:
     """Kernels that take 4 s each by the table, two at once, on a machine that takes twenty times as long."""
     call = ahead.EVERY[0]
     calls = [replace(call, seconds=4.0) for _ in range(6)]
-    progress = CompilationProgress(calls, 2, "", io.StringIO())
+    clock = TurnedClock()
+    progress = CompilationProgress(calls, 2, "", io.StringIO(), clock=clock)
 
     for done in range(5):
         progress.begin(calls[done])
@@ -123,7 +127,7 @@ def test_the_time_left_never_rises_while_one_waits() -> None:
         for _ in range(80):
             if found := re.search(r"about (\d+) s", progress.line()):
                 said.append(int(found[1]))
-            progress._began -= 1.0
+            clock.turn(1.0)
         assert said == sorted(said, reverse=True)
         assert len(said) > 1
         progress.note(calls[done])

@@ -22,6 +22,7 @@ from tailstack_service.cli.demo import demo_text
 from tailstack_service.cli.main import main
 from tailstack_service.console.remote import RemoteError, RemoteService
 from tailstack_service.schemas import json_schema
+from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS
 
 
@@ -115,30 +116,23 @@ def test_an_interrupted_demo_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 class Compiling:
-    """Stands for a service that is not ready for a while, and for the clock, which goes on only while one sleeps."""
+    """Stands for a service that is not ready for a while, by a clock that goes on only while one sleeps."""
 
     def __init__(self, seconds: float) -> None:
-        self.now, self.seconds = 0.0, seconds
+        self.clock, self.seconds = TurnedClock(jumping=True), seconds
 
     def ask(self, *_: object) -> None:
-        if self.now < self.seconds:
+        if self.clock.passed < self.seconds:
             raise RemoteError("", "", 503, ())
 
-    def monotonic(self) -> float:
-        return self.now
 
-    def sleep(self, seconds: float) -> None:
-        self.now += seconds
-
-
-def test_waiting_for_the_kernels_is_told_once_and_then_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_waiting_for_the_kernels_is_told_once_and_then_seldom() -> None:
     """By hand: a first word after 3 s, others every 20 s: at 23, 43 and 63."""
 
     def told_of(compiled: float, **limit: float) -> list[str]:
         told: list[str] = []
         compiling = Compiling(compiled)
-        monkeypatch.setattr(demo, "time", compiling)
-        demo.wait_until_ready(cast(RemoteService, compiling), told.append, **limit)
+        demo.wait_until_ready(cast(RemoteService, compiling), told.append, clock=compiling.clock, **limit)
         return told
 
     assert told_of(2.0) == []

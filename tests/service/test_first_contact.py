@@ -16,7 +16,7 @@ from tailstack.design import load_design
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.progress import Progress
 from tailstack_service.schemas import json_schema
-from waiting import until
+from turned_clock import TurnedClock
 
 
 @pytest.fixture
@@ -232,10 +232,13 @@ def test_why_kernels_are_compiled_is_said_once_and_whole(monkeypatch: pytest.Mon
     reason = kernels.why_not_installed()
     assert reason == "those installed were built for a and for b, here is x86-64-v2"
     log = io.StringIO()
-    monkeypatch.setattr("tailstack_service.console.progress.QUIET_SECONDS", 0.01)
-    monkeypatch.setattr("tailstack_service.console.progress.LOG_EVERY", 0.01)
-    with compilation.CompilationProgress(ahead.EVERY, 2, reason, log):
-        until(lambda: log.getvalue().count("compiling kernels, once on this machine: ") >= 2, log.getvalue)
+    clock = TurnedClock()
+    with compilation.CompilationProgress(ahead.EVERY, 2, reason, log, clock=clock):
+        for seconds in (1.0, 2.0):
+            clock.until_waits(seconds)
+            clock.turn(seconds)
+        clock.until_waits(4.0)
+    assert log.getvalue().count("compiling kernels, once on this machine: ") == 2
     lines = log.getvalue().splitlines()
     assert " ".join(" ".join(lines[:2]).split()) == f"kernels are compiled: {reason}"
     assert max(map(len, lines)) <= 80

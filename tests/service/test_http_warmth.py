@@ -17,13 +17,13 @@ import httpx
 import pytest
 from service_scenes import Caller, check_problem, small_design
 
-from tailstack_service.http import compute_pool
 from tailstack_service.http.app import create_app
-from tailstack_service.http.compute_pool import ComputePool
+from tailstack_service.http.compute_pool import WARMTH_LOOK_SECONDS, ComputePool
 from tailstack_service.http.service import Service
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.processes.frames import Died
 from tailstack_service.settings import Settings
+from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS, until_async
 
 BODY = {"design": small_design()}
@@ -31,34 +31,11 @@ GATE = {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "anal
 BEADS = {"format": "csv", "content": "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\nF3,0,35,-10\n"}
 
 
-class Watched:
-    """The time module of the pool: a clock that moves only when told, and knows how often it was looked at."""
-
-    def __init__(self) -> None:
-        self.now, self.looks = 0.0, 0
-
-    def monotonic(self) -> float:
-        self.looks += 1
-        return self.now
-
-    async def looked_at(self) -> None:
-        """Return when it has been looked at twice more: whoever waits then has seen the time that it shows."""
-        seen = self.looks
-        await until_async(lambda: self.looks >= seen + 2)
-
-
-@pytest.fixture
-def watch(monkeypatch: pytest.MonkeyPatch) -> Watched:
-    found = Watched()
-    monkeypatch.setattr(compute_pool, "time", found)
-    return found
-
-
 def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Service], Awaitable[None]]) -> None:
-    """Tell a story about a service that is warming up."""
+    """Tell a story about a service that is warming up, whose clock stands still until the story turns it."""
     url = f"sqlite:///{tmp_path / 'jobs.sqlite3'}"
     open_database(url, migrate=True).close()
-    app = create_app(Settings(database=url, warm_up_seconds=seconds), warm_up=False)
+    app = create_app(Settings(database=url, warm_up_seconds=seconds), warm_up=False, clock=TurnedClock())
     service: Service = app.state.service
     service.pool.warmth = service.pool.readiness = "warming up"
 
@@ -76,6 +53,18 @@ def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Ser
     asyncio.run(tell())
 
 
+async def asked(client: httpx.AsyncClient, service: Service, path: str, body: Any) -> asyncio.Task[httpx.Response]:
+    """A request that waits for the kernels."""
+    asking = asyncio.create_task(client.post(path, json=body))
+    await clock_of(service).until_waits_async(WARMTH_LOOK_SECONDS)
+    return asking
+
+
+def clock_of(service: Service) -> TurnedClock:
+    assert isinstance(service.clock, TurnedClock)
+    return service.clock
+
+
 @pytest.mark.parametrize(
     ("path", "body"),
     [
@@ -85,44 +74,38 @@ def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Ser
         ("/v1/gates", GATE),
     ],
 )
-def test_a_computation_waits_a_little_and_is_told_to_come_back(
-    tmp_path: Path, watch: Watched, path: str, body: Any
-) -> None:
+def test_a_computation_waits_a_little_and_is_told_to_come_back(tmp_path: Path, path: str, body: Any) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
-        asking = asyncio.create_task(client.post(path, json=body))
-        await watch.looked_at()
-        watch.now = 0.29
-        await watch.looked_at()
+        asking = await asked(client, service, path, body)
+        clock_of(service).turn(29.0)
+        await clock_of(service).until_waits_async(WARMTH_LOOK_SECONDS)
         assert not asking.done()
-        watch.now = 0.31
+        clock_of(service).turn(1.0)
         response = await asking
         entry = check_problem(response, 503, "warming-up")["errors"][0]
         assert 1 <= int(response.headers["retry-after"]) <= 30
-        assert "0.3 s" in entry["detail"]
+        assert "waited 30 s" in entry["detail"]
         assert "/health/ready" in entry["hint"]
         assert (await client.get("/health/ready")).json()["status"] == "warming up"
 
-    told(tmp_path, 0.3, story)
+    told(tmp_path, 30.0, story)
 
 
-def test_who_comes_shortly_before_is_answered(tmp_path: Path, watch: Watched) -> None:
+def test_who_comes_shortly_before_is_answered(tmp_path: Path) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
-        asking = asyncio.create_task(client.post("/v1/scores", json=BODY))
-        await watch.looked_at()
-        watch.now = 59.0
-        await watch.looked_at()
-        assert not asking.done()
+        asking = await asked(client, service, "/v1/scores", BODY)
         service.pool.warmth = "ready"
+        clock_of(service).turn(WARMTH_LOOK_SECONDS)
         assert (await asking).status_code == 200
 
     told(tmp_path, 60.0, story)
 
 
-def test_a_service_that_stops_meanwhile_says_so(tmp_path: Path, watch: Watched) -> None:
+def test_a_service_that_stops_meanwhile_says_so(tmp_path: Path) -> None:
     async def story(client: httpx.AsyncClient, service: Service) -> None:
-        asking = asyncio.create_task(client.post("/v1/scores", json=BODY))
-        await watch.looked_at()
+        asking = await asked(client, service, "/v1/scores", BODY)
         service.stopping.set()
+        clock_of(service).turn(WARMTH_LOOK_SECONDS)
         check_problem(await asking, 503, "stopping")
 
     told(tmp_path, 60.0, story)
@@ -148,7 +131,7 @@ def test_everything_is_loaded_once_and_what_was_forked_before_makes_room(tmp_pat
             request = Caller().request()
             assert places.warmth == "warming up"
             cold = await places.run(request, os.getpid, 0.0)
-            await until_async(lambda: places.readiness != "warming up")
+            await until_async(lambda: places.readiness != "warming up", lambda: "the kernels are still loaded")
             assert places.warmth == "ready"
             first = await places.run(request, loaded, 0.0)
             assert first != cold

@@ -20,6 +20,7 @@ from tailstack_service.console.remote import RemoteError, RemoteService, ServerS
 from tailstack_service.jobs.store.keys import create_key
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.settings import Settings
+from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS
 
 QUICK = {"design": small_design(), "trials": 3000}
@@ -304,9 +305,11 @@ def test_a_stream_without_events_outlives_a_restart_of_the_service() -> None:
     quiet = STREAM + b": still here\n\n"
     refused = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 4\r\n\r\nbusy"
     rest = STREAM + b'id: 1\nevent: state\ndata: {"state": "failed"}\n\n'
+    clock = TurnedClock(jumping=True)
     with server(quiet, refused, rest) as (url, _):
-        events = list(RemoteService(url, key="").events("x", patience=0.4))  # the first pause alone is longer
+        events = list(RemoteService(url, key="", clock=clock).events("x", patience=0.4))  # the first pause is longer
     assert [event.id for event in events] == ["1"]
+    assert clock.waits == [0.5, 1.0]
 
 
 def test_what_is_no_stream_of_events_is_not_asked_for_ever() -> None:

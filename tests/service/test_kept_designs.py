@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from math import inf
 
 import pytest
 
 from tailstack.errors import Problem
 from tailstack_service.http import kept_designs
-from tailstack_service.http.kept_designs import KeptDesigns
+from tailstack_service.http.kept_designs import CLOSING_SECONDS, FRESH_SECONDS, PAUSE_SECONDS, KeptDesigns
 from tailstack_service.jobs.store.errors import StoreUnavailable
+from turned_clock import TurnedClock
 from waiting import until_async
 
 
@@ -34,26 +34,41 @@ class Table:
 
 def test_a_design_is_found_at_once_where_it_came_and_soon_elsewhere() -> None:
     async def story() -> None:
-        table = Table()
-        here, there = KeptDesigns(table.read, table.write), KeptDesigns(table.read, table.write)
+        table, clock = Table(), TurnedClock()
+        here, there = (KeptDesigns(table.read, table.write, clock=clock) for _ in range(2))
         here.keep("a", [("1", b"{}")])
         assert table.rows == {}
         assert await here.find("a", "1") == b"{}"
-        assert await there.find("a", "1") == b"{}"
-        assert await there.find("b", "1") is None
+        assert await found_later(there, "a", "1", clock) == b"{}"
+        assert await found_later(there, "b", "1", clock) is None
 
     asyncio.run(story())
 
 
-def test_what_comes_together_is_written_together_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_designs, "FRESH_SECONDS", inf)
+async def found_later(designs: KeptDesigns, tenant: str, sha256: str, clock: TurnedClock) -> bytes | None:
+    """A design that is not there yet: whoever asks for it looks a second time, after several writes."""
+    asking = asyncio.ensure_future(designs.find(tenant, sha256))
+    await clock.until_waits_async(4 * PAUSE_SECONDS)
+    clock.turn(PAUSE_SECONDS)
+    await until_async(lambda: not designs._waiting)
+    clock.turn(3 * PAUSE_SECONDS)
+    return await asking
 
+
+async def written(table: Table, count: int, clock: TurnedClock) -> None:
+    """Let the pause pass until there were so many writes."""
+    await clock.until_waits_async(PAUSE_SECONDS)
+    clock.turn(PAUSE_SECONDS)
+    await until_async(lambda: len(table.writes) == count)
+
+
+def test_what_comes_together_is_written_together_and_once() -> None:
     async def story() -> None:
-        table = Table()
-        here = KeptDesigns(table.read, table.write)
+        table, clock = Table(), TurnedClock()
+        here = KeptDesigns(table.read, table.write, clock=clock)
         for name in "1231":
             here.keep("a", [(name, b"{}")])
-        await until_async(lambda: table.writes)
+        await written(table, 1, clock)
         here.keep("a", [("1", b"{}")])
         await here.close()
         assert table.writes == [3]
@@ -61,17 +76,53 @@ def test_what_comes_together_is_written_together_and_once(monkeypatch: pytest.Mo
     asyncio.run(story())
 
 
+def test_a_design_that_was_written_long_ago_is_written_again() -> None:
+    """By then the database may have forgotten it."""
+
+    async def story() -> None:
+        table, clock = Table(), TurnedClock()
+        here = KeptDesigns(table.read, table.write, clock=clock)
+        here.keep("a", [("1", b"{}")])
+        await written(table, 1, clock)
+        clock.turn(FRESH_SECONDS - 0.001)
+        here.keep("a", [("1", b"{}")])
+        assert not here._waiting
+        clock.turn(0.002)
+        here.keep("a", [("1", b"{}")])
+        await written(table, 2, clock)
+
+    asyncio.run(story())
+
+
 def test_a_design_that_is_gone_is_written_again_when_it_is_sent_again() -> None:
     async def story() -> None:
-        table = Table()
-        here = KeptDesigns(table.read, table.write)
+        table, clock = Table(), TurnedClock()
+        here = KeptDesigns(table.read, table.write, clock=clock)
         here.keep("a", [("1", b"{}")])
-        await until_async(lambda: table.writes)
+        await written(table, 1, clock)
         table.rows.clear()
-        assert await here.find("a", "1") is None
+        assert await found_later(here, "a", "1", clock) is None
         here.keep("a", [("1", b"{}")])
         await here.close()
         assert table.rows == {("a", "1"): b"{}"}
+
+    asyncio.run(story())
+
+
+def test_a_database_that_does_not_answer_holds_no_stop_up() -> None:
+    async def story() -> None:
+        table, clock = Table(), TurnedClock()
+
+        async def never(entries: list[tuple[str, str, bytes]]) -> None:
+            await asyncio.get_running_loop().create_future()
+
+        here = KeptDesigns(table.read, never, clock=clock)
+        here.keep("a", [("1", b"{}")])
+        closing = asyncio.create_task(here.close())
+        await clock.until_waits_async(CLOSING_SECONDS)
+        assert not closing.done()
+        clock.turn(CLOSING_SECONDS)
+        await closing
 
     asyncio.run(story())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
@@ -13,7 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -226,21 +224,6 @@ def test_the_incumbent_never_gets_worse() -> None:
     assert progress.detail == "start 3 of 4, least cost so far 1595.5"
     report("start", 4, 4, None)
     assert progress.detail == "start 4 of 4"
-
-
-def test_a_log_gets_its_lines_at_growing_distances() -> None:
-    """A log, unlike a terminal, keeps every line."""
-    stream = io.StringIO()
-    progress, waits = Progress("optimise", stream), []
-
-    def wait(seconds: float) -> bool:
-        waits.append(seconds)
-        return len(waits) > 6
-
-    progress._done = SimpleNamespace(wait=wait)  # type: ignore[assignment]
-    progress._tick()
-    assert waits == [1, 2, 4, 8, 10, 10, 10]
-    assert stream.getvalue().count("\n") == 6
 
 
 # --- real processes -------------------------------------------------------------------------------

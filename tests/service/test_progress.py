@@ -1,7 +1,7 @@
 """The line of progress: how long still, on recorded courses; the bar, as wide as the terminal; lines for a log.
 
 Recorded courses (tests/data/courses, by the script beside them): what ``optimise`` reported, in seconds of an otherwise
-idle machine with two cores.  Nothing here waits for a clock.
+idle machine with two cores.  Nothing here waits for the time of the machine.
 """
 
 from __future__ import annotations
@@ -19,28 +19,19 @@ import pytest
 from service_scenes import ROOT
 
 from tailstack.design import load_design
-from tailstack_service.console.progress import Progress, say
+from tailstack_service.console.progress import QUIET_SECONDS, Progress, say
 from tailstack_service.operations.optimisation import expect, reporter
 from tailstack_service.operations.remaining import RemainingTime
+from turned_clock import TurnedClock
 
 COURSES = sorted((ROOT / "tests" / "data" / "courses").glob("*.json"))
 KINDS = ("per_unit", "settles", "compares", "targets", "fiducials")
 RESOLUTION = 1.0  # seconds: what is shown has none
 
 
-class Clock:
-    """Time as a test says it."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 def watch(course: dict[str, Any], look: Callable[[float, Progress], None]) -> None:
     """Go through a course, and look 200 times at what is shown."""
-    clock = Clock()
+    clock = TurnedClock()
     progress = Progress("optimise", io.StringIO(), clock=clock)
     points = 9 if course["goal"] == "pareto" else 0
     kind = {name: course[name] for name in KINDS}
@@ -50,9 +41,9 @@ def watch(course: dict[str, Any], look: Callable[[float, Progress], None]) -> No
         seconds = course["end"] * step / 200
         while events and events[0][0] <= seconds:
             at, stage, done, total = events.pop(0)
-            clock.now = 100.0 + at
+            clock.turn_to(at)
             report(stage, done, total, None)
-        clock.now = 100.0 + seconds
+        clock.turn_to(seconds)
         look(seconds, progress)
 
 
@@ -115,15 +106,15 @@ def test_the_time_that_views_were_aimed_before_is_not_taken_for_a_delay() -> Non
     course = json.loads(COURSES[0].read_text(encoding="utf-8"))
     found = []
     for aimed in (0.0, 60.0):
-        clock = Clock()
+        clock = TurnedClock()
         progress = Progress("optimise", io.StringIO(), clock=clock)
         kind = {name: course[name] for name in KINDS}
         report = reporter(progress, course["goal"], RemainingTime(cores=2, **kind))
-        clock.now += aimed
+        clock.turn(aimed)
         report("view", 25, 25, None)
         left = []
         for at, stage, done, total in course["events"]:
-            clock.now = 100.0 + aimed + at
+            clock.turn_to(aimed + at)
             report(stage, done, total, None)
             left.append(progress.seconds_left())
         found.append(left)
@@ -132,41 +123,41 @@ def test_the_time_that_views_were_aimed_before_is_not_taken_for_a_delay() -> Non
 
 def test_what_came_before_the_first_step_is_not_taken_for_the_pace() -> None:
     """Ten seconds of loading, then a second for each of a hundred."""
-    clock = Clock()
+    clock = TurnedClock()
     progress = Progress("sweep", io.StringIO(), clock=clock)
     for done in range(1, 41):
-        clock.now = 100.0 + 10 + done
+        clock.turn_to(10 + done)
         progress.report(done, 100)
     assert progress.line() == "sweep: 50 s, 40 %, about 60 s left"
-    clock.now += 5
+    clock.turn(5)
     assert shown_left(progress) == 55  # it goes on between two reports
 
 
 def test_a_first_step_of_many_promises_nothing() -> None:
     """Three seconds of loading and the first of 500 steps would be 25 minutes."""
-    clock = Clock()
+    clock = TurnedClock()
     progress = Progress("gate", io.StringIO(), clock=clock)
-    clock.now += 3
+    clock.turn(3)
     progress.report(1, 500)
     assert progress.line() == "gate: 3 s"
-    clock.now += 0.1
+    clock.turn(0.1)
     progress.report(5, 500)
     assert progress.seconds_left() is None
-    clock.now += 1.9
+    clock.turn(1.9)
     progress.report(101, 500)
     assert shown_left(progress) == 8
 
 
 def test_a_step_that_takes_too_long_does_not_end_at_nothing() -> None:
-    clock = Clock()
+    clock = TurnedClock()
     progress = Progress("gate", io.StringIO(), clock=clock)
     progress.report(1, 2)
-    clock.now += 100
+    clock.turn(100)
     assert (shown_left(progress) or 0) >= 10
 
 
 def test_nobody_knows_how_long() -> None:
-    progress = Progress("report", io.StringIO(), clock=Clock())
+    progress = Progress("report", io.StringIO(), clock=TurnedClock())
     progress.report(0, 0, "drawing")
     assert progress.line() == "report: 0 s, drawing"
 
@@ -188,9 +179,9 @@ class Screen(io.StringIO):
 
 def at_work(encoding: str = "utf-8") -> Progress:
     """A third of a work that takes 90 s."""
-    clock = Clock()
+    clock = TurnedClock()
     progress = Progress("optimise", Screen(encoding), clock=clock)
-    clock.now += 30
+    clock.turn(30)
     progress.report(1, 3, "start 5 of 8, least cost so far 1746.2")
     return progress
 
@@ -265,3 +256,23 @@ def test_what_is_said_meanwhile_does_not_stand_on_the_bar(monkeypatch: pytest.Mo
 def test_a_log_gets_lines_without_bars() -> None:
     progress = at_work()
     assert progress.line() == "optimise: 30 s, 33 %, about 60 s left, start 5 of 8, least cost so far 1746.2"
+
+
+def test_a_log_gets_its_lines_at_growing_distances() -> None:
+    """A log, unlike a terminal, keeps every line."""
+    clock, log = TurnedClock(), io.StringIO()
+    with Progress("optimise", log, clock=clock):
+        for seconds in (1.0, 2.0, 4.0, 8.0, 10.0, 10.0):
+            clock.until_waits(seconds)
+            clock.turn(seconds)
+        clock.until_waits(10.0)
+    assert log.getvalue().splitlines() == [f"optimise: {seconds} s" for seconds in (1, 3, 7, 15, 25, 35)]
+
+
+def test_by_a_clock_that_stands_still_nothing_is_said() -> None:
+    """What the tests read of a command is the same on a slow machine."""
+    clock, log = TurnedClock(), io.StringIO()
+    with Progress("gate", log, clock=clock) as progress:
+        clock.until_waits(QUIET_SECONDS)
+        progress.report(1, 2)
+    assert log.getvalue() == ""

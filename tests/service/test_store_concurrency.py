@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import random
 import sqlite3
@@ -23,6 +22,7 @@ from service_scenes import ROOT
 from store_scenes import LEASE, Clock, claim, claim_one, find, find_id, record, specs, split, submit, url_of
 
 from family import die_with_parent, ended
+from tailstack_service import clock as clocks
 from tailstack_service.jobs.store import database, events, jobs, queue, results, upkeep, workers
 from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.errors import StoreUnavailable
@@ -31,6 +31,17 @@ from tailstack_service.task import ADVANCE
 from waiting import LIMIT_SECONDS, until
 
 PATH = os.pathsep.join(str(ROOT / folder) for folder in ("solver", "service", "tests", "tests/service"))
+
+
+class TickingClock(clocks.Clock):
+    """Its time goes on with each look at it, and so as far on a slow machine as on a quick one."""
+
+    def __init__(self) -> None:
+        self._ticks = itertools.count()
+
+    def time(self) -> float:
+        return 1.8e9 + 0.002 * next(self._ticks)
+
 
 # A worker without a pool: claims, computes nothing, records, until a file is there.  Prints what it recorded, an empty
 # line when it found nothing to claim, and "held" when it has its first units, which it keeps until another file is
@@ -206,8 +217,7 @@ def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
                 upkeep.purge(store, 0.0)
         return done
 
-    ticks = itertools.count()  # time goes on with each look at it, and as far on a slow machine
-    store = Database(store.engine, store.dialect, lambda: 1.8e9 + 0.002 * next(ticks), store.turn)
+    store = Database(store.engine, store.dialect, TickingClock(), store.turn)
     with ThreadPoolExecutor(8) as pool:
         total = sum(pool.map(play, range(8)), Counter())
     assert min(total["claims"], total["records"], total["cancels"]) > 10, total

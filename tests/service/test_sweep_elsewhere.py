@@ -23,6 +23,7 @@ from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.problems import RefusedAt
 from tailstack_service.processes.frames import Defect
 from tailstack_service.settings import Settings
+from turned_clock import TurnedClock
 from waiting import until
 
 NOISE = "views.*.fiducial_noise_px"
@@ -118,18 +119,19 @@ def test_a_process_killed_under_a_sweep_changes_nothing(tmp_path: Path) -> None:
     assert len(begun()) == 5  # one of the four was begun twice
 
 
-def test_an_engine_without_anything_to_compute_with_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_engine_without_anything_to_compute_with_is_given_up() -> None:
     class Empty(PoolEngine):
         @property
         def capacity(self) -> int:
             return 0
 
-    monkeypatch.setattr(alone, "PATIENCE_SECONDS", 0.0)
+    clock = TurnedClock(jumping=True)
     with (
         closing(Empty(1, function=strange_units.FUNCTION)) as engine,
         pytest.raises(NotConvergedError, match="nothing"),
     ):
-        compute_job(engine, "sweep", strange_units.request())
+        compute_job(engine, "sweep", strange_units.request(), clock=clock)
+    assert clock.passed == pytest.approx(alone.PATIENCE_SECONDS, abs=2 * alone.LOOK_SECONDS)
 
 
 @pytest.mark.parametrize(

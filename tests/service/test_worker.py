@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ import psutil
 import pytest
 import sqlalchemy as sa
 from strange_units import begun, expected_answer, request
-from worker_scenes import TENANT, VERSION, finished, job, prepared_database, submit, working
+from worker_scenes import TENANT, VERSION, Stops, finished, job, prepared_database, submit, working
 
 from tailstack.errors import SourcesChangedError
 from tailstack.version import __version__
@@ -30,10 +30,12 @@ from tailstack_service.jobs.store import events, jobs, queue, results, tables, w
 from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.processes.interpreter import running_code
-from tailstack_service.task import Outcome
+from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS, until
 
 ROOT = Path(__file__).parents[2]
+LEASE = 30.0  # s, by a clock that is turned
+BEAT = LEASE / worker.BEATS_PER_LEASE
 
 pytestmark = pytest.mark.usefixtures("quiet")
 
@@ -47,6 +49,17 @@ def quiet(caplog: pytest.LogCaptureFixture) -> None:
 def db(database_url: str) -> Iterator[Database]:
     with prepared_database(database_url) as db:
         yield db
+
+
+def by_turned_clock(db: Database) -> tuple[Database, TurnedClock]:
+    """The same database by a clock that stands still, and the clock."""
+    clock = TurnedClock()
+    return replace(db, clock=clock), clock
+
+
+def pass_a_beat(clock: TurnedClock) -> None:
+    clock.until_waits(BEAT)
+    clock.turn(BEAT)
 
 
 def answer(db: Database, ended: Job) -> bytes:
@@ -154,50 +167,32 @@ def test_an_outcome_that_a_unit_cannot_have_is_a_defect(db: Database, monkeypatc
 
 
 @pytest.mark.long("postgresql")
-def test_a_cancelled_job_stops_computing_with_the_next_beat(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
-    """There are three in the time of a lease; what is cancelled computes until it is stopped."""
-    beats: list[int] = []  # as many as have begun
-    kills: list[int] = []  # how many had at each
-    renew = queue.renew
-
-    def counted(*arguments: Any) -> Any:
-        beats.append(len(beats))
-        return renew(*arguments)
-
-    monkeypatch.setattr(queue, "renew", counted)
-    with working(db, lease_seconds=1.5) as (_, engine):
-        kill = engine.kill
-
-        def noted(future: Future[Outcome]) -> None:
-            kills.append(len(beats))
-            kill(future)
-
-        monkeypatch.setattr(engine, "kill", noted)
+def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
+    db, clock = by_turned_clock(db)
+    with working(db, lease_seconds=LEASE) as (_, engine):
         submitted = submit(db, request("burn", units=2))
         until(lambda: len(engine._children.seconds()) == 2)
         before = set(engine.pids())
         assert jobs.cancel_job(db, TENANT, submitted.id) is not None
-        begun_before = len(beats)
+        pass_a_beat(clock)
         until(lambda: not engine._children.seconds())
-        assert kills[0] <= begun_before + 1
         until(lambda: len(set(engine.pids()) - before) == 2)
         assert finished(db, submit(db, request())).state == "succeeded"
     assert job(db, submitted).state == "cancelled"
 
 
-def test_a_unit_that_takes_too_long_is_stopped(
-    db: Database, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As long as the engine says; it would never end by itself."""
-    with working(db, max_job_seconds=3600.0) as (_, engine):
-        monkeypatch.setattr(engine, "seconds", lambda _: 3599.0)
-        slow = submit(db, request("wait"))
-        until(lambda: len(unit_rows(db, slow)) == 2 and engine._children.seconds())
-        assert not job(db, slow).finished
-        monkeypatch.setattr(engine, "seconds", lambda _: 3601.0)
-        ended = finished(db, slow)
+@pytest.mark.long
+def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogCaptureFixture) -> None:
+    db, clock = by_turned_clock(db)
+    with working(db, max_job_seconds=1.5 * BEAT, lease_seconds=LEASE) as (_, engine):
+        submitted = submit(db, request("wait"))
+        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+        pass_a_beat(clock)
+        clock.until_waits(BEAT)
+        assert not job(db, submitted).finished
+        pass_a_beat(clock)
+        ended = finished(db, submitted)
         until(lambda: not engine._children.seconds())
-        monkeypatch.setattr(engine, "seconds", lambda _: 0.0)
         assert finished(db, submit(db, request())).state == "succeeded"
     assert problem_of(ended)["type"] == "/v1/problems/limit-exceeded"
     assert "TAILSTACK_MAX_JOB_SECONDS" in problem_of(ended)["errors"][0]["hint"]
@@ -223,14 +218,15 @@ def test_a_stop_gives_everything_back_at_once(db: Database, tmp_path: Path) -> N
 
 def test_a_late_record_is_refused(db: Database, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """The unit was taken over while this worker thought that it had it; what it finds is not written."""
-    submitted = submit(db, request("wait", until=str(tmp_path / "go")))
-    with working(db, lease_seconds=600.0) as (_, engine):  # so long that it does not look for its loss
-        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+    db, _ = by_turned_clock(db)  # there is no beat, by which it would notice its loss
+    submitted, stops = submit(db, request()), Stops("record 1")
+    with working(db, stops=stops):
+        stops.until_reached("record 1")
         with db.engine.connect() as connection:
             held = tables.units.c.number == 1
             connection.execute(sa.update(tables.units).where(held).values(token=tables.units.c.token + 1))
             connection.commit()
-        (tmp_path / "go").touch()
+        stops.let_go()
         until(lambda: told(caplog, "late"))
         assert unit_rows(db, submitted)[1].state == "leased"
         assert job(db, submitted).units_done == 1
@@ -374,15 +370,16 @@ def test_a_lost_unit_is_stopped_and_left_alone(
     db: Database, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another worker has the unit by now: the computation ends, nothing is released or recorded."""
+    db, clock = by_turned_clock(db)
     submitted = submit(db, request("burn"))
-    with working(db, lease_seconds=3.0) as (worker, engine):
-        monkeypatch.setattr(worker._heartbeat, "is_steady", lambda: False)  # so that it takes no lease over
+    with working(db, lease_seconds=LEASE) as (_, engine):
         until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
         with db.engine.connect() as connection:
             held = tables.units.c.number == 1
-            taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": 0.0}
+            taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": clock.time() + LEASE}
             connection.execute(sa.update(tables.units).where(held).values(taken))
             connection.commit()
+        pass_a_beat(clock)
         until(lambda: not engine._children.seconds())
         assert len(told(caplog, "lost")) == 1
     row = unit_rows(db, submitted)[1]

@@ -32,6 +32,7 @@ from tailstack_service.jobs.store import results, workers
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.processes.interpreter import make_command, make_environment
+from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS, until
 
 COMMAND = make_command("tailstack_service.cli.main", "worker")
@@ -281,16 +282,22 @@ def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: si
 
 
 def test_old_jobs_are_deleted_in_the_background(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tailstack_service.jobs.process import HourlyPurge
+    from tailstack_service.jobs.process import PURGE_SECONDS, HourlyPurge
     from tailstack_service.jobs.store import jobs
 
-    url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
-    with prepared_database(url) as db:
+    url, clock = f"sqlite:///{tmp_path / 'x.sqlite3'}", TurnedClock()
+    monkeypatch.setattr("random.random", lambda: 1.0)
+    with prepared_database(url, clock) as db:
         submitted = submit(db, request())
         jobs.cancel_job(db, TENANT, submitted.id)
         kept = submit(db, request())
-        purging = HourlyPurge(db, 1e-9, 365.0, seconds=0.02)
+        purging = HourlyPurge(db, 1.0, 365.0, clock=clock)
         try:
+            clock.until_waits(PURGE_SECONDS)
+            clock.turn(PURGE_SECONDS)  # the first time within the first hour, and the job is kept for a day
+            clock.until_waits(PURGE_SECONDS)
+            assert jobs.find_job(db, TENANT, submitted.id) is not None
+            clock.turn(86_400.0)
             until(lambda: jobs.find_job(db, TENANT, submitted.id) is None)
         finally:
             purging.close()

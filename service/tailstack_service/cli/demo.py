@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
-import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.extras import require_extras
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_details
 from ..console.editors import write_document
@@ -31,6 +31,7 @@ READY_SECONDS = 600.0  # a slow machine compiles for a while
 FIRST_WORD_SECONDS, WORD_SECONDS = 3.0, 20.0
 FIRST_TIME = "about two minutes the first time on a machine, several on a busy one; later runs read them from a cache"
 REPORT_SECONDS = 60.0
+LOOK_SECONDS = 0.05  # between looks whether the service is ready
 ANNOUNCE_SECONDS = 1.0  # between lines of progress
 
 
@@ -67,13 +68,12 @@ def run(arguments: argparse.Namespace) -> Answer:
     log_to_stderr(level=logging.WARNING)
     output = Path(arguments.output)
     output.mkdir(parents=True, exist_ok=True)
-    begun = time.monotonic()
 
     progress = Progress("demo")
 
     def announce(text: str) -> None:
         if arguments.full:
-            print(f"[{time.monotonic() - begun:5.1f} s] {text}", file=sys.stderr, flush=True)
+            print(f"[{progress.elapsed:5.1f} s] {text}", file=sys.stderr, flush=True)
         else:
             progress.report(0, 0, text)
 
@@ -130,37 +130,41 @@ def run(arguments: argparse.Namespace) -> Answer:
     return Answer(closing, exit_code_of(after.verdict))
 
 
-def wait_until_ready(service: RemoteService, announce: Callable[[str], None], seconds: float = READY_SECONDS) -> None:
+def wait_until_ready(
+    service: RemoteService, announce: Callable[[str], None], seconds: float = READY_SECONDS, *,
+    clock: Clock = SYSTEM_CLOCK,
+) -> None:  # fmt: skip
     """Poll readiness; the first run on a machine compiles the kernels.  Raises RemoteError."""
     from ..console.remote import RemoteError
 
-    begun = time.monotonic()
+    begun = clock.monotonic()
     next_word = begun + FIRST_WORD_SECONDS
     while True:
         try:
             service.ask("GET", "/health/ready")
             return
         except RemoteError as error:
-            if time.monotonic() - begun > seconds:
+            if clock.monotonic() - begun > seconds:
                 raise
             if error.status != 503:
                 raise
-        if time.monotonic() > next_word:
+        if clock.monotonic() > next_word:
             first = next_word == begun + FIRST_WORD_SECONDS
-            next_word = time.monotonic() + WORD_SECONDS
+            next_word = clock.monotonic() + WORD_SECONDS
             announce(f"compiling the kernels: {FIRST_TIME}" if first else "still compiling")
-        time.sleep(0.05)
+        clock.sleep(LOOK_SECONDS)
 
 
 def run_job(
-    service: RemoteService, path: str, request: dict[str, Any], announce: Callable[[str], None]
-) -> tuple[bytes, str]:
+    service: RemoteService, path: str, request: dict[str, Any], announce: Callable[[str], None], *,
+    clock: Clock = SYSTEM_CLOCK,
+) -> tuple[bytes, str]:  # fmt: skip
     """The result of a job and its path, its progress announced on the way.  Raises RemoteError if it fails."""
     job = service.ask_record("POST", path, request)
-    announced_at = time.monotonic()
+    announced_at = clock.monotonic()
     for event in service.events(job["id"]):
-        if event.name == "progress" and time.monotonic() - announced_at > ANNOUNCE_SECONDS:
-            announced_at = time.monotonic()
+        if event.name == "progress" and clock.monotonic() - announced_at > ANNOUNCE_SECONDS:
+            announced_at = clock.monotonic()
             done, expected = event.data["units_done"], max(event.data["units_expected"], 1)
             words = advance_text(done / expected, done, expected, event.data["eta_seconds"])
             announce(f"  job {job['id']}: {words}, {event.data['note']}")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 
+from ..clock import SYSTEM_CLOCK
 from ..console.answer import BAD_INPUT, NOT_EVALUATED, PASS, Answer, write_out
 from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
 from ..console.arguments import add_details, read_design
@@ -158,9 +159,7 @@ def _make_record(
 
 def today() -> date:
     """The day by which waivers are judged, UTC."""
-    from datetime import UTC, datetime
-
-    return datetime.now(UTC).date()
+    return SYSTEM_CLOCK.today()
 
 
 def _judge(arguments: argparse.Namespace, designs: list[str]) -> GateRecord:

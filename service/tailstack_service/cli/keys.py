@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -109,7 +108,7 @@ def _log(db: Database, arguments: argparse.Namespace) -> Answer:
     from ..jobs.store import audit
     from ..logs import moment
 
-    since = time.time() - arguments.days * 86_400.0
+    since = db.clock.time() - arguments.days * 86_400.0
     entries = audit.list_entries(db, tenant=arguments.tenant, action=arguments.only, since=since, limit=arguments.limit)
     if arguments.json:
         return Answer(write_json([{**asdict(entry), "at": moment(entry.at)} for entry in entries], indent=2).encode())

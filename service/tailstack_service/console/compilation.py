@@ -5,13 +5,13 @@ from __future__ import annotations
 import subprocess
 import tempfile
 import threading
-import time
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, TextIO
 
+from ..clock import Clock
 from ..processes.interpreter import make_command, make_environment
 from ..rendering.tables import wrap
 from .progress import Progress
@@ -52,11 +52,14 @@ def compile_for(verbs: Iterable[str]) -> int:
 class CompilationProgress(Progress):
     """How many kernels are compiled, of how many, and how long the rest takes."""
 
-    def __init__(self, calls: Sequence[KernelCall], processes: int, reason: str, stream: TextIO | None = None) -> None:
-        super().__init__("compiling kernels, once on this machine", stream)
+    def __init__(
+        self, calls: Sequence[KernelCall], processes: int, reason: str, stream: TextIO | None = None, *,
+        clock: Clock | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__("compiling kernels, once on this machine", stream, clock=clock)
         self.preface = wrap(reason, first="kernels are compiled: ", indent="  ") if reason else ""
         self._calls = calls
-        self._count, self._seconds_done, self._seconds_begun, self._began = 0, 0.0, 0.0, time.monotonic()
+        self._count, self._seconds_done, self._seconds_begun = 0, 0.0, 0.0
         self._total = sum(call.seconds for call in calls)
         self._estimate, self._estimated_at = self._total / processes, 0.0  # seconds left, and when that was said
 
@@ -69,7 +72,7 @@ class CompilationProgress(Progress):
         self._count += 1
         self._seconds_done += call.seconds
         self._seconds_begun -= call.seconds
-        self._estimated_at = time.monotonic() - self._began
+        self._estimated_at = self.elapsed
         done = self._seconds_done + 0.5 * self._seconds_begun
         self._estimate = (self._total - done) * self._estimated_at / done
 
@@ -80,7 +83,7 @@ class CompilationProgress(Progress):
         waits: None once less time is left of it than what is not begun yet takes.
         """
         waiting = self._total - self._seconds_done - self._seconds_begun
-        left = self._estimate - (time.monotonic() - self._began - self._estimated_at)
+        left = self._estimate - (self.elapsed - self._estimated_at)
         least = self._estimate * waiting / (self._total - self._seconds_done) if self._seconds_begun else 0.0
         return left if left > least else None
 

@@ -1,6 +1,8 @@
 """Progress on stderr for whatever takes longer than a second: what runs, how far, how long still.
 
-A terminal shows a bar as wide as it is; a log, which keeps every line, gets lines at growing distances.
+A terminal shows a bar as wide as it is; a log, which keeps every line, gets lines at growing distances.  When that is
+is a matter of the clock alone: by one that stands still, as that of the tests does, nothing is said however long it
+takes.
 """
 
 from __future__ import annotations
@@ -8,10 +10,11 @@ from __future__ import annotations
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable
 from types import TracebackType
 from typing import ClassVar, Self, TextIO
+
+from ..clock import SYSTEM_CLOCK, Clock
 
 QUIET_SECONDS = 1.0  # shorter work says nothing
 TERMINAL_EVERY, LOG_EVERY = 0.25, 10.0  # a log gets its first lines sooner: after 1, 3, 7, 15 s
@@ -37,14 +40,16 @@ class Progress:
     open_now: ClassVar[list[Progress]] = []  # the innermost last
     writing: ClassVar[threading.RLock] = threading.RLock()  # held by whoever writes on stderr
 
-    def __init__(self, what: str, stream: TextIO | None = None, *, clock: Callable[[], float] = time.monotonic) -> None:
+    usual_clock: ClassVar[Clock] = SYSTEM_CLOCK  # of those that are given none
+
+    def __init__(self, what: str, stream: TextIO | None = None, *, clock: Clock | None = None) -> None:
         self.what = what
         self.stream = sys.stderr if stream is None else stream
-        self.clock = clock
+        self.clock = self.usual_clock if clock is None else clock
         self.fraction = 0.0
         self.detail = ""
         self.preface = ""  # said once, on lines of its own, before the first line of progress
-        self._begun = clock()
+        self._begun = self.clock.monotonic()
         self._first: tuple[float, float] | None = None  # report that said how far: when, seconds, and how far
         self._left: Callable[[float], float | None] = lambda _elapsed: None  # seconds, when so many have passed
         self._done = threading.Event()
@@ -54,7 +59,7 @@ class Progress:
     @property
     def elapsed(self) -> float:
         """Seconds since the beginning."""
-        return self.clock() - self._begun
+        return self.clock.monotonic() - self._begun
 
     def report(self, done: float, total: float, detail: str = "") -> None:
         """How far the work is, which goes on as fast as it did; ``total`` 0 means that nobody knows."""
@@ -147,7 +152,7 @@ class Progress:
 
     def _tick(self) -> None:
         wait = QUIET_SECONDS
-        while not self._done.wait(wait):
+        while not self.clock.wait(self._done, wait):
             if self.open_now and self.open_now[-1] is not self:
                 continue
             with self.writing:

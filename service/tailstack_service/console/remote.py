@@ -7,7 +7,6 @@ import json
 import os
 import ssl
 import sys
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from httpx_sse import EventSource
 from tailstack.errors import IllPosedError, InfeasibleError, NotConvergedError, OutOfRangeError, Problem, TailstackError
 from tailstack.json_text import write_json
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..names import KEY, URL
 from ..task import ENDED
 from .answer import BAD_INPUT, NOT_EVALUATED
@@ -69,7 +69,8 @@ class RemoteService:
     Without a URL it is that of TAILSTACK_URL, otherwise the one that ``tailstack serve`` has on this machine.
     """
 
-    def __init__(self, url: str | None = None, key: str | None = None) -> None:
+    def __init__(self, url: str | None = None, key: str | None = None, *, clock: Clock = SYSTEM_CLOCK) -> None:
+        self._clock = clock
         url = os.environ.get(URL, "").strip() or DEFAULT_URL if url is None else url
         self.url = url.rstrip("/")
         parts = _address(url)
@@ -124,7 +125,8 @@ class RemoteService:
 
         Raises RemoteError when the service refuses, or does not come back within ``patience`` seconds.
         """
-        last, pause, lost_since = "", FIRST_PAUSE, None
+        last, pause = "", FIRST_PAUSE
+        lost_since: float | None = None
         while True:
             headers = {"Accept": EVENT_STREAM} | ({"Last-Event-ID": last} if last else {})
             try:
@@ -140,10 +142,10 @@ class RemoteService:
                         if event.name == "state" and event.data.get("state") in ENDED:
                             return
             except RemoteError as error:
-                lost_since = lost_since or time.monotonic()
-                if error.status not in (0, 503) or time.monotonic() - lost_since > patience:
+                lost_since = self._clock.monotonic() if lost_since is None else lost_since
+                if error.status not in (0, 503) or self._clock.monotonic() - lost_since > patience:
                     raise
-            time.sleep(pause)
+            self._clock.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
 

@@ -11,7 +11,6 @@ import ipaddress
 import json
 import logging
 import re
-import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from starlette.requests import Request
 
 from tailstack.errors import Problem, TailstackError
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..jobs.store.keys import SCOPES, Key
 from ..names import variable
 from ..problems import SettingsError, TransportError
@@ -65,7 +65,10 @@ class Access:
     an address in an hour into the audit log.
     """
 
-    def __init__(self, settings: Settings, find_key: FindKey, record_use: RecordUse) -> None:
+    def __init__(
+        self, settings: Settings, find_key: FindKey, record_use: RecordUse, clock: Clock = SYSTEM_CLOCK
+    ) -> None:
+        self._clock = clock
         self.required = settings.auth == "required"
         self._find_key = find_key
         self._record_use = record_use
@@ -115,7 +118,7 @@ class Access:
 
     def _record(self, key_id: str, tenant: str, address: str) -> None:
         """Write a use into the audit log beside the request, which does not wait for it."""
-        use = key_id, address, int(time.time() // 3600)
+        use = key_id, address, int(self._clock.time() // 3600)
         if use in self._recorded_uses:
             return
         if len(self._recorded_uses) >= LARGEST_MEMORY:
@@ -153,7 +156,7 @@ class Access:
         return self._tokens.caller(credential)
 
     async def _find_caller(self, secret: str) -> Caller:
-        digest, now = hashlib.sha256(secret.encode()).digest(), time.monotonic()
+        digest, now = hashlib.sha256(secret.encode()).digest(), self._clock.monotonic()
         until, caller = self._known.get(digest, (0.0, LOCAL))
         if now < until:
             return caller

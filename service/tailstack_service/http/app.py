@@ -9,7 +9,6 @@ import os
 import re
 import signal
 import threading
-import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib import import_module
@@ -24,6 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from tailstack.errors import Problem, TailstackError
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..jobs.store import audit, designs, keys
 from ..problems import TransportError
 from ..settings import Settings, load_settings
@@ -52,7 +52,7 @@ ROUTERS = (
 )
 
 
-def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> FastAPI:
+def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock: Clock = SYSTEM_CLOCK) -> FastAPI:
     """The application with these settings, by default those of the environment (``TAILSTACK_*``).
 
     ``warm_up`` starts the computing processes, and compiles the kernels, when the application starts; readiness tells
@@ -73,7 +73,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
         app.include_router(router)
     routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
     app.state.addresses = tuple((route.path, tuple(sorted(route.methods or ()))) for route in routes)
-    storage = Storage(settings.database_url)
+    storage = Storage(settings.database_url, clock)
 
     async def find_key(secret: str) -> Any:
         return await storage.run(keys.find_key, secret)
@@ -92,9 +92,9 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
         settings=settings,
         stopping=stopping,
         storage=storage,
-        access=Access(settings, find_key, record_use),
+        access=Access(settings, find_key, record_use, clock),
         metrics=Metrics(),
-        kept_designs=KeptDesigns(read_design, keep_designs, off=settings.max_kept_designs == 0),
+        kept_designs=KeptDesigns(read_design, keep_designs, off=settings.max_kept_designs == 0, clock=clock),
         pool=ComputePool(
             settings.short_workers,
             settings.max_waiting,
@@ -103,7 +103,9 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True) -> Fas
             warm=warm_up,
             most_bytes=settings.max_process_bytes,
             hang_seconds=settings.hang_seconds,
+            clock=clock,
         ),
+        clock=clock,
     )
     app.add_middleware(Refusals, service=app.state.service)
     origins = read_origins(settings)
@@ -199,7 +201,7 @@ class RequestLog:
         request_id = own_id.decode() if HARMLESS_ID.match(own_id) else os.urandom(16).hex()
         state = scope.setdefault("state", {})
         state["request_id"] = request_id
-        started, status = time.perf_counter(), 0
+        started, status = self.service.clock.monotonic(), 0
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
@@ -217,7 +219,7 @@ class RequestLog:
         except Unsendable:
             while (await receive())["type"] != "http.disconnect":
                 pass
-        seconds = time.perf_counter() - started
+        seconds = self.service.clock.monotonic() - started
         known = status != 405 and "route" in scope  # a stranger's methods and paths are without end
         method, route = (scope["method"], scope["route"].path) if known else (NO_ROUTE, NO_ROUTE)
         self.service.metrics.count_answer(method, route, status, seconds)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Awaitable, Callable
 
 from starlette.requests import Request
@@ -75,7 +74,8 @@ async def read_body(request: Request, setting: str = "max_body_bytes") -> bytes:
 
     Raises LimitError (too long), TransportError 408 (too slow), MalformedError (empty).
     """
-    settings = service_of(request).settings
+    service = service_of(request)
+    settings = service.settings
     limit: int = getattr(settings, setting)
     announced = request.headers.get("content-length", "")
     if announced.isdigit() and len(announced) < 19 and int(announced) > DRAINED + limit:
@@ -83,7 +83,7 @@ async def read_body(request: Request, setting: str = "max_body_bytes") -> bytes:
     chunks: list[bytes] = []
     size, more = 0, True
     try:
-        async with asyncio.timeout(settings.body_seconds):
+        async with service.clock.timeout(settings.body_seconds):
             while more:
                 message = await request.receive()
                 if message["type"] == "http.disconnect":

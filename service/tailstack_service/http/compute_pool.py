@@ -14,7 +14,6 @@ import asyncio
 import logging
 import socket
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
@@ -27,6 +26,7 @@ from starlette.requests import Request
 
 from tailstack.errors import LimitError, Problem
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..names import variable
 from ..operations.request import DesignReferenceUnresolved
 from ..problems import RefusedAt, TransportError
@@ -146,8 +146,9 @@ class ComputePool:
 
     def __init__(
         self, count: int, waiting: int, seconds: float, stopping: threading.Event, *, warm: bool = False,
-        most_bytes: int = 0, hang_seconds: float = 30.0,
+        most_bytes: int = 0, hang_seconds: float = 30.0, clock: Clock = SYSTEM_CLOCK,
     ) -> None:  # fmt: skip
+        self._clock = clock
         self.count, self.waiting, self.seconds, self._most_bytes = count, waiting, seconds, most_bytes
         self.warmth: Warmth = "warming up" if warm else "ready"
         self.readiness: Warmth = self.warmth  # of every lane
@@ -182,11 +183,11 @@ class ComputePool:
 
         From a cache they are there in a second or two, which is worth waiting for; compiling them takes a minute.
         """
-        deadline = time.monotonic() + limit_seconds
+        deadline = self._clock.monotonic() + limit_seconds
         while self.warmth == "warming up" and not self._stopping.is_set():
-            if time.monotonic() >= deadline:
+            if self._clock.monotonic() >= deadline:
                 raise _warm_up_error(limit_seconds)
-            await asyncio.sleep(WARMTH_LOOK_SECONDS)
+            await self._clock.sleep_async(WARMTH_LOOK_SECONDS)
 
     def pids(self) -> list[int]:
         """Of the computing processes."""
@@ -205,7 +206,7 @@ class ComputePool:
         task = asyncio.ensure_future(self._compute(computation, request))
         task.add_done_callback(lambda task: task.cancelled() or task.exception())  # nobody may be there to look
         try:
-            while not (await asyncio.wait({task}, timeout=LOOK_SECONDS))[0]:
+            while not await self._clock.wait_async(task, LOOK_SECONDS):
                 if self._stopping.is_set():
                     raise stopping_error()
                 if computation.worth_ending and await request.is_disconnected():
@@ -351,7 +352,7 @@ class ComputePool:
     # --- the processes --------------------------------------------------------------------------------
 
     def _start(self) -> _Process:
-        process = _Process(self._most_bytes, warm=self._warm and self.warmth == "ready")
+        process = _Process(self._most_bytes, warm=self._warm and self.warmth == "ready", clock=self._clock)
         self._processes.add(process)
         return process
 
@@ -420,8 +421,9 @@ class PutBack(Exception):
 class _Process:
     """A computing process, which does one call at a time (``processes.child``)."""
 
-    def __init__(self, most_bytes: int, *, warm: bool) -> None:
+    def __init__(self, most_bytes: int, *, warm: bool, clock: Clock = SYSTEM_CLOCK) -> None:
         """warm: forked when everything was loaded."""
+        self._clock = clock
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = start_child(PERFORM, theirs.fileno(), theirs.fileno(), most_bytes)
@@ -488,14 +490,15 @@ class _Process:
         """The next message; meanwhile the processor time of the process is looked at.  Raises TimeoutError."""
         receiving = asyncio.ensure_future(frames.receive_async(reader))
         assert self.pid is not None
-        pulse, begun = Pulse(self.pid), time.monotonic()
+        pulse, begun = Pulse(self.pid), self._clock.monotonic()
         pulse.look(0.0)
         before = pulse.used_seconds
         try:
-            while not (await asyncio.wait({receiving}, timeout=LOOK_SECONDS))[0]:
+            while not await self._clock.wait_async(receiving, LOOK_SECONDS):
                 pulse.look(LOOK_SECONDS)
                 used = pulse.used_seconds
-                watch.look(time.monotonic() - begun if used is None or before is None else used - before)
+                passed = self._clock.monotonic() - begun
+                watch.look(passed if used is None or before is None else used - before)
                 if pulse.silent_seconds >= watch.hang_seconds:
                     raise Died(f"the computing process used no processor time for {pulse.silent_seconds:.0f} s")
             return receiving.result()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
 from collections.abc import AsyncIterator
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -112,7 +110,8 @@ def _last_event_id(request: Request) -> int:
 
 async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes]:
     yield f"retry: {RETRY_MS}\n\n".encode()
-    written = looked = time.monotonic()  # when something was last sent, and last looked for
+    clock = service.clock
+    written = looked = clock.monotonic()  # when something was last sent, and last looked for
     wait = LOOK_SECONDS
     while not service.stopping.is_set():
         try:
@@ -122,7 +121,7 @@ async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes
         for event in events:
             after = event.sequence
             yield event_bytes(job, event)
-        now = time.monotonic()
+        now = clock.monotonic()
         if events:
             written, wait = now, LOOK_SECONDS
             if is_last(events[-1]):
@@ -135,8 +134,8 @@ async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes
                 return
         wait = min(1.2 * wait, IDLE_SECONDS)
         looked = now
-        while (left := looked + wait - time.monotonic()) > 0 and not service.stopping.is_set():
-            await asyncio.sleep(min(left, LOOK_SECONDS))
+        while (left := looked + wait - clock.monotonic()) > 0 and not service.stopping.is_set():
+            await clock.sleep_async(min(left, LOOK_SECONDS))
 
 
 async def _is_deleted(service: Service, job: Job) -> bool:

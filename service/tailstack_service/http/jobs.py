@@ -6,7 +6,6 @@ A result is immutable, named by its SHA-256, and rendered as a report on request
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -161,7 +160,7 @@ async def list_jobs(request: Request) -> Response:
         hint = "take it from the field next, or from the Link header"
         raise RequestError(Problem("/cursor", "bad-parameter", detail, hint)) from None
     following = "/v1/jobs?" + urlencode({**options, "cursor": page.next}) if page.next else None
-    now = time.time()
+    now = service_of(request).clock.time()
     documents = tuple(
         job_document(job, estimate_eta_seconds(job.started_at, job.units_done, job.units_expected, now))
         for job in page.jobs

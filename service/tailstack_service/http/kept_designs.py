@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from collections.abc import Awaitable, Callable, Iterable
 from contextlib import suppress
 
 from tailstack.errors import TailstackError
+
+from ..clock import SYSTEM_CLOCK, Clock
 
 log = logging.getLogger("tailstack.service")
 PAUSE_SECONDS = 0.05  # between two writes; what comes meanwhile is written with the next
@@ -31,8 +32,8 @@ class KeptDesigns:
     ``read`` and ``write`` are those of the database; with ``off`` nothing is kept.
     """
 
-    def __init__(self, read: Read, write: Write, *, off: bool = False) -> None:
-        self._read, self._write, self._off = read, write, off
+    def __init__(self, read: Read, write: Write, *, off: bool = False, clock: Clock = SYSTEM_CLOCK) -> None:
+        self._read, self._write, self._off, self._clock = read, write, off, clock
         self._waiting: dict[Key, bytes] = {}
         self._on_the_way: dict[Key, bytes] = {}
         self._written: dict[Key, float] = {}  # when, in the order of writing
@@ -57,7 +58,7 @@ class KeptDesigns:
         body = self._waiting.get(key) or self._on_the_way.get(key)
         for pause in (0.0, 4 * PAUSE_SECONDS):  # another process may be about to write it
             if body is None:
-                await asyncio.sleep(pause)
+                await self._clock.sleep_async(pause)
                 body = await self._read(tenant, sha256)
         if body is None:
             self._written.pop(key, None)  # sent whole again it is written again
@@ -70,12 +71,12 @@ class KeptDesigns:
             await asyncio.gather(self._writer, return_exceptions=True)
         self._waiting = {**self._on_the_way, **self._waiting}
         with suppress(TimeoutError):
-            async with asyncio.timeout(CLOSING_SECONDS):
+            async with self._clock.timeout(CLOSING_SECONDS):
                 await self._write_all(0.0)
 
     async def _write_all(self, pause_seconds: float) -> None:
         while self._waiting:
-            await asyncio.sleep(pause_seconds)
+            await self._clock.sleep_async(pause_seconds)
             self._on_the_way, self._waiting = self._waiting, {}
             entries = [(tenant, sha256, body) for (tenant, sha256), body in self._on_the_way.items()]
             try:
@@ -84,10 +85,10 @@ class KeptDesigns:
                 fields = {"action": "not-kept", "detail": f"{len(entries)} designs"}
                 log.warning("designs that were sent cannot be named later: %s", error, extra=fields)
             else:
-                self._written |= dict.fromkeys(self._on_the_way, time.monotonic())
+                self._written |= dict.fromkeys(self._on_the_way, self._clock.monotonic())
             self._on_the_way = {}
 
     def _forget_old(self) -> None:
-        end = time.monotonic() - FRESH_SECONDS
+        end = self._clock.monotonic() - FRESH_SECONDS
         while self._written and self._written[next(iter(self._written))] < end:
             del self._written[next(iter(self._written))]

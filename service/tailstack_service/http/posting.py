@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -194,7 +192,7 @@ async def _hold_to_budget(service: Service, tenant: str) -> None:
     budget = service.settings.cpu_seconds_per_hour
     if budget <= 0:
         return
-    used = await service.storage.run(sum_cpu_seconds, tenant, time.time() - HOUR)
+    used = await service.storage.run(sum_cpu_seconds, tenant, service.clock.time() - HOUR)
     if used >= budget:
         detail = f"{budget:g} CPU seconds an hour are given to a tenant; {used:.0f} were used in the last hour"
         hint = f"come back later; the operator's setting is {variable('cpu_seconds_per_hour')}"
@@ -211,9 +209,9 @@ async def _await_end(request: Request, service: Service, job: Job, seconds: floa
     if service.seat(job.tenant) != "seated":
         return job
     try:
-        deadline, look = time.monotonic() + seconds, FIRST_LOOK
-        while not job.finished and (left := deadline - time.monotonic()) > 0 and not service.stopping.is_set():
-            await asyncio.sleep(min(look, left))
+        deadline, look = service.clock.monotonic() + seconds, FIRST_LOOK
+        while not job.finished and (left := deadline - service.clock.monotonic()) > 0 and not service.stopping.is_set():
+            await service.clock.sleep_async(min(look, left))
             if await request.is_disconnected():
                 break
             look = min(1.3 * look, LONGEST_LOOK)

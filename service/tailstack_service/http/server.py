@@ -9,7 +9,6 @@ import socket
 import subprocess
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -22,6 +21,7 @@ from uvicorn.supervisors.multiprocess import SIGNALS, Multiprocess
 
 from tailstack.errors import Problem
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..jobs.store.schema import open_database
 from ..logs import log_to_stderr
 from ..names import variable
@@ -40,6 +40,7 @@ ANSWER_SECONDS = 8  # for an API process to say that it lives; one that has just
 GRACE_SECONDS = 6  # for answers that are being written when the service is told to stop; in all it takes 10
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 10.0  # seconds before a process that ended is started again
 GOOD_SECONDS = 30.0  # a process that lived so long did not fail at its start
+START_LOOK_SECONDS = 0.02  # between looks whether an embedded service has started
 STOP_SECONDS = 9.0  # for a process to end by itself when told to
 SHARED_COUNTERS = "PROMETHEUS_MULTIPROC_DIR"  # prometheus_client reads it when it is imported
 
@@ -220,8 +221,9 @@ def _app_of_child(settings: Settings) -> FastAPI:
 
 @contextmanager
 def running_service(
-    settings: Settings | None = None, *, warm_up: bool = True, worker: bool = False, worker_log: Path | None = None
-) -> Iterator[tuple[str, int]]:
+    settings: Settings | None = None, *, warm_up: bool = True, worker: bool = False, worker_log: Path | None = None,
+    clock: Clock = SYSTEM_CLOCK,
+) -> Iterator[tuple[str, int]]:  # fmt: skip
     """The service in a thread of this process; yields its loopback host and (free) port once it answers.
 
     Without a database in the settings it has one of its own, which goes with it.  ``worker`` adds a worker process,
@@ -240,7 +242,7 @@ def running_service(
         bound = bind("127.0.0.1", 0, settings)
         from .app import create_app
 
-        app = create_app(settings, warm_up=warm_up)
+        app = create_app(settings, warm_up=warm_up, clock=clock)
         server = uvicorn.Server(_config(lambda: app, settings.model_copy(update={"api_processes": 1})))
         thread = threading.Thread(target=server.run, args=([bound],), name="tailstack-service", daemon=True)
         thread.start()
@@ -255,7 +257,7 @@ def running_service(
         while not server.started:
             if not thread.is_alive():
                 raise RequestError(Problem("", "cannot-serve", "the embedded service did not start"))
-            time.sleep(0.02)
+            thread.join(START_LOOK_SECONDS)
         yield bound.getsockname()[:2]
 
 
@@ -265,8 +267,8 @@ class RestartedProcess:
     The child holds the other end of its stdin and ends with it, so that it never outlives this process.
     """
 
-    def __init__(self, name: str, start: Callable[[], subprocess.Popen[bytes]]) -> None:
-        self.name = name
+    def __init__(self, name: str, start: Callable[[], subprocess.Popen[bytes]], *, clock: Clock = SYSTEM_CLOCK) -> None:
+        self.name, self._clock = name, clock
         self._start = start
         self._changing = threading.Lock()
         self._stopping = threading.Event()
@@ -280,21 +282,21 @@ class RestartedProcess:
         return self._process.pid
 
     def _respawn(self) -> None:
-        pause, begun = FIRST_PAUSE, time.monotonic()
+        pause, begun = FIRST_PAUSE, self._clock.monotonic()
         while True:
             code = self._process.wait()
             if self._stopping.is_set():
                 return
-            pause = FIRST_PAUSE if time.monotonic() - begun > GOOD_SECONDS else pause
+            pause = FIRST_PAUSE if self._clock.monotonic() - begun > GOOD_SECONDS else pause
             fields = {"action": "child-ended", "kind": self.name, "pid": self.pid, "status": code, "seconds": pause}
             log.warning("the %s process ended; it is started again in %g s", self.name, pause, extra=fields)
-            if self._stopping.wait(pause):
+            if self._clock.wait(self._stopping, pause):
                 return
             pause = min(2 * pause, LONGEST_PAUSE)
             with self._changing:
                 if self._stopping.is_set():
                     return
-                begun = time.monotonic()
+                begun = self._clock.monotonic()
                 try:
                     started = self._start()
                 except OSError:  # no memory or no process to be had just now: the old one is waited for again
@@ -307,7 +309,7 @@ class RestartedProcess:
     def terminate(self) -> None:
         """Ask the process to end, and start no other.  Returns at once; may be called more than once."""
         self._stopping.set()
-        self._stopped_at = self._stopped_at or time.monotonic()
+        self._stopped_at = self._stopped_at or self._clock.monotonic()
         with self._changing:
             if self._process.poll() is None:
                 self._process.terminate()
@@ -317,7 +319,7 @@ class RestartedProcess:
         self.terminate()
         assert self._stopped_at is not None
         try:
-            self._process.wait(max(self._stopped_at + STOP_SECONDS - time.monotonic(), 0.1))
+            self._process.wait(max(self._stopped_at + STOP_SECONDS - self._clock.monotonic(), 0.1))
         except subprocess.TimeoutExpired:
             late = {"action": "child-killed", "kind": self.name, "pid": self.pid}
             log.warning("the %s process did not end when told to, and is killed", self.name, extra=late)

@@ -15,6 +15,7 @@ from starlette.requests import Request
 
 from tailstack.errors import Problem, TailstackError
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..jobs.store import audit, database
 from ..jobs.store.database import Database
 from ..jobs.store.errors import StoreUnavailable
@@ -45,8 +46,8 @@ class Storage:
     given up keeps its thread until it ends; there are never more of them than threads.
     """
 
-    def __init__(self, url: str) -> None:
-        self.url = url
+    def __init__(self, url: str, clock: Clock = SYSTEM_CLOCK) -> None:
+        self.url, self.clock = url, clock
         self._database: Database | None = None
         self._opening = threading.Lock()
         self._readers = ThreadPoolExecutor(THREADS, thread_name_prefix="tailstack-store")
@@ -68,7 +69,7 @@ class Storage:
     async def _run(self, pool: ThreadPoolExecutor, call: Callable[[Database], T]) -> T:
         future = pool.submit(lambda: call(self.database()))
         try:
-            return await _await(future, database.BUSY_SECONDS + LATE_SECONDS)
+            return await _await(future, database.BUSY_SECONDS + LATE_SECONDS, self.clock)
         finally:
             future.cancel()  # of no effect unless it has not begun: then nobody waits for it any more
 
@@ -79,7 +80,7 @@ class Storage:
         """
         if self._look is None or self._look.done():
             self._look = self._lookers.submit(lambda: function(self.database(LOOK_SECONDS).within(LOOK_SECONDS)))
-        return await _await(self._look, LOOK_SECONDS + LATE_SECONDS)
+        return await _await(self._look, LOOK_SECONDS + LATE_SECONDS, self.clock)
 
     def database(self, seconds: float | None = None) -> Database:
         """The open database, for a caller that is in a thread already.  Raises StoreError, StoreUnavailable."""
@@ -88,7 +89,7 @@ class Storage:
             raise _timeout_error(limit)
         try:
             if self._database is None:
-                self._database = open_database(self.url, seconds=limit)
+                self._database = open_database(self.url, seconds=limit, clock=self.clock)
             return self._database
         finally:
             self._opening.release()
@@ -104,12 +105,11 @@ class Storage:
             closing.close()
 
 
-async def _await(future: Future[T], seconds: float) -> T:
+async def _await(future: Future[T], seconds: float, clock: Clock) -> T:
     """The result of a call in a thread.  Raises what it raises, StoreUnavailable after so many seconds."""
     waiting = asyncio.wrap_future(future)
     waiting.add_done_callback(_look_at_exception)
-    done, _ = await asyncio.wait({waiting}, timeout=seconds)
-    if not done:
+    if not await clock.wait_async(waiting, seconds):
         raise _timeout_error(seconds)
     return waiting.result()
 
@@ -137,6 +137,7 @@ class Service:
     metrics: Metrics
     kept_designs: KeptDesigns
     pool: ComputePool  # for what is computed while the caller waits
+    clock: Clock = SYSTEM_CLOCK
     seats: Counter[str] = field(default_factory=Counter)  # taken by streams and waits, by tenant; the event loop's own
 
     def seat(self, tenant: str) -> Seat:

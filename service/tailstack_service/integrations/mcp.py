@@ -8,7 +8,6 @@ import io
 import json
 import os
 import threading
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from tailstack.errors import Problem
 from tailstack.extras import require_extras
 from tailstack.json_text import write_json
 
+from ..clock import Clock
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_settings
 from ..examples import list_example_designs, write_example
@@ -186,7 +186,7 @@ class Handlers:
         if params.name not in TOOLS:
             raise MCPError(types.INVALID_PARAMS, f"there is no tool {params.name[:60]!r}; there are {', '.join(TOOLS)}")
         left = threading.Event()
-        progress = _reporter(context.session.report_progress)
+        progress = _reporter(context.session.report_progress, self.tools.clock)
         async with self._turn:
             try:
                 given = params.arguments or {}
@@ -226,13 +226,15 @@ class Handlers:
         return types.ReadResourceResult(contents=[content])
 
 
-def _reporter(send: Callable[[float, float], Coroutine[Any, Any, None]]) -> Callable[[float, float], None]:
+def _reporter(
+    send: Callable[[float, float], Coroutine[Any, Any, None]], clock: Clock
+) -> Callable[[float, float], None]:
     """What a computing thread calls: the protocol wants progress to grow, which the time left need not do."""
     loop, reported, last = asyncio.get_running_loop(), 0.0, 0.0
 
     def report(done: float, total: float) -> None:
         nonlocal reported, last
-        share, now = min(done / total, 1.0) if total > 0 else 0.0, time.monotonic()
+        share, now = min(done / total, 1.0) if total > 0 else 0.0, clock.monotonic()
         if share > reported and now - last >= PAUSE_SECONDS:
             reported, last = share, now
             asyncio.run_coroutine_threadsafe(send(share, 1.0), loop).result(SEND_SECONDS)

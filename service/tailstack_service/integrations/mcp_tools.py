@@ -7,7 +7,6 @@ calls name it, with a patch of what differs.  So an assistant need not repeat a 
 from __future__ import annotations
 
 import json
-import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from tailstack.errors import LimitError, Problem, TailstackError
 from tailstack.extras import name_missing_extra, require_extras
 from tailstack.json_text import write_json
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..console.files import replace_file
 from ..documents import to_json
 from ..names import variable
@@ -104,8 +104,8 @@ def input_schema(tool: str, with_folder: bool) -> dict[str, Any]:
 class Tools:
     """The tools of one session.  ``folder``: the only place that is read and written; None: no files at all."""
 
-    def __init__(self, settings: Settings, folder: Path | None) -> None:
-        self.settings = settings
+    def __init__(self, settings: Settings, folder: Path | None, *, clock: Clock = SYSTEM_CLOCK) -> None:
+        self.settings, self.clock = settings, clock
         self.folder = None if folder is None else folder.resolve()
         self._designs: OrderedDict[str, bytes] = OrderedDict()
 
@@ -113,12 +113,12 @@ class Tools:
         self, tool: str, arguments: Mapping[str, Any], progress: Progress, stopped: Callable[[], bool] = lambda: False
     ) -> ToolResult:
         """The answer of a tool.  ``progress`` is told how far it is; ``stopped`` says that nobody waits any more."""
-        end = time.monotonic() + self.settings.max_job_seconds
+        end = self.clock.monotonic() + self.settings.max_job_seconds
 
         def report(done: float, total: float) -> None:
             if stopped():
                 raise LimitError(Problem("", CANCELLED, "the call was cancelled"))
-            if time.monotonic() > end:
+            if self.clock.monotonic() > end:
                 hint = f"ask for less, or set {variable('max_job_seconds')}"
                 detail = f"a call may take {self.settings.max_job_seconds:g} s"
                 raise LimitError(Problem("", "too-long", detail, hint))

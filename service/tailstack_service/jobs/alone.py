@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 import uuid
 from collections import deque
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from tailstack.errors import (
     TailstackError,
 )
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..problems import RefusedAt, RequestError
 from ..processes.frames import Died, GivenBack
 from ..task import ADVANCE, Outcome, Task, UnitResult
@@ -38,7 +38,9 @@ EXIT_CODES = {
 Report = Callable[[int, int], None]
 
 
-def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None = None) -> bytes:
+def compute_job(
+    engine: Engine, kind: str, request: bytes, report: Report | None = None, *, clock: Clock = SYSTEM_CLOCK
+) -> bytes:
     """The answer of a job, as its service would record it.
 
     request: canonical JSON.  ``report(done, expected)`` after every unit.  A unit whose process dies is computed again,
@@ -47,7 +49,7 @@ def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None
     """
     results: list[UnitResult] = []
     while True:
-        (step,) = _compute_units(engine, [Task(kind, request, ADVANCE, tuple(results))], lambda count: None)
+        (step,) = _compute_units(engine, [Task(kind, request, ADVANCE, tuple(results))], lambda count: None, clock)
         if step.answer is not None:
             return step.answer
         done, expected = len(results), len(results) + len(step.more) + step.remaining
@@ -56,13 +58,13 @@ def compute_job(engine: Engine, kind: str, request: bytes, report: Report | None
             if report is not None:
                 report(done + count, expected)
 
-        outcomes = _compute_units(engine, [Task(kind, request, spec) for spec in step.more], report_units)
+        outcomes = _compute_units(engine, [Task(kind, request, spec) for spec in step.more], report_units, clock)
         for spec, outcome in zip(step.more, outcomes, strict=True):
             assert outcome.result is not None
             results.append(UnitResult(len(results), spec, outcome.result))
 
 
-def _compute_units(engine: Engine, tasks: list[Task], report: Callable[[int], None]) -> list[Outcome]:
+def _compute_units(engine: Engine, tasks: list[Task], report: Callable[[int], None], clock: Clock) -> list[Outcome]:
     """Outcomes in the order of their tasks; twice as many are under way as can be computed side by side.
 
     Raises RefusedAt for the first that is a refusal, NotConvergedError, Defect.
@@ -72,7 +74,7 @@ def _compute_units(engine: Engine, tasks: list[Task], report: Callable[[int], No
     attempts, deaths = [0] * len(tasks), [0] * len(tasks)
     away: dict[Future[Outcome], int] = {}
     outcomes: dict[int, Outcome] = {}
-    busy_at = time.monotonic()
+    busy_at = clock.monotonic()
     try:
         while len(outcomes) < len(tasks):
             while waiting and len(away) < 2 * engine.capacity:
@@ -80,13 +82,13 @@ def _compute_units(engine: Engine, tasks: list[Task], report: Callable[[int], No
                 attempts[number] += 1
                 away[engine.submit(tasks[number], f"{prefix}-{number}-{attempts[number]}")] = number
             if not away:
-                if time.monotonic() - busy_at > PATIENCE_SECONDS:
+                if clock.monotonic() - busy_at > PATIENCE_SECONDS:
                     detail = f"engine {engine.name} has had nothing to compute with for {PATIENCE_SECONDS:.0f} s"
                     raise _stuck_error(detail)
-                time.sleep(LOOK_SECONDS)
+                clock.sleep(LOOK_SECONDS)
                 continue
             for future in wait(away, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED).done:
-                number, busy_at = away.pop(future), time.monotonic()
+                number, busy_at = away.pop(future), clock.monotonic()
                 try:
                     outcomes[number] = future.result()
                     report(len(outcomes))
@@ -99,7 +101,7 @@ def _compute_units(engine: Engine, tasks: list[Task], report: Callable[[int], No
                 except GivenBack as error:
                     if attempts[number] >= MOST_ATTEMPTS:
                         raise _stuck_error(f"a unit was given back {MOST_ATTEMPTS} times: {error}") from None
-                    time.sleep(LOOK_SECONDS)
+                    clock.sleep(LOOK_SECONDS)
                 waiting.appendleft(number)
     finally:
         for future in away:

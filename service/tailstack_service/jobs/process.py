@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing, suppress
@@ -20,6 +19,7 @@ from typing import IO, Any
 
 from tailstack.errors import TailstackError
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..processes.frames import PERFORM
 from ..processes.interpreter import make_command, make_environment
 from ..settings import Settings, child_environment
@@ -44,25 +44,26 @@ PURGE_ENDING_SECONDS = 1.0
 
 
 def run_worker(
-    settings: Settings, *, with_parent: bool = False, function: str = PERFORM, solver_version: str | None = None
-) -> int:
+    settings: Settings, *, with_parent: bool = False, function: str = PERFORM, solver_version: str | None = None,
+    clock: Clock = SYSTEM_CLOCK,
+) -> int:  # fmt: skip
     """Work until SIGTERM or SIGINT; the number of the signal that ended it, 0 if the parent's end did.
 
     A second signal ends the process at once.  ``with_parent``: end when stdin ends, and leave Ctrl-C to the parent.
     Raises StoreError (the database cannot be used), RequestError (the engine cannot be had).  For the main thread.
     """
-    stop = _Stop(with_parent)
-    with stop, closing(_await_database(settings, stop, with_parent=with_parent)) as db:
+    stop = _Stop(with_parent, clock)
+    with stop, closing(_await_database(settings, stop, with_parent=with_parent, clock=clock)) as db:
         if stop.requested:
             return stop.signal
-        engine = start_engine(settings, function=function)
-        worker = Worker(db, engine, settings, solver_version=solver_version)
+        engine = start_engine(settings, function=function, clock=clock)
+        worker = Worker(db, engine, settings, solver_version=solver_version, clock=clock)
         stop.call(worker.stop)
         url = parse_url(settings.database_url)
         where = url.set(drivername=url.get_backend_name()).render_as_string(hide_password=True)
         means = f"{settings.worker_processes} processes" if engine.name == "pool" else settings.dask_scheduler
         print(f"worker {worker.id}: {means} on {where}", file=sys.stderr, flush=True)
-        purge_thread = HourlyPurge(db, settings.keep_days, settings.audit_days)
+        purge_thread = HourlyPurge(db, settings.keep_days, settings.audit_days, clock=clock)
         # Not in this thread: it would not hear a signal while it waits inside a driver of the database
         with closing(purge_thread), ThreadPoolExecutor(1, "tailstack-worker") as thread:
             work = thread.submit(worker.run)
@@ -88,30 +89,32 @@ def start_worker_process(settings: Settings, log: IO[bytes] | None = None) -> su
     )
 
 
-def _await_database(settings: Settings, stop: _Stop, *, with_parent: bool) -> Database:
+def _await_database(settings: Settings, stop: _Stop, *, with_parent: bool, clock: Clock) -> Database:
     """The database, as soon as it answers.
 
     The worker of a service makes none: the service has, and where its file was deleted a new one would be in the way.
     """
     while True:
         try:
-            return open_database(settings.database_url, migrate=not with_parent, seconds=CONNECTING_SECONDS)
+            return open_database(
+                settings.database_url, migrate=not with_parent, seconds=CONNECTING_SECONDS, clock=clock
+            )
         except (StoreUnavailable, StoreError) as error:
             if stop.requested or (isinstance(error, StoreError) and not with_parent):
                 raise
             print(f"worker: waiting for the database: {error.problems[0].detail}", file=sys.stderr, flush=True)
-            time.sleep(AGAIN_SECONDS)
+            clock.sleep(AGAIN_SECONDS)
 
 
 class _Stop:
     """Signals, and the end of the parent, as one event."""
 
-    def __init__(self, with_parent: bool) -> None:
+    def __init__(self, with_parent: bool, clock: Clock) -> None:
         self.requested = False  # an Event could be locked by the very thread that a signal interrupts
         self.signal = 0
         self._at = 0.0
         self._then: Callable[[], None] = lambda: None
-        self._with_parent = with_parent
+        self._with_parent, self._clock = with_parent, clock
         self._previous: dict[signal.Signals, Any] = {}
 
     def call(self, then: Callable[[], None]) -> None:
@@ -134,9 +137,9 @@ class _Stop:
 
     def _on_signal(self, number: int, _frame: FrameType | None) -> None:
         if not self.requested:
-            self.signal, self._at = number, time.monotonic()
+            self.signal, self._at = number, self._clock.monotonic()
             self._request()
-        elif time.monotonic() - self._at > SAME_STOP_SECONDS:
+        elif self._clock.monotonic() - self._at > SAME_STOP_SECONDS:
             os._exit(128 + number)  # computing processes end with this one, leases run out
 
     def _await_parent(self) -> None:
@@ -144,7 +147,7 @@ class _Stop:
             while os.read(0, 4096):
                 pass
         self._request()
-        time.sleep(ENDING_SECONDS)
+        self._clock.sleep(ENDING_SECONDS)
         os._exit(1)
 
     def _request(self) -> None:
@@ -171,7 +174,11 @@ class HourlyPurge:
     It is a thread of its own, for deleting may take longer than a lease.
     """
 
-    def __init__(self, db: Database, keep_days: float, audit_days: float, *, seconds: float = PURGE_SECONDS) -> None:
+    def __init__(
+        self, db: Database, keep_days: float, audit_days: float, *, seconds: float = PURGE_SECONDS,
+        clock: Clock = SYSTEM_CLOCK,
+    ) -> None:  # fmt: skip
+        self._clock = clock
         self._db, self._keep_days, self._audit_days, self._seconds = db.endable(), keep_days, audit_days, seconds
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="tailstack-purge", daemon=True)
@@ -186,7 +193,7 @@ class HourlyPurge:
     def _run(self) -> None:
         # Several workers that were started together need not purge at the same moment
         pause = self._seconds * random.random()
-        while not self._ending.wait(pause):
+        while not self._clock.wait(self._ending, pause):
             pause = self._seconds
             try:
                 counts = asdict(purge(self._db, self._keep_days, self._audit_days))

@@ -12,7 +12,6 @@ import os
 import secrets
 import socket
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -22,6 +21,7 @@ from typing import Any
 
 from tailstack.errors import LimitError, Problem, SourcesChangedError
 
+from ..clock import SYSTEM_CLOCK, Clock
 from ..problems import TransportError
 from ..processes.frames import Died, GivenBack, OutOfDate
 from ..processes.interpreter import running_code
@@ -95,8 +95,9 @@ class Heartbeat:
 
     def __init__(
         self, db: Database, worker_id: str, lease_seconds: float, beat: Callable[[Database], None],
-        on_failure: Callable[[BaseException], None],
+        on_failure: Callable[[BaseException], None], clock: Clock = SYSTEM_CLOCK,
     ) -> None:  # fmt: skip
+        self._clock = clock
         self._worker_id, self._beat, self._on_failure = worker_id, beat, on_failure
         self._lease_seconds, self._pause_seconds = lease_seconds, lease_seconds / BEATS_PER_LEASE
         self._gap_seconds = max(1.5 * self._pause_seconds, LEAST_SECONDS)  # at most, while the database answers
@@ -108,7 +109,7 @@ class Heartbeat:
     def begin(self) -> None:
         """Raises StoreUnavailable, StoreError."""
         self._beat(self._db)
-        self._heard_at = time.monotonic()
+        self._heard_at = self._clock.monotonic()
         self._thread.start()
 
     def is_steady(self) -> bool:
@@ -117,7 +118,7 @@ class Heartbeat:
         While it stands still nobody can prolong a lease.  When it wakes they have all run out, and those who hold them
         are about to prolong them: whoever took them over now would compute a second time what is being computed.
         """
-        now = time.monotonic()
+        now = self._clock.monotonic()
         return now - self._heard_at <= self._gap_seconds and now - self._steady_since >= self._lease_seconds
 
     def end(self) -> None:
@@ -128,7 +129,7 @@ class Heartbeat:
     def _run(self) -> None:
         pause, answers = self._pause_seconds, True
         try:
-            while not self._ending.wait(pause):
+            while not self._clock.wait(self._ending, pause):
                 try:
                     self._beat(self._db)
                 except (StoreUnavailable, StoreError) as error:
@@ -137,7 +138,7 @@ class Heartbeat:
                         log.warning(words, error, extra={"action": error.slug, "worker": self._worker_id})
                     pause, answers = min(self._pause_seconds, RETRY_SECONDS), False
                     continue
-                now = time.monotonic()
+                now = self._clock.monotonic()
                 if now - self._heard_at > self._gap_seconds:
                     self._steady_since = now
                 self._heard_at, pause, answers = now, self._pause_seconds, True
@@ -148,12 +149,18 @@ class Heartbeat:
 class Worker:
     """One worker.  ``run`` works until ``stop``, which any thread or signal handler may call.
 
-    The engine is closed by ``run``; the database is the caller's.
+    The engine is closed by ``run``; the database is the caller's.  ``at`` is called with the name of the place that
+    the worker has come to, and a test may hold it there: ``claim`` before it asks for units, ``record 3`` before what
+    unit 3 came to is written, ``renew`` before a beat prolongs the leases.
     """
 
-    def __init__(self, db: Database, engine: Engine, settings: Settings, *, solver_version: str | None = None) -> None:
+    def __init__(
+        self, db: Database, engine: Engine, settings: Settings, *, solver_version: str | None = None,
+        clock: Clock = SYSTEM_CLOCK, at: Callable[[str], None] = lambda place: None,
+    ) -> None:  # fmt: skip
         self.id = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(3)}"
         self._db = db.endable().within(TRANSACTION_SECONDS)
+        self._clock, self._at = clock, at
         self._engine, self._settings, self._version = engine, settings, solver_version or running_code()
         self._computations: dict[str, Computation] = {}  # by key of the claim; each access is atomic
         self._arrivals: SimpleQueue[Computation | Ending | None] = SimpleQueue()
@@ -163,7 +170,7 @@ class Worker:
         self._failure: BaseException | None = None
         self._usual_seconds = 1.0  # of computing a unit, lately
         self._rest_until, self._rest_seconds = 0.0, FIRST_REST
-        self._heartbeat = Heartbeat(self._db, self.id, settings.lease_seconds, self._beat, self._fail)
+        self._heartbeat = Heartbeat(self._db, self.id, settings.lease_seconds, self._beat, self._fail, clock)
 
     def stop(self) -> None:
         """Finish nothing, give everything back, leave ``run``."""
@@ -198,18 +205,19 @@ class Worker:
             except (StoreUnavailable, StoreError) as error:
                 fields = {"action": error.slug, "worker": self.id, "seconds": pause}
                 log.warning("the worker asks the database again soon: %s", error, extra=fields)
-            until = time.monotonic() + pause
-            while not self._stopping and time.monotonic() < until:
-                time.sleep(FIRST_PAUSE)
+            until = self._clock.monotonic() + pause
+            while not self._stopping and self._clock.monotonic() < until:
+                self._clock.sleep(FIRST_PAUSE)
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _claim_units(self) -> None:
-        if time.monotonic() < self._rest_until:
+        if self._clock.monotonic() < self._rest_until:
             return
         ahead = min(AHEAD_UNITS, int(AHEAD_SECONDS / max(self._usual_seconds, 1e-6)))
         limit = self._engine.capacity * (1 + ahead) - len(self._computations)
         if limit <= 0:
             return
+        self._at("claim")
         claims = queue.claim(
             self._db, worker_id=self.id, solver_version=self._version, lease_seconds=self._settings.lease_seconds,
             limit=limit, max_attempts=self._settings.max_unit_attempts, max_deaths=self._settings.max_unit_deaths,
@@ -265,7 +273,7 @@ class Worker:
         if isinstance(error, OutOfDate):
             self._fail(SourcesChangedError(Problem("", "sources-changed", why, "start the worker again")))
         if not died:
-            self._rest_until = time.monotonic() + self._rest_seconds
+            self._rest_until = self._clock.monotonic() + self._rest_seconds
             self._rest_seconds = min(2 * self._rest_seconds, LONGEST_REST)
 
         def release() -> bool:
@@ -290,6 +298,7 @@ class Worker:
     def _write_endings(self) -> None:
         while self._endings:
             ending = self._endings[0]
+            self._at(f"record {ending.claim.index}")
             written = ending.write()
             self._endings.popleft()
             self._computations.pop(ending.claim.key, None)
@@ -309,6 +318,7 @@ class Worker:
                 self._stop_long(computation, seconds)
         self._kill_unwanted()
         claims = [computation.claim for computation in list(self._computations.values())]
+        self._at("renew")
         for claim in queue.renew(db, self.id, claims, self._settings.lease_seconds):
             lost = self._computations.pop(claim.key, None)
             if lost is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -220,15 +219,14 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
     with ExitStack() as stack:
         stream = sys.stdin.buffer if name == "-" else stack.enter_context(open(name, "rb"))
         scores = score_table(design, read_table(stream, form, name), arguments.settings, arguments.columns)
-        begun = time.monotonic()
         progress = stack.enter_context(Progress("score"))
         if arguments.output is None:
             _write(scores, sys.stdout.buffer, target, arguments.threads, progress)
         else:
             with write_in_place(arguments.output) as file:
                 _write(scores, file, target, arguments.threads, progress)
-        seconds = time.monotonic() - begun
-    print(f"{scores.summary()}; {scores.rows / max(seconds, 1e-9):,.0f} rows/s", file=sys.stderr)
+        pace = f"; {scores.rows / max(progress.elapsed, 1e-9):,.0f} rows/s" if sys.stderr.isatty() else ""
+    print(scores.summary() + pace, file=sys.stderr)
     return Answer("", NOT_EVALUATED if scores.refused else PASS)
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import TailstackError
 
+from ..clock import SYSTEM_CLOCK
 from ..gate.asked import GateRequest
 from ..task import Estimated
 from .content import canonical
@@ -62,7 +62,7 @@ def _admit(data: dict[str, Any], settings: Settings) -> Reception | Estimated:
 
     admitted = admit_gate(
         data,
-        today=datetime.now(UTC).date(),
+        today=SYSTEM_CLOCK.today(),
         limits=limits_of(settings),
         max_designs=settings.max_gate_designs,
         max_trials=settings.max_trials,

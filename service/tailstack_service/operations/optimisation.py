@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from tailstack.cores import usable_cores
 from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Optimisation
 
+from ..clock import SYSTEM_CLOCK
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
 from ..console.arguments import add_design, read_design
 from ..console.flags import Flag, add_flags, read_flags
@@ -64,14 +64,14 @@ def _optimise(call: Call) -> Optimisation:
 
 def _share(design: Design, progress: Callable[[float, float], None]) -> Callable[[str, int, int, float | None], None]:
     """What the optimiser calls after each step, as seconds done of the seconds that it is expected to take."""
-    remaining, begun = expect(design), time.monotonic()
+    remaining, begun = expect(design), SYSTEM_CLOCK.monotonic()
 
     def report(stage: str, done: int, total: int, least: float | None) -> None:
         nonlocal begun
         if stage == "view":  # before everything whose course is known
-            begun = time.monotonic()
+            begun = SYSTEM_CLOCK.monotonic()
             return
-        now = time.monotonic() - begun
+        now = SYSTEM_CLOCK.monotonic() - begun
         remaining.report(stage, done, total, now)
         left = remaining.left(now)
         progress(now, now + left if left is not None else 0.0)

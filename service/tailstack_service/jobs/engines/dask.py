@@ -12,7 +12,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-import time
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from distributed.scheduler import KilledWorker
 from tailstack.errors import Problem
 from tailstack.version import __version__
 
+from ...clock import SYSTEM_CLOCK, Clock
 from ...names import variable
 from ...problems import RequestError
 from ...processes.frames import PERFORM, Defect, Died, GivenBack
@@ -74,7 +74,8 @@ class DaskEngine:
 
     name = "dask"
 
-    def __init__(self, settings: Settings, *, function: str = PERFORM) -> None:
+    def __init__(self, settings: Settings, *, function: str = PERFORM, clock: Clock = SYSTEM_CLOCK) -> None:
+        self._clock = clock
         self._address, self._security = _require_tls(settings), _make_security(settings)
         self._function, self._hang_seconds = function, settings.hang_seconds
         self._most_bytes = settings.max_process_bytes
@@ -103,7 +104,7 @@ class DaskEngine:
                 key=f"tailstack-{key}", pure=False, retries=0,
             )  # fmt: skip
             with self._lock:
-                self._away[local] = _RemoteTask(key, sent, time.monotonic())
+                self._away[local] = _RemoteTask(key, sent, self._clock.monotonic())
             sent.add_done_callback(lambda done: self._receive(done, local))
         except GivenBack as error:
             local.set_exception(error)
@@ -113,7 +114,7 @@ class DaskEngine:
 
     def seconds(self, future: Future[Outcome]) -> float:
         away = self._away.get(future)
-        return 0.0 if away is None or away.begun is None else time.monotonic() - away.begun
+        return 0.0 if away is None or away.begun is None else self._clock.monotonic() - away.begun
 
     def kill(self, future: Future[Outcome]) -> None:
         with self._lock:
@@ -187,7 +188,7 @@ class DaskEngine:
                 if not self._closing.is_set():
                     words = "the connection to the Dask scheduler is lost, what was away is given back: %s: %s"
                     log.warning(words, type(error).__name__, error, extra={"action": "dask-lost", "seconds": pause})
-                self._closing.wait(pause)
+                self._clock.wait(self._closing, pause)
                 pause = min(2 * pause, LONGEST_PAUSE)
         with suppress(Exception):
             if self._client is not None:
@@ -211,7 +212,7 @@ class DaskEngine:
         self._kill_ordered(client, wait=LOOK_SECONDS)
 
     def _ask_when_begun(self, client: Client) -> None:
-        now = time.monotonic()
+        now = self._clock.monotonic()
         with self._lock:
             long = {a.key: a for a in self._away.values() if a.begun is None and now - a.submitted > LONG_SECONDS}
         if long:

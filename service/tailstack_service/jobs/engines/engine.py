@@ -9,6 +9,7 @@ from typing import Protocol
 
 from tailstack.extras import name_missing_extra
 
+from ...clock import SYSTEM_CLOCK, Clock
 from ...processes.frames import PERFORM
 from ...settings import Settings
 from ...task import Outcome, Task
@@ -36,15 +37,15 @@ class Engine(Protocol):
         """Stop everything and let go of every process."""
 
 
-def start_engine(settings: Settings, *, function: str = PERFORM) -> Engine:
+def start_engine(settings: Settings, *, function: str = PERFORM, clock: Clock = SYSTEM_CLOCK) -> Engine:
     """Raises RequestError, or MissingExtraError, if the engine cannot be had with these settings."""
     if settings.engine == "dask":
         with name_missing_extra():
             from .dask import DaskEngine
-        return DaskEngine(settings, function=function)
+        return DaskEngine(settings, function=function, clock=clock)
     from .pool import PoolEngine
 
     return PoolEngine(
         settings.worker_processes, function=function, hang_seconds=settings.hang_seconds,
-        most_bytes=settings.max_process_bytes,
+        most_bytes=settings.max_process_bytes, clock=clock,
     )  # fmt: skip

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 
+from ...clock import SYSTEM_CLOCK, Clock
 from ...processes.frames import BEGUN, OTHER_CODE, PERFORM, Defect, Died, GivenBack, OutOfDate, receive, send
 from ...processes.interpreter import describe_ending
 from ...processes.nursery import start_child
@@ -103,7 +103,11 @@ class Children:
     ``most_bytes``: of memory that each may take; 0: any.
     """
 
-    def __init__(self, function: str = PERFORM, hang_seconds: float = HANG_SECONDS, most_bytes: int = 0) -> None:
+    def __init__(
+        self, function: str = PERFORM, hang_seconds: float = HANG_SECONDS, most_bytes: int = 0,
+        clock: Clock = SYSTEM_CLOCK,
+    ) -> None:  # fmt: skip
+        self._clock = clock
         self._function, self._hang_seconds, self._most_bytes = function, hang_seconds, most_bytes
         self._lock = threading.Lock()
         self._idle: deque[Child] = deque()
@@ -145,7 +149,7 @@ class Children:
 
     def seconds(self) -> dict[str, float]:
         """For how long each task has been computed, s, by key."""
-        now = time.monotonic()
+        now = self._clock.monotonic()
         with self._lock:
             return {key: now - since for key, (_, since) in self._busy.items()}
 
@@ -175,7 +179,7 @@ class Children:
         child = child or self._new()
         with self._lock:
             if not self._closing.is_set():
-                self._busy[key] = child, time.monotonic()
+                self._busy[key] = child, self._clock.monotonic()
                 if self._watch is None:
                     self._watch = threading.Thread(target=self._kill_hung, name="tailstack-pulse", daemon=True)
                     self._watch.start()
@@ -206,9 +210,9 @@ class Children:
 
     def _kill_hung(self) -> None:
         pulses: dict[int, Pulse] = {}
-        before = time.monotonic()
-        while not self._closing.wait(LOOK_SECONDS):
-            now = time.monotonic()
+        before = self._clock.monotonic()
+        while not self._clock.wait(self._closing, LOOK_SECONDS):
+            now = self._clock.monotonic()
             with self._lock:
                 busy = {child.pid: child for child, _ in self._busy.values() if child.pid is not None}
                 pulses = {pid: pulses.get(pid) or Pulse(pid) for pid in busy}
@@ -231,10 +235,11 @@ class PoolEngine:
     name = "pool"
 
     def __init__(
-        self, processes: int, *, function: str = PERFORM, hang_seconds: float = HANG_SECONDS, most_bytes: int = 0
-    ) -> None:
+        self, processes: int, *, function: str = PERFORM, hang_seconds: float = HANG_SECONDS, most_bytes: int = 0,
+        clock: Clock = SYSTEM_CLOCK,
+    ) -> None:  # fmt: skip
         self._processes = processes
-        self._children = Children(function, hang_seconds, most_bytes)
+        self._children = Children(function, hang_seconds, most_bytes, clock)
         self._children.start(processes)
         self._threads = ThreadPoolExecutor(processes, thread_name_prefix="tailstack-pool")
         self._lock = threading.Lock()

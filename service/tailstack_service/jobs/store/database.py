@@ -13,8 +13,7 @@ import random
 import sqlite3
 import tempfile
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from sqlalchemy.engine import URL, Connection, Engine, Row, make_url
 from tailstack.errors import Problem
 from tailstack.extras import name_missing_extra
 
+from ...clock import SYSTEM_CLOCK, Clock
 from .errors import BadDatabaseUrl, StoreError, StoreUnavailable
 
 ROOM_BYTES = 4 << 20  # of free disk, without which a service does not call itself ready
@@ -123,7 +123,7 @@ class Deadline:
 
 @dataclass(frozen=True, slots=True)
 class Database:
-    """A pool of connections.  ``clock`` replaces the database's own time (epoch seconds) in tests.
+    """A pool of connections.  A ``clock`` other than the system's also replaces the time of the server, in tests.
 
     No transaction waits longer than its seconds for the database, whatever became of it: a server whose processes are
     stopped, a network that swallows packets.  Its connection is then given up, and StoreUnavailable raised.
@@ -131,7 +131,7 @@ class Database:
 
     engine: Engine
     dialect: str  # "sqlite" or "postgresql"
-    clock: Callable[[], float] | None = None
+    clock: Clock = SYSTEM_CLOCK
     # SQLite has one writer: threads of this process queue here instead of polling its lock
     turn: Lock | None = None
     file: DatabaseFile | None = None  # of SQLite
@@ -148,7 +148,7 @@ class Database:
 
     def end_within(self, seconds: float) -> None:
         """Let every call through this object end by then, also those under way.  From any thread or signal handler."""
-        self.end.at = min(self.end.at, time.monotonic() + seconds)
+        self.end.at = min(self.end.at, self.clock.monotonic() + seconds)
 
     def close(self) -> None:
         """Close every connection of the pool."""
@@ -161,9 +161,10 @@ class _Limit(threading.local):
     at: float = math.inf  # monotonic seconds
     end: Deadline = Deadline()
     seconds: float = math.inf  # of the transaction, for the words of a refusal
+    clock: Clock = SYSTEM_CLOCK
 
     def left(self) -> float:
-        return min(self.at, self.end.at) - time.monotonic()
+        return min(self.at, self.end.at) - self.clock.monotonic()
 
 
 _limit = _Limit()
@@ -171,13 +172,14 @@ _limit = _Limit()
 
 @contextmanager
 def _limit_transaction(db: Database) -> Iterator[None]:
-    before = _limit.at, _limit.end, _limit.seconds
+    before = _limit.at, _limit.end, _limit.seconds, _limit.clock
     seconds = BUSY_SECONDS if db.seconds is None else db.seconds
-    _limit.at, _limit.end, _limit.seconds = time.monotonic() + seconds, db.end, seconds
+    _limit.at, _limit.end, _limit.seconds = db.clock.monotonic() + seconds, db.end, seconds
+    _limit.clock = db.clock
     try:
         yield
     finally:
-        _limit.at, _limit.end, _limit.seconds = before
+        _limit.at, _limit.end, _limit.seconds, _limit.clock = before
 
 
 def _silence() -> str:
@@ -206,7 +208,7 @@ def _url_error(why: str) -> StoreError:
     return BadDatabaseUrl(Problem("", "bad-database-url", detail, hint))
 
 
-def connect(url: str, *, create: bool = False, clock: Callable[[], float] | None = None) -> Database:
+def connect(url: str, *, create: bool = False, clock: Clock = SYSTEM_CLOCK) -> Database:
     """A database as it is, whatever its schema.  ``create`` makes a SQLite file.
 
     Raises StoreError; MissingExtraError where the driver of PostgreSQL is not installed.
@@ -284,7 +286,7 @@ def _begin_writing(connection: Connection) -> None:
                 code = getattr(error.orig, "sqlite_errorcode", 0)
                 if code & 0xFF != sqlite3.SQLITE_BUSY or _limit.left() < 0:
                     raise
-            time.sleep(random.uniform(0.0005, 0.004))
+            _limit.clock.sleep(random.uniform(0.0005, 0.004))
     finally:
         connection.exec_driver_sql(f"PRAGMA busy_timeout={1000 * BUSY_SECONDS:.0f}")
 
@@ -446,10 +448,8 @@ def _find_cure(error: exc.DBAPIError | exc.TimeoutError) -> str | None:
 
 def now(db: Database, connection: Connection) -> float:
     """Epoch seconds: of the database server, so that hosts agree; of this host for a file."""
-    if db.clock is not None:
-        return db.clock()
-    if db.dialect == "sqlite":
-        return time.time()
+    if db.dialect == "sqlite" or db.clock is not SYSTEM_CLOCK:
+        return db.clock.time()
     return float(connection.execute(_SERVER_TIME).scalar_one())
 
 

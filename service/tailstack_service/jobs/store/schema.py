@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
 
@@ -11,6 +10,7 @@ from sqlalchemy.engine import Connection
 
 from tailstack.errors import Problem
 
+from ...clock import SYSTEM_CLOCK, Clock
 from .database import Database, connect, parse_url, reading, writing
 from .errors import StoreError
 
@@ -88,7 +88,7 @@ def _upgrade(connection: Connection) -> None:
 
 
 def open_database(
-    url: str, *, migrate: bool = False, clock: Callable[[], float] | None = None, seconds: float | None = None
+    url: str, *, migrate: bool = False, clock: Clock = SYSTEM_CLOCK, seconds: float | None = None
 ) -> Database:
     """A database whose schema is the one that this version knows.
 

@@ -1,0 +1,235 @@
+"""What waits and decides by time, by a clock that the test turns: retries, patience, what keeps a connection alive."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import threading
+from collections.abc import AsyncIterator
+from contextlib import closing
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import httpx
+import pytest
+from service_scenes import check_problem, small_design
+from store_scenes import submit
+from worker_scenes import Stops
+
+from tailstack_service.http import events
+from tailstack_service.http.app import create_app
+from tailstack_service.http.posting import FIRST_LOOK
+from tailstack_service.http.server import FIRST_PAUSE, GOOD_SECONDS, RestartedProcess
+from tailstack_service.http.service import Service
+from tailstack_service.jobs.store import database
+from tailstack_service.jobs.store.database import writing
+from tailstack_service.jobs.store.errors import StoreUnavailable
+from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.settings import Settings
+from turned_clock import TurnedClock
+from waiting import until, until_async
+
+# --- the clock itself ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("set_before", [False, True])
+def test_who_waits_in_a_thread_goes_on_when_the_clock_is_turned(set_before: bool) -> None:
+    clock, event = TurnedClock(), threading.Event()
+    ended: list[object] = []
+    waits = [
+        threading.Thread(target=lambda: ended.append(clock.wait(event, 60.0))),
+        threading.Thread(target=lambda: (clock.sleep(60.0), ended.append("slept"))),
+    ]
+    for one in waits:
+        one.start()
+    until(lambda: clock.waits == [60.0, 60.0])
+    clock.turn(59.0)
+    assert ended == []
+    if set_before:
+        event.set()
+        until(lambda: ended == [True])
+    clock.turn(1.0)
+    for one in waits:
+        one.join()
+    assert sorted(map(str, ended)) == sorted([str(set_before), "slept"])
+    assert clock.passed == 60.0
+
+
+def test_who_waits_in_an_event_loop_goes_on_when_the_clock_is_turned() -> None:
+    async def story() -> None:
+        clock = TurnedClock()
+        done, never = (asyncio.get_running_loop().create_future() for _ in range(2))
+
+        async def limited() -> str:
+            try:
+                async with clock.timeout(60.0):
+                    await asyncio.shield(never)
+            except TimeoutError:
+                return "too long"
+            return ""
+
+        waits = [
+            asyncio.ensure_future(one)
+            for one in (clock.wait_async(done, 60.0), clock.wait_async(never, 60.0), limited(), clock.sleep_async(60.0))
+        ]
+        await until_async(lambda: len(clock.waits) == 4)
+        done.set_result(None)
+        assert await waits[0]
+        clock.turn(59.0)
+        assert not any(one.done() for one in waits[1:])
+        await asyncio.to_thread(clock.turn, 1.0)
+        assert await asyncio.gather(*waits) == [True, False, "too long", None]
+        assert not never.done()
+
+    asyncio.run(story())
+
+
+def test_a_clock_that_jumps_is_never_waited_for() -> None:
+    clock = TurnedClock(jumping=True)
+    clock.sleep(3600.0)
+    assert not clock.wait(threading.Event(), 60.0)
+    asyncio.run(clock.sleep_async(1.0))
+    assert clock.passed == 3661.0
+
+
+# --- a service --------------------------------------------------------------------------------------------
+
+
+def test_a_process_that_ends_again_and_again_is_started_more_and_more_slowly() -> None:
+    clock, started = TurnedClock(), []
+
+    def start() -> subprocess.Popen[bytes]:
+        started.append(subprocess.Popen(["sleep", "3600"], stdin=subprocess.PIPE))
+        return started[-1]
+
+    kept = RestartedProcess("worker", start, clock=clock)
+
+    def until_started(count: int) -> None:
+        until(lambda: len(started) == count and kept.pid == started[-1].pid)
+
+    try:
+        for number, pause in enumerate((FIRST_PAUSE, 2 * FIRST_PAUSE, 4 * FIRST_PAUSE), start=1):
+            os.kill(started[-1].pid, signal.SIGKILL)
+            clock.until_waits(pause)
+            assert len(started) == number
+            clock.turn(pause)
+            until_started(number + 1)
+        clock.turn(GOOD_SECONDS + 1.0)
+        os.kill(started[-1].pid, signal.SIGKILL)
+        clock.until_waits(FIRST_PAUSE)
+    finally:
+        kept.stop()
+    assert len(started) == 4
+
+
+def test_a_stream_without_events_says_now_and_then_that_it_is_there() -> None:
+    clock = TurnedClock(jumping=True)
+
+    async def nothing(*_: object) -> list[Any]:
+        return []
+
+    service = SimpleNamespace(clock=clock, stopping=threading.Event(), storage=SimpleNamespace(run=nothing))
+    job = SimpleNamespace(tenant="a", id="1")
+
+    async def story() -> None:
+        stream: AsyncIterator[bytes] = events._stream(cast(Service, service), cast(Any, job), 0)
+        assert await anext(stream) == b"retry: 1000\n\n"
+        for number in range(1, 4):
+            assert await anext(stream) == b": still here\n\n"
+            passed = number * events.HEARTBEAT_SECONDS
+            assert passed < clock.passed < passed + number * (events.IDLE_SECONDS + events.LOOK_SECONDS)
+
+    asyncio.run(story())
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    url = f"sqlite:///{tmp_path / 'jobs.sqlite3'}"
+    open_database(url, migrate=True).close()
+    return Settings(database=url, body_seconds=20.0)
+
+
+async def answered(settings: Settings, clock: TurnedClock, wait: float, turn: float, **request: Any) -> httpx.Response:
+    """The answer to a request that has waited by the clock for so long, when that is turned."""
+    app = create_app(settings, warm_up=False, clock=clock)
+    service: Service = app.state.service
+    try:
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://localhost") as client:
+            asking = asyncio.create_task(client.post("/v1/verifications", **request))
+            await clock.until_waits_async(wait)
+            assert not asking.done()
+            clock.turn(turn)
+            return await asking
+    finally:
+        await service.pool.close()
+        service.storage.close()
+
+
+@pytest.mark.long
+def test_who_waits_for_a_job_is_told_after_its_time_that_it_is_accepted(settings: Settings) -> None:
+    headers = {"Prefer": "respond-async, wait=10"}
+    request = {"json": {"design": small_design(), "trials": 1000}, "headers": headers}
+    answer = asyncio.run(answered(settings, TurnedClock(), FIRST_LOOK, 10.0, **request))
+    assert answer.status_code == 202, answer.text
+    assert answer.headers["preference-applied"] == "wait=10"
+    assert answer.json()["state"] == "queued"
+
+
+def test_a_body_that_does_not_come_is_refused_after_its_time(settings: Settings) -> None:
+    async def body() -> AsyncIterator[bytes]:
+        yield b"{"
+        await asyncio.get_running_loop().create_future()
+
+    headers = {"Content-Type": "application/json"}
+    answer = asyncio.run(answered(settings, TurnedClock(), 20.0, 20.0, content=body(), headers=headers))
+    problem = check_problem(answer, 408, "body-timeout")
+    assert "after 20 s; 1 bytes arrived" in problem["errors"][0]["detail"]
+
+
+# --- the store ----------------------------------------------------------------------------------------------
+
+
+def test_a_file_that_stays_locked_is_given_up_after_its_time(tmp_path: Path) -> None:
+    clock = TurnedClock()
+    url = f"sqlite:///{tmp_path / 'a.sqlite3'}"
+    refused: list[StoreUnavailable] = []
+    with closing(open_database(url, migrate=True, clock=clock)) as here, closing(open_database(url)) as there:
+
+        def write() -> None:
+            try:
+                submit(here)
+            except StoreUnavailable as error:
+                refused.append(error)
+
+        with writing(there):
+            waiting = threading.Thread(target=write)
+            waiting.start()
+            until(lambda: clock.waits)
+            clock.turn(database.BUSY_SECONDS - 0.01)
+            looks = len(clock.waits)
+            until(lambda: len(clock.waits) > looks)
+            assert refused == []
+            clock.turn(0.02)
+            waiting.join()
+        assert "locked" in str(refused[0])
+        submit(here)
+
+
+def test_a_worker_is_held_at_the_place_that_a_test_names() -> None:
+    stops, passed = Stops("record 3"), []
+
+    def work() -> None:
+        for place in ("claim", "record 3", "claim"):
+            stops(place)
+            passed.append(place)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    stops.until_reached("record 3")
+    assert passed == ["claim"]
+    stops.let_go("record 3")
+    thread.join()
+    assert passed == ["claim", "record 3", "claim"]
