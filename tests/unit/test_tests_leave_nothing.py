@@ -91,7 +91,8 @@ def test_a_test_that_leaves_the_process_changed_fails(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=given, capture_output=True, text=True, timeout=60, check=False)
     failed = set(re.findall(r"^(?:ERROR|FAILED) test_leaks\.py::test_(\w+)", done.stdout, re.MULTILINE))
     names = set(re.findall(r"^def test_(\w+)", TESTS, re.MULTILINE))
-    assert failed == {name for name in names if not name.startswith("after_")} - {"innocent", "imports_a_library"}, done.stdout
+    kind = {"innocent", "imports_a_library"}
+    assert failed == {name for name in names if not name.startswith("after_")} - kind, done.stdout
     assert "os.environ 'NUMBA_CPU_NAME' was None, is 'x86-64-v4'" in done.stdout
     assert "os.environ 'KEPT' was '1', is None" in done.stdout
     assert "log level of 'library' was 40, is 50" in done.stdout
