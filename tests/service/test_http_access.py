@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +26,7 @@ from turned_clock import TurnedClock
 from waiting import until
 
 BODY = {"design": small_design()}
+IN_2100 = 4_102_444_800  # s since 1970: PyJWT reads the time itself, so no token of these tests gets old
 ISSUER = "https://login.example.org/"
 
 
@@ -46,7 +46,7 @@ class Guarded:
         claims = {
             "iss": ISSUER,
             "aud": "tailstack",
-            "exp": time.time() + 600,
+            "exp": IN_2100,
             "sub": "metrology",
             "scope": "compute read",
         }
@@ -261,7 +261,7 @@ def test_only_the_one_algorithm_and_the_one_key(guarded: Guarded, tmp_path: Path
     def part(data: Any) -> bytes:
         return base64.urlsafe_b64encode(json.dumps(data).encode()).rstrip(b"=")
 
-    claims = {"iss": ISSUER, "aud": "tailstack", "exp": time.time() + 600, "sub": "x", "scope": "read"}
+    claims = {"iss": ISSUER, "aud": "tailstack", "exp": IN_2100, "sub": "x", "scope": "read"}
     signed = part(head) + b"." + part(claims)
     forged = signed + b"." + base64.urlsafe_b64encode(hmac.digest(public, signed, hashlib.sha256)).rstrip(b"=")
     unsigned = part({"alg": "none"}) + b"." + part(claims) + b"."
@@ -302,7 +302,7 @@ def test_a_file_of_several_keys(guarded: Guarded, tmp_path: Path) -> None:
         for name, key in keys.items()
     ]
     tokens = tokens_with(tmp_path, json.dumps({"keys": entries}).encode(), "RS256")
-    claims = {"iss": ISSUER, "aud": "tailstack", "exp": time.time() + 600, "sub": "x"}
+    claims = {"iss": ISSUER, "aud": "tailstack", "exp": IN_2100, "sub": "x"}
     for name, key in keys.items():
         assert tokens.caller(jwt.encode(claims, key, "RS256", headers={"kid": name})).tenant == "token:x"
     for wrong in ({"kid": "lost"}, {}, {"kid": "old"}):

@@ -203,3 +203,24 @@ def test_every_process_that_a_test_does_not_wait_for_ends_with_it() -> None:
         if "preexec_fn" not in {keyword.arg for keyword in node.keywords}
     ]
     assert careless == [], "add preexec_fn=die_with_parent (tests/family.py)"
+
+
+CLOCKS = re.compile(r"\b(monotonic|perf_counter|process_time|thread_time|time_ns|children_seconds)\(|\btime\.time\(")
+
+
+def test_no_assertion_is_on_a_clock() -> None:
+    """What costs much is a row of ./run bench; ruff bans clocks and sleeps (tests/ruff.toml) but where they are named."""
+    found = [
+        f"{path.name}:{node.lineno}"
+        for path in sorted(CONFTEST.parent.rglob("test_*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Assert) and CLOCKS.search(ast.unparse(node))
+    ]
+    assert found == []
+
+
+def test_few_files_may_use_clocks() -> None:
+    text = (CONFTEST.parent / "ruff.toml").read_text(encoding="utf-8")
+    named = re.findall(r'^"(.+)" = \["TID251"\]', text, re.MULTILINE)
+    assert len([name for name in named if name.endswith(".py")]) <= 7
+    assert not [name for name in named if Path(name).name.startswith("test_")]
