@@ -209,7 +209,7 @@ CLOCKS = re.compile(r"\b(monotonic|perf_counter|process_time|thread_time|time_ns
 
 
 def test_no_assertion_is_on_a_clock() -> None:
-    """What costs much is a row of ./run bench; ruff bans clocks and sleeps where they are not named (tests/ruff.toml)."""
+    """What costs much is a row of ./run bench.  Where clocks are named in ruff.toml, this holds too."""
     found = [
         f"{path.name}:{node.lineno}"
         for path in sorted(CONFTEST.parent.rglob("test_*.py"))
