@@ -4,10 +4,10 @@
     .venv/bin/python benchmarks/mutants.py [--count 30] [--seed 1] [--room FOLDER]
 
 A fault is one changed operator, comparison, number or condition of one file of ``solver`` or ``service``, drawn at
-random (no two in one file).  A clone of the last commit runs the tests of the short tier that reach the file by imports, the
-nearest first, until one fails; where none does, the long ones.  A fault that nobody notices may change nothing that can
-be seen.  Each line: who noticed, the place, what stood there and what stands there now; at the end the share of the
-faults noticed by anybody that the short tier notices.
+random (no two in one file).  A clone of the last commit runs the tests of the short tier that reach the file by
+imports, the nearest first, until one fails; where none does, the long ones.  A fault that nobody notices may change
+nothing that can be seen.  Each line: who noticed, the place, what stood there and what stands there now; at the end the
+share of the faults noticed by anybody that the short tier notices.
 """
 
 from __future__ import annotations
