@@ -172,7 +172,7 @@ def test_a_call_that_is_given_up_makes_way_for_the_next() -> None:
     async def session(client: Client) -> None:
         with anyio.CancelScope() as given_up:
 
-            async def give_up(*_: object) -> None:
+            async def give_up(progress: float, total: float | None, message: str | None) -> None:
                 given_up.cancel()
 
             await client.call_tool("verify", {"design": large, "precision": 1e-4}, progress_callback=give_up)
