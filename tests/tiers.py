@@ -30,7 +30,7 @@ CHECKS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("mypy", "--config-file", "tests/mypy.ini"),
+    ("mypy", "--config-file", "tests/mypy.ini", "--cache-dir", ".mypy_cache/tests"),  # beside the other
     ("lint-imports",),
 )
 # Tests that run a kernel whose instructions differ between processors
@@ -72,11 +72,23 @@ def pytest(*arguments: str) -> int:
 
 
 def run_checks(checks: Iterable[tuple[str, ...]]) -> int:
-    for check in checks:
-        if code := subprocess.call([Path(sys.executable).parent / check[0], *check[1:]]):
-            print(f"run: {' '.join(check)} failed", file=sys.stderr)
-            return code
-    return 0
+    """All at the same time; what each says is shown in their order, and the first that fails gives the code."""
+    return finish([(check, start_check(check)) for check in checks])
+
+
+def finish(started: list[tuple[tuple[str, ...], subprocess.Popen[str]]]) -> int:
+    code = 0
+    for check, process in started:
+        print(process.communicate()[0], end="", flush=True)
+        if process.returncode:
+            print(f"run: {' '.join(check)} failed", file=sys.stderr, flush=True)
+            code = code or process.returncode
+    return code
+
+
+def start_check(check: tuple[str, ...]) -> subprocess.Popen[str]:
+    command = [str(Path(sys.executable).parent / check[0]), *check[1:]]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
 def run_tier(*options: str) -> int:
@@ -156,19 +168,11 @@ def run_quick(paths: list[str]) -> int:
         return 0
     if python and (code := run_checks((("ruff", "check", *python), ("ruff", "format", "--check", *python)))):
         return code
-    types = start_types(python)
     chosen, left_out = choose_tests(changed)
-    print(
-        f"run: {len(chosen)} test functions, {left_out} that the change reaches are left out: ./run test",
-        file=sys.stderr,
-    )
+    print(f"run: {len(chosen)} test functions; {left_out} more that the change reaches: ./run test", file=sys.stderr)
+    types = [(check, start_check(check)) for check in types_of(python)]
     code = pytest("-n", "2", "--dist", "loadfile", "--short", *chosen) if chosen else 0
-    for name, process in types:
-        said = process.communicate()[0]
-        if process.returncode:
-            print(f"{said}run: {name} failed", file=sys.stderr)
-            code = code or process.returncode
-    return code
+    return finish(types) or code
 
 
 def changed_files() -> list[str]:
@@ -182,19 +186,10 @@ def changed_files() -> list[str]:
     return sorted({*git("diff", "--name-only", base[0]), *git("ls-files", "--others", "--exclude-standard")})
 
 
-def start_types(changed: list[str]) -> list[tuple[str, subprocess.Popen[str]]]:
-    """mypy of the room in which something changed: it looks at that alone, beside what it kept of its last run."""
-    commands = []
-    mypy = str(Path(sys.executable).parent / "mypy")
-    if any(path.startswith(("solver", "service")) for path in changed):
-        commands.append([mypy])
-    if any(path.startswith("tests") for path in changed):
-        commands.append([mypy, "--config-file", "tests/mypy.ini"])
-    return [
-        (" ".join(["mypy", *command[1:]]),
-         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
-        for command in commands
-    ]  # fmt: skip
+def types_of(changed: list[str]) -> list[tuple[str, ...]]:
+    """mypy of the rooms in which something changed: it looks at that alone, beside what it kept of its last run."""
+    rooms = {Path(path).parts[0] for path in changed}
+    return [CHECKS[2]] * bool(rooms & {"solver", "service"}) + [CHECKS[3]] * ("tests" in rooms)
 
 
 def choose_tests(changed: list[str]) -> tuple[list[str], int]:
