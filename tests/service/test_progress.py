@@ -241,9 +241,11 @@ def test_what_is_said_meanwhile_does_not_stand_on_the_bar(monkeypatch: pytest.Mo
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     with os.fdopen(master, "rb", buffering=0) as screen, os.fdopen(slave, "w") as stream:
         monkeypatch.setattr("sys.stderr", stream)
-        monkeypatch.setattr("tailstack_service.console.progress.QUIET_SECONDS", 0.01)
-        with Progress("demo") as progress:
+        clock = TurnedClock()
+        with Progress("demo", clock=clock) as progress:
             progress.report(0, 0, "job 01m82x00000000000000000000: 50 %, unit 2 of 4, about 10 s left, and more")
+            clock.until_waits(QUIET_SECONDS)
+            clock.turn(QUIET_SECONDS)
             shown = b""
             while b"left" not in shown:
                 shown += screen.read(4096)
