@@ -32,7 +32,7 @@ from .arrays import Array, frozen
 from .contributors import BOUNDED, KIND, ErrorLaw, assemble_law, error_law
 from .cores import usable_cores
 from .design import Design, compile_design, design_to_data, load_design
-from .design.compile import detector_distances
+from .design.cameras import detector_distances
 from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
 from .errors import Problem, TailstackError, describe_refusal
 from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels

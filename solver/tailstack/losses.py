@@ -42,6 +42,7 @@ P95 = 0.95
 SLOPE = 0.1  # by which it may rank a loss too low beside another, per relative difference of the covariances
 ALIKE = 1e-9  # losses whose cumulants differ by less are one by symmetry
 WORSE = 10.0  # only a loss that multiplies the quantile by so much may leave a structure that determines nothing
+ROUNDING_MM = 1e-9  # differences below it are none: coordinates of some 1000 mm carry 1e-13 mm, their gains more
 
 
 def subsets(count: int, lost: int) -> Array:
@@ -228,7 +229,8 @@ def rank(imaged: Array, moved: Array, rest: Rest, z: float, ranking: Ranking) ->
                     c2 += total[a, b] * total[b, a]
                 c2 += 2.0 * mean[a] * along
                 c3 += 3.0 * along * along
-            square = pearson_square(c1, c2, c3, z) if c2 > 0.0 else np.nan
+            # of an error that does not vary the quantile is the error itself; NaN, of what is not determined, is not 0
+            square = c1 if c2 == 0.0 else pearson_square(c1, c2, c3, z) if c2 > 0.0 else np.nan
             ranking.quantile[t, s] = sqrt(square) if 0.0 <= square < np.inf else np.inf
             ranking.cumulants[t, s, 0] = c1
             ranking.cumulants[t, s, 1] = c2
@@ -247,6 +249,7 @@ class LossSearch:
         self._law = lru_cache(maxsize=None)(self._find_law)
         self._rest = lru_cache(maxsize=None)(self._find_rest)
         self._ranking = lru_cache(maxsize=None)(self._rank)
+        self._refusal = lru_cache(maxsize=None)(self._find_refusal)
         self._losses: dict[int, LossGains] = {}
 
     @cached_property
@@ -300,13 +303,13 @@ class LossSearch:
             return Loss(self.labels(kept[s]), targets[0], None, reason)
         forms, cumulants, covariances = self._ranking(lost, error, quantile, tuple(targets))
         t, s = divmod(int(forms.argmax()), len(kept))
-        whole = self._ranking(0, error, quantile, tuple(targets)).quantile[t, 0]
-        if not forms[t, s] < WORSE * whole:
-            reason = self._find_refusal(kept[s])
-            if not (reason or forms[t, s] < inf):
+        whole = self._ranking(0, error, quantile, tuple(targets)).quantile
+        for each in self._find_doubted(forms, whole):
+            reason = self._refusal(kept[each].tobytes())
+            if not (reason or forms[:, each].max() < inf):
                 reason = "what is left does not determine the views"
             if reason:
-                return Loss(self.labels(kept[s]), targets[t], None, reason)
+                return Loss(self.labels(kept[each]), targets[int(forms[:, each].argmax())], None, reason)
         highest = forms * (1 + (MARGIN if quantile <= P95 else MARGIN_BEYOND_P95))  # what each loss may come to
         value, worst = 0.0, (t, s)
         while highest.max() > value:
@@ -316,7 +319,8 @@ class LossSearch:
             highest[t, alike] = -inf
             better = law.quantile_mm > value * (1 + ALIKE)
             rows = slice(None) if better else slice(t, t + 1)  # beside which the form may err by less
-            unlike = np.abs(covariances[rows] - covariances[t, s]).max(axis=(2, 3)) / np.abs(covariances[t, s]).max()
+            scale = max(float(np.abs(covariances[t, s]).max()), ROUNDING_MM**2)  # nothing may vary
+            unlike = np.abs(covariances[rows] - covariances[t, s]).max(axis=(2, 3)) / scale
             near = forms[rows] * (law.quantile_mm / forms[t, s]) * (1 + SLOPE * unlike)
             highest[rows] = np.minimum(highest[rows], near)
             if better:
@@ -384,14 +388,23 @@ class LossSearch:
         """
         answered = np.asarray((kept @ self.chain.weights.T).min(axis=1) >= fewest_fiducials(self.system))
         answered &= (forms < inf).all(axis=0)
-        for s in np.flatnonzero(answered & ~(forms < WORSE * forms[:, :1]).all(axis=0)):
-            answered[s] = not self._find_refusal(kept[s])
+        for s in self._find_doubted(forms, forms[:, :1]):
+            answered[s] = answered[s] and not self._refusal(kept[s].tobytes())
         return answered
 
-    def _find_refusal(self, kept: Array) -> str:
+    def _find_doubted(self, forms: Array, whole: Array) -> list[int]:
+        """Losses that may leave a structure which determines nothing, by Pearson's form (T, S) the worst first.
+
+        whole (T, 1): that of all fiducials.  Where no image errs by chance, no quantile shows it: every loss may.
+        """
+        highest, exact = forms.max(axis=0), not self._imaging[0].std.any()
+        doubted = np.full(forms.shape[1], exact) | ~(forms < np.maximum(WORSE * whole, ROUNDING_MM)).all(axis=0)
+        return [int(s) for s in np.argsort(-highest, kind="stable") if doubted[s]]
+
+    def _find_refusal(self, kept: bytes) -> str:
         """Why the structure without fiducials that have a 0 in kept (N,) is refused; empty: it is not."""
         try:
-            examine(without_fiducials(self.system, self.labels(kept)))
+            examine(without_fiducials(self.system, self.labels(np.frombuffer(kept))))
         except IllPosedError as refusal:
             return refusal.problems[0].detail
         return ""

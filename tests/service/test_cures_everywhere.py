@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -164,6 +165,64 @@ def test_what_curl_says_by_itself_is_answered_with_its_flag(client: httpx.Client
     answer = client.post("/v1/scores", content=DEMO.read_bytes(), headers=form)
     hint = check_problem(answer, 415, "unsupported-media-type")["errors"][0]["hint"]
     assert "-H 'Content-Type: application/yaml'" in hint
+    assert "--data-binary @FILE" in hint
+
+
+@pytest.mark.parametrize("path", ["demo.yaml", "first_carrier.yaml"])
+def test_a_design_that_lost_its_line_ends_on_the_way(client: httpx.Client, path: str) -> None:
+    """published: curl(1) strips carriage returns and newlines from what -d reads from a file."""
+    body = (EXAMPLES / path).read_bytes().replace(b"\r", b"").replace(b"\n", b"")
+    answer = client.post("/v1/scores", content=body, headers=YAML).json()
+    assert answer["status"] in (400, 422)
+    assert "--data-binary @FILE" in answer["errors"][0]["hint"]
+    whole = client.post("/v1/scores", content=b"", headers=YAML).json()["errors"][0]
+    assert "--data-binary" not in whole["hint"]
+
+
+def test_a_table_that_lost_its_line_ends_on_the_way(client: httpx.Client) -> None:
+    rows = b"label,x_mm,y_mm,z_mm" + b"".join(b"F%d,%d,0,5" % (k, 10 * k) for k in range(8))
+    answer = client.post("/v1/conversions?to=yaml", content=rows, headers={"Content-Type": "text/csv"}).json()
+    assert "--data-binary @FILE" in answer["errors"][0]["hint"]
+
+
+@pytest.mark.parametrize(
+    ("route", "taken"),
+    [
+        ("/v1/conversions", ["text/csv", "text/plain", "model/step", "application/json"]),
+        ("/v1/scores", ["application/yaml", "application/json"]),
+        ("/v1/comparisons", ["application/json"]),
+    ],
+)
+def test_a_media_type_that_is_not_taken_gets_those_that_are(client: httpx.Client, route: str, taken: list[str]) -> None:
+    sent = client.post(route, content=b"x_mm,y_mm,z_mm", headers={"Content-Type": "application/vnd.ms-excel"})
+    hint = check_problem(sent, 415, "unsupported-media-type")["errors"][0]["hint"]
+    assert all(each in hint for each in taken)
+
+
+def test_a_charset_that_is_not_taken_gets_the_way_to_utf_8(client: httpx.Client) -> None:
+    for named in ("windows-1252", '"UTF-16LE"', "ISO-8859-1; boundary=x"):
+        header = {"Content-Type": f"application/yaml; charset={named}"}
+        found = check_problem(client.post("/v1/scores", content=b"x", headers=header), 415, "unsupported-media-type")
+        assert "as UTF-8" in found["errors"][0]["hint"]
+        assert f"iconv -f {named.partition(';')[0].strip(chr(34)).lower()} -t UTF-8" in found["errors"][0]["hint"]
+    for named in ("utf-8", '"UTF-8"', "US-ASCII"):
+        header = {"Content-Type": f"application/yaml; charset={named}"}
+        assert client.post("/v1/scores", content=DEMO.read_bytes(), headers=header).status_code == 200
+
+
+@pytest.mark.parametrize("name", ["my design.yaml", "it's $HOME; rm.yaml"])
+def test_the_command_to_type_next_survives_the_shell(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """independent: shlex.split reads it as a shell would."""
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text("schema: tailstack/design/1\nname: x\n")
+    assert main(["score", name]) == 2
+    told = capsys.readouterr().err.splitlines()[-1].removeprefix("next: ").partition("   ")[0]
+    assert shlex.split(told) == ["tailstack", "validate", name]
+    assert main(["example", "first_carrier", "-o", f"new {name}"]) == 0
+    told = capsys.readouterr().out.splitlines()[-1].removeprefix("next: ")
+    assert shlex.split(told) == ["tailstack", "score", f"new {name}"]
 
 
 def test_points_that_are_sent_as_a_design(client: httpx.Client) -> None:

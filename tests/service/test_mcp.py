@@ -21,7 +21,7 @@ from service_scenes import EXAMPLES, ROOT, coplanar_design, small_design
 from family import die_with_parent, ended
 from tailstack import load_design, score
 from tailstack_service.cli.main import build_parser
-from tailstack_service.integrations.mcp_tools import Tools
+from tailstack_service.integrations.mcp_tools import TOOLS, Tools, input_schema
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import load_settings
 from waiting import LIMIT_SECONDS
@@ -58,6 +58,24 @@ def record_of(result: Any) -> dict[str, Any]:
 
 
 @pytest.mark.long
+def test_no_argument_of_a_tool_has_a_list_of_types() -> None:
+    """A large client refuses `type: [object, string]`, and with it every tool that is offered."""
+
+    def list_types(schema: Any) -> list[Any]:
+        if isinstance(schema, list):
+            return [found for each in schema for found in list_types(each)]
+        if not isinstance(schema, dict):
+            return []
+        own = [schema["type"]] if "type" in schema else []
+        return own + [found for each in schema.values() for found in list_types(each)]
+
+    for tool in TOOLS:
+        for with_folder in (False, True):
+            schema = input_schema(tool, with_folder)
+            assert all(isinstance(each, str | dict) for each in list_types(schema))
+            assert {"object", "string"} == {each["type"] for each in schema["properties"]["design"]["anyOf"]}
+
+
 def test_an_assistant_validates_scores_optimises_and_reports_a_design(tmp_path: Path) -> None:
     """independent: the library's score, in this process, and the files that were written."""
     heard: list[float] = []

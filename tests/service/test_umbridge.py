@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import umbridge
 from door_pages import run_page
+from scipy.stats import qmc
 from served import served
 from service_scenes import ROOT, check_problem, client_with, small_design
 
@@ -198,3 +199,17 @@ def test_a_service_with_keys_asks_for_one(tmp_path: Path) -> None:
             header = {"Authorization": f"Bearer {key}"}
             found = client.post("/umbridge/Evaluate", content=body, headers=header)
             assert found.status_code == 200, found.text
+
+
+def test_the_first_point_of_a_sobol_sequence_is_refused_with_what_to_do(client: httpx.Client) -> None:
+    """independent: SciPy's own sequence; its scrambled points, and those shifted by half of 1 / N, are taken."""
+
+    def shoot(point: Any) -> httpx.Response:
+        return client.post("/umbridge/Evaluate", json={"name": "chain", "input": [list(point)]})
+
+    size = client.post("/umbridge/InputSizes", json={"name": "chain"}).json()["inputSizes"][0]
+    plain = qmc.Sobol(size, scramble=False).random(4)
+    assert "scramble the sequence, or shift every point" in message_of(shoot(plain[0]))
+    assert "Sobol" not in message_of(shoot(np.full(size, -0.5)))
+    for point in (*(plain + 0.5 / 4), *qmc.Sobol(size, scramble=True, seed=1).random(2)):
+        assert shoot(point).status_code == 200

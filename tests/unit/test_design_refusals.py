@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -217,3 +219,31 @@ def test_geometry_refusals_are_placed_in_the_document(tmp_path):
     problem = caught.value.problems[0]
     line = path.read_text().splitlines().index("  - name: AP") + 1
     assert (problem.pointer, problem.code, problem.line) == ("/views/0", "behind-source", line)
+
+
+PROJECTION = [[1000.5, 2.0, 300.0, 400.0], [5.0, 1100.25, 310.0, 420.0], [0.01, 0.02, 1.0, 700.0]]
+FLAT = [number for row in PROJECTION for number in row]
+COEFFICIENTS = [number / 700.0 for number in FLAT[:11]]
+
+
+@pytest.mark.parametrize(
+    ("written", "words"),
+    [
+        (COEFFICIENTS, "eleven DLT coefficients"),
+        (FLAT, "row after row (C, NumPy)"),
+        ([row[k] for k in range(4) for row in PROJECTION], "column after column (MATLAB, Fortran)"),
+        ([list(column) for column in zip(*PROJECTION, strict=True)], "transposed"),
+    ],
+)
+def test_a_projection_in_another_shape_is_refused_with_the_rows_to_write(written, words):
+    """closed_form: the matrix that was written otherwise; DLT coefficients are it over its last number."""
+    views = [view_by_projection(written), view_by_projection(PROJECTION) | {"name": "B"}]
+    (problem,) = problems_of(changed(("views",), views))
+    assert (problem.pointer, problem.detail[:14]) == ("/views/0/projection", "needs 3 entries")
+    after = problem.hint.partition(words)[2]
+    told = json.loads(after[after.index("[[") : after.index("]]") + 2])
+    np.testing.assert_allclose(np.array(told) / told[2][3], np.array(PROJECTION) / 700.0, rtol=1e-9)
+
+
+def view_by_projection(matrix):
+    return {"name": "A", "projection": matrix, "fiducial_noise_px": 0.3, "target_noise_px": 0.3}

@@ -34,12 +34,9 @@ def remarks(document, **options):
 
 
 def scaled(document, factor):
-    """The demo with its structure made larger or smaller about its middle."""
-    points = document["fiducials"]["points"]
-    middle = [sum(point["position_mm"][axis] for point in points) / len(points) for axis in range(3)]
+    """The demo with its structure in another unit: positions multiplied, and what rests on them left out."""
     smaller = [
-        point | {"position_mm": [m + factor * (x - m) for x, m in zip(point["position_mm"], middle, strict=True)]}
-        for point in points
+        point | {"position_mm": [factor * x for x in point["position_mm"]]} for point in document["fiducials"]["points"]
     ]
     document = replaced(document, ("optimise",), None)
     del document["optimise"]
@@ -122,7 +119,8 @@ def test_a_structure_in_centimetres():
     """The demo's widest pair is 93 mm apart; ten times smaller it is smaller than its beads."""
     found, sentences = remarks(scaled(DEMO, 0.1))
     assert found == [("structure-size", "/fiducials/points")]
-    assert "centimetres: write 92.9" in sentences
+    assert "In centimetres (92.91 mm) they lie in all images: multiply by 10" in sentences
+    assert remarks(scaled(DEMO, 10 * 0.1))[0] == []  # obeyed
     assert remarks(scaled(DEMO, 0.2))[0] == []
 
 
@@ -134,7 +132,7 @@ def test_a_structure_in_metres():
     except IllPosedError as error:
         found, sentences = [(error.problems[-1].code, error.problems[-1].pointer)], str(error)
     assert found[-1] == ("structure-size", "/fiducials/points")
-    assert "metres: write 92.9" in sentences
+    assert "In metres (92.91 mm) they lie in all images: multiply by 1000" in sentences
 
 
 def test_a_structure_in_micrometres_is_refused_and_the_refusal_says_why():
@@ -147,14 +145,18 @@ def test_a_structure_in_micrometres_is_refused_and_the_refusal_says_why():
 
 
 def test_sources_in_metres_are_refused_with_the_distance_that_is_meant():
-    metres = [view | {"source_detector_mm": 1.02, "source_isocentre_mm": 1.0} for view in DEMO["views"]]
+    metres = [view | {"source_detector_mm": 1.2, "source_isocentre_mm": 1.0} for view in DEMO["views"]]
     with pytest.raises(IllPosedError) as caught:
         remarks(replaced(DEMO, ("views",), metres))
     doubted = [problem for problem in caught.value.problems if problem.code == "source-distance"]
     assert [problem.pointer for problem in doubted] == [
         f"/views/{view}/{field}" for view in (0, 1) for field in ("source_detector_mm", "source_isocentre_mm")
     ]
-    assert "metres: write 1020" in doubted[0].detail
+    obeyed = {"source_detector_mm": 1200, "source_isocentre_mm": 1000}
+    for said in (doubted[0].detail, caught.value.problems[0].hint):
+        assert "in metres" in said
+        assert ", ".join(f"{field}: {value}" for field, value in obeyed.items()) in said
+    assert remarks(replaced(DEMO, ("views",), [view | obeyed for view in metres])) == ([], "")
 
 
 def test_sources_in_centimetres():
@@ -167,7 +169,8 @@ def test_sources_in_centimetres():
     document = replaced(document, ("targets",), [{"name": "tip", "position_mm": [0, 0, 5]}])
     found, sentences = remarks(document)
     assert [rule for rule, _ in found] == ["source-distance"] * 4
-    assert "centimetres: write 1020" in sentences
+    assert "in centimetres" in sentences
+    assert "write source_detector_mm: 1020, source_isocentre_mm: 900" in sentences
 
 
 def test_a_calibrated_view_in_metres_is_refused_with_its_pose():
@@ -175,6 +178,33 @@ def test_a_calibrated_view_in_metres_is_refused_with_its_pose():
     with pytest.raises(IllPosedError) as caught:
         remarks(replaced(LOCATORS, pose, [0, 0, 0.7]))
     assert ("source-distance", "/views/0/pose") in [(p.code, p.pointer) for p in caught.value.problems]
+
+
+def with_detector(**numbers):
+    """The demo, its detector otherwise than the preset's."""
+    return replaced(DEMO, ("views",), [view | numbers for view in DEMO["views"]])
+
+
+def test_a_binned_image_on_a_preset_is_remarked_with_both_widths_and_is_right_when_obeyed():
+    """closed_form: 768 px of 0.3 mm are 230 mm, the preset's 1536 of 0.194 mm 298; of 0.388 mm they are 298."""
+    found, sentences = remarks(with_detector(image_size_px=[768, 768], pixel_mm=0.3))
+    assert found == [("detector-width", f"/views/{index}/image_size_px") for index in (0, 1)]
+    assert "230.4 mm wide (768 px of 0.3 mm)" in sentences
+    assert "298 mm (1536 px of 0.194 mm)" in sentences
+    assert "binned 2 x 2, has pixel_mm: 0.388" in sentences
+    assert "a crop" in sentences
+    assert remarks(with_detector(image_size_px=[768, 768], pixel_mm=0.388)) == ([], "")
+    with pytest.raises(IllPosedError) as caught:  # half as wide, it does not show everything: that may be why
+        remarks(with_detector(image_size_px=[768, 768]))
+    assert "detector-width" in [problem.code for problem in caught.value.problems]
+
+
+def test_pixels_of_another_pitch_alone_make_another_detector():
+    found, sentences = remarks(with_detector(pixel_mm=0.388))
+    assert found == [("detector-width", f"/views/{index}/pixel_mm") for index in (0, 1)]
+    assert "596 mm wide" in sentences
+    assert "has image_size_px: [768, 768]" in sentences
+    assert remarks(with_detector(pixel_mm=0.194, image_size_px=[1536, 1530])) == ([], "")  # a rim that is not read
 
 
 def test_a_target_at_the_pivot():
@@ -192,7 +222,7 @@ def test_a_target_at_the_pivot():
 
 
 def test_every_rule_is_met_above_and_says_where_its_numbers_come_from():
-    met = {case[0] for case in CASES} | {"structure-size", "source-distance", "no-lever-arm"}
+    met = {case[0] for case in CASES} | {"structure-size", "source-distance", "no-lever-arm", "detector-width"}
     assert met == set(PLAUSIBILITY)
     assert all(rule.numbers and rule.title for rule in PLAUSIBILITY.values())
 

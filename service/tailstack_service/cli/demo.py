@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from tailstack.extras import require_extras
@@ -125,7 +126,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     names = ", ".join(sorted(path.name for path in output.iterdir()))
     closing = f"\nwritten to {output}/: {names}\n" if arguments.full else summary_text(before, after, optimised)
     closing += f"report: {(output / 'report.html').resolve()}\n"
-    closing += f"next:   {program()} score {output / 'optimised.yaml'}"
+    closing += f"next:   {program()} score {quote(str(output / 'optimised.yaml'))}"
     closing += "\n" if arguments.full else "   (every table: demo --full)\n"
     return Answer(closing, exit_code_of(after.verdict))
 

@@ -10,6 +10,7 @@ import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from shlex import quote
 
 from tailstack.errors import Problem
 
@@ -67,7 +68,7 @@ def _write_design(source: Path, target: Path, *, force: bool) -> str:
         print(f"wrote {target.parent / part}", file=sys.stderr)
     write_document(target, source.read_text(encoding="utf-8"))
     print(f"wrote {target}", file=sys.stderr)
-    return f"next: {program()} score {target}\n"
+    return f"next: {program()} score {quote(str(target))}\n"
 
 
 def _write_folder(source: Path, target: Path, *, force: bool) -> str:

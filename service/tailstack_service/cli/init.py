@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from tailstack.errors import Problem, TailstackError
@@ -124,7 +125,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         return Answer(text.encode())
     write_document(Path(arguments.file), text)
     print(f"wrote {arguments.file}", file=sys.stderr)
-    return Answer(f"next: {program()} score {arguments.file}\n")
+    return Answer(f"next: {program()} score {quote(arguments.file)}\n")
 
 
 def read_wishes(arguments: argparse.Namespace, *, ask: bool) -> Wishes:

@@ -8,6 +8,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from dataclasses import replace
+from shlex import quote
 
 from tailstack.errors import Problem, TailstackError
 
@@ -85,7 +86,7 @@ def next_command(error: TailstackError, arguments: argparse.Namespace) -> str:
         command = SAME_AGAIN
     elif arguments.verb == "convert" and not file.endswith((".yaml", ".yml", ".json")):
         command = "tailstack {verb} --help"
-    return spell_commands("next: " + command.format(file=file, verb=arguments.verb))
+    return spell_commands("next: " + command.format(file=quote(file), verb=arguments.verb))
 
 
 def report_error(error: TailstackError | OSError, arguments: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from shlex import quote
 
 from starlette.requests import Request
 
@@ -45,13 +46,15 @@ def _form(request: Request, *, yaml: bool, raw: tuple[str, ...]) -> str:
     kind = kind.strip().lower()
     encodings = [one.strip().lower() for one in ",".join(request.headers.getlist("content-encoding")).split(",")]
     encoding = ", ".join(one for one in encodings if one not in ("", "identity"))
-    charset = next(
-        (p.split("=")[1].strip(' "').lower() for p in parameters.split(";") if "charset=" in p.lower()), "utf-8"
-    )
+    named = [part.partition("=")[2] for part in parameters.split(";") if part.strip().lower().startswith("charset=")]
+    charset = named[0].strip(" \"'").lower() if named else "utf-8"
+    cure = ""
     if encoding:
+        cure = "send it as it is"
         refused = f"the body is sent with Content-Encoding: {encoding[:40]}"
     elif charset not in ("utf-8", "utf8", "us-ascii"):
         refused = f"the body is sent as charset={charset[:40]}"
+        cure = f"send the text as UTF-8, without charset: iconv -f {quote(charset[:40])} -t UTF-8 FILE makes it so"
     elif kind == JSON or (kind.startswith("application/") and kind.endswith("+json")):
         return "json"
     elif yaml and kind in YAML:
@@ -60,12 +63,16 @@ def _form(request: Request, *, yaml: bool, raw: tuple[str, ...]) -> str:
         return kind
     else:
         refused = f"Content-Type: {header[:80]}" if header else "no Content-Type"
-    accepted = ", ".join([JSON, *(YAML[:1] if yaml else ()), *raw])
-    cure = f"send Content-Type: {(YAML[0] + ' or ') if yaml else ''}{JSON}"
+    taken = [*(YAML[:1] if yaml else ()), *raw, JSON]
+    if not cure:
+        cure = f"send Content-Type: {' or '.join(taken)}, whichever the body is"
     if kind == FORM:
-        cure += f"; curl -d says {FORM} by itself: add -H 'Content-Type: {YAML[0] if yaml else JSON}'"
-    detail = f"this operation reads {accepted}; UTF-8, not compressed; got {refused}"
-    problem = Problem("", "content-type", detail, "send it as it is" if encoding else cure)
+        cure += (
+            f"; curl -d says {FORM} by itself and drops line ends: add -H 'Content-Type: {taken[0]}', and send "
+            "--data-binary @FILE"
+        )
+    detail = f"this operation reads {', '.join([JSON, *taken[:-1]])}; UTF-8, not compressed; got {refused}"
+    problem = Problem("", "content-type", detail, cure)
     raise TransportError("unsupported-media-type", problem)
 
 

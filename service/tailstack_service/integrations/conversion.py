@@ -101,7 +101,7 @@ PINS = Flag(
 )  # fmt: skip
 XMALAB = Flag(
     "the .csv that is read, or else written, is a frame specification in this unit; a .ref beside one that is read is "
-    "read too",
+    "read too; a .txt that is read is a camera (MayaCam 2.0) that was calibrated with a cage in this unit",
     heading=CAGE,
 )  # fmt: skip
 
@@ -266,7 +266,7 @@ def _refuse_unused(wish: Wish, is_step: bool) -> None:
         detail = f"{unused[0]} is for STEP files; the content is {wish.source.rpartition('.')[2]}"
         raise RequestError(Problem(f"/{unused[0]}", "unused-option", detail, "leave it out"))
     endings = [name.rpartition(".")[2].lower() for name in (wish.source, wish.target)]
-    if wish.options.xmalab is not None and "csv" not in endings:
+    if wish.options.xmalab is not None and "csv" not in endings and endings[0] != "txt":
         detail = f"xmalab is for CSV files; {endings[0]} becomes {endings[1]}"
         raise RequestError(Problem("/xmalab", "unused-option", detail, "leave it out"))
 
@@ -304,7 +304,15 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
     """The converted text, the fiducials in it, and what was done to the numbers.  Raises RefusedAt, RequestError."""
 
     from ..documents import to_json
-    from ..operations.request import design_of, limits_of, parse_json, read_options, refuse_query
+    from ..operations.request import (
+        LINE_ENDS,
+        design_of,
+        has_no_line_ends,
+        limits_of,
+        parse_json,
+        read_options,
+        refuse_query,
+    )
 
     if sent.form == "json":
         data = parse_json(sent.body, settings)
@@ -319,6 +327,8 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
     try:
         made = convert_wish(wish, limits_of(settings))
     except (DesignError, LimitError) as error:
+        if not place and isinstance(error, DesignError) and has_no_line_ends(sent.body):
+            error = DesignError([replace(error.problems[0], hint=LINE_ENDS)])
         raise RefusedAt.place(error, place) from None
     record = Conversion(
         schema="tailstack/conversion/1",
@@ -371,7 +381,11 @@ def _known(value: str, known: tuple[F, ...], name: str = "to") -> F:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("design", metavar="IN", help="file to read: .yaml, .json, .csv, .fcsv, .mrk.json, .step, .stp")
+    parser.add_argument(
+        "design",
+        metavar="IN",
+        help="file to read: .yaml, .json, .csv, .fcsv, .mrk.json, .step, .stp; a camera of XMALab: .txt",
+    )
     parser.add_argument(
         "-o", "--output", metavar="OUT", required=True, help="file to write; its ending decides the format"
     )

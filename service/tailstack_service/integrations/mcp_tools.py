@@ -74,7 +74,7 @@ def input_schema(tool: str, with_folder: bool) -> dict[str, Any]:
     options = operation.options.model_json_schema()
     properties: dict[str, Any] = {
         "design": {
-            "type": ["object", "string"],
+            "anyOf": [{"type": "object"}, {"type": "string"}],  # clients refuse a list of types, and all tools with it
             "description": "The design document (tailstack/design/1), as an object or as its text in YAML or JSON.",
         },
         NAMED: {

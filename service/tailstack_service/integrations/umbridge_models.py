@@ -45,6 +45,10 @@ VERBS = {  # how many times the time of a score
 DERIVATIVES = ("Gradient", "ApplyJacobian")
 MOST_NUMBERS = 1_000  # inputs, or outputs, of one call
 EXAMPLE = "demo"
+SEQUENCES = (
+    "the first point of a Sobol sequence is 0: scramble the sequence, or shift every point by half of 1 / N; leaving "
+    "out the point alone unbalances the others"
+)
 P95_OUTPUTS = ("p95_mm", "localisation/p95_mm")  # of a target: what has a derivative
 
 
@@ -349,7 +353,7 @@ def _deviates(plan: Any, values: Array) -> Array:
     if not ((values > 0) & (values < 1)).all():
         at = int(np.flatnonzero(~((values > 0) & (values < 1)))[0])
         detail = f"a random number is between 0 and 1, and neither; got {values[at]:g}"
-        raise RequestError(Problem(f"/input/0/{at}", "out-of-range", detail))
+        raise RequestError(Problem(f"/input/0/{at}", "out-of-range", detail, SEQUENCES * (values[at] in (0, 1))))
     laws = np.array([law.value for law in plan.laws])
     folded = np.sqrt(2 * np.minimum(values, 1 - values)) - 1
     triangular = np.where(values < 0.5, folded, -folded)

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from shlex import quote
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
@@ -160,10 +161,10 @@ def _run(arguments: argparse.Namespace) -> Answer:
     write_results(design, result, places)
     code = INTERRUPTED if stopped else exit_code_of(result.certificate.verification.verdict)
     if places.design is not None:
-        following = f"next: {program()} verify {places.design}"
+        following = f"next: {program()} verify {quote(str(places.design))}"
     elif kept:
         print(f"note: the result is not kept for --last: {kept}", file=sys.stderr)
-        following = f"next: {program()} optimise {arguments.design} -o NEW.yaml   (writes the new design)"
+        following = f"next: {program()} optimise {quote(str(arguments.design))} -o NEW.yaml   (writes the new design)"
     else:
         following = f"next: {program()} optimise --last -o NEW.yaml   (writes this design without another search)"
     if arguments.json:

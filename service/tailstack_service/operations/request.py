@@ -264,6 +264,7 @@ SYNTAX = frozenset(
         "yaml-syntax", "yaml-tag",
     }
 )  # fmt: skip
+LONGEST_LINE = 60  # bytes, of a text without line ends that nobody had to send with them
 SETTING_OF = {"/views": "max_views", "/fiducials/points": "max_fiducials", "/targets": "max_targets",
               "/requirements": "max_targets"}  # fmt: skip
 
@@ -316,6 +317,15 @@ def design_of(
     return load(source, settings, f"/{field}", partial)
 
 
+LINE_ENDS = "the body has no line ends, as curl -d @FILE sends it: send it with --data-binary @FILE"
+
+
+def has_no_line_ends(body: bytes) -> bool:
+    """Whether a body of lines came as one: longer than any line that is a document or a table by itself."""
+    text = body.strip()
+    return len(text) > LONGEST_LINE and not text.startswith(b"{") and b"\n" not in text and b"\r" not in text
+
+
 def load(
     source: DocumentSource | bytes, settings: Settings, prefix: str, partial: PartialDocument | None = None
 ) -> Design:
@@ -327,6 +337,8 @@ def load(
         if isinstance(source, bytes) and b'"design"' in source and error.problems[0].code == "unsupported-schema":
             hint = "the design stands inside this body: send Content-Type: application/json"
             error = DesignError([replace(error.problems[0], hint=hint)])
+        if isinstance(source, bytes) and has_no_line_ends(source):
+            error = DesignError([replace(error.problems[0], hint=LINE_ENDS)])
         if isinstance(source, bytes) and all(p.code in SYNTAX for p in error.problems):
             raise MalformedError(error.problems) from None
         raise _place(error, prefix, partial) from None

@@ -5,7 +5,7 @@ Presets of views are filled in, poses are read, and the rounding of written rota
 
 from __future__ import annotations
 
-from itertools import chain, product
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -16,14 +16,8 @@ from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import examine
 from ..geometry.camera import (
     depths,
-    image_centre_px,
-    intrinsic_matrix,
-    projection_from_distances,
-    projection_from_pose,
-    scale_to_unit_depth,
 )
 from ..geometry.naming import direction_name, point_name
-from ..geometry.rotation import rigid_transform, rigidity_defect, rotation_from_quaternion, rotation_xyz
 from ..results import Finding, ViewCheck
 from ..system import (
     DirectEffect,
@@ -39,27 +33,21 @@ from ..system import (
     no_sources,
 )
 from ..tolerances import coverage_of
-from .consistency import axis_counts, sample_count
+from .cameras import compile_transform, compile_view, detector_distances
 from .document import (
     Compliance,
-    DistanceView,
     Execution,
     Fiducials,
     HandEye,
     Interface,
-    MatrixView,
-    PinholeView,
-    Pose,
-    PresetView,
-    Region,
     Repeatability,
     RequirementDocument,
-    TargetDocument,
 )
 from .loading import Design
+from .meanings import Scene, explain_places
 from .plausibility import explain_refusal, find_implausible
-from .presets import PRESETS
 from .refusals import place
+from .target_points import expand_target
 
 
 def compile_design(design: Design) -> System:
@@ -71,9 +59,7 @@ def compile_design(design: Design) -> System:
     try:
         return _compile(design)
     except (DesignError, IllPosedError) as error:
-        source = design.source.placed()
-        slips = explain_refusal(design) if isinstance(error, IllPosedError) else []
-        raise type(error)([place(problem, source) for problem in (*error.problems, *slips)]) from None
+        raise _explain(design, error, None) from None
 
 
 def _compile(design: Design) -> System:
@@ -224,97 +210,12 @@ def _loss_probability(fiducials: Fiducials, count: int) -> tuple[float, ...]:
 # --- targets ----------------------------------------------------------------------------------------
 
 
-def expand_target(target: TargetDocument) -> tuple[Target, ...]:
-    """The named points of a target; a region's are called name[0], name[1], ..."""
-    if target.region is None:
-        return (Target(target.name, frozen(target.position_mm)),)
-    points = _box_points(target.region) if target.region.box is not None else _sphere_points(target.region)
-    assert len(points) == sample_count(target)
-    return tuple([Target(f"{target.name}[{k}]", frozen(point), target.name) for k, point in enumerate(points)])
-
-
-def _box_points(region: Region) -> list[Array]:
-    box = region.box
-    assert box is not None
-    axes = [
-        centre + (np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1)) * size
-        for centre, size, count in zip(box.centre_mm, box.size_mm, axis_counts(box), strict=True)
-    ]
-    return [np.array(point) for point in product(*axes)]
-
-
-def _sphere_points(region: Region) -> list[Array]:
-    """Centre, 6 axis points, 8 diagonals: the 14 surface points are a spherical design of degree 5."""
-    sphere = region.sphere
-    assert sphere is not None
-    centre = np.array(sphere.centre_mm)
-    axial = [sign * axis for axis in np.eye(3) for sign in (-1.0, 1.0)]
-    diagonal = [np.array(signs) / np.sqrt(3) for signs in product((-1.0, 1.0), repeat=3)]
-    return [centre, *(centre + sphere.radius_mm * direction for direction in axial + diagonal)]
-
-
 def _requirement(item: RequirementDocument, samples: dict[str, tuple[Target, ...]]) -> Requirement:
     wanted = [found for name, found in samples.items() if item.targets == "all" or name in item.targets]
     names = tuple([sample.name for sample in chain.from_iterable(wanted)])
     return Requirement(
         item.name, item.error, item.quantile, item.limit_mm, item.confidence, names, item.risk, item.min_yield
     )
-
-
-RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
-
-
-def seen_by(view: Any) -> tuple[str, ...] | None:
-    """The labels of the fiducials that a view of the document lists; None: all of them."""
-    return None if view.sees is None else tuple(view.sees)
-
-
-def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> View:
-    """A view of the document with its projection, con mm to px; ``notes`` is added to."""
-    projection, size = _projection(view, pointer, fiducials, notes)
-    prior = view.intrinsics_prior
-    return View(
-        view.name,
-        frozen(projection),
-        view.fiducial_noise_px,
-        view.target_noise_px,
-        size,
-        seen_by(view),
-        None if prior is None else (prior.focal_rel_sd, prior.principal_point_px_sd),
-    )
-
-
-def _projection(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> tuple[Array, tuple[int, int] | None]:
-    """Con mm to px, and the size of the image where it is stated."""
-    if isinstance(view, PresetView | DistanceView):
-        return _aim_view(view)
-    if isinstance(view, PinholeView):
-        k = intrinsic_matrix(view.intrinsics.focal_px, view.intrinsics.principal_point_px, view.intrinsics.skew_px)
-        return projection_from_pose(k, compile_transform(view.pose, f"{pointer}/pose", notes)), view.image_size_px
-    assert isinstance(view, MatrixView)
-    return _read_matrix(view, pointer, fiducials), view.image_size_px
-
-
-def _aim_view(view: PresetView | DistanceView) -> tuple[Array, tuple[int, int]]:
-    """A preset fills in what the view leaves open; loading has made sure that nothing stays open."""
-    preset = PRESETS[view.preset] if isinstance(view, PresetView) else None
-
-    def number(name: str) -> Any:
-        own = getattr(view, name)
-        return own if own is not None else getattr(preset, name)
-
-    size: tuple[int, int] = number("image_size_px")
-    pixel = float(number("pixel_mm"))
-    projection = projection_from_distances(
-        number("source_detector_mm"),
-        number("source_isocentre_mm"),
-        (pixel, pixel),
-        view.principal_point_px or image_centre_px(size),
-        np.array(view.isocentre_mm),
-        np.array(view.beam),
-        np.array(view.up_direction),
-    )
-    return projection, size
 
 
 def refuse_behind_detector(
@@ -342,90 +243,6 @@ def refuse_behind_detector(
             )
 
 
-def detector_distances(design: Design) -> Array:
-    """(V,) mm from the source of each view to its detector; infinite where the document does not say."""
-    return np.array([
-        view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
-        if isinstance(view, PresetView | DistanceView)
-        else np.inf
-        for view in design.document.views
-    ])  # fmt: skip
-
-
-def _read_matrix(view: MatrixView, pointer: str, fiducials: Array) -> Array:
-    matrix = np.array(view.projection)
-    left = matrix[:, :3] / max(float(np.abs(matrix[:, :3]).max()), 1e-300)
-    # rows of a projection differ by the focal length in px; scaling each makes the rank a matter of directions
-    rows = np.linalg.norm(left, axis=1)
-    if rows.min() == 0 or np.linalg.svd(left / rows[:, None], compute_uv=False)[-1] < 1e-9:
-        raise IllPosedError(
-            Problem(
-                f"{pointer}/projection",
-                "no-source",
-                "the left 3x3 block of the projection is singular: it has no finite X-ray source",
-                "give a perspective projection that maps con millimetres to pixels",
-            )
-        )
-    if np.abs(matrix).max() > 1e12 * np.linalg.norm(matrix[2, :3]):
-        detail = "the rows of the projection differ by more than a factor of 1e12: no camera has such a focal length"
-        raise IllPosedError(Problem(f"{pointer}/projection", "no-source", detail, "it maps con millimetres to pixels"))
-    return scale_to_unit_depth(matrix, fiducials)
-
-
-def compile_transform(value: Pose | Any | None, pointer: str, notes: list[str]) -> Array:
-    """4x4 of a pose or a matrix; rounding in the document is taken out, anything more is refused."""
-    matrix, remarks = _transform(value, pointer)
-    notes += remarks
-    return matrix
-
-
-def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str, ...]]:
-    if value is None:
-        return frozen(np.eye(4)), ()
-    if isinstance(value, Pose):
-        translation = np.array(value.translation_mm)
-        if value.rotation_deg is not None:
-            return frozen(rigid_transform(rotation_xyz(np.deg2rad(value.rotation_deg)), translation)), ()
-        if value.quaternion_wxyz is not None:
-            norm = float(np.linalg.norm(value.quaternion_wxyz))
-            if abs(norm - 1) > 1e-3:
-                raise _refuse_not_rigid(f"{pointer}/quaternion_wxyz", f"the quaternion's norm is {norm:.6g}, not 1")
-            rotation = rotation_from_quaternion(np.array(value.quaternion_wxyz))
-            return frozen(rigid_transform(rotation, translation)), ()
-        rotation = np.eye(3) if value.rotation is None else np.array(value.rotation)
-        pointer += "/rotation"
-    else:
-        matrix = np.array(value)
-        if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0:
-            raise _refuse_not_rigid(f"{pointer}/3", f"the last row is {matrix[3].tolist()}, not [0, 0, 0, 1]")
-        if np.abs(matrix[:3, 3]).max() > 1e5:
-            raise DesignError(Problem(pointer, "out-of-range", "the translation is longer than 100 m"))
-        rotation, translation = matrix[:3, :3], matrix[:3, 3]
-    size = float(np.abs(rotation).max())
-    defect = rigidity_defect(rotation) if size < 10 else float("inf")
-    if not defect <= RIGID:
-        what = (
-            "it is a reflection, or far from a rotation" if defect == float("inf") else f"R'R - I reaches {defect:.2g}"
-        )
-        raise _refuse_not_rigid(pointer, f"its rotation is not a rotation: {what}")
-    if defect > 1e-12:
-        left, _, right = np.linalg.svd(rotation)
-        rotation = left @ right
-    rounded = f"{pointer}: replaced by the nearest rotation (R'R - I reached {defect:.1g})"
-    return frozen(rigid_transform(rotation, translation)), (rounded,) if defect > 1e-9 else ()
-
-
-def _refuse_not_rigid(pointer: str, detail: str) -> DesignError:
-    return DesignError(
-        Problem(
-            pointer,
-            "not-rigid",
-            f"a transform is rigid; {detail} (accepted: {RIGID:g})",
-            "give more digits, or use rotation_deg",
-        )
-    )
-
-
 def check_design(design: Design) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:
     """Compile and check: the system, remarks on its geometry and on implausible values, and what each view sees.
 
@@ -435,10 +252,17 @@ def check_design(design: Design) -> tuple[System, tuple[Finding, ...], tuple[Vie
     try:
         findings, views = examine(system)
     except IllPosedError as error:
-        source = design.source.placed()
-        problems = [*error.problems, *explain_refusal(design, system)]
-        raise IllPosedError([place(problem, source) for problem in problems]) from None
+        raise _explain(design, error, system) from None
     return system, (*findings, *find_implausible(design, system)), views
+
+
+def _explain(design: Design, error: DesignError | IllPosedError, system: System | None) -> DesignError | IllPosedError:
+    """The refusal with its places in the document; that of a geometry with what the numbers may have been meant as."""
+    source, problems = design.source.placed(), list(error.problems)
+    if isinstance(error, IllPosedError):
+        scene = Scene.of(design.document, design.fiducials.labels, np.array(design.fiducials.positions_mm))
+        problems = [*explain_places(design.document, scene, problems), *explain_refusal(design, system)]
+    return type(error)([place(problem, source) for problem in problems])
 
 
 SINGULAR = 1e-9  # smallest over largest singular value, rotations measured at the contacts' own radius

@@ -27,6 +27,7 @@ from .document import (
     DesignDocument,
     DistanceView,
     Interface,
+    MatrixView,
     PinholeView,
     Pose,
     PresetView,
@@ -34,6 +35,8 @@ from .document import (
     TargetDocument,
 )
 from .loading import Design
+from .meanings import SHORTEST_MM, UNITS, Scene, find_units_of_points, say_meanings
+from .presets import PRESETS
 
 BEAD_MM = 3.0  # diameter of the beads that localisation noise is quoted for
 FINEST_DEG, FINEST_MM = 0.002, 1e-4
@@ -42,8 +45,8 @@ BEST_NOISE_PX, WORST_NOISE_PX = 0.015, 5.0
 WIDEST_REPEATABILITY_MM = 1.0
 WIDEST_LIMIT_MM = 20.0
 SMALLEST_STRUCTURE_MM, LARGEST_STRUCTURE_MM = 5 * BEAD_MM, 750.0
-SHORTEST_DETECTOR_MM, SHORTEST_ISOCENTRE_MM = 200.0, 100.0
-LONGEST_SOURCE_MM = 5000.0
+SHORTEST_DETECTOR_MM, SHORTEST_ISOCENTRE_MM = SHORTEST_MM["source_detector_mm"], SHORTEST_MM["source_isocentre_mm"]
+SAME_WIDTH = 0.01  # relative, of two detectors
 LARGEST_SHARE = 0.2
 # A multiple of 30 or 45 degrees, in radians, written with three digits or more: 1.57, 0.785, 3.1416.
 TURNS = sorted({k * pi / n for n in (4, 6) for k in range(1, 2 * n + 1)})
@@ -97,12 +100,26 @@ def _doubt_structure_size(subject: Subject) -> Iterator[Doubt]:
         if width < limit
         else f"no detector of a C-arm images more than {limit:g} mm at once"
     )
-    unit = guess_unit(width, 2 * SMALLEST_STRUCTURE_MM, LARGEST_STRUCTURE_MM / 2)
-    message = f"the two fiducials farthest apart are {width:.4g} mm apart; {why}.{unit} Check the unit of the positions"
+    message = f"the two fiducials farthest apart are {width:.4g} mm apart; {why}. {_say_units(subject, width)}"
     if subject.document.fiducials.points is None:
         yield Doubt("/fiducials/file", f"{message}, which the file states (x_mm, coordinateUnits)", width, limit)
     else:
         yield Doubt("/fiducials/points", message, width, limit)
+
+
+def _say_units(subject: Subject, width: float) -> str:
+    """In which unit the fiducials and targets would lie in the images of all views."""
+    units = find_units_of_points(subject.document, _scene_of(subject), width)
+    wide = [f"{unit} ({UNITS[unit] * width:.4g} mm)" for unit in units]
+    if len(units) == 1:
+        return f"In {wide[0]} they lie in all images: multiply by {UNITS[units[0]]:g}, or correct the unit"
+    if units:
+        return f"In {' and in '.join(wide)} they lie in all images: look up which it is, and correct the unit"
+    return f"In none of {', '.join(UNITS)} would they lie in all images: check the unit of the positions"
+
+
+def _scene_of(subject: Subject) -> Scene:
+    return Scene.of(subject.document, subject.labels, subject.fiducials_mm)
 
 
 def _doubt_source_distances(subject: Subject) -> Iterator[Doubt]:
@@ -116,20 +133,57 @@ def _doubt_source_distances(subject: Subject) -> Iterator[Doubt]:
             ):
                 length = getattr(view, field)
                 if length is not None and length < least:
-                    message = _describe_distance(f"view {view.name}: {field}", length, least)
+                    message = _describe_distance(subject, view, field, length, least)
                     yield Doubt(f"{at}/{field}", message, length, least)
         elif subject.system is not None:
             field = "pose" if isinstance(view, PinholeView) else "projection"
             length = float(np.linalg.norm(camera_centre(subject.system.views[index].projection) - middle))
             if length < SHORTEST_ISOCENTRE_MM:
-                what = f"view {view.name}: the distance of the source from the middle of the fiducials"
-                message = _describe_distance(what, length, SHORTEST_ISOCENTRE_MM)
+                what = "the distance of the source from the middle of the fiducials"
+                message = _describe_distance(subject, view, what, length, SHORTEST_ISOCENTRE_MM)
                 yield Doubt(f"{at}/{field}", message, length, SHORTEST_ISOCENTRE_MM)
 
 
-def _describe_distance(what: str, length: float, least: float) -> str:
-    unit = guess_unit(length, 2 * least, LONGEST_SOURCE_MM) or " Check its unit, which is mm."
-    return f"{what} is {length:.4g} mm, less than {least:g} mm: no C-arm is that short.{unit}"
+def _describe_distance(
+    subject: Subject, view: PresetView | DistanceView | PinholeView | MatrixView, what: str, length: float, least: float
+) -> str:
+    meant = say_meanings(view, _scene_of(subject)) or f"check its unit, which is mm: none of {', '.join(UNITS)} fits"
+    short = f"view {view.name}: {what} is {length:.4g} mm, less than {least:g} mm: no C-arm is that short"
+    return f"{short}. {meant[0].upper()}{meant[1:]}."
+
+
+def _doubt_detector_widths(subject: Subject) -> Iterator[Doubt]:
+    for index, view in enumerate(subject.document.views):
+        if not isinstance(view, PresetView):
+            continue
+        preset = PRESETS[view.preset]
+        if preset.pixel_mm is None or preset.image_size_px is None:
+            continue
+        pixel, size = view.pixel_mm or preset.pixel_mm, view.image_size_px or preset.image_size_px
+        ratios = [
+            pixel * own / (preset.pixel_mm * known) for own, known in zip(size, preset.image_size_px, strict=True)
+        ]
+        side = max((0, 1), key=lambda each: abs(ratios[each] - 1))
+        if abs(ratios[side] - 1) <= SAME_WIDTH:
+            continue
+        own, known, way = size[side], preset.image_size_px[side], ("wide", "high")[side]
+        width, published = pixel * own, preset.pixel_mm * known
+        if view.image_size_px is None:
+            field, whole = (
+                "pixel_mm",
+                f"image_size_px: [{', '.join(f'{s * preset.pixel_mm / pixel:.0f}' for s in size)}]",
+            )
+        else:
+            field, whole = "image_size_px", f"pixel_mm: {published / own:.6g}"
+        binned = (
+            f"binned {known // own} x {known // own}" if own < known and known % own == 0 else "binned or resampled"
+        )
+        message = (
+            f"view {view.name}: its detector is {width:.4g} mm {way} ({own} px of {pixel:.4g} mm), that of "
+            f"{preset.name} {published:.4g} mm ({known} px of {preset.pixel_mm:.4g} mm). An image of the whole "
+            f"detector, {binned}, has {whole}. Of a crop the numbers are right as they are."
+        )
+        yield Doubt(f"/views/{index}/{field}", message, width, published)
 
 
 # --- angles ---------------------------------------------------------------------------------------------
@@ -413,6 +467,14 @@ _RULES = (
         "Detector below 200 mm, isocentre (or, of a calibrated view, the middle of the fiducials) below 100 mm: a "
         "judgement. Published C-arms have 1020-1260 mm and 530-810 mm, which is 102-126 and 53-81 in cm.",
         _doubt_source_distances,
+        slip=True,
+    ),
+    PlausibilityTest(
+        "detector-width",
+        "A detector of another width than that of its preset",
+        "1 %, of the larger difference of width and height: the widths of presets are published to some 0.1 %. A crop "
+        "is remarked too, because nothing tells it from an image that was binned.",
+        _doubt_detector_widths,
         slip=True,
     ),
     PlausibilityTest(

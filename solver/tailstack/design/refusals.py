@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -204,9 +204,33 @@ def _cure_matrix(field: str, value: Any) -> str:
         return ""
     kind = "transform" if field.startswith("T_") or field == "pose" else field
     if not any(isinstance(row, list | tuple) for row in value):
-        return _ROWS.get((kind, len(value)), "")
+        return _cure_flat_projection(value) if kind == "projection" else _ROWS.get((kind, len(value)), "")
+    if kind == "projection" and [len(row) if isinstance(row, list | tuple) else 0 for row in value] == [3] * 4:
+        rows = _write_rows(zip(*value, strict=True))
+        return f"a matrix of 4 x 3 is MATLAB's, for rows (X, Y, Z, 1) on its left: transposed it is {rows}"
     widths = {len(row) if isinstance(row, list | tuple) else 0 for row in value}
     return _SHAPES.get((kind, len(value), widths.pop()), "") if len(widths) == 1 else ""
+
+
+def _cure_flat_projection(value: Sequence[Any]) -> str:
+    """What to do with a projection that is written as one list, or with a row of one."""
+    if len(value) not in (11, 12):
+        return _ROWS.get(("projection", len(value)), "")
+    if len(value) == 11:
+        rows = _write_rows((value[:4], value[4:8], [*value[8:], 1]))
+        return f"eleven DLT coefficients are three rows of four whose last number is 1: {rows}"
+    across, down = (value[:4], value[4:8], value[8:]), (value[0::3], value[1::3], value[2::3])
+    return (
+        f"a projection has three rows of four: written row after row (C, NumPy) it is {_write_rows(across)}; column "
+        f"after column (MATLAB, Fortran) {_write_rows(down)}"
+    )
+
+
+def _write_rows(rows: Iterable[Sequence[Any]]) -> str:
+    def write(entry: Any) -> str:
+        return f"{entry:.12g}" if isinstance(entry, int | float) else show(entry)
+
+    return "[" + ", ".join(f"[{', '.join(map(write, row))}]" for row in rows) + "]"
 
 
 def _is_branch(step: str) -> bool:

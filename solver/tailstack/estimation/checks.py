@@ -341,7 +341,7 @@ def _check_visibility(
                     "behind-source",
                     f"the source of view {view.name} cannot image what lies behind it, by up to "
                     f"{-float(depth.min()):.4g} mm: {listed}",
-                    "check the direction of the beam, the isocentre and the frame of the coordinates",
+                    "check where the view looks, and the frame of the coordinates",
                 )
             )
         if view.image_size_px is None:
@@ -385,7 +385,7 @@ def _outside(
             "outside-view",
             f"{_name_of(system, labels, index)} is imaged at ({images[index, 0]:.0f}, {images[index, 1]:.0f}) px, "
             f"{-margin[index]:.0f} px outside view {view.name} ({size[0]} x {size[1]} px)",
-            "move it, the isocentre or the source; a longer source_isocentre_mm widens the field",
+            "move it, or the view",
         )
         for index in np.flatnonzero(margin < 0).tolist()
     ]

@@ -1,0 +1,163 @@
+"""Views of the document -> projections, and transforms -> 4x4 matrices: con mm to px, degrees to radians."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array, frozen
+from ..errors import DesignError, IllPosedError, Problem
+from ..geometry.camera import (
+    image_centre_px,
+    intrinsic_matrix,
+    projection_from_distances,
+    projection_from_pose,
+    scale_to_unit_depth,
+)
+from ..geometry.rotation import rigid_transform, rigidity_defect, rotation_from_quaternion, rotation_xyz
+from ..system import View
+from .document import DistanceView, MatrixView, PinholeView, Pose, PresetView
+from .loading import Design
+from .presets import PRESETS
+
+RIGID = 1e-4  # largest entry of R'R - I that rounding in a document may leave; beyond it, it is not a rotation
+
+
+def seen_by(view: Any) -> tuple[str, ...] | None:
+    """The labels of the fiducials that a view of the document lists; None: all of them."""
+    return None if view.sees is None else tuple(view.sees)
+
+
+def compile_view(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> View:
+    """A view of the document with its projection, con mm to px; ``notes`` is added to."""
+    projection, size = _projection(view, pointer, fiducials, notes)
+    prior = view.intrinsics_prior
+    return View(
+        view.name,
+        frozen(projection),
+        view.fiducial_noise_px,
+        view.target_noise_px,
+        size,
+        seen_by(view),
+        None if prior is None else (prior.focal_rel_sd, prior.principal_point_px_sd),
+    )
+
+
+def _projection(view: Any, pointer: str, fiducials: Array, notes: list[str]) -> tuple[Array, tuple[int, int] | None]:
+    """Con mm to px, and the size of the image where it is stated."""
+    if isinstance(view, PresetView | DistanceView):
+        return aim_view(view)
+    if isinstance(view, PinholeView):
+        k = intrinsic_matrix(view.intrinsics.focal_px, view.intrinsics.principal_point_px, view.intrinsics.skew_px)
+        return projection_from_pose(k, compile_transform(view.pose, f"{pointer}/pose", notes)), view.image_size_px
+    assert isinstance(view, MatrixView)
+    return _read_matrix(view, pointer, fiducials), view.image_size_px
+
+
+def aim_view(view: PresetView | DistanceView) -> tuple[Array, tuple[int, int]]:
+    """A preset fills in what the view leaves open; loading has made sure that nothing stays open."""
+    preset = PRESETS[view.preset] if isinstance(view, PresetView) else None
+
+    def number(name: str) -> Any:
+        own = getattr(view, name)
+        return own if own is not None else getattr(preset, name)
+
+    size: tuple[int, int] = number("image_size_px")
+    pixel = float(number("pixel_mm"))
+    projection = projection_from_distances(
+        number("source_detector_mm"),
+        number("source_isocentre_mm"),
+        (pixel, pixel),
+        view.principal_point_px or image_centre_px(size),
+        np.array(view.isocentre_mm),
+        np.array(view.beam),
+        np.array(view.up_direction),
+    )
+    return projection, size
+
+
+def detector_distances(design: Design) -> Array:
+    """(V,) mm from the source of each view to its detector; infinite where the document does not say."""
+    return np.array([find_detector(view) for view in design.document.views])
+
+
+def find_detector(view: Any) -> float:
+    """mm from the source of a view of the document to its detector; infinite where it does not say."""
+    if isinstance(view, PresetView | DistanceView):
+        return view.source_detector_mm or PRESETS[getattr(view, "preset", "")].source_detector_mm
+    return float("inf")
+
+
+def _read_matrix(view: MatrixView, pointer: str, fiducials: Array) -> Array:
+    matrix = np.array(view.projection)
+    left = matrix[:, :3] / max(float(np.abs(matrix[:, :3]).max()), 1e-300)
+    # rows of a projection differ by the focal length in px; scaling each makes the rank a matter of directions
+    rows = np.linalg.norm(left, axis=1)
+    if rows.min() == 0 or np.linalg.svd(left / rows[:, None], compute_uv=False)[-1] < 1e-9:
+        raise IllPosedError(
+            Problem(
+                f"{pointer}/projection",
+                "no-source",
+                "the left 3x3 block of the projection is singular: it has no finite X-ray source",
+                "give a perspective projection that maps con millimetres to pixels",
+            )
+        )
+    if np.abs(matrix).max() > 1e12 * np.linalg.norm(matrix[2, :3]):
+        detail = "the rows of the projection differ by more than a factor of 1e12: no camera has such a focal length"
+        raise IllPosedError(Problem(f"{pointer}/projection", "no-source", detail, "it maps con millimetres to pixels"))
+    return scale_to_unit_depth(matrix, fiducials)
+
+
+def compile_transform(value: Pose | Any | None, pointer: str, notes: list[str]) -> Array:
+    """4x4 of a pose or a matrix; rounding in the document is taken out, anything more is refused."""
+    matrix, remarks = _transform(value, pointer)
+    notes += remarks
+    return matrix
+
+
+def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str, ...]]:
+    if value is None:
+        return frozen(np.eye(4)), ()
+    if isinstance(value, Pose):
+        translation = np.array(value.translation_mm)
+        if value.rotation_deg is not None:
+            return frozen(rigid_transform(rotation_xyz(np.deg2rad(value.rotation_deg)), translation)), ()
+        if value.quaternion_wxyz is not None:
+            norm = float(np.linalg.norm(value.quaternion_wxyz))
+            if abs(norm - 1) > 1e-3:
+                raise _refuse_not_rigid(f"{pointer}/quaternion_wxyz", f"the quaternion's norm is {norm:.6g}, not 1")
+            rotation = rotation_from_quaternion(np.array(value.quaternion_wxyz))
+            return frozen(rigid_transform(rotation, translation)), ()
+        rotation = np.eye(3) if value.rotation is None else np.array(value.rotation)
+        pointer += "/rotation"
+    else:
+        matrix = np.array(value)
+        if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0:
+            raise _refuse_not_rigid(f"{pointer}/3", f"the last row is {matrix[3].tolist()}, not [0, 0, 0, 1]")
+        if np.abs(matrix[:3, 3]).max() > 1e5:
+            raise DesignError(Problem(pointer, "out-of-range", "the translation is longer than 100 m"))
+        rotation, translation = matrix[:3, :3], matrix[:3, 3]
+    size = float(np.abs(rotation).max())
+    defect = rigidity_defect(rotation) if size < 10 else float("inf")
+    if not defect <= RIGID:
+        what = (
+            "it is a reflection, or far from a rotation" if defect == float("inf") else f"R'R - I reaches {defect:.2g}"
+        )
+        raise _refuse_not_rigid(pointer, f"its rotation is not a rotation: {what}")
+    if defect > 1e-12:
+        left, _, right = np.linalg.svd(rotation)
+        rotation = left @ right
+    rounded = f"{pointer}: replaced by the nearest rotation (R'R - I reached {defect:.1g})"
+    return frozen(rigid_transform(rotation, translation)), (rounded,) if defect > 1e-9 else ()
+
+
+def _refuse_not_rigid(pointer: str, detail: str) -> DesignError:
+    return DesignError(
+        Problem(
+            pointer,
+            "not-rigid",
+            f"a transform is rigid; {detail} (accepted: {RIGID:g})",
+            "give more digits, or use rotation_deg",
+        )
+    )

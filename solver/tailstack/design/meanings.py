@@ -1,0 +1,257 @@
+"""What else the numbers of a view, or of the points, may mean: each is tried on the design before it is said.
+
+A pose that maps the camera to con, camera axes as computer graphics has them, lengths in metres: obeying what is said
+here puts all fiducials and targets in front of the source and into the image, with a source as far away as sources are.
+The meaning with the fewest changes is said; where several fit, all are, and none is recommended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, groupby, product
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import Array, frozen
+from ..errors import DesignError, IllPosedError, Problem
+from ..estimation.checks import sight
+from ..geometry.camera import camera_centre, intrinsic_matrix, projection_from_pose
+from ..geometry.rotation import rigid_transform
+from ..system import View
+from .cameras import aim_view, compile_transform, compile_view, find_detector
+from .document import DesignDocument, DistanceView, MatrixView, PinholeView, Pose, PresetView
+from .target_points import expand_target
+
+UNITS = {"centimetres": 10.0, "inches": 25.4, "metres": 1000.0, "micrometres": 1e-3}  # and how many mm one is
+SHORTEST_MM = {"source_detector_mm": 200.0, "source_isocentre_mm": 100.0}
+LONGEST_SOURCE_MM = 5000.0
+USUAL_SOURCE_MM = (300.0, 1500.0)  # from the middle of the fiducials: what a change of unit has to lead to
+USUAL_WIDTH_MM = (30.0, 375.0)  # of a structure: likewise
+TURNED = np.diag([1.0, -1.0, -1.0, 1.0])  # from the camera axes of OpenGL, y up and z away from the detector
+_PLACED = ("behind-source", "outside-view", "behind-detector")  # refusals that another meaning may be the cure of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """The points that all views should show."""
+
+    labels: tuple[str, ...]
+    fiducials_mm: Array  # (N, 3) con
+    targets_mm: Array  # (T, 3) con
+
+    @classmethod
+    def of(cls, document: DesignDocument, labels: Sequence[str], fiducials_mm: Array) -> Scene:
+        """That of a document with these fiducials."""
+        targets = chain.from_iterable(map(expand_target, document.targets))
+        return cls(tuple(labels), fiducials_mm, np.array([target.position_mm for target in targets]).reshape(-1, 3))
+
+    def shows(self, view: View, detector_mm: float = inf, least_mm: float = 100.0, most_mm: float = 5000.0) -> bool:
+        """Whether a view has everything between source and detector and in its image, its source this far away."""
+        seen = [view.sees is None or label in view.sees for label in self.labels]
+        each = sight(view, np.concatenate([self.fiducials_mm[seen], self.targets_mm]))
+        away = float(np.linalg.norm(camera_centre(view.projection) - self.fiducials_mm.mean(axis=0)))
+        return each.clear and float(each.depth.max()) <= detector_mm and least_mm <= away <= most_mm
+
+
+class Meaning(NamedTuple):
+    """A way to read the numbers of a view."""
+
+    changes: int  # things that are otherwise than written
+    words: str  # what is read otherwise
+    cure: str  # what to write then
+    view: View
+    detector_mm: float
+    rescaled: bool  # some length has another unit
+
+
+def find_meanings(view: Any, scene: Scene) -> list[Meaning]:
+    """Ways to read a view of the document, as it is not written, that show everything; those with fewest changes."""
+    for _, alike in groupby(sorted(_list_meanings(view, scene), key=_changes), key=_changes):
+        fitting = [
+            each
+            for each in alike
+            if scene.shows(
+                each.view, each.detector_mm, *(USUAL_SOURCE_MM if each.rescaled else (100.0, LONGEST_SOURCE_MM))
+            )
+        ]
+        if fitting:
+            return fitting
+    return []
+
+
+def _changes(meaning: Meaning) -> int:
+    return meaning.changes
+
+
+def _list_meanings(view: Any, scene: Scene) -> Iterator[Meaning]:
+    try:
+        if isinstance(view, PinholeView):
+            yield from _read_pose(view, scene)
+        elif isinstance(view, MatrixView):
+            yield from _read_matrix(view, scene)
+        else:
+            yield from _read_distances(view, scene)
+    except (DesignError, IllPosedError):  # it has no projection: that is what is refused
+        return
+
+
+def _read_pose(view: PinholeView, scene: Scene) -> Iterator[Meaning]:
+    written = compile_transform(view.pose, "", [])
+    plain, given = compile_view(view, "", scene.fiducials_mm, []), view.intrinsics
+    middle = np.append(scene.fiducials_mm.mean(axis=0), 1.0)
+    for inverted, turned in product((False, True), repeat=2):
+        focal_px = (-given.focal_px[0], given.focal_px[1]) if turned and min(given.focal_px) < 0 else given.focal_px
+        camera = intrinsic_matrix(focal_px, given.principal_point_px, given.skew_px)
+        as_written = _turn(written, 1.0, inverted, turned)
+        usual = 100.0 <= float(np.linalg.norm(as_written[:3] @ middle)) <= LONGEST_SOURCE_MM
+        for unit, factor in [("", 1.0)] if usual else [("", 1.0), *UNITS.items()]:
+            parts = [f"its translation in {unit}"] * bool(unit)
+            parts += ["its pose read as its inverse, which maps the camera to con"] * inverted
+            parts += ["the camera axes turned, as computer graphics has z away from the detector"] * turned
+            if not parts:
+                continue
+            pose = _turn(written, factor, inverted, turned)
+            cure = f"pose: {write_numbers(pose)}"
+            if not (inverted or turned):
+                numbers = write_numbers(pose[:3, 3])
+                whole = not isinstance(view.pose, Pose)
+                cure = f"{numbers} as the fourth column of pose" if whole else f"translation_mm: {numbers}"
+            if focal_px != given.focal_px:
+                cure += (
+                    f" and focal_px: {write_numbers(focal_px)}; or give the product of the intrinsics and the first "
+                    "three rows of the pose as projection, whose sign is free"
+                )
+            read = replace(plain, projection=frozen(projection_from_pose(camera, pose)))
+            yield Meaning(len(parts), " and ".join(parts), cure, read, inf, bool(unit))
+
+
+def _turn(pose: Array, factor: float, inverted: bool, turned: bool) -> Array:
+    """A pose (4, 4) with its translation in another unit, then its inverse, then from other camera axes."""
+    rotation, shift = pose[:3, :3], factor * pose[:3, 3]
+    read = rigid_transform(rotation.T, -rotation.T @ shift) if inverted else rigid_transform(rotation, shift)
+    return TURNED @ read if turned else read
+
+
+def _read_matrix(view: MatrixView, scene: Scene) -> Iterator[Meaning]:
+    plain = compile_view(view, "", scene.fiducials_mm, [])
+    if scene.shows(replace(plain, image_size_px=None)):
+        return  # its unit is right
+    for unit, factor in UNITS.items():
+        matrix = np.array(view.projection)
+        matrix[:, 3] *= factor
+        changed = view.model_copy(update={"projection": tuple(map(tuple, matrix.tolist()))})
+        words = f"the fourth column of its projection for lengths in {unit}"
+        cure = f"projection: {write_numbers(matrix)}"
+        yield Meaning(1, words, cure, compile_view(changed, "", scene.fiducials_mm, []), inf, True)
+
+
+def _read_distances(view: PresetView | DistanceView, scene: Scene) -> Iterator[Meaning]:
+    short = [field for field, least in SHORTEST_MM.items() if (own := getattr(view, field)) is not None and own < least]
+    fields = [[short], [["isocentre_mm"]], [short, ["isocentre_mm"]]] if short else [[["isocentre_mm"]]]
+    for groups, (unit, factor) in product(fields, UNITS.items()):
+        names = [name for group in groups for name in group]
+        if "isocentre_mm" in names and not any(view.isocentre_mm):
+            continue
+        update = {name: _scale(getattr(view, name), factor) for name in names}
+        changed = view.model_copy(update=update)
+        words = f"{' and '.join(names)} in {unit}"
+        cure = ", ".join(f"{name}: {write_numbers(value)}" for name, value in update.items())
+        projection, _ = aim_view(changed)
+        read = replace(compile_view(view, "", scene.fiducials_mm, []), projection=frozen(projection))
+        yield Meaning(len(groups), words, cure, read, find_detector(changed), bool(short))
+
+
+def _scale(value: Any, factor: float) -> Any:
+    return tuple(factor * each for each in value) if isinstance(value, tuple) else factor * value
+
+
+def write_numbers(values: Any) -> str:
+    """Numbers and rows of them, as a design has them."""
+    if np.ndim(values) == 0:
+        return f"{float(values) + 0.0:.9g}"
+    return f"[{', '.join(map(write_numbers, values))}]"
+
+
+# --- what is said -----------------------------------------------------------------------------------------
+
+
+def say_meanings(view: Any, scene: Scene) -> str:
+    """What to write in a view so that it shows everything, without a point at its end; empty: nothing was found."""
+    found = find_meanings(view, scene)
+    where = "in front of the source" + (" and inside the image" if _states_size(view) else "")
+    if len(found) == 1:
+        return f"with {found[0].words}, all fiducials and targets lie {where}: write {found[0].cure}"
+    if found:
+        every = "; with ".join(each.words for each in found)
+        return f"all fiducials and targets lie {where} in {len(found)} ways: with {every}. Look up which is meant"
+    return ""
+
+
+def _states_size(view: Any) -> bool:
+    return not isinstance(view, PinholeView | MatrixView) or view.image_size_px is not None
+
+
+def explain_places(document: DesignDocument, scene: Scene, problems: Sequence[Problem]) -> list[Problem]:
+    """Problems of what a view shows, with what to do in a view of that kind."""
+    said: dict[str, str] = {}
+    explained = []
+    for problem in problems:
+        if problem.code in _PLACED:
+            view = document.views[int(problem.pointer.split("/")[2])]
+            first = problem.pointer not in said
+            meant = said.setdefault(problem.pointer, say_meanings(view, scene) if first else "")
+            problem = replace(
+                problem, hint=(meant if first else "") if meant else _say_nothing_fits(view, problem.code)
+            )
+        explained.append(problem)
+    return explained
+
+
+def _say_nothing_fits(view: Any, code: str) -> str:
+    if code == "outside-view":
+        if isinstance(view, PresetView | DistanceView):
+            return "move it, isocentre_mm or the source; a longer source_isocentre_mm widens the field"
+        return "move it, or check image_size_px and the frame of the coordinates"
+    if isinstance(view, PinholeView):
+        return (
+            "pose maps con to the camera frame, z from the source towards the detector. Its inverse, the camera axes "
+            "of OpenGL and other units of the translation do not show everything either: check the frame of the "
+            "coordinates"
+        )
+    if isinstance(view, MatrixView):
+        return "projection maps con millimetres to pixels: check the frame and the unit of the coordinates"
+    return "check the direction of the beam, isocentre_mm and the frame of the coordinates"
+
+
+# --- the unit of the points -------------------------------------------------------------------------------
+
+
+def find_units_of_points(document: DesignDocument, scene: Scene, width_mm: float) -> list[str]:
+    """The units in which a structure of this width would be as wide as structures are, and shown by every view."""
+    return [
+        unit
+        for unit, factor in UNITS.items()
+        if USUAL_WIDTH_MM[0] <= width_mm * factor <= USUAL_WIDTH_MM[1] and _shown(document, scene, factor)
+    ]
+
+
+def _shown(document: DesignDocument, scene: Scene, factor: float) -> bool:
+    """Whether every view shows the points, multiplied: the fiducials with the targets, alone, or with the views."""
+    beads = replace(scene, fiducials_mm=factor * scene.fiducials_mm)
+    every = replace(beads, targets_mm=factor * scene.targets_mm)
+    usual = [bound / factor for bound in USUAL_SOURCE_MM]
+    return any(
+        all(_shows(view, each, *bounds) for view in document.views)
+        for each, bounds in ((every, [100.0, LONGEST_SOURCE_MM]), (beads, [100.0, LONGEST_SOURCE_MM]), (scene, usual))
+    )
+
+
+def _shows(view: Any, scene: Scene, least_mm: float, most_mm: float) -> bool:
+    try:
+        compiled = compile_view(view, "", scene.fiducials_mm, [])
+    except (DesignError, IllPosedError):
+        return False
+    return scene.shows(compiled, find_detector(view), least_mm, most_mm)
