@@ -436,9 +436,24 @@ def check_design(design: Design) -> tuple[System, tuple[Finding, ...], tuple[Vie
         findings, views = examine(system)
     except IllPosedError as error:
         source = design.source.placed()
-        problems = [*error.problems, *explain_refusal(design, system)]
+        problems = [*error.problems, *_name_left_out(design), *explain_refusal(design, system)]
         raise IllPosedError([place(problem, source) for problem in problems]) from None
     return system, (*findings, *find_implausible(design, system)), views
+
+
+def _name_left_out(design: Design) -> list[Problem]:
+    """What a fiducial file holds and the design does not: it may be why too little is there."""
+    origin, pointer = (
+        design.fiducials.origin,
+        "/fiducials" + ("" if design.document.fiducials.file is None else "/file"),
+    )
+    if origin is None:
+        return []
+    said = [
+        origin.describe_left_out(),
+        *(f"{origin.file}: {remark}" for remark in origin.remarks if "left out" in remark),
+    ]
+    return [Problem(pointer, "left-out", each) for each in said if each]
 
 
 SINGULAR = 1e-9  # smallest over largest singular value, rotations measured at the contacts' own radius
