@@ -261,7 +261,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         header = tuple("" if cell is None else str(cell).strip() for cell in first)
         while header and not header[-1]:
             header = header[:-1]
-        rows = enumerate(sheet.iter_rows(2, max_col=MOST_COLUMNS + 1, values_only=True), 2)
+        rows = enumerate(sheet.iter_rows(2, values_only=True), 2)
         formulas = _list_formulas(stream, bounds) if _has_formulas(stream, book) else None
     counts, width = Rows(), len(header)
 
@@ -274,15 +274,20 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
             if formulas is not None:
                 _refuse_not_computed(table, line, row, next(formulas, ()))
             cells = (*row[:width], *[None] * (width - len(row)))
-            if all(cell is None or cell == "" for cell in cells) and not any(_is_filled(cell) for cell in row[width:]):
+            beyond = row[width:]
+            bare = beyond.count(None) == len(beyond) or not any(map(_is_filled, beyond))
+            if bare and all(cell is None or cell == "" for cell in cells):
                 empty.append(line)
                 continue
-            beyond = next((k for k in range(width, len(row)) if _is_filled(row[k])), None)
-            if beyond is not None:
-                place = f"cell {_cell_name(line, beyond)}"
-                detail = f"{place} stands beside the {width} columns of the header: {str(row[beyond])[:60]!r}"
+            if len(row) > MOST_COLUMNS:
+                detail = f"cell {_cell_name(line, len(row) - 1)} is beyond the {MOST_COLUMNS} columns that a table has"
+                raise table.refuse("ragged", detail, "clear the columns beside the table", line)
+            stray = next((k for k in range(width, len(row)) if _is_filled(row[k])), None)
+            if stray is not None:
+                place = f"cell {_cell_name(line, stray)}"
+                detail = f"{place} stands beside the {width} columns of the header: {str(row[stray])[:60]!r}"
                 hint = "give its column a name in the first row, or delete the cell"
-                raise table.refuse("ragged", detail, hint, line, beyond + 1)
+                raise table.refuse("ragged", detail, hint, line, stray + 1)
             for each in empty:
                 counts.leave_out("empty", each)
             empty.clear()
@@ -332,7 +337,7 @@ def _list_formulas(stream: IO[bytes], bounds: TableLimits) -> Iterator[Sequence[
     with _refusing("XLSX", "save it as .xlsx, the table on the first sheet", bounds.file):
         sheet = openpyxl.load_workbook(stream, read_only=True).worksheets[0]
         sheet.reset_dimensions()
-        return iter(sheet.iter_rows(2, max_col=MOST_COLUMNS + 1, values_only=True))
+        return iter(sheet.iter_rows(2, values_only=True))
 
 
 def _refuse_not_computed(table: TableReader, line: int, row: Sequence[Any], formulas: Sequence[Any]) -> None:

@@ -87,7 +87,7 @@ def split_heading(cell: str) -> tuple[str, str]:
 def clean_unit(cell: str) -> str:
     """A unit by itself, as it is or in brackets; the Greek mu is a micro sign."""
     unit = cell.strip(" []()").lower().replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
-    return {"°": "deg", "inch": "in", '"': "in"}.get(unit, unit)
+    return "deg" if unit == "°" else unit
 
 
 @dataclass(slots=True)
@@ -129,6 +129,7 @@ class PeopleTable:
     rows: Iterator[tuple[int, list[str]]]  # line, and as many cells as the header has, as they are written
     counts: Rows
     units: tuple[str, ...] | None = None  # of a row of its own below the header
+    units_line: int = 0
     remarks: list[tuple[int, str]] = field(default_factory=list)  # line and text of what begins with #, the first ones
     encoding: str = ""  # that had to be guessed
     comma: tuple[int, str] | None = None  # the first number with a decimal comma: line and cell
@@ -377,9 +378,11 @@ def _open_table(
     if following is not None and _is_unit_row(following.cells, len(header.cells)):
         units = tuple(clean_unit(cell) for cell in [*following.cells, *[""] * len(cells)][: len(cells)])
         begins = following.number
-    table = PeopleTable(name, error, tuple(cells), header.number, delimiter, iter(()), counts, units,
-                        [each for each in above if each[0] <= begins and each[0] != header.number],
-                        guessed)  # fmt: skip
+    units_line = begins if units else 0
+    remarks = [each for each in above if each[0] <= begins and each[0] != header.number]
+    table = PeopleTable(
+        name, error, tuple(cells), header.number, delimiter, iter(()), counts, units, units_line, remarks, guessed
+    )
     table.rows = _list_rows(table, chain(held[begins:], lines), begins, trailing)
     return table
 
@@ -503,4 +506,5 @@ def _refuse_width(table: PeopleTable, row: list[str], line: int) -> TailstackErr
             hint = "leave out what no column is there for"
             if table.delimiter == ",":
                 hint = "write decimals with a point; a label that holds a comma stands in double quotes"
+                hint = (cure_text(",".join(row), table.header[0]) if width == 1 else "") or hint
     return table.refuse("csv-row", detail, hint, line, 1)

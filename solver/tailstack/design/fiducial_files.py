@@ -327,7 +327,7 @@ def _find_columns(table: PeopleTable, axes: str, of_slicer: bool) -> tuple[list[
         units.append(unit)
     if len(set(units)) > 1:
         detail = f"x, y and z have different units: {', '.join(units)}"
-        raise table.refuse("csv-header", detail, "give all in one unit", table.header_line)
+        raise table.refuse("csv-header", detail, "give all in one unit", table.units_line or table.header_line)
     return columns, units[0]
 
 
