@@ -1,7 +1,7 @@
 """Tables in files: CSV, lines of JSON, XLSX, Arrow and Parquet, read and written block by block.
 
-A table is a header and blocks of columns; the whole of it is never in memory.  CSV says its separator by its header
-(comma, semicolon or tab), numbers have a decimal point.  The bytes that are written depend on the cells alone.
+A table is a header and blocks of columns; the whole of it is never in memory.  CSV is read as all tables of people
+(``tailstack.people_tables``).  The bytes that are written depend on the cells alone.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from decimal import Decimal
 from functools import partial
 from itertools import chain, islice
 from math import isfinite
@@ -21,6 +23,7 @@ from typing import IO, Any, Literal, get_args
 from tailstack.cures import cure_text
 from tailstack.errors import LimitError, Problem
 from tailstack.json_text import write_json
+from tailstack.people_tables import PeopleTable, Rows, is_missing, read_people_table, read_plain_number, split_heading
 
 from .problems import RequestError
 from .unpacking import MOST_SHEET_ROWS, Column, ColumnBlock, TableLimits
@@ -41,6 +44,7 @@ MEDIA_TYPES: dict[Format, str] = {
 BLOCK = 1024  # rows
 MOST_COLUMNS = 2_000
 ROW_GROUP = 16  # blocks in a row group of Parquet
+LEAST_PLAIN = -1e28  # numbers below it may be a mark of NDI's
 EPOCH = datetime(2000, 1, 1)  # when every workbook was made: equal tables have equal bytes
 
 
@@ -53,6 +57,8 @@ class TableReader:
     file: str | None = None  # for refusals
     delimiter: str = ","  # of CSV
     rows: int = 0  # about how many there are, for the time that is left; 0: nobody knows
+    text: PeopleTable | None = None  # of CSV
+    counts: Rows = field(default_factory=Rows)  # rows that were left out so far
 
     def refuse(
         self, code: str, detail: str, hint: str = "", line: int | None = None, column: int | None = None
@@ -60,28 +66,74 @@ class TableReader:
         """What is wrong with it, and where."""
         return RequestError(Problem("", code, detail, hint, self.file, line, column))
 
-    def read_numbers(self, block: ColumnBlock, column: int) -> list[float]:
-        """A column of a block as numbers.  Raises RequestError with the line of what is none."""
-        found = []
-        for row, cell in enumerate(block.columns[column]):
+    def describe(self) -> tuple[str, ...]:
+        """What was left out, and what was read in another way than it is written, of the blocks so far."""
+        return tuple(self.counts.describe()) if self.text is None else self.text.describe()
+
+    def with_numbers(self, block: ColumnBlock, places: Sequence[int]) -> tuple[ColumnBlock, list[list[float]]]:
+        """Columns of a block as numbers, and the block with numbers where a cell is one in its own way of writing.
+
+        Raises RequestError with the line of what is no number.
+        """
+        columns, numbers = list(block.columns), []
+        for place in places:
+            found = self._read_plain_column(columns[place], block.lines, place)
+            if not found:
+                cells = columns[place]
+                found = [self._read_cell(cell, line, place) for cell, line in zip(cells, block.lines, strict=True)]
+                columns[place] = [
+                    value if isinstance(cell, Decimal) or read_number(cell) != value else cell
+                    for cell, value in zip(cells, found, strict=True)
+                ]
+            numbers.append(found)
+        return ColumnBlock(block.lines, tuple(columns)), numbers
+
+    def _read_plain_column(self, cells: Column, lines: Sequence[int], place: int) -> list[float]:
+        """Cells that all are finite numbers with a decimal point, quickly; nothing where one may be another thing.
+
+        What ``float`` takes beyond that: underscores, digits of other scripts, and words.
+        """
+        if self.text is None:
+            if not all(type(cell) is float or type(cell) is int for cell in cells):
+                return []
+            found = list(map(float, cells))
+        else:
+            try:
+                found = list(map(float, cells))
+            except ValueError:
+                return []
+            together = "".join(cells)
+            if not together.isascii() or "_" in together:
+                return []
+            if self.text.delimiter != "," and self.text.point is None and "." in together:
+                at = next(k for k, cell in enumerate(cells) if "." in cell)
+                self.text.find_number(cells[at], lines[at], place)
+            if self.text.comma is not None:
+                return []
+        return found if all(map(isfinite, found)) and min(found, default=0.0) > LEAST_PLAIN else []
+
+    def _read_cell(self, cell: Any, line: int, column: int) -> float:
+        if self.text is not None and isinstance(cell, str):
+            value = self.text.find_number(cell, line, column)
+        else:
             value = read_number(cell)
-            if value is None:
-                said = "is empty" if cell is None or cell == "" else f"is no number: {str(cell)[:40]!r}"
-                hint = cure_text(cell, self.header[column]) if isinstance(cell, str) and cell else ""
-                line = block.lines[row]
-                detail = f"the cell of column {self.header[column]!r} in line {line} {said}"
-                raise self.refuse("wrong-type", detail, hint or "every row has a number here", line, column + 1)
-            found.append(value)
-        return found
+        if value is not None and not is_missing(value):
+            return value
+        place = f"the cell of column {self.header[column]!r} in line {line}"
+        if value is not None:
+            detail = f"{place} holds -3.697314e28, by which NDI says that nothing was seen"
+            raise self.refuse("missing-value", detail, "leave the row out", line, column + 1)
+        said = "is empty" if cell is None or cell == "" else f"is no number: {str(cell)[:40]!r}"
+        hint = cure_text(cell, self.header[column]) if isinstance(cell, str) and cell else ""
+        raise self.refuse("wrong-type", f"{place} {said}", hint or "every row has a number here", line, column + 1)
 
 
 def read_number(cell: Any) -> float | None:
-    """A finite number that stands in a cell, as a number or as text."""
+    """A finite number that stands in a cell, as a number or as text with a decimal point."""
     if isinstance(cell, str):
-        try:
-            cell = float(cell) if "_" not in cell else None
-        except ValueError:
-            return None
+        return read_plain_number(cell)
+    if isinstance(cell, Decimal):
+        cell = float(cell)
     if isinstance(cell, bool) or not isinstance(cell, int | float) or not isfinite(cell):
         return None
     return float(cell)
@@ -128,40 +180,28 @@ def _count_lines(stream: IO[bytes]) -> int:
 
 def _read_csv(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     count = _count_lines(stream)
-    text = (line.decode("utf-8") for line in stream)
-    try:
-        head = next(text, "").removeprefix("\ufeff")
-        delimiter = max("\t;,", key=head.count)
-        header = tuple(cell.strip() for cell in next(csv.reader([head], delimiter=delimiter), []))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RequestError(
-            Problem("", "not-text", f"CSV is text in UTF-8: {error}", file=bounds.file, line=1)
-        ) from None
+    text = read_people_table(stream, bounds.file, RequestError)
+    _check_units(text)
 
     def blocks() -> Iterator[ColumnBlock]:
-        reader, more = csv.reader(text, delimiter=delimiter), True
-        while more:
-            lines: list[int] = []
-            rows: list[list[str]] = []
-            try:
-                while more and len(rows) < BLOCK:
-                    row = next(reader, None)
-                    more = row is not None
-                    if not row:  # an empty line is none
-                        continue
-                    lines.append(reader.line_num + 1)
-                    rows.append(row)
-                    if len(row) != len(header):
-                        detail = f"line {lines[-1]} has {len(row)} cells; the header has {len(header)}"
-                        hint = f"cells are separated by {delimiter!r}, and one that holds it is quoted"
-                        raise table.refuse("ragged", detail, hint, lines[-1])
-            except (UnicodeDecodeError, csv.Error) as error:
-                raise table.refuse("not-text", f"the table breaks off: {error}", line=reader.line_num + 1) from None
-            if rows:
-                yield ColumnBlock(lines, tuple(zip(*rows, strict=True)))
+        while block := list(islice(text.rows, BLOCK)):
+            lines, rows = zip(*block, strict=True)
+            yield ColumnBlock(lines, tuple(zip(*rows, strict=True)))
 
-    table = TableReader(header, blocks(), bounds.file, delimiter if delimiter in head else ",", max(count - 1, 0))
-    return table
+    return TableReader(
+        text.header, blocks(), bounds.file, text.delimiter, max(count - text.header_line, 0), text, text.counts
+    )
+
+
+def _check_units(text: PeopleTable) -> None:
+    """Units in a row of their own are those of the fields that the columns are called like.  Raises RequestError."""
+    for place, (name, unit) in enumerate(zip(text.header, text.units or (), strict=False)):
+        fields = [split_heading(part)[1] for part in name.replace(".", "/").split("/")]
+        if unit and unit not in fields:
+            detail = f"column {name!r} has the unit {unit!r} in the row below; a column of a table of designs is in the"
+            detail += " unit of its field"
+            hint = "convert the numbers, and delete the row of units"
+            raise text.refuse("wrong-header", detail, hint, text.header_line, place + 1)
 
 
 def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
@@ -221,22 +261,38 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         header = tuple("" if cell is None else str(cell).strip() for cell in first)
         while header and not header[-1]:
             header = header[:-1]
-        rows = enumerate(sheet.iter_rows(2, max_col=max(len(header), 1), values_only=True), 2)
+        rows = enumerate(sheet.iter_rows(2, values_only=True), 2)
+        formulas = _list_formulas(stream, bounds) if _has_formulas(stream, book) else None
+    counts, width = Rows(), len(header)
 
     def filled() -> Iterator[tuple[int, Column]]:
-        """Each row and its line; what was cleared below the table is not of it."""
-        cleared = None
+        """Each row and its line; empty ones are left out, and counted where more come below them."""
+        empty: list[int] = []
         for line, row in rows:
             if line > MOST_SHEET_ROWS:
                 raise table.refuse("too-many", f"a sheet of XLSX has {MOST_SHEET_ROWS} rows; this one has more")
-            cells = (*row[: len(header)], *[None] * (len(header) - len(row)))
-            if all(cell is None or cell == "" for cell in cells):
-                cleared = cleared or line
-            elif cleared:
-                detail = f"line {cleared} is empty, and line {line} below it is not"
-                raise table.refuse("ragged", detail, "a table ends at its first empty row: delete it", cleared)
-            else:
-                yield line, cells
+            if formulas is not None:
+                _refuse_not_computed(table, line, row, next(formulas, ()))
+            cells = (*row[:width], *[None] * (width - len(row)))
+            beyond = row[width:]
+            bare = beyond.count(None) == len(beyond) or not any(map(_is_filled, beyond))
+            if bare and all(cell is None or cell == "" for cell in cells):
+                empty.append(line)
+                continue
+            if len(row) > MOST_COLUMNS:
+                detail = f"cell {_cell_name(line, len(row) - 1)} is beyond the {MOST_COLUMNS} columns that a table has"
+                raise table.refuse("ragged", detail, "clear the columns beside the table", line)
+            stray = next((k for k in range(width, len(row)) if _is_filled(row[k])), None)
+            if stray is not None:
+                place = f"cell {_cell_name(line, stray)}"
+                detail = f"{place} stands beside the {width} columns of the header: {str(row[stray])[:60]!r}"
+                hint = "give its column a name in the first row, or delete the cell"
+                raise table.refuse("ragged", detail, hint, line, stray + 1)
+            for each in empty:
+                counts.leave_out("empty", each)
+            empty.clear()
+            counts.read += 1
+            yield line, cells
 
     def blocks() -> Iterator[ColumnBlock]:
         with reading():
@@ -245,8 +301,53 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
                 lines, cells = zip(*block, strict=True)
                 yield ColumnBlock(lines, tuple(zip(*cells, strict=True)))
 
-    table = TableReader(header, blocks(), bounds.file)
+    table = TableReader(header, blocks(), bounds.file, counts=counts)
     return table
+
+
+def _is_filled(cell: Any) -> bool:
+    return cell is not None and not (isinstance(cell, str) and not cell.strip())
+
+
+def _cell_name(line: int, column: int) -> str:
+    """As a spreadsheet calls it: B3 is line 3, column 1 (counted from 0)."""
+    from openpyxl.utils import get_column_letter
+
+    return f"{get_column_letter(column + 1)}{line}"
+
+
+def _has_formulas(stream: IO[bytes], book: Any) -> bool:
+    """Whether the first sheet holds a formula."""
+    from zipfile import ZipFile
+
+    path = book.worksheets[0]._worksheet_path  # noqa: SLF001
+    tail = b""
+    with ZipFile(stream) as archive, archive.open(path) as content:
+        for part in iter(partial(content.read, 1 << 16), b""):
+            if re.search(rb"<(\w+:)?f[\s/>]", tail + part):
+                return True
+            tail = part[-100:]
+    return False
+
+
+def _list_formulas(stream: IO[bytes], bounds: TableLimits) -> Iterator[Sequence[Any]]:
+    """The rows below the header with formulas instead of what they come to."""
+    import openpyxl
+
+    with _refusing("XLSX", "save it as .xlsx, the table on the first sheet", bounds.file):
+        sheet = openpyxl.load_workbook(stream, read_only=True).worksheets[0]
+        sheet.reset_dimensions()
+        return iter(sheet.iter_rows(2, values_only=True))
+
+
+def _refuse_not_computed(table: TableReader, line: int, row: Sequence[Any], formulas: Sequence[Any]) -> None:
+    """Raises RequestError for a formula whose value the file does not hold: it was not written by a spreadsheet."""
+    for k, (cell, formula) in enumerate(zip(row, formulas, strict=False)):
+        if cell is None and formula is not None:
+            said = getattr(formula, "text", formula)
+            detail = f"cell {_cell_name(line, k)} holds the formula {str(said)[:60]!r}, and not what it comes to"
+            hint = "open and save the file with a spreadsheet, or write values instead of formulas"
+            raise table.refuse("formula", detail, hint, line, k + 1)
 
 
 def _read_arrow(stream: IO[bytes], bounds: TableLimits) -> TableReader:
@@ -314,6 +415,7 @@ class Writer:
     header: tuple[str, ...]
     numbers: tuple[bool, ...]
     delimiter: str = ","
+    decimal: str = "."  # of CSV
     count: int = field(default=0, init=False)
 
     def write(self, columns: Sequence[Column]) -> None:
@@ -332,9 +434,14 @@ class CsvWriter(Writer):
         lines = csv.writer(text, delimiter=self.delimiter, lineterminator="\n")
         if not self.count:
             lines.writerow(self.header)
+        if self.decimal != ".":
+            columns = [[self._localise(cell) for cell in column] for column in columns]
         lines.writerows(zip(*columns, strict=True))
         self.count += len(columns[0])
         self.stream.write(text.getvalue().encode())
+
+    def _localise(self, cell: Any) -> Any:
+        return repr(cell).replace(".", self.decimal) if isinstance(cell, float) else cell
 
     def close(self) -> None:
         if not self.count:

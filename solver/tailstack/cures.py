@@ -39,6 +39,9 @@ _SYNONYMS = {
     "montecarlo": "verify",
 }
 _COMMA = re.compile(r"\s*([-+]?\d+),(\d+)\s*")
+_THOUSANDS = re.compile(r"\s*([-+]?[0-9]{1,3})((?:[ .,'\u2019\u00a0\u202f][0-9]{3})+)(?:([.,])([0-9]+))?\s*")
+_ZONE = re.compile(r"\s*\+?([0-9.,]+)\s*(?:mm|deg|°|px)?\s*[/;| ]\s*-\s*([0-9.,]+)\s*(?:mm|deg|°|px)?\s*")
+_EITHER_WAY = re.compile(r"\s*(?:±|\+/?-)\s*([0-9.,]+)\s*(?:mm|deg|°|px)?\s*")
 _PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*%\s*")
 _LARGEST_PERCENT = 100.0
 
@@ -65,8 +68,47 @@ def ask_meant(name: str, known: Iterable[str], otherwise: str = "") -> str:
     return f"did you mean {nearest[0]}?" if nearest else otherwise
 
 
+def cure_zone(upper: float, lower: float) -> str:
+    """A zone between two limits as what a tolerance is here: where its middle is, and half of its width."""
+    middle, half = (upper + lower) / 2, abs(upper - lower) / 2
+    return f"the middle of the zone into bias, half of it into the half-width: bias {middle:.6g}, half-width {half:.6g}"
+
+
+def _read_decimal(text: str) -> float | None:
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return None
+
+
+def _cure_zone_text(text: str) -> str:
+    """``+0.1/-0`` and ``±0.05`` as a tolerance is written here; empty for other texts."""
+    if found := _EITHER_WAY.fullmatch(text):
+        half = _read_decimal(found[1])
+        return "" if half is None else f"the half-width is a number without a sign: {half:g}"
+    if found := _ZONE.fullmatch(text):
+        upper, lower = map(_read_decimal, found.groups())
+        return "" if upper is None or lower is None else cure_zone(upper, -lower)
+    return ""
+
+
+def _cure_thousands(text: str) -> str:
+    """A number whose thousands are separated; empty where one separator may as well be a decimal point."""
+    found = _THOUSANDS.fullmatch(text)
+    if found is None:
+        return ""
+    whole, groups, mark, decimals = found.groups()
+    marks = {each for each in groups if not each.isdigit()}
+    if len(marks) > 1 or mark in marks or (mark is None and len(groups) == 4 and marks <= {",", "."}):
+        return ""
+    number = whole + "".join(each for each in groups if each.isdigit()) + (f".{decimals}" if mark else "")
+    return f"a number has no separators of thousands: write {number}"
+
+
 def cure_text(text: str, field: str) -> str:
     """What to write instead of a text where a number is wanted; empty where the text tells nothing."""
+    if cure := _cure_zone_text(text) or _cure_thousands(text):
+        return cure
     if found := _COMMA.fullmatch(text):
         whole, decimals = found.groups()
         if len(decimals) == 3 and whole.lstrip("+-").strip("0"):

@@ -69,7 +69,7 @@ def test_csv_variants():
         ("label,x_mm,y_mm,z_mm\nA,1,2,x\n", "wrong-type", 2),
         ("label,x_mm,y_mm,z_mm\nA,1,2,nan\n", "wrong-type", 2),
         ("label,x_mm,y_mm,z_mm\nA,1,2,1e9\n", "out-of-range", None),
-        ("x_mm;y_mm;z_mm\n1,5;2;3\n", "wrong-type", 2),
+        ("x_mm;y_mm;z_mm\n1,5;2.5;3\n", "mixed-decimals", 2),
         ("label,x_mm,y_mm,z_mm\n", "empty-document", None),
         ("# CoordinateSystem = IJK\nlabel,x_mm,y_mm,z_mm\nA,1,2,3\n", "unknown-value", 1),
     ],

@@ -248,7 +248,7 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     )  # fmt: skip
     base, text = (load_design(starts[0], limits=limits), starts[0]) if starts else (wish.base, wish.base_text)
     if base is None or not wish.target.lower().endswith(DOCUMENTS):
-        return made
+        return replace(made, notes=(*made.notes, *_doubt_balls(made, wish, limits))) if is_step else made
     notes = [*made.notes, *([START] if starts else []), *_what_is_missing(made.text, limits)]
     if text is not None and not wish.target.lower().endswith(".json"):
         made = replace(made, text=_keep_comments(text, base, made.text, limits))
@@ -272,14 +272,29 @@ def _refuse_unused(wish: Wish, is_step: bool) -> None:
 
 
 def _what_is_missing(text: str, limits: Limits) -> list[str]:
-    """Why a design does not score yet, in words."""
+    """Why a design does not score yet, and what of it is hardly meant, in words."""
     from tailstack.design import check_design, load_design
+    from tailstack.design.plausibility import PLAUSIBILITY
 
     try:
-        check_design(load_design(text, limits=limits))
+        _, findings, _ = check_design(load_design(text, limits=limits))
     except TailstackError as error:
         return [f"the design does not score yet: {problem}" for problem in error.problems[:5]]
-    return []
+    return [finding.message for finding in findings if finding.rule in PLAUSIBILITY]
+
+
+def _doubt_balls(made: Made, wish: Wish, limits: Limits) -> list[str]:
+    """What ``validate`` would say of a design with the balls of a STEP file about their size: a slip of unit."""
+    from tailstack.design import load_design
+    from tailstack.design.plausibility import explain_refusal
+
+    from ..first_design import Beads, design_of_beads
+
+    try:
+        beads = Beads(made.fiducials.labels, made.fiducials.positions_mm, wish.source)
+        return [problem.detail for problem in explain_refusal(load_design(design_of_beads(beads), limits=limits))]
+    except TailstackError:
+        return []
 
 
 def _keep_comments(text: str, base: Design, made: str, limits: Limits) -> str:

@@ -28,7 +28,7 @@ from ..names import variable
 from ..problems import RequestError
 from ..rendering.tables import draw_table, wrap
 from ..rendering.verdict import heading, join_blocks, provenance_text
-from ..tables import MEDIA_TYPES, WRITERS, Format, TableReader, format_of, read_table
+from ..tables import MEDIA_TYPES, WRITERS, CsvWriter, Format, TableReader, format_of, read_table
 from ..task import Estimated
 from ..unpacking import ColumnBlock
 from .content import canonical
@@ -105,7 +105,8 @@ class TableScores:
 
         def read() -> Iterator[Any]:
             for block in self.table.blocks:
-                numbers = np.array([self.table.read_numbers(block, place) for place in self.places]).T
+                block, columns = self.table.with_numbers(block, self.places)
+                numbers = np.array(columns).T
                 for first in range(0, len(numbers), together):
                     span = slice(first, first + together)
                     waiting.append(tuple(column[span] for column in block.columns))
@@ -227,12 +228,17 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
                 _write(scores, file, target, arguments.threads, progress)
         pace = f"; {scores.rows / max(progress.elapsed, 1e-9):,.0f} rows/s" if sys.stderr.isatty() else ""
     print(scores.summary() + pace, file=sys.stderr)
+    for remark in scores.table.describe():
+        print(f"note: {remark}", file=sys.stderr)
     return Answer("", NOT_EVALUATED if scores.refused else PASS)
 
 
 def _write(scores: TableScores, stream: IO[bytes], form: Format, threads: int | None, progress: Progress) -> None:
     writer = WRITERS[form](stream, scores.header, scores.numbers, scores.table.delimiter)
     for columns in scores.blocks(threads):
+        text = scores.table.text
+        if isinstance(writer, CsvWriter) and text is not None and text.comma is not None:
+            writer.decimal = ","
         writer.write(columns)
         progress.report(scores.rows, max(scores.table.rows, scores.rows), f"{scores.rows:,} rows")
     writer.close()
@@ -376,8 +382,7 @@ def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
     table = scores.table
     cells: list[list[Any]] = [[] for _ in table.header]
     for block in table.blocks:
-        for place in scores.places:
-            table.read_numbers(block, place)
+        block, _ = table.with_numbers(block, scores.places)
         for column, more in zip(cells, block.columns, strict=True):
             column += [cell if cell is None or isinstance(cell, str | int) else _plain(cell) for cell in more]
         if len(cells[0]) > most:
@@ -386,6 +391,8 @@ def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
             raise LimitError(Problem("/table", "too-many", detail, hint))
     if not cells[0]:
         raise table.refuse("too-short", "the table has no rows", "each row is a design")
+    if {"remark", "title"} & table.counts.left_out.keys():  # an answer has no place to say it
+        raise table.refuse("left-out", " ".join(table.describe()), "delete what is no row and no header")
     return cells
 
 

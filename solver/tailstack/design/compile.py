@@ -261,8 +261,24 @@ def _explain(design: Design, error: DesignError | IllPosedError, system: System 
     source, problems = design.source.placed(), list(error.problems)
     if isinstance(error, IllPosedError):
         scene = Scene.of(design.document, design.fiducials.labels, np.array(design.fiducials.positions_mm))
-        problems = [*explain_places(design.document, scene, problems), *explain_refusal(design, system)]
+        problems = [*explain_places(design.document, scene, problems), *_name_left_out(design)]
+        problems += explain_refusal(design, system)
     return type(error)([place(problem, source) for problem in problems])
+
+
+def _name_left_out(design: Design) -> list[Problem]:
+    """What a fiducial file holds and the design does not: it may be why too little is there."""
+    origin, pointer = (
+        design.fiducials.origin,
+        "/fiducials" + ("" if design.document.fiducials.file is None else "/file"),
+    )
+    if origin is None:
+        return []
+    said = [
+        origin.describe_left_out(),
+        *(f"{origin.file}: {remark}" for remark in origin.remarks if "left out" in remark),
+    ]
+    return [Problem(pointer, "left-out", each) for each in said if each]
 
 
 SINGULAR = 1e-9  # smallest over largest singular value, rotations measured at the contacts' own radius

@@ -573,14 +573,29 @@ class FiducialOrigin(Record):
     )
     left_out: list[Name] = Field(
         default_factory=list,
-        description="Points of the file that are no fiducials here, as their position was not defined: their labels.",
+        description="Points of the file that are no fiducials here, as their position was not defined: their labels, "
+        "with their state in brackets where it is another than undefined.",
         examples=[["P10"]],
+    )
+    remarks: list[Annotated[str, Field(min_length=1, max_length=400)]] = Field(
+        default_factory=list,
+        max_length=20,
+        description="What else is to be known of the file: other rows that were left out, and what was read in another "
+        "way than it is written.",
+        examples=[["1 row was left out, as it begins with # and is a remark: line 12"]],
     )
     changed: bool = Field(
         default=False,
         description="true: the points are no longer those of the file (the optimiser moved or left out some).",
         examples=[False],
     )
+
+    def describe_left_out(self) -> str:
+        """Which points of the file are no fiducials; empty where there are none."""
+        count = len(self.left_out)
+        points = "1 point was" if count == 1 else f"{count} points were"
+        listed = ", ".join(self.left_out[:20]) + (", ..." if count > 20 else "")
+        return f"{self.file}: {points} left out, position not defined: {listed[:400]}" if count else ""
 
 
 class _Fiducials(Record):

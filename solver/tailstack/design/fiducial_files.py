@@ -1,7 +1,8 @@
-"""Fiducial files: CSV with units in its header, 3D Slicer ``.mrk.json`` and ``.fcsv``.
+"""Fiducial files: tables with units in their header, 3D Slicer's markups, ``.fcsv`` and table of control points.
 
-The connector frame is LPS, the frame of DICOM.  RAS coordinates have x and y of the opposite sign; they
-are converted on reading and the conversion is noted, so that no result hides it.
+The content of a file says what it is, not its name.  The connector frame is LPS, the frame of DICOM.  RAS coordinates
+have x and y of the opposite sign; they are converted on reading and the conversion is noted, so that no result hides
+it.
 """
 
 from __future__ import annotations
@@ -12,19 +13,51 @@ import io
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
+from ..cures import cure_text
 from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
+from ..people_tables import (
+    NUMBERINGS,
+    PeopleTable,
+    decode_people_text,
+    is_missing,
+    read_people_table,
+    read_plain_number,
+    split_heading,
+)
 from .document import FiducialOrigin
 from .reading import Limits, decode, read_text, show
 
 System = Literal["LPS", "RAS"]
 
-FORMATS = (".csv", ".fcsv", ".mrk.json")
+FORMATS = (".csv", ".fcsv", ".mrk.json")  # that are written
+ENDINGS = (*FORMATS, ".tsv", ".json")  # of files that are read
 _MM = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 _SYSTEMS: dict[str, System] = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS"}
+_AXES: tuple[tuple[str, System | None], ...] = (("xyz", None), ("lps", "LPS"), ("ras", "RAS"))
+_OF_SLICER = ("defined", "selected", "visible", "locked", "description")  # more columns of its table
+_STATES = ("undefined", "preview", "defined", "missing")  # of a position in .fcsv, by their numbers
+_FCSV: tuple[str, ...] = (
+    "id",
+    "x",
+    "y",
+    "z",
+    "ow",
+    "ox",
+    "oy",
+    "oz",
+    "vis",
+    "sel",
+    "lock",
+    "label",
+    "desc",
+    "associatednodeid",
+)
+_FCSV_OF_SLICER_3: tuple[str, ...] = ("label", "x", "y", "z", "sel", "vis")
+_SWITCHES = ("vis", "sel", "lock")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +68,8 @@ class FiducialTable:
     unit: str
     system: System
     stated: bool = True  # false: the system is what files of the format meant that do not say
-    left_out: list[str] = field(default_factory=list)
+    left_out: Sequence[str] = ()  # labels of points that have no position, with their state
+    remarks: Sequence[str] = ()  # sentences: other rows that were left out, and what was read as it is not written
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,51 +88,51 @@ class FiducialList:
 
 def _notes(origin: FiducialOrigin) -> Iterator[str]:
     name = origin.file
-    if origin.left_out:
-        yield f"{name}: left out, position not defined: {', '.join(origin.left_out)[:200]}"
+    if left_out := origin.describe_left_out():
+        yield left_out
     if not origin.coordinate_system_stated:
         yield f"{name}: no coordinate system is stated; read as {origin.coordinate_system}, as Slicer wrote such files"
     if origin.coordinate_system == "RAS":
         yield f"{name}: coordinates were RAS; converted to LPS (x and y change sign)"
     if origin.coordinate_unit != "mm":
         yield f"{name}: coordinates were converted to mm (factor {_MM[origin.coordinate_unit]:g})"
+    for remark in origin.remarks:
+        yield f"{name}: {remark}"
     if origin.changed:
         yield f"{name}: the fiducials are no longer those of the file: they were moved, or some were left out"
 
 
-def format_of(name: str) -> str:
-    """Which of FORMATS a file name asks for.  Raises DesignError."""
-    lowered = name.lower()
-    for ending in FORMATS:
-        if lowered.endswith(ending):
-            return ending
-    raise DesignError(
-        Problem(
-            "", "unknown-format", f"{name[:80]!r} is not a fiducial file", f"endings read here: {', '.join(FORMATS)}"
-        )
-    )
+def check_ending(name: str) -> None:
+    """Raises DesignError for a name that no fiducial file has."""
+    if not name.lower().endswith(ENDINGS):
+        detail, hint = f"{name[:80]!r} is not a fiducial file", f"endings read here: {', '.join(ENDINGS)}"
+        raise DesignError(Problem("", "unknown-format", detail, hint))
+
+
+def _format_of(name: str) -> str:
+    """Which of FORMATS a file that is to be written has."""
+    return next(ending for ending in FORMATS if name.lower().endswith(ending))
 
 
 def read_fiducials(content: bytes, name: str, limits: Limits) -> FiducialList:
-    """Read a file in the format its name asks for.  Raises DesignError with file and line, LimitError."""
-    ending = format_of(name)
-    text = decode(content, name).removeprefix("\ufeff")
-    if not text.strip():
+    """Read a file as what its content is.  Raises DesignError with file and line, LimitError."""
+    check_ending(name)
+    if not content.strip(b"\xef\xbb\xbf \t\r\n"):
         raise DesignError(Problem("", "empty-document", f"{name} is empty", file=name))
-    try:
-        if ending == ".mrk.json":
-            table = _read_markups(text, name, limits)
-        else:
-            table = _read_fcsv(text, name) if ending == ".fcsv" else _read_csv(text, name)
-    except csv.Error as error:
-        raise DesignError(Problem("", "csv-syntax", f"this is not CSV: {error}", file=name)) from None
+    if name.lower().endswith(".json") or re.match(rb"(\xef\xbb\xbf)?\s*[{]", content):
+        table = _read_markups(decode(content, name).removeprefix("\ufeff"), name, limits)
+    elif name.lower().endswith(".fcsv") or content.lstrip(b"\xef\xbb\xbf").startswith(b"# Markups fiducial file"):
+        table = _read_fcsv(*decode_people_text(content, name, DesignError), name)
+    else:
+        table = _read_table(content, name)
     return make_list(table, content, name, limits)
 
 
 def make_list(table: FiducialTable, content: bytes, name: str, limits: Limits) -> FiducialList:
     """The fiducials of a table that was read from a file: in mm and LPS, each with a label.  Raises as reading does."""
     if not table.rows:
-        raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial", file=name))
+        left = f"; left out, position not defined: {', '.join(table.left_out)[:200]}" if table.left_out else ""
+        raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial{left}", file=name))
     for count, what in ((len(table.rows), "fiducials"), (len(table.left_out), "points that are not defined")):
         if count > limits.fiducials:
             detail = f"{name} holds {count} {what}; at most {limits.fiducials}"
@@ -113,13 +147,15 @@ def _origin(table: FiducialTable, name: str, sha256: str) -> FiducialOrigin:
     if table.unit != "mm":
         unusual["coordinate_unit"] = "um" if table.unit == "µm" else table.unit
     if table.left_out:
-        unusual["left_out"] = table.left_out
+        unusual["left_out"] = list(table.left_out)
+    if table.remarks:
+        unusual["remarks"] = [remark[:400] for remark in table.remarks[:20]]
     return FiducialOrigin(file=name, sha256=sha256, coordinate_system=table.system, **unusual)
 
 
 def write_fiducials(fiducials: FiducialList, name: str) -> str:
     """The text of a fiducial file in the format its name asks for: LPS, mm, every digit."""
-    ending = format_of(name)
+    ending = _format_of(name)
     if ending == ".mrk.json":
         points = [
             {
@@ -164,18 +200,26 @@ def refuse(name: str, line: int | None, code: str, detail: str, hint: str = "") 
 def read_number(text: Any, name: str, line: int | None, what: str) -> float:
     """A number of a file, finite and of a size that a coordinate can have.  Raises DesignError."""
     if isinstance(text, str):
-        cleaned = text.strip()
-        if not re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?", cleaned):
-            hint = "write decimals with a point" if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", cleaned) else ""
+        found = read_plain_number(text)
+        if found is None:
+            hint = cure_text(text, what)
             raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}", hint)
-        value = float(cleaned)
-    elif isinstance(text, bool) or not isinstance(text, int | float):
+        return _check_size(found, name, line, what)
+    if isinstance(text, bool) or not isinstance(text, int | float):
         raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}")
-    else:
-        value = float(text)
-    if not math.isfinite(value) or abs(value) > 1e9:
-        raise refuse(name, line, "out-of-range", f"{what} is not a usable number: {show(text)}")
+    return _check_size(float(text), name, line, what)
+
+
+def _check_size(value: float, name: str, line: int | None, what: str) -> float:
+    if not math.isfinite(value) or (abs(value) > 1e9 and not is_missing(value)):
+        raise refuse(name, line, "out-of-range", f"{what} is not a usable number: {value:g}")
     return value
+
+
+def _name_left(label: str, otherwise: str, state: str) -> str:
+    """How a point that was left out is called: by its label and its state."""
+    called = label if label and _is_name(label) else otherwise
+    return called if state == "undefined" else f"{called[: 78 - len(state) - 3]} ({state})"
 
 
 def _read_position(table: FiducialTable, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
@@ -208,105 +252,194 @@ def _system(text: str, name: str, line: int | None) -> System:
     return known
 
 
-_HEADING = re.compile(r"([xyz])(?:\s*[_/]\s*(\w+)|\s*\[\s*(\w+)\s*\]|\s*\(\s*(\w+)\s*\)|\s+(\w+))?")
+def _find_axes(cells: Sequence[str]) -> tuple[str, System | None]:
+    """The letters of the axes in a header, and the system that they say; no letters where it is none."""
+    stems = [split_heading(cell)[0] for cell in cells]
+    return next(((axes, system) for axes, system in _AXES if set(axes) <= set(stems)), ("", None))
 
 
-def _split(line: str, delimiter: str) -> list[str]:
-    return [cell.strip().lower() for cell in next(csv.reader([line], delimiter=delimiter))]
+def _read_table(content: bytes, name: str) -> FiducialTable:
+    """A table of x, y and z with units, or 3D Slicer's table of control points: l, p, s or r, a, s in mm."""
+    table = read_people_table(content, name, DesignError, lambda cells: bool(_find_axes(cells)[0]))
+    axes, system = _find_axes(table.header)
+    columns, unit = _find_columns(table, axes or "xyz", bool(system))
+    others = {cell.lower(): index for index, cell in enumerate(table.header) if index not in columns}
+    numbering = [cell for cell in others if cell in NUMBERINGS]
+    names = [cell for cell in others if cell in ("label", "name")]
+    known = {*numbering[:1], *names[:1], *(_OF_SLICER if system else ())}
+    unknown = [cell for cell in others if cell not in known]
+    if unknown or len(others) + 3 != len(table.header):
+        repeated = [cell for cell in table.header if [*map(str.lower, table.header)].count(cell.lower()) > 1]
+        said = show([*unknown, *repeated][0])
+        raise table.refuse("csv-header", f"unknown or repeated column {said}", EXAMPLE, table.header_line)
+    at_label = others[(names or numbering)[0]] if names or numbering else None
+    rows: list[tuple[str, list[float]]] = []
+    left_out: list[str] = []
+    for line, cells in table.rows:
+        label = "" if at_label is None else cells[at_label].strip()
+        state = _state_in_slicer_s_table(table, cells, line, others) if system else "defined"
+        if state == "defined":
+            xyz = [
+                _check_size(table.read_number(cells[index], line, index, axis), name, line, axis)
+                for axis, index in zip(axes, columns, strict=True)
+            ]
+            if not any(map(is_missing, xyz)):
+                rows.append((label, xyz))
+                continue
+            state = "missing"
+        left_out.append(_name_left(label, f"line {line}", state))
+    remarks = list(table.describe())
+    if names and numbering:
+        remarks.append(f"its column {table.header[others[numbering[0]]]!r} was left out")
+    stated = _find_system(table, name)
+    if system and stated not in (None, system):
+        detail = f"columns {', '.join(axes)} are {system}, and a remark says {stated}"
+        raise table.refuse("contradiction", detail, "leave the remark out", table.header_line)
+    return FiducialTable(rows, unit, system or stated or "LPS", left_out=left_out, remarks=remarks)
 
 
-def _read_heading(cell: str, axis: str) -> str | None:
-    """The unit in an axis' heading: x_mm, x [mm], x (mm), x/mm, x mm; empty without one, None of another column."""
-    found = _HEADING.fullmatch(cell)
-    if found is None or found[1] != axis:
-        return None
-    return _unit_of(next((unit for unit in found.groups()[1:] if unit), ""))
+EXAMPLE = "for example label,x_mm,y_mm,z_mm"
 
 
-def _unit_of(cell: str) -> str:
-    """A unit by itself, as it is or in brackets."""
-    return cell.strip(" []()").replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
-
-
-def _read_csv(text: str, name: str) -> FiducialTable:
-    system: System = "LPS"
-    body: list[tuple[int, str]] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.lstrip().startswith("#"):
-            said = _system_comment(line)
-            system = _system(said, name, number) if said else system
-        elif line.strip():
-            body.append((number, line))
-    if not body:
-        raise refuse(name, None, "empty-document", f"{name} holds no fiducial")
-    delimiter = next((mark for mark in ("\t", ";") if mark in body[0][1]), ",")
-    header, *below = [_split(line, delimiter) for _, line in body[:2]]
-    units_below = [_unit_of(cell) for cell in below[0]] if below else []
-    example = "label,x_mm,y_mm,z_mm"
-    columns: list[int] = []
-    units: list[str] = []
-    unit_row = False
-    for axis in "xyz":
-        hits = [(index, found) for index, cell in enumerate(header) if (found := _read_heading(cell, axis)) is not None]
-        index, unit = hits[0] if len(hits) == 1 else (-1, "")
-        if index >= 0 and not unit and index < len(units_below):
-            unit, unit_row = units_below[index], True
-        if unit not in _MM:
-            raise refuse(
-                name,
-                body[0][0],
-                "csv-header",
-                f"the header needs one column for {axis} with its unit ({', '.join(f'{axis}_{u}' for u in _MM)}); "
-                f"got {show(body[0][1])}",
-                f"for example {example}; {axis} [mm], {axis} (mm), or the units in a row of their own are read too; "
-                "of a cage of XMALab, convert --xmalab says the unit",
+def _find_columns(table: PeopleTable, axes: str, of_slicer: bool) -> tuple[list[int], str]:
+    """Where the axes stand, and their one unit; Slicer's table is in mm.  Raises DesignError."""
+    headings = [split_heading(cell) for cell in table.header]
+    columns, units = [], []
+    for axis in axes:
+        hits = [index for index, (stem, _) in enumerate(headings) if stem == axis]
+        index = hits[0] if len(hits) == 1 else -1
+        unit = headings[index][1] if index >= 0 else ""
+        below = table.units[index] if table.units and index >= 0 else ""
+        if unit and below and unit != below:
+            units += [unit, below]
+            continue
+        unit = unit or below or ("mm" if of_slicer else "")
+        if unit not in _MM or index < 0:
+            listed = ", ".join(f"{axis}_{each}" for each in _MM)
+            got = show(table.delimiter.join(table.header))
+            detail = f"the header needs one column for {axis} with its unit ({listed}); got {got}"
+            hint = (
+                f"{EXAMPLE}; {axis} [mm], {axis} (mm), or the units in a row of their own are read too; "
+                "of a cage of XMALab or DLTdv, convert --xmalab says the unit"
             )
+            raise table.refuse("csv-header", detail, hint, table.header_line)
         columns.append(index)
         units.append(unit)
-    if len(set(units)) > 1 or (unit_row and [units_below[index] for index in columns] != units):
-        stated = ", ".join(units_below[index] for index in columns) if unit_row else ", ".join(units)
-        raise refuse(name, body[int(unit_row)][0], "csv-header", f"x, y and z have different units: {stated}")
-    others = [cell for index, cell in enumerate(header) if index not in columns]
-    unknown = [cell for cell in others if cell not in ("label", "name")]
-    if unknown or len(others) > 1:
-        raise refuse(
-            name, body[0][0], "csv-header", f"unknown or repeated column {show((unknown or others)[0])}", example
-        )
-    at_label = header.index(others[0]) if others else None
-    rows: list[tuple[str, list[float]]] = []
-    for number, line in body[2 if unit_row else 1 :]:
-        cells = next(csv.reader([line], delimiter=delimiter))
-        if len(cells) != len(header):
-            detail = f"{len(cells)} cells in a table of {len(header)} columns"
-            hint = "write decimals with a point; a label that holds a comma stands in double quotes"
-            hint = hint if delimiter == "," and len(cells) > len(header) else ""
-            raise refuse(name, number, "csv-row", detail, hint)
-        xyz = [read_number(cells[index], name, number, axis) for axis, index in zip("xyz", columns, strict=True)]
-        rows.append(("" if at_label is None else cells[at_label].strip(), xyz))
-    return FiducialTable(rows, units[0], system)
+    if len(set(units)) > 1:
+        detail = f"x, y and z have different units: {', '.join(units)}"
+        raise table.refuse("csv-header", detail, "give all in one unit", table.units_line or table.header_line)
+    return columns, units[0]
 
 
-def _read_fcsv(text: str, name: str) -> FiducialTable:
-    """Slicer's legacy format.  Without a stated system the file is RAS, as Slicer wrote it then."""
+def _state_in_slicer_s_table(table: PeopleTable, cells: list[str], line: int, others: dict[str, int]) -> str:
+    """Whether a control point is defined.  Raises DesignError."""
+    at = others.get("defined")
+    said = "1" if at is None else cells[at].strip()
+    if said not in ("0", "1"):
+        detail = f"defined is 1 or 0; got {show(said)}"
+        raise table.refuse("wrong-type", detail, "export the table anew", line, (at or 0) + 1)
+    return "defined" if said == "1" else "undefined"
+
+
+def _find_system(table: PeopleTable, name: str) -> System | None:
+    """The coordinate system that a remark states.  Raises DesignError for two, or one that is not known."""
+    found: set[System] = set()
+    for number, text in table.remarks:
+        if said := _system_comment(text):
+            found.add(_system(said, name, number))
+        if len(found) > 1:
+            raise refuse(name, number, "contradiction", "another coordinate system was stated above", "state one")
+    return next(iter(found), None)
+
+
+def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
+    """Slicer's legacy format.  Without a stated system the file is RAS, as Slicer wrote it then.
+
+    Slicer 5 adds the state of the position behind the columns, and whether it was made by the program; only a state of
+    2 is a bead.  A file that does not name its columns is of Slicer 3.
+    """
     system: System | None = None
-    columns = ["id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatednodeid"]
+    columns, stated_columns = _FCSV_OF_SLICER_3, False
     rows: list[tuple[str, list[float]]] = []
-    for number, line in enumerate(text.splitlines(), 1):
+    left_out: list[str] = []
+    remarks = [f"it is no UTF-8 and was read as {encoding}: look at its names"] if encoding else []
+    passed: list[int] = []
+    for number, line in enumerate(re.split(r"\r\n|\n|\r", text.removeprefix("\ufeff")), 1):
         if not line.strip():
             continue
-        if line.lstrip().startswith("#"):
-            said = _system_comment(line)
+        said = _system_comment(line)
+        named = re.match(r"#\s*columns\s*=\s*(.*)", line.strip(), re.IGNORECASE)
+        if said or named:
+            if rows or left_out:
+                raise refuse(
+                    name, number, "contradiction", "a row stands above this", "put it to the begin of the file"
+                )
             system = _system(said, name, number) if said else system
-            stated = re.match(r"#\s*columns\s*=\s*(.*)", line.strip(), re.IGNORECASE)
-            columns = [cell.strip().lower() for cell in stated.group(1).split(",")] if stated else columns
+            columns = tuple(cell.strip().lower() for cell in named[1].split(",")) if named else columns
+            stated_columns = stated_columns or named is not None
             continue
-        cells = next(csv.reader([line]))
-        entry = dict(zip(columns, cells, strict=False))
-        if not {"x", "y", "z"} <= entry.keys():
-            raise refuse(name, number, "csv-row", f"a row needs x, y and z; got {show(line)}")
+        cells = _split_fcsv(line, name, number)
+        expected = {len(columns), *((15, 16) if columns == _FCSV else ())}
+        if line.lstrip().startswith("#") and (len(cells) not in expected or re.match(r"\s*#\s*\w+\s*=", line)):
+            if not re.match(r"\s*#\s*(Markups fiducial file|Fiducial List file|\w+\s*=)", line):
+                passed.append(number)
+            continue
+        if line.lstrip().startswith("#") and not re.match(r"\s*#\S", line):
+            detail = f"this begins with # and has the cells of a row: {show(line)}"
+            raise refuse(name, number, "csv-row", detail, "delete the line if it is a remark, the # if it is none")
+        entry, state = _read_fcsv_row(cells, columns, name, number, stated_columns, expected)
+        label = entry.get("label", "").strip()
+        own = entry.get("id", "").strip()
+        if not label and not re.fullmatch(r"[0-9]*|vtkMRML\w*", own):
+            label = own
+        if state != "defined":
+            left_out.append(_name_left(label, f"line {number}", state))
+            continue
         xyz = [read_number(entry[axis], name, number, axis) for axis in "xyz"]
-        rows.append((entry.get("label", "").strip(), xyz))
-    return FiducialTable(rows, "mm", system or "RAS", stated=system is not None)
+        if any(map(is_missing, xyz)):
+            left_out.append(_name_left(label, f"line {number}", "missing"))
+        else:
+            rows.append((label, xyz))
+    if passed:
+        listed = ", ".join(map(str, passed[:5])) + (", ..." if len(passed) > 5 else "")
+        remarks.append(f"{len(passed)} rows were left out, as they begin with # and are remarks: lines {listed}")
+    return FiducialTable(rows, "mm", system or "RAS", system is not None, left_out, remarks)
+
+
+def _split_fcsv(line: str, name: str, number: int) -> list[str]:
+    try:
+        return next(csv.reader([line], strict=True))
+    except csv.Error as error:
+        raise refuse(name, number, "csv-syntax", f"this line is not CSV: {error}", "save it from Slicer anew") from None
+
+
+def _read_fcsv_row(
+    cells: list[str], columns: tuple[str, ...], name: str, number: int, stated: bool, expected: set[int]
+) -> tuple[dict[str, str], str]:
+    """The cells of a row by their columns, and the state of its position.  Raises DesignError."""
+    if len(cells) not in expected:
+        detail = f"{len(cells)} cells in a table of {len(columns)} columns"
+        hint = "write decimals with a point; a label that holds a comma stands in double quotes"
+        if not stated:
+            hint = "a file without a line # columns = ... has Slicer 3's label,x,y,z,sel,vis: state its columns"
+        elif len(cells) < len(columns):
+            hint = "save it from Slicer anew; cells are separated by commas"
+        raise refuse(name, number, "csv-row", detail, hint)
+    entry = dict(zip(columns, cells, strict=False))  # what is behind the columns is looked at below
+    if not {"x", "y", "z"} <= entry.keys():
+        raise refuse(name, number, "csv-row", f"a row needs x, y and z; got {show(','.join(cells))}")
+    switches = {each: entry[each].strip() for each in _SWITCHES if each in entry}
+    more = [cell.strip() for cell in cells[len(columns) :]]
+    if len(more) == 2:
+        switches["autoCreated, the 16th field,"] = more[1]
+    for what, said in switches.items():
+        if said not in ("0", "1"):
+            hint = "write decimals with a point: with commas, fields move to the right"
+            raise refuse(name, number, "wrong-type", f"{what} is 0 or 1; got {show(said)}", hint)
+    if more and more[0] not in ("0", "1", "2", "3"):
+        detail = f"the 15th field is the state of the position, 0 to 3; got {show(more[0])}"
+        raise refuse(name, number, "wrong-type", detail, "write decimals with a point; save it from Slicer anew")
+    return entry, _STATES[int(more[0])] if more else "defined"
 
 
 def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
@@ -319,7 +452,7 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
     markups = data.get("markups") if isinstance(data, dict) else None
     if not isinstance(markups, list) or not markups or not all(isinstance(item, dict) for item in markups):
         raise refuse_at(
-            (), "not-markups", "a .mrk.json file has a list called markups", "save it from 3D Slicer's Markups"
+            (), "not-markups", "a file of 3D Slicer's points has a list called markups", "save it from Slicer's Markups"
         )
     filled = [index for index, item in enumerate(markups) if item.get("controlPoints")]
     if len(filled) != 1:
@@ -358,8 +491,10 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
         label = point.get("label") or ""
         if not isinstance(label, str):
             raise refuse_at((*path, "label"), "wrong-type", f"a label is a text; got {show(label)}")
-        if point.get("positionStatus", "defined") != "defined":
-            skipped.append(label if label and _is_name(label) else f"number {index + 1}")
+        state = point.get("positionStatus", "defined")
+        if state != "defined":
+            known = state if state in _STATES else "undefined"
+            skipped.append(_name_left(label, f"number {index + 1}", known))
             continue
         position = point.get("position")
         if not isinstance(position, list) or len(position) != 3:
@@ -367,7 +502,12 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
                 (*path, "position"), "wrong-type", f"a position is a list of 3 numbers; got {show(position)}"
             )
         line = source.locate((*path, "position"))[0] if any(not isinstance(v, float | int) for v in position) else None
-        rows.append(
-            (label, [read_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)])
-        )
-    return FiducialTable(rows, unit, system, left_out=skipped)
+        xyz = [read_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)]
+        if any(map(is_missing, xyz)):
+            skipped.append(_name_left(label, f"number {index + 1}", "missing"))
+        else:
+            rows.append((label, xyz))
+    kind, remarks = markup.get("type", "Fiducial"), []
+    if kind != "Fiducial":
+        remarks.append(f"it is a {str(kind)[:40]} and no list of points; its control points were read as fiducials")
+    return FiducialTable(rows, unit, system, left_out=skipped, remarks=remarks)

@@ -18,7 +18,7 @@ from .document import (
     SCHEMA_NAME,
     DesignDocument,
 )
-from .fiducial_files import FORMATS, FiducialList, format_of, read_fiducials
+from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
 from .pointers import find_places, pointer_of, replace_value, suggest
 from .reading import (
     DEFAULT_LIMITS,
@@ -207,7 +207,7 @@ def _fiducials(document: DesignDocument, source: DocumentSource, allow_files: bo
     name = document.fiducials.file or ""
     try:
         path = _find_file(name, source, allow_files)
-        format_of(name)
+        check_ending(name)
         if not path.exists():
             raise DesignError(_describe_missing(name, path, source))
         return read_fiducials(read_bytes(path, limits.fiducial_file_bytes, name), name, limits)
@@ -225,7 +225,7 @@ def _describe_missing(name: str, path: Path, source: DocumentSource) -> Problem:
     assert source.directory is not None
     folder = str(source.directory / Path(name).parent)
     folder = "the folder of the design" if folder == "." else folder
-    hint = name_neighbours(path, name, FORMATS) or "a fiducial file stands beside the design, or in a folder below it"
+    hint = name_neighbours(path, name, ENDINGS) or "a fiducial file stands beside the design, or in a folder below it"
     return Problem("", "file-not-found", f"no such file: {name}; looked in {folder}", hint)
 
 

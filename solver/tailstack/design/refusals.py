@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from ..cures import ask_meant, cure_list, cure_range, cure_text, find_nearest
+from ..cures import ask_meant, cure_list, cure_range, cure_text, cure_zone, find_nearest
 from ..errors import DesignError, Problem
 from .document import VIEW_KINDS, DesignDocument, Pose
 from .optimise_document import FREE_VIEW_KINDS
@@ -66,13 +67,36 @@ def refuse(
     """A DesignError that says what each of pydantic's errors says, in the order of the document.
 
     ``root`` is the model that the document was held against."""
-    problems = _merge([_translate(entry, root) for entry in error.errors(include_url=False)])
+    problems = _merge([_cure_limits(_translate(entry, root), source.data) for entry in error.errors(include_url=False)])
     source = source.placed()
     dropped = len(problems) - limits.problems
     problems = [place(problem, source) for problem in problems[: limits.problems]]
     if dropped > 0:
         problems.append(Problem("", "and-more", f"{dropped} more problem(s) are not listed", file=source.file))
     return DesignError(problems)
+
+
+_UPPER = ("upper", "max", "plus", "upper_limit", "es")  # ways to call the limits of a zone, without a unit
+_LOWER = ("lower", "min", "minus", "lower_limit", "ei")
+
+
+def _cure_limits(problem: Problem, data: Any) -> Problem:
+    """The limits of a zone that were given for a tolerance: what they are as bias and half-width."""
+    steps = problem.pointer.split("/")
+    if problem.code != "unknown-field" or re.sub(r"_(mm|deg|px)$", "", steps[-1]) not in (*_UPPER, *_LOWER):
+        return problem
+    for step in steps[1:-1]:
+        if isinstance(data, list):
+            data = data[int(step)] if step.isdecimal() and int(step) < len(data) else None
+        else:
+            data = data.get(step.replace("~1", "/").replace("~0", "~")) if isinstance(data, dict) else None
+    if not isinstance(data, dict):
+        return problem
+    given = {re.sub(r"_(mm|deg|px)$", "", str(name)): value for name, value in data.items()}
+    upper, lower = (next((given[name] for name in names if name in given), None) for names in (_UPPER, _LOWER))
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (upper, lower)):
+        return problem
+    return replace(problem, hint=cure_zone(float(upper or 0), float(lower or 0)))
 
 
 def _merge(problems: list[Problem]) -> list[Problem]:

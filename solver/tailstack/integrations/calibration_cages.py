@@ -17,6 +17,7 @@ from typing import Literal
 from ..design.fiducial_files import FiducialList, FiducialTable, make_list, read_number, refuse
 from ..design.reading import Limits, decode, show
 from ..errors import DesignError, Problem
+from ..people_tables import decode_people_text
 
 CageUnit = Literal["mm", "cm"]
 UNITS: dict[str, float] = {"mm": 1.0, "cm": 10.0}
@@ -41,12 +42,14 @@ def read_cage(content: bytes, name: str, form: CageForm, limits: Limits) -> Fidu
     A bead is called by its name in the frame specification, else by the shape that marks it, else F and its number.
     Raises DesignError with file and line, LimitError.
     """
-    header, *body = decode(content, name).removeprefix("\ufeff").splitlines() or [""]
+    text, encoding = decode_people_text(content, name, DesignError)
+    header, *body = text.splitlines() or [""]
     scales = _read_scales(header, name)
     beads = [_read_bead(line, name, number, scales) for number, line in enumerate(body, 2) if line.strip()]
     shapes = {} if form.references is None else read_references(*form.references, len(beads))
     rows = [(label or shapes.get(number, ""), xyz) for number, (label, xyz) in enumerate(beads, 1)]
-    return make_list(FiducialTable(rows, form.unit, "LPS"), content, name, limits)
+    remarks = [f"it is no UTF-8 and was read as {encoding}: look at its names"] if encoding else []
+    return make_list(FiducialTable(rows, form.unit, "LPS", remarks=remarks), content, name, limits)
 
 
 def _read_scales(header: str, name: str) -> tuple[float, float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..design.document import VIEW_KINDS, MatrixView
-from ..design.fiducial_files import FORMATS, FiducialList, read_fiducials, write_fiducials
-from ..design.loading import Design, load_design
+from ..design.fiducial_files import ENDINGS, FORMATS, FiducialList, read_fiducials, write_fiducials
+from ..design.loading import Design, holds_points, load_design
 from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, Format, Limits, read_bytes
 from ..design.write import data_to_yaml, design_to_data, forget_missing_labels, to_json
 from ..errors import DesignError, LimitError, Problem
@@ -49,6 +50,7 @@ def convert(
 ) -> Conversion:
     """Convert by the endings of two file names: .csv, .fcsv, .mrk.json (fiducials); .yaml, .yml, .json (designs).
 
+    Fiducials are also read from .tsv, and from .json that holds points of 3D Slicer.
     A design converts to a design that stands alone (a fiducial file it refers to is read in), or to its
     fiducials.  Fiducials convert to another fiducial file, or to the ``fiducials`` section of a design.
     A STEP file (.step, .stp, .p21) is read for its balls, which are fiducials; ``selection`` says for which.
@@ -59,7 +61,7 @@ def convert(
     LimitError.
     """
     known = (*FORMATS, *DOCUMENTS)
-    for name, endings in ((source_name, (*known, *STEP_FILES, *CAMERA_FILES)), (target_name, known)):
+    for name, endings in ((source_name, (*known, ".tsv", *STEP_FILES, *CAMERA_FILES)), (target_name, known)):
         if not name.lower().endswith(endings):
             problem = Problem(
                 "", "unknown-format", f"{name[:80]!r} has no known ending", f"known: {', '.join(endings)}"
@@ -76,7 +78,7 @@ def convert(
         return Conversion(text, (*reading.notes, *notes), reading.fiducials, reading.bodies)
     if len(content) > limits.document_bytes:
         raise LimitError(Problem("", "too-large", f"{source_name} is longer than {limits.document_bytes} bytes"))
-    if source_name.lower().endswith(FORMATS):
+    if source_name.lower().endswith(ENDINGS) and not _is_design(content, source_name):
         if cage is not None and reads_table:
             fiducials = read_cage(content, source_name, cage, limits)
         else:
@@ -87,6 +89,21 @@ def convert(
     design = load_design(content, form=form, base_directory=directory, allow_files=allow_files, limits=limits)
     text = _write_data(design_to_data(design), design.fiducials, target_name, written)
     return Conversion(text, design.fiducials.notes, design.fiducials)
+
+
+def _is_design(content: bytes, name: str) -> bool:
+    """Whether a .json is a design; one that holds points of 3D Slicer is none, whatever its name."""
+    if not name.lower().endswith(".json") or name.lower().endswith(FORMATS):
+        return False
+    return not (b'"markups"' in content and _holds_markups(content))
+
+
+def _holds_markups(content: bytes) -> bool:
+    try:
+        data = json.loads(content)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(data, dict) and "markups" in data and holds_points(data)
 
 
 def _write_text(target: Path, text: str) -> None:

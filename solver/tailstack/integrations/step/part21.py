@@ -43,6 +43,8 @@ _STARTS = {
     b"PK\x03\x04": "it is a ZIP archive (.stpz, .FCStd): unpack it, or export STEP",
     b"\x1f\x8b": "it is compressed: unpack it with gunzip",
     b"<?xml": "it is XML (.stpx): export AP242 as a STEP file in text form",
+    b"\xff\xfe": "it is UTF-16: save it as plain text, in UTF-8",
+    b"\xfe\xff": "it is UTF-16: save it as plain text, in UTF-8",
     b"solid": "it is STL, which holds triangles and no spheres: export STEP",
 }
 
@@ -114,6 +116,19 @@ class Part21:
         """Numbers of the instances of a wanted keyword; a complex one is listed by each of its own."""
         return self._listed[keyword]
 
+    def describe_encoding(self) -> str:
+        """What to know of texts that are not UTF-8, in words; empty where all are."""
+        begin = max(self._content.find(b"DATA;"), 0)
+        try:
+            self._content[begin:].decode("utf-8")
+        except UnicodeDecodeError as found:
+            line = self._line(begin + found.start)
+            return (
+                f"names are not UTF-8 from line {line} on (Shift-JIS, Windows-1252?): letters beyond ASCII are lost or "
+                "others; export it in UTF-8, or rename the bodies"
+            )
+        return ""
+
     def line_of(self, number: int) -> int | None:
         """The line where an instance begins."""
         at = self._find(number)
@@ -181,7 +196,7 @@ class Part21:
     def _index(self) -> tuple[Any, Any, Any]:
         """Numbers of the instances, where the text after = begins, where it ends."""
         content = self._content
-        if not content.lstrip()[:12].startswith(b"ISO-10303-21"):
+        if not content.lstrip(b"\xef\xbb\xbf \t\r\n")[:12].startswith(b"ISO-10303-21"):
             hint = next((hint for start, hint in _STARTS.items() if content.startswith(start)), "export it as STEP")
             detail = "a STEP file begins with ISO-10303-21;"
             raise StepError(Problem("", "not-step", f"{detail} {self.name} does not", hint, self.name, 1))

@@ -98,9 +98,12 @@ def read_step(
     if selection.diameter_mm is None:
         _refuse_several_diameters(found, name)
     taken, notes = _drop_repeated([body for body in found if not body.reason], name)
+    encoding = file.describe_encoding()
+    if encoding:
+        notes.append(f"{name}: {encoding}")
     left = [body for body in found if body.reason]
     if not taken:
-        raise _nothing_found(left, selection, name)
+        raise _nothing_found(left, selection, name, encoding)
     if len(taken) > limits.fiducials:
         detail = f"{name} holds {len(taken)} such balls; a design has at most {limits.fiducials} fiducials"
         raise LimitError(Problem("", "too-many", detail, "name them, or state their diameter", name))
@@ -173,7 +176,7 @@ def _list_diameters(counts: Counter[float]) -> str:
     return ", ".join(listed) + (", ..." if len(counts) > 6 else "")
 
 
-def _nothing_found(left: Sequence[StepBody], selection: StepSelection, name: str) -> StepError:
+def _nothing_found(left: Sequence[StepBody], selection: StepSelection, name: str, encoding: str) -> StepError:
     asked = [] if selection.name is None else [f"with a name that matches {selection.name}"]
     if selection.diameter_mm is not None:
         asked.append(f"of diameter {selection.diameter_mm:g} ± {selection.tolerance_mm:g} mm")
@@ -188,6 +191,8 @@ def _nothing_found(left: Sequence[StepBody], selection: StepSelection, name: str
     if whole:
         hint = f"its balls: {_list_diameters(_count_diameters(whole))}"
         hint += "; called " + ", ".join(sorted({body.label or "(no name)" for body in whole})[:6])
+    if encoding:
+        hint += "; " + encoding
     return StepError(Problem("", "no-ball", detail, hint, name))
 
 

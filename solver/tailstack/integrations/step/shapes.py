@@ -199,7 +199,10 @@ class Shapes:
     def _triple(self, value: Any, referrer: int) -> Array:
         if not isinstance(value, list) or len(value) != 3:
             raise self.file.refuse(
-                referrer, "wrong-count", f"a point or direction has 3 coordinates; #{referrer} has not"
+                referrer,
+                "wrong-count",
+                f"a point or direction has 3 coordinates; #{referrer} has not",
+                "export it anew; decimals are written with a point, 1.5",
             )
         return np.array([self.file.number(item, referrer) for item in value])
 

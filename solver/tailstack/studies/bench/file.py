@@ -1,17 +1,15 @@
 """Files of bench measurements: the trials of every level at every target, and what a file may not say.
 
-The table is CSV whose column names state units, read strictly.  It has four forms, told apart by their header:
+The table is text whose column names state units (``people_tables``).  It has four forms, told apart by their header:
 measured points, error vectors, error norms, and summary statistics by level. Whatever cannot be what it claims to be
 is refused with its line."""
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from math import isfinite
 from pathlib import Path
 from typing import Literal
 
@@ -19,6 +17,8 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import Problem, TailstackError
+from ...people_tables import NUMBERINGS, PeopleTable, is_missing, read_people_table, split_heading
+from ...people_tables import quote as shown
 from ...system import TORSOR_COMPONENTS
 
 __all__ = ["Group", "MeasurementError", "Measurements", "Summary", "read_measurements"]
@@ -76,7 +76,7 @@ def read_measurements(source: Path | bytes, targets: Sequence[str], name: str | 
         name, content = name or "measurements", source
     if len(content) > MOST_BYTES:
         raise refusal(name, None, "too-large", f"the file is longer than {MOST_BYTES:,} bytes")
-    table = MeasurementTable.of(name, text_of(name, content))
+    table = MeasurementTable.of(name, content)
     rows = table.rows()
     return Measurements(
         name=name,
@@ -86,7 +86,7 @@ def read_measurements(source: Path | bytes, targets: Sequence[str], name: str | 
         rows=len(rows),
         groups=_groups(table, rows, targets),
         states_installations="installation" in table.columns,
-        notes=_notes(table, rows),
+        notes=(*table.describe(), *_notes(table, rows)),
     )
 
 
@@ -250,69 +250,66 @@ def refusal(name: str, line: int | None, code: str, detail: str, hint: str = "",
     return MeasurementError(Problem(f"/{column}" if column else "", code, detail, hint, name, line, at))
 
 
-def shown(text: str) -> str:
-    clean = "".join(c if c.isprintable() else "?" for c in text)
-    return repr(clean if len(clean) <= 60 else clean[:57] + "...")
-
-
-def text_of(name: str, content: bytes) -> str:
-    """UTF-8, with or without a byte order mark."""
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        detail = f"byte {error.start + 1} is not UTF-8"
-        raise refusal(name, line, "encoding", detail, "save the file as CSV UTF-8") from None
-    if "\0" in text:
-        line = text.count("\n", 0, text.index("\0")) + 1
-        raise refusal(name, line, "encoding", "the file holds NUL characters", "save the file as CSV UTF-8")
-    return text
-
-
 @dataclass(frozen=True, slots=True)
 class MeasurementTable:
     name: str
     header_line: int
-    delimiter: str
     columns: dict[str, int]  # name without unit -> place
-    heads: dict[str, str]  # and as it is written
+    heads: dict[str, str]  # and with it
     form: Form
     unit: str
-    body: tuple[tuple[int, str], ...]
+    text: PeopleTable
+    numberings: tuple[str, ...]  # columns that only count the rows
 
     @classmethod
-    def of(cls, name: str, text: str) -> MeasurementTable:
-        lines = [
-            (number, line)
-            for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)
-            if line.strip() and not line.lstrip().startswith("#")
-        ]
-        if not lines:
-            raise refusal(name, None, "empty-document", "the file holds no line", f"for example {EXAMPLES['points']}")
-        at, header = lines[0]
-        delimiter = next((mark for mark in ("\t", ";") if mark in header), ",")
-        said = [cell.strip().lower() for cell in _cells(name, at, header, delimiter)]
-        form = _form(name, at, header, said)
-        columns, unit = _columns(name, at, said, form)
-        if len(lines) == 1:
-            raise refusal(name, at, "empty-document", "there is a header, and no measurement below it")
-        if len(lines) > MOST_LINES + 1:
-            detail = f"{len(lines) - 1:,} lines of measurements; at most {MOST_LINES:,} are read"
-            raise refusal(name, lines[MOST_LINES + 1][0], "too-many", detail, "several files are compared one by one")
+    def of(cls, name: str, content: bytes) -> MeasurementTable:
+        text = read_people_table(content, name, MeasurementError, _is_header)
+        at, header = text.header_line, text.delimiter.join(text.header)
+        numberings = tuple(cell for cell in text.header if cell.lower() in NUMBERINGS)
+        said = ["" if cell in numberings else _heading(cell) for cell in text.header]
+        for place, unit in enumerate(text.units or ()):
+            stem, own = split_heading(text.header[place])
+            if unit and own and unit != own:
+                detail = f"column {shown(text.header[place])} has the unit {unit} in the row below"
+                raise refusal(name, at, "mixed-units", detail, "state one unit")
+            if unit and not own and said[place]:
+                said[place] = f"{stem}_{unit}"
+        used = [cell for cell, own in zip(said, text.header, strict=True) if own not in numberings]
+        form = _form(name, at, header, used)
+        columns, unit = _columns(name, at, said, form, {k for k, own in enumerate(text.header) if own in numberings})
         heads = {stem: said[place] for stem, place in columns.items()}
-        return cls(name, at, delimiter, columns, heads, form, unit, tuple(lines[1:]))
+        return cls(name, at, columns, heads, form, unit, text, numberings)
 
     def rows(self) -> list[MeasuredRow]:
-        return [self._row(line, text) for line, text in self.body]
+        lines = list(self.text.rows)
+        if not lines:
+            detail = "there is a header, and no measurement below it"
+            raise refusal(self.name, self.header_line, "empty-document", detail, " ".join(self.text.describe()))
+        if len(lines) > MOST_LINES:
+            detail = f"{len(lines):,} lines of measurements; at most {MOST_LINES:,} are read"
+            raise refusal(self.name, lines[MOST_LINES][0], "too-many", detail, "several files are compared one by one")
+        found = [self._row(line, cells) for line, cells in lines if not self._is_missing(line, cells)]
+        if not found:
+            raise refusal(self.name, None, "empty-document", "no row is left", " ".join(self.text.describe()))
+        return found
 
-    def _row(self, line: int, text: str) -> MeasuredRow:
-        cells = [cell.strip() for cell in _cells(self.name, line, text, self.delimiter)]
-        if len(cells) != len(self.columns):
-            detail = f"{len(cells)} cells in a table of {len(self.columns)} columns"
-            hint = "decimals are written with a point" if len(cells) > len(self.columns) else ""
-            if len(cells) == len(self.columns) + 1 and not cells[-1]:
-                hint = "the line ends with a delimiter: leave it out"
-            raise refusal(self.name, line, "csv-row", detail, hint)
+    def describe(self) -> tuple[str, ...]:
+        """What was left out of the file, and what was read in another way than it is written."""
+        more = [f"column {shown(cell)} was left out: it counts the rows" for cell in self.numberings]
+        return (*self.text.describe(), *more)
+
+    def _is_missing(self, line: int, cells: Sequence[str]) -> bool:
+        """Whether a tracker of NDI's did not see what was to be measured; such a row is left out, and counted."""
+        values = (self.text.find_number(cells[place], line, place) for place in map(self.columns.get, AXES[self.form])
+                  if place is not None)  # fmt: skip
+        missing = any(is_missing(value) for value in values if value is not None)
+        if missing:
+            self.text.counts.leave_out("missing", line)
+            self.text.counts.read -= 1
+        return missing
+
+    def _row(self, line: int, raw: Sequence[str]) -> MeasuredRow:
+        cells = [cell.strip() for cell in raw]
         scale = MM[self.unit]
         values = tuple(scale * self._number(cells, line, axis) for axis in AXES[self.form])
         labels = {name: cells[self.columns[name]] for name in LABELS[self.form] if name in self.columns}
@@ -332,21 +329,19 @@ class MeasurementTable:
         return MeasuredRow(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, p95, px)
 
     def _number(self, cells: Sequence[str], line: int, column: str) -> float:
-        said, column = cells[self.columns[column]], self.heads[column]
+        place, column = self.columns[column], self.heads[column]
+        said = cells[place]
         if not said:
             raise refusal(
                 self.name, line, "missing-value", f"{column} is empty", "leave out what was not measured", column
             )
-        if not re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?", said):
+        value = self.text.find_number(said, line, place)
+        if value is None:
             if re.fullmatch(r"[-+]?(nan|inf|infinity|#n/a|n/a|na)", said.lower()):
                 detail, hint = f"{column} is not a finite number: {shown(said)}", "leave out what was not measured"
             else:
-                detail = f"{column} is a number; got {shown(said)}"
-                hint = "write decimals with a point" if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", said) else ""
+                detail, hint = f"{column} is a number; got {shown(said)}", self.text.cure(said, column)
             raise refusal(self.name, line, "wrong-type", detail, hint, column)
-        value = float(said)
-        if not isfinite(value):
-            raise refusal(self.name, line, "out-of-range", f"{column} is too large: {shown(said)}", "", column)
         return value
 
     def _deliberate(self, cells: Sequence[str], line: int) -> tuple[float, ...] | None:
@@ -398,11 +393,16 @@ class MeasurementTable:
         return value
 
 
-def _cells(name: str, line: int, text: str, delimiter: str) -> list[str]:
-    try:
-        return next(csv.reader([text], delimiter=delimiter, strict=True))
-    except (csv.Error, StopIteration) as error:
-        raise refusal(name, line, "csv-syntax", f"this line is not CSV: {error}") from None
+def _heading(cell: str) -> str:
+    """A column with its unit behind a line, however it is written."""
+    stem, unit = split_heading(cell)
+    return f"{stem}_{unit}" if unit else stem
+
+
+def _is_header(cells: Sequence[str]) -> bool:
+    """Whether cells name everything that one of the forms needs."""
+    stems = {split_heading(cell)[0] for cell in cells}
+    return any(set(axes) <= stems for axes in AXES.values())
 
 
 def _form(name: str, line: int, header: str, said: Sequence[str]) -> Form:
@@ -429,13 +429,15 @@ def _form(name: str, line: int, header: str, said: Sequence[str]) -> Form:
     )
 
 
-def _columns(name: str, line: int, said: Sequence[str], form: Form) -> tuple[dict[str, int], str]:
+def _columns(name: str, line: int, said: Sequence[str], form: Form, passed: set[int]) -> tuple[dict[str, int], str]:
     """Place of every column by its name without unit, and the one unit of all lengths."""
     columns: dict[str, int] = {}
     units: dict[str, str] = {}
     allowed = {*LABELS[form], *(("n",) if form == "summary" else ())}
     for place, cell in enumerate(said):
         stem, _, unit = cell.rpartition("_")
+        if place in passed:
+            continue
         if cell in allowed:
             stem, unit = cell, ""
         elif stem in ROTATIONS:

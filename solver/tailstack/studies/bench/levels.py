@@ -22,11 +22,12 @@ from ...montecarlo import ChainPlan, compile_plan, draw, evaluate
 from ...montecarlo.chain import standard_normals
 from ...montecarlo.simulate import ERRORS
 from ...montecarlo.tables import INSTALLATION
+from ...people_tables import quote as shown
 from ...propagation.linear import Block, LinearModel, linearise
 from ...results import Interval, Vector3
 from ...scoring import vector3
 from ...system import Law, System
-from .file import Group, Measurements, Summary, refusal, shown
+from .file import Group, Measurements, Summary, refusal
 from .statistics import (
     LEAST_FOR_TAIL,
     Expected,

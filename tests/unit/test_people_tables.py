@@ -1,0 +1,238 @@
+"""Tables as people have them: no row and no number goes in silence, whoever wrote the file.
+
+What is right was worked out by hand from the files of tests/data/people_tables and the definitions of their formats.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+
+from tailstack.cures import cure_text
+from tailstack.design import check_design, convert, load_design
+from tailstack.design.fiducial_files import FiducialList, read_fiducials
+from tailstack.design.reading import DEFAULT_LIMITS
+from tailstack.errors import DesignError, TailstackError
+from tailstack.people_tables import read_people_table, split_heading
+from tailstack.studies.bench.file import read_measurements
+
+FILES = Path(__file__).parents[1] / "data" / "people_tables"
+BEADS = (
+    (-25, -28, -70), (28, -22, -64), (-22, 30, -66), (24, 26, -72),
+    (-28, -24, -30), (22, -30, -22), (-30, 24, -26), (30, 22, -18),
+)  # fmt: skip
+LABELS = tuple(f"A{k}" for k in range(1, 9))
+
+
+def read_file(name: str) -> FiducialList:
+    return read_fiducials((FILES / name).read_bytes(), name, DEFAULT_LIMITS)
+
+
+def read(text: str | bytes, name: str = "b.csv") -> FiducialList:
+    return read_fiducials(text if isinstance(text, bytes) else text.encode(), name, DEFAULT_LIMITS)
+
+
+def refused(text: str | bytes, name: str = "b.csv") -> tuple[int | None, str, str]:
+    """Line, detail and hint."""
+    with pytest.raises(DesignError) as found:
+        read(text, name)
+    problem = found.value.problems[0]
+    return problem.line, problem.detail, problem.hint
+
+
+# --- Slicer -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "left_out"), [
+    ("good.fcsv", ()), ("one.fcsv", ("A9",)), ("two.fcsv", ("A9", "A10 (missing)")), ("slicer3.fcsv", ()),
+    ("lps.csv", ()), ("points.json", ()), ("savetxt.csv", ()),
+])  # fmt: skip
+def test_the_same_eight_beads(name: str, left_out: tuple[str, ...]) -> None:
+    found = read_file(name)
+    assert found.positions_mm == BEADS
+    assert found.labels == (LABELS if name != "savetxt.csv" else tuple(f"F{k}" for k in range(1, 9)))
+    assert found.origin is not None
+    assert tuple(found.origin.left_out) == left_out
+    assert all(any(label in note for note in found.notes) for label in left_out)
+
+
+FCSV = "# Markups fiducial file version = 5.2\n# CoordinateSystem = LPS\n"
+FCSV += "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
+
+
+@pytest.mark.parametrize(("row", "said"), [
+    ("1,1,2,3,0,0,0,1,1,1,0,A,,,2", None),
+    ("1,1,2,3,0,0,0,1,1,1,0,A,,,2,1", None),
+    ("1,1,2,3,0,0,0,1,1,1,0,A,,,4,0", "0 to 3"),
+    ("1,1,2,3,0,0,0,1,1,1,0,A,,,,0", "0 to 3"),
+    ("1,1,2,3,0,0,0,1,1,1,0,A,,,2,0,0", "17 cells"),
+    ("1,1,2,3,0,0,0,1,1,1,0,A,", "13 cells"),
+    ("1,1,5,2,3,0,0,0,1,1,1,0,A,,", "15th field"),
+    ("1,1,5,2,5,3,0,0,0,1,1,1,0,A,,", "16th field"),
+    ("1,1,5,2,5,3,5,0,0,0,1,1,1,0,A,,", "17 cells"),
+    ("# 1,1,2,3,0,0,0,1,1,1,0,A,,,2,0", "begins with #"),
+])  # fmt: skip
+def test_a_row_of_fcsv_has_the_cells_of_its_format(row: str, said: str | None) -> None:
+    if said is None:
+        assert read(FCSV + row, "b.fcsv").positions_mm == ((1, 2, 3),)
+    else:
+        line, detail, hint = refused(FCSV + row, "b.fcsv")
+        assert (line, bool(hint)) == (4, True)
+        assert said in detail
+
+
+def test_a_name_may_stand_in_the_id_of_fcsv() -> None:
+    rows = "tip,1,2,3,0,0,0,1,1,1,0,,,,2,0\nvtkMRMLMarkupsFiducialNode_1,4,5,6,0,0,0,1,1,1,0,,,,2,0\n"
+    assert read(FCSV + rows, "b.fcsv").labels == ("tip", "F2")
+
+
+def test_a_remark_in_fcsv_is_counted() -> None:
+    found = read(FCSV + "# measured anew\n1,1,2,3,0,0,0,1,1,1,0,A,,,2,0\n", "b.fcsv")
+    assert any("1 row" in note and "line" in note for note in found.notes)
+
+
+def test_slicer_s_table_says_its_system_and_what_is_defined() -> None:
+    text = "label\tr\ta\ts\tdefined\tselected\tvisible\tlocked\tdescription\n"
+    text += "A\t1\t2\t3\t1\t1\t1\t0\t\nB\t0\t0\t0\t0\t1\t1\t0\t\n"
+    found = read(text, "b.tsv")
+    assert (found.labels, found.positions_mm) == (("A",), ((-1, -2, 3),))
+    assert any("B" in note for note in found.notes)
+    assert any("RAS" in note for note in found.notes)
+    assert "LPS" in refused("# CoordinateSystem = RAS\n" + "label,l,p,s\nA,1,2,3\n")[1]
+
+
+def test_content_says_what_a_file_is() -> None:
+    content = (FILES / "points.json").read_bytes()
+    assert read(content, "points.csv").positions_mm == BEADS
+    assert convert(content, "points.json", "b.csv").fiducials.positions_mm == BEADS
+    assert read((FILES / "good.fcsv").read_bytes(), "good.csv").positions_mm == BEADS
+
+
+def test_markups_of_another_type_are_remarked() -> None:
+    content = (FILES / "points.json").read_bytes().replace(b'"type": "Fiducial"', b'"type": "ClosedCurve"')
+    assert any("ClosedCurve" in note for note in read(content, "points.mrk.json").notes)
+
+
+def test_a_refusal_says_what_was_left_out() -> None:
+    views = [
+        {"name": name, "preset": "siemens-cios-fusion", "source_isocentre_mm": 700, "orientation": name,
+         "fiducial_noise_px": 0.3, "target_noise_px": 0.3}
+        for name in ("AP", "LAT")
+    ]  # fmt: skip
+    design = {"schema": "tailstack/design/1", "name": "some", "views": views, "fiducials": {"file": "some.mrk.json"},
+              "targets": [{"name": "tip", "position_mm": [0, 0, 70]}]}  # fmt: skip
+    with pytest.raises(TailstackError) as found:
+        check_design(load_design(design, base_directory=FILES))
+    said = str(found.value)
+    assert "5 points were left out" in said
+    assert "A4 (preview)" in said
+
+
+# --- rows that begin with #, what is missing --------------------------------------------------------------
+
+
+def test_beads_may_be_called_by_a_number_sign() -> None:
+    found = read_file("some_hash.csv")
+    assert (len(found.labels), found.labels[-2:]) == (10, ("#9", "#10"))
+    assert found.notes == ()
+
+
+def test_a_row_with_the_cells_of_the_header_is_data_or_refused() -> None:
+    header = "trial,error_mm\n"
+    found = read_measurements(f"{header}#1,1\n#2,2\n#3,3\n# stopped here\n".encode(), ("tip",), "b.csv")
+    assert found.rows == 3
+    assert any("1 row was left out" in note and "line 5" in note for note in found.notes)
+    for row in ("# 4,4", "#REF!,", "4,#REF!"):
+        with pytest.raises(TailstackError) as caught:
+            read_measurements(f"{header}1,1\n2,2\n3,3\n{row}\n".encode(), ("tip",), "b.csv")
+        assert caught.value.problems[0].line == 5
+
+
+def test_what_ndi_marks_as_missing_is_no_length() -> None:
+    row = ",".join(["-3.697314E+028"] * 3)
+    found = read(f"label,x_mm,y_mm,z_mm\nA,1,2,3\nB,{row}\n")
+    assert (found.labels, found.positions_mm) == (("A",), ((1, 2, 3),))
+    assert any("B (missing)" in note for note in found.notes)
+    measured = read_measurements(f"x_mm,y_mm,z_mm\n1,2,3\n{row}\n4,5,6\n7,8,9\n".encode(), ("tip",), "b.csv")
+    assert measured.rows == 3
+    assert any("NDI" in note and "line 3" in note for note in measured.notes)
+
+
+# --- spreadsheets -----------------------------------------------------------------------------------------
+
+
+def test_a_spreadsheet_s_files() -> None:
+    assert read_file("sep.csv").positions_mm[0] == (-24.5, -27.75, -70)
+    found = read_file("ansi.csv")
+    assert found.positions_mm[0] == pytest.approx((-24.5, -27.75, -70))
+    assert any("Windows-1252" in note for note in found.notes)
+    line, _, hint = refused((FILES / "comma_comma.csv").read_bytes())
+    assert line == 2
+    assert "point" in hint
+
+
+@pytest.mark.parametrize(("text", "line", "cure"), [
+    ("x_mm;y_mm;z_mm\n1,5;2.5;3\n", 2, "alike"),
+    ("x_mm;y_mm;z_mm\n1.234,5;2;3\n", 2, "1234.5"),
+    ("x_mm\ty_mm\tz_mm\n1,234\t2\t3\n", 2, "1.234 or 1234"),
+    ('x_mm,y_mm,z_mm\n"0,5",2,3\n', 2, "0.5"),
+    ("x_mm,y_mm,z_mm\n1 000,2,3\n", 2, "1000"),
+    ("x_mm,y_mm,z_mm\n+0.1/-0,2,3\n", 2, "bias 0.05, half-width 0.05"),
+    ("x_mm,y_mm,z_mm\n1,2,3\nx_mm,y_mm,z_mm\n4,5,6\n", 3, "a number"),
+    ("9,9,9\nx_mm,y_mm,z_mm\n1,2,3\n", 1, "below"),
+    ('label,x_mm,y_mm,z_mm\n"A\nB",1,2,3\n', 2, "line break"),
+    ("x_mm y_mm z_mm\n1 2 3\n", 1, "commas"),
+])  # fmt: skip
+def test_what_can_be_meant_in_two_ways_is_refused(text: str, line: int, cure: str) -> None:
+    found, _, hint = refused(text)
+    assert found == line
+    assert cure in hint
+
+
+def test_a_heading_states_its_unit_in_many_ways() -> None:
+    assert {split_heading(cell) for cell in ("X_mm", "x [mm]", "x (mm)", "x/mm", "x mm")} == {("x", "mm")}
+    assert split_heading("error_x_\N{GREEK SMALL LETTER MU}m") == ("error_x", "µm")
+    assert split_heading("trial no") == ("trial no", "")
+
+
+@pytest.mark.parametrize(("text", "cure"), [
+    ("+0.1/-0", "bias 0.05, half-width 0.05"), ("+0,1 / -0,3", "bias -0.1, half-width 0.2"),
+    ("±0.05", "without a sign: 0.05"), ("+/-0.05", "without a sign: 0.05"), ("1'234.5", "1234.5"),
+    ("1,234", "1.234 or 1234"), ("0,3", "0.3"),
+])  # fmt: skip
+def test_cures_of_cells(text: str, cure: str) -> None:
+    assert cure in cure_text(text, "half_width_mm")
+
+
+def test_limits_of_a_zone_are_cured_with_their_numbers() -> None:
+    """closed form: +0.1 / -0.02 has its middle at 0.04 and is 0.12 wide."""
+    points = [{"position_mm": [k, k * k, 3]} for k in range(8)]
+    made = {"upper_mm": 0.1, "lower_mm": -0.02}
+    design = {"schema": "tailstack/design/1", "name": "a", "views": [],
+              "fiducials": {"points": points, "manufacturing": made}}  # fmt: skip
+    with pytest.raises(DesignError) as found:
+        load_design(design)
+    assert any("bias 0.04, half-width 0.06" in problem.hint for problem in found.value.problems)
+
+
+def test_rows_are_read_as_they_are_asked_for() -> None:
+    """A million rows are never in memory together."""
+
+    class Endless(io.RawIOBase):
+        given = 0
+
+        def readable(self) -> bool:
+            return True
+
+        def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+            text = (b"a,b\n" if not self.given else b"") + b"1,2\n" * (len(buffer) // 4 - 1)
+            self.given += len(text)
+            buffer[: len(text)] = text
+            return len(text)
+
+    stream = Endless()
+    table = read_people_table(io.BufferedReader(stream), "b.csv", DesignError)
+    assert next(table.rows) == (2, ["1", "2"])
+    assert stream.given < 1_000_000
