@@ -224,6 +224,23 @@ def test_a_link_out_of_a_class_is_judged_where_the_file_is_and_said(tree: Path) 
     assert "a link of that name leads to designs/x.yaml" in finding.message
 
 
+def test_beads_lie_beside_the_file_and_not_beside_a_link_to_it(tmp_path: Path) -> None:
+    """By the link's folder another file of the same name would be read: other beads, another verdict."""
+    points = limited(PASSING)["fiducials"]["points"]
+    rows = [",".join([point["label"], *map(str, point["position_mm"])]) for point in points]
+    for folder, lines in (("designs", rows), ("elsewhere", rows[:3])):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "beads.csv").write_text("\n".join(["label,x_mm,y_mm,z_mm", *lines]), encoding="utf-8")
+    fiducials = {**limited(PASSING)["fiducials"], "file": "beads.csv"}
+    del fiducials["points"]
+    write(tmp_path / "designs" / "x.yaml", {**limited(PASSING), "fiducials": fiducials})
+    (tmp_path / "elsewhere" / "x.yaml").symlink_to("../designs/x.yaml")
+    write(tmp_path / "policy.yaml", policy("elsewhere/*"))
+    for name in ("designs/x.yaml", "elsewhere/x.yaml"):
+        code, record = gate(tmp_path, name, "--policy", "policy.yaml")
+        assert (code, record.verdict, record.designs[0].file) == (0, "pass", "designs/x.yaml"), record.findings
+
+
 def test_formats_of_pipelines_name_files_from_the_root_of_the_repository(
     tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

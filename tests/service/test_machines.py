@@ -9,7 +9,7 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ def nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def homeless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+def homeless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
     """Neither HOME nor an entry among the users; gives the folder for temporary files."""
     for variable in ("HOME", "XDG_STATE_HOME", "TAILSTACK_DATABASE"):
         monkeypatch.delenv(variable, raising=False)
@@ -51,7 +51,8 @@ def homeless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr(Path, "home", classmethod(no_home))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     folders.lent_directory.cache_clear()
-    return tmp_path
+    yield tmp_path
+    folders.lent_directory.cache_clear()
 
 
 # --- no home ------------------------------------------------------------------------------------------

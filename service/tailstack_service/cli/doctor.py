@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from tailstack import __version__
 from tailstack.errors import MissingExtraError, TailstackError
-from tailstack.extras import install_command, missing_extras, name_missing_extra
+from tailstack.extras import install_command, missing_extras, name_missing_extra, require_extras
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..operations.example import EXAMPLE_DESIGN
@@ -138,6 +138,8 @@ def _solver() -> str:
 
 def _pdf() -> str:
     """What writes PDF, and the fonts that it writes with."""
+    require_extras("pdf")
+
     from ..report.pdf import count_fonts, load_weasyprint
 
     version = load_weasyprint().__version__

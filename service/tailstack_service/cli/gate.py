@@ -23,7 +23,7 @@ from ..folders import misses_temporary_folder, no_temporary_folder
 from ..gate.asked import GateRequest
 from ..gate.file_names import is_wild, normalise
 from ..problems import RequestError
-from .gate_files import Anchors, find_paths, resolve, show_name
+from .gate_files import Anchors, find_paths, follow_link, resolve, show_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -284,9 +284,9 @@ def _read_design(name: str, anchors: Anchors, of_baseline: Anchors) -> GateDesig
         earlier=of_baseline.list_names(name),
     )  # fmt: skip
     try:
-        return replace(entry, design=read_design(name))
+        return replace(entry, design=read_design(follow_link(name)))
     except (DesignError, LimitError) as error:
-        return replace(entry, refusal=_place_refusal(error, name))
+        return replace(entry, refusal=_place_refusal(error, follow_link(name)))
 
 
 def _place_refusal(error: TailstackError, name: str) -> TailstackError:

@@ -66,10 +66,16 @@ def resolve(name: str) -> Path:
     return Path(os.path.realpath(name))
 
 
+def follow_link(name: str) -> str:
+    """The file that a link leads to, of a link: what lies beside a design lies beside the file."""
+    return str(resolve(name)) if os.path.islink(name) else name
+
+
 def show_name(name: str) -> str:
     """How findings call a file: from the working directory where it is below that, in characters that can be shown."""
     if name == "-":
         return STDIN
+    name = follow_link(name)
     here, real = Path.cwd().resolve(), resolve(name)
     root = find_root(real)
     if real.is_relative_to(here) or (root is not None and here.is_relative_to(root)):
