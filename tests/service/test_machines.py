@@ -9,7 +9,7 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,6 @@ from tailstack_service.report.errors import PdfUnavailable
 from waiting import until
 
 DESIGN = str(ROOT / "examples" / "demo.yaml")
-Commands = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
