@@ -203,13 +203,11 @@ def test_schemas_and_help_are_the_same_without_docstrings() -> None:
 
 
 @pytest.fixture
-def room(tmp_path: Path) -> Path:
-    """A folder that everybody may write into."""
-    for folder in (tmp_path, *tmp_path.parents[:3]):
-        if folder.stat().st_uid == os.getuid() and folder != Path(tempfile.gettempdir()):
-            folder.chmod(folder.stat().st_mode | 0o055)
-    tmp_path.chmod(0o1777)
-    return tmp_path
+def room() -> Iterator[Path]:
+    """A folder that everybody may write into; those of pytest are for one user."""
+    with tempfile.TemporaryDirectory(prefix="room-") as folder:
+        Path(folder).chmod(0o1777)
+        yield Path(folder)
 
 
 @pytest.mark.long
