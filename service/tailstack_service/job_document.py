@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
@@ -101,10 +102,14 @@ class JobPage:
     """Path of the page after this one; null on the last."""
 
 
-def job_document(job: Job, eta_seconds: float | None = None) -> JobDocument:
-    """The record of a job from its row and, while it runs, the time to its end."""
-    path = f"/v1/jobs/{job.id}"
-    result = f"/v1/results/{job.result_sha256}" if job.result_sha256 else None
+def job_document(job: Job, eta_seconds: float | None = None, place: Callable[[str], str] = str) -> JobDocument:
+    """The record of a job from its row and, while it runs, the time to its end.
+
+    place: a path of the service as its client sees it.
+    """
+    path = place(f"/v1/jobs/{job.id}")
+    result = place(f"/v1/results/{job.result_sha256}") if job.result_sha256 else None
+    problem = None if job.problem is None else problem_of(job.problem)
     return JobDocument(
         schema="tailstack/job/1",
         id=job.id,
@@ -118,7 +123,7 @@ def job_document(job: Job, eta_seconds: float | None = None) -> JobDocument:
         recomputed=_describe_restart(job),
         cpu_seconds=round(job.cpu_seconds, 6),
         progress=_progress(job, eta_seconds),
-        problem=None if job.problem is None else problem_of(job.problem),
+        problem=problem and replace(problem, type=place(problem.type)),
         result_sha256=job.result_sha256,
         links=JobLinks(path, f"{path}/events", f"{path}/cancel", result, f"{result}/report" if result else None),
     )

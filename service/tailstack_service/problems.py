@@ -23,6 +23,7 @@ from tailstack.errors import (
     TailstackError,
 )
 
+from .folders import FolderError
 from .jobs.store.errors import IdempotencyConflict, QueueFull, StoreError, StoreUnavailable, UnitLost
 
 
@@ -273,11 +274,17 @@ CATALOGUE: dict[str, ProblemType] = {
             "Somebody cancelled the job before it ended; it has no result.",
             "Send the request again if the answer is wanted after all.",
         ),
+        _of(
+            FolderError,
+            501,
+            "The process has no home and no folder for temporary files that it could write into.",
+            "An operator has to act: set the variable that the hint names.",
+        ),
         ProblemType(
             "pdf-unavailable",
             "PDF cannot be written here",
             501,
-            "The libraries that write PDF are not installed where the service runs.",
+            "The libraries that write PDF, or a font to write with, are not installed where the service runs.",
             "Install what the detail names, or take format=html and print it.",
         ),
         _of(

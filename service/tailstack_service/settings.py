@@ -121,6 +121,16 @@ class Settings(BaseSettings):
         default="", description="origins of other sites, comma-separated, whose pages may call the API from a browser"
     )
 
+    # Below which path clients see it
+    root_path: str = Field(
+        default="", description="path below which a proxy gives the service to clients, such as /tailstack"
+    )
+    trusted_proxies: str = Field(
+        default="",
+        description="addresses and networks, comma-separated, of proxies whose X-Forwarded-Prefix goes before "
+        "TAILSTACK_ROOT_PATH",
+    )
+
     # What is told
     log_format: Literal["text", "json"] = Field(default="text", description="log lines on stderr as text or as JSON")
 

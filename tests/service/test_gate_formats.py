@@ -17,6 +17,7 @@ from jsonschema import Draft202012Validator
 from service_scenes import ROOT, limited, small_design
 
 from tailstack.design.write import data_to_yaml
+from tailstack_service.cli.gate_files import Anchors
 from tailstack_service.cli.main import main
 from tailstack_service.gate.formats import FORMATS as WRITERS
 from tailstack_service.gate.formats import (
@@ -258,13 +259,14 @@ def test_fingerprints_do_not_hang_on_lines_or_values() -> None:
     assert len(set(fingerprint_findings([finding(), finding(), finding(rule="cvar"), finding(file="other.yaml")]))) == 4
 
 
-def test_files_are_named_from_the_root_of_the_repository() -> None:
-    record = name_from_root(
-        with_findings(finding(file="../up.yaml"), finding(file="/abs.yaml"), finding()), "parts/seat"
-    )
-    assert [entry.file for entry in record.findings] == ["parts/up.yaml", "/abs.yaml", "parts/seat/bad.yaml"]
+def test_files_are_named_from_the_root_of_the_repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "parts" / "seat").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "parts" / "seat")
+    monkeypatch.setenv("CI_PROJECT_DIR", str(tmp_path))
+    given = with_findings(*(finding(file=name) for name in ("../up.yaml", "/abs.yaml", "<stdin>")), finding())
+    record = name_from_root(given, Anchors().name_from_root)
+    assert [entry.file for entry in record.findings] == ["parts/up.yaml", "/abs.yaml", "<stdin>", "parts/seat/bad.yaml"]
     assert record.designs[0].file == "parts/seat/good.yaml"
-    assert name_from_root(record, "") is record
 
 
 def test_text_gives_no_command_to_a_runner() -> None:

@@ -28,8 +28,8 @@ TODAY = date(2026, 11, 21)
 JUDGING = ("p95", "cvar", "exceedance", "per-unit-yield")
 EVERY = (
     *JUDGING, "first-order-gap", "conditioning", "fiducial-spacing", "visibility", "overlap", "process-capability",
-    "process-unused", "regression", "limit-relaxed", "not-compared", "class-relaxed", "class-by-name", "waiver-unused",
-    "waiver-wide", "model-version",
+    "process-unused", "regression", "limit-relaxed", "not-compared", "class-relaxed", "class-unused", "class-by-name",
+    "waiver-unused", "waiver-wide", "model-version",
 )  # fmt: skip
 PROMISE = {"name": "tip-accuracy", "limit_mm": 1.4}  # mm; the small design keeps it with a P95 of about 0.65
 TWO = [{"name": "tip", "position_mm": [0, 0, 70]}, {"name": "side", "position_mm": [20, 0, 60]}]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 import re
 import shutil
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from service_scenes import EXAMPLES
 from tailstack.design import Revision, design_to_data, load_design, revise_design
 from tailstack.results import Finding, Optimisation
 from tailstack_service.cli.main import main
+from tailstack_service.folders import lent_directory
 
 WITH_FREEDOM = [path for path in sorted(EXAMPLES.glob("*.yaml")) if "\noptimise:\n" in path.read_text(encoding="utf-8")]
 Captured = tuple[int, str, str]
@@ -288,9 +290,12 @@ def test_a_result_that_cannot_be_kept_is_printed_all_the_same(
     assert "note: the result is not kept for --last: /proc/nobody cannot be written (" in err
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setattr("pathlib.Path.home", lambda: (_ for _ in ()).throw(RuntimeError("there is no home directory")))
+    (room / f"tailstack-{os.getuid()}").touch()  # what would stand in for it
+    monkeypatch.setattr("tempfile.tempdir", str(room))
+    lent_directory.cache_clear()
     code, _, err = call("optimise", path)
     assert code == 0
-    assert "note: the result is not kept for --last: there is no home directory" in err
+    assert "note: the result is not kept for --last: this user has no home, and" in err
 
 
 @pytest.mark.parametrize("content", [None, "", "{}", '{"file": null, "result": {"schema": 3}}'])

@@ -60,7 +60,7 @@ def _check(url: str) -> Answer:
     from ..jobs.store import upkeep
     from ..jobs.store.database import connect
 
-    db = connect(url)
+    db = connect(url, read_only=True)
     try:
         checks = upkeep.check_database(db)
     finally:

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Callable
 
 from tailstack import __version__
-from tailstack.errors import MissingExtraError
-from tailstack.extras import install_command, missing_extras, name_missing_extra
+from tailstack.errors import MissingExtraError, TailstackError
+from tailstack.extras import install_command, missing_extras, name_missing_extra, require_extras
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..operations.example import EXAMPLE_DESIGN
@@ -37,6 +37,8 @@ def run(arguments: argparse.Namespace) -> Answer:
             mark, words = "-", f"not installed: {error.problems[0].hint}"
         except Ailment as error:
             mark, words, code = "FAIL", str(error), NOT_EVALUATED
+        except TailstackError as error:
+            mark, words, code = "FAIL", _words_of(error), NOT_EVALUATED
         except Exception as error:  # a doctor reports every ailment
             first = str(error).splitlines()[0] if str(error) else ""
             mark, words, code = "FAIL", f"{type(error).__name__}: {first}", NOT_EVALUATED
@@ -121,6 +123,44 @@ def _kernels() -> str:
     return f"{described}; for {kernels.BUILT_WITH}"
 
 
+def _solver() -> str:
+    """The optimiser's IPOPT, a plugin that CasADi loads when it is first needed."""
+    import casadi
+
+    from tailstack.optimisation.solver import require_ipopt
+
+    try:
+        require_ipopt()
+    except MissingExtraError as error:
+        raise Ailment(_words_of(error)) from None
+    return f"CasADi {casadi.CasadiMeta.version()} loads IPOPT"
+
+
+def _pdf() -> str:
+    """What writes PDF, and the fonts that it writes with."""
+    require_extras("pdf")
+
+    from ..report.pdf import count_fonts, load_weasyprint
+
+    version = load_weasyprint().__version__
+    fonts = count_fonts()
+    return f"WeasyPrint {version}, {fonts} {'font' if fonts == 1 else 'fonts'}"
+
+
+def _folders() -> str:
+    """Where jobs and results are kept, and temporary files are written."""
+    from ..folders import CURE, has_home, state_directory, temporary_directory
+
+    temporary, kept = temporary_directory(), state_directory()
+    note = "" if has_home() else f", as this user has no home: {CURE}"
+    return f"jobs and results in {kept}{note}; temporary files in {temporary}"
+
+
+def _words_of(error: TailstackError) -> str:
+    problem = error.problems[0]
+    return f"{problem.detail}; {problem.hint}" if problem.hint else problem.detail
+
+
 def _known_value() -> str:
     """The exact tail of a Gaussian vector against the chi distribution, which is a closed form."""
     import numpy as np
@@ -169,6 +209,9 @@ CHECKS: dict[str, Callable[[], str]] = {
     "threads": _threads,
     "compile cache": _compile_cache,
     "kernels": _kernels,
+    "folders": _folders,
+    "solver": _solver,
+    "pdf": _pdf,
     "known value": _known_value,
     "chain": _chain,
     "port": _port,

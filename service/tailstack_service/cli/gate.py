@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import unicodedata
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -21,8 +20,11 @@ from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
 from ..console.arguments import add_details, read_design
 from ..console.flags import add_flags, fill_defaults
 from ..console.progress import Progress
+from ..folders import misses_temporary_folder, no_temporary_folder
 from ..gate.asked import GateRequest
+from ..gate.file_names import is_wild, normalise
 from ..problems import RequestError
+from .gate_files import Anchors, find_paths, follow_link, resolve, show_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +40,6 @@ if TYPE_CHECKING:
 HELP = "designs against a policy, for a pipeline: findings and an exit code"
 
 FORMATS = ("text", "json", "baseline", "sarif", "junit", "github", "gitlab", "markdown")
-WILD = "*?["
 LONGEST_NAME = 400
 
 
@@ -85,7 +86,11 @@ def run(arguments: argparse.Namespace) -> Answer:
         arguments.design
     )  # before anything is written: no output becomes a design, no design an output
     inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design, *chain(*matches.values())]
-    outputs, wrong = choose_outputs(arguments.format or [("text", None)], [name for name in inputs if name is not None])
+    outputs, wrong = choose_outputs(
+        arguments.format or [("text", None)],
+        [name for name in inputs if name is not None],
+        Anchors.of_documents([arguments.policy, arguments.waivers]),
+    )
     record, outputs = _make_record(arguments, outputs, wrong, matches)
     stopped = record.provenance.policy_sha256 is None  # and stderr says by what
     body = b"" if stopped and outputs.on_stdout == "text" else outputs.stdout(record)
@@ -130,7 +135,7 @@ def _make_record(
     from .gate_outputs import INTERRUPTED, NOT_FINISHED, OutputError, record_unfinished
 
     known = partial(record_unfinished, arguments, today())
-    files = [_show_name(name) for name in arguments.design]
+    files = [show_name(name) for name in arguments.design]
     try:
         outputs, unwritable = outputs.begin(known(files, (NOT_FINISHED,), NOT_EVALUATED))
         if wrong:
@@ -141,15 +146,15 @@ def _make_record(
             detail = "--max-regression: without a baseline nothing is compared"
             raise RequestError(Problem("", "unused-option", detail, "--baseline FILE, or leave it out"))
         designs = _list_files(arguments.design, matches)
-        files = [_show_name(name) for name in designs]
-        return _judge(arguments, designs), outputs
+        files = [show_name(name) for name in designs]
+        return _judge(arguments, designs, outputs.anchors), outputs
     except KeyboardInterrupt:
         print("tailstack: interrupted", file=sys.stderr)
         return known(files, (INTERRUPTED,), INTERRUPTED_CODE), outputs
     except (TailstackError, OSError) as error:
         code = report_error(error, arguments)
-        problems = error.problems if isinstance(error, TailstackError) else (Problem("", "os-error", str(error)),)
-        problems = tuple(p if p.file is None else replace(p, file=_show_name(p.file)) for p in problems)
+        problems = error.problems if isinstance(error, TailstackError) else (_describe_fault(error),)
+        problems = tuple(p if p.file is None else replace(p, file=show_name(p.file)) for p in problems)
         return known(files, problems, code if code == BAD_INPUT else NOT_EVALUATED), outputs
     except Exception as error:
         report_failure(error, arguments)
@@ -157,13 +162,17 @@ def _make_record(
         return known(files, (problem,), NOT_EVALUATED), outputs
 
 
+def _describe_fault(error: OSError) -> Problem:
+    return no_temporary_folder() if misses_temporary_folder(error) else Problem("", "os-error", str(error))
+
+
 def today() -> date:
     """The day by which waivers are judged, UTC."""
     return SYSTEM_CLOCK.today()
 
 
-def _judge(arguments: argparse.Namespace, designs: list[str]) -> GateRecord:
-    gate = _read_gate(arguments, designs)  # policy and waivers are refused before anything is computed
+def _judge(arguments: argparse.Namespace, designs: list[str], anchors: Anchors) -> GateRecord:
+    gate = _read_gate(arguments, designs, anchors)  # policy and waivers are refused before anything is computed
     with Progress("gate") as progress:
         if arguments.remote is not None:
             from .gate_remote import judge_remotely
@@ -189,11 +198,11 @@ def _explain(rule: str) -> str:
 
 
 def _find_files(given: list[str]) -> dict[str, list[str]]:
-    """Of each pattern among the designs, the files that it matches, sorted."""
-    from glob import glob
-
-    patterns = (name for name in given if any(sign in name for sign in WILD) and not Path(name).exists())
-    return {name: sorted(glob(name, recursive=True)) for name in patterns}
+    """Of each name that is not there as it is written, the files that it stands for, sorted: of a pattern those that it
+    matches, of a name the one that is written in another Unicode form."""
+    absent = (name for name in given if name != "-" and not os.path.lexists(name))
+    found = {name: find_paths(name) for name in absent}
+    return {name: paths for name, paths in found.items() if paths or is_wild(name)}
 
 
 def _list_files(given: list[str], matches: dict[str, list[str]]) -> list[str]:
@@ -205,25 +214,14 @@ def _list_files(given: list[str], matches: dict[str, list[str]]) -> list[str]:
         files += matches.get(name, [name])
     if not files:
         raise RequestError(Problem("", "no-design", "no design was given", "tailstack gate DESIGN..."))
-    files = list({_show_name(name): name for name in reversed(files)}.values())[::-1]
-    if long := next((name for name in files if len(_show_name(name)) > LONGEST_NAME), None):
+    files = list({name if name == "-" else str(resolve(name)): name for name in reversed(files)}.values())[::-1]
+    if long := next((name for name in files if len(show_name(name)) > LONGEST_NAME), None):
         detail = f"a path has {LONGEST_NAME} characters at most; got {long[:60]!r}..."
         raise RequestError(Problem("", "too-long", detail))
     return files
 
 
-def _show_name(name: str) -> str:
-    """How findings call a file: from the working directory where it is below that, in characters that can be shown."""
-    if name == "-":
-        return "<stdin>"
-    path = os.path.normpath(name)
-    if os.path.isabs(path) and Path(path).is_relative_to(Path.cwd()):
-        path = os.path.relpath(path)
-    readable = os.fsencode(path.replace(os.sep, "/")).decode("utf-8", "replace")
-    return "".join("\ufffd" if unicodedata.category(c) == "Cc" else c for c in readable)
-
-
-def _read_gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
+def _read_gate(arguments: argparse.Namespace, files: list[str], anchors: Anchors) -> Gate:
     from ..gate.baseline import read_baseline
     from ..gate.judge import Gate, choose_seed
     from ..gate.policy import read_policy
@@ -233,10 +231,14 @@ def _read_gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
     policy = _read_input(arguments.policy, read_policy) or read_policy(None)
     waivers = _read_input(arguments.waivers, partial(read_waivers, today=day))
     baseline = _read_input(arguments.baseline, read_baseline)
+    patterns = [pattern for entry in policy.document.classes for pattern in entry.files or ()]
+    patterns += [pattern for entry in (waivers.entries if waivers else ()) for pattern in entry.designs or ()]
+    literal = anchors.find_literal(patterns, files)
+    of_baseline = Anchors.of_documents([arguments.baseline])
     return Gate(
-        designs=tuple(_read_design(name) for name in files),
-        policy=policy,
-        waivers=waivers,
+        designs=tuple(_read_design(name, anchors, of_baseline) for name in files),
+        policy=replace(policy, literal=literal),
+        waivers=waivers and replace(waivers, literal=literal),
         baseline=baseline,
         mode=arguments.mode,
         seed=choose_seed(None, policy, baseline),
@@ -244,33 +246,46 @@ def _read_gate(arguments: argparse.Namespace, files: list[str]) -> Gate:
         fail_level=arguments.fail_level,
         on_inconclusive=arguments.on_inconclusive,
         max_regression_percent=arguments.max_regression_percent,
-        present=() if baseline is None else _list_present(baseline.record, files),
+        present=() if baseline is None else _list_present(baseline.record, files, of_baseline),
     )
 
 
 def _read_input(name: str | None, read: Callable[[Path], _Input]) -> _Input | None:
     """What the gate judges by, if a file of it is given, under the name by which findings call it."""
-    return None if name is None else replace(read(Path(name)), file=_show_name(name))
+    return None if name is None else replace(read(Path(name)), file=show_name(name))
 
 
-def _list_present(record: GateRecord, files: list[str]) -> tuple[str, ...]:
-    """Designs of a baseline that are not judged now and whose files are where they were: they were not renamed."""
-    judged = {_show_name(name) for name in files}
+def _list_present(record: GateRecord, files: list[str], anchors: Anchors) -> tuple[str, ...]:
+    """Designs of a baseline that are not judged now and whose files are where they were: they were not renamed.
+
+    Their names are from where that gate ran: here, or at a folder from which names may begin for the baseline.
+    """
+    judged = {show_name(name) for name in files}
+    known = {normalise(name) for file in files for name in anchors.list_names(file)}
+    here = Path.cwd()
+    folders = [here, *(folder for name in files for folder in anchors.list_folders(resolve(name)))]
     return tuple(
         entry.file
         for entry in record.designs
-        if entry.file not in judged and len(entry.file) <= LONGEST_NAME and os.path.isfile(entry.file)
+        if entry.file not in judged
+        and normalise(entry.file) not in known
+        and len(entry.file) <= LONGEST_NAME
+        and any(find_paths(str(folder / entry.file)) for folder in dict.fromkeys(folders))
     )
 
 
-def _read_design(name: str) -> GateDesign:
+def _read_design(name: str, anchors: Anchors, of_baseline: Anchors) -> GateDesign:
     """A design, or the refusal that becomes its finding: the others are judged all the same."""
     from ..gate.judge import GateDesign
 
+    entry = GateDesign(
+        show_name(name), None, names=anchors.list_names(name), links=anchors.list_link_names(name),
+        earlier=of_baseline.list_names(name),
+    )  # fmt: skip
     try:
-        return GateDesign(_show_name(name), read_design(name))
+        return replace(entry, design=read_design(follow_link(name)))
     except (DesignError, LimitError) as error:
-        return GateDesign(_show_name(name), None, _place_refusal(error, name))
+        return replace(entry, refusal=_place_refusal(error, follow_link(name)))
 
 
 def _place_refusal(error: TailstackError, name: str) -> TailstackError:
@@ -282,9 +297,9 @@ def _place_refusal(error: TailstackError, name: str) -> TailstackError:
     def place_problem(problem: Problem) -> Problem:
         if problem.file is not None and problem.file != str(Path(name)):
             if problem.line is not None:
-                return replace(problem, file=_show_name(os.path.join(os.path.dirname(name), problem.file)))
+                return replace(problem, file=show_name(os.path.join(os.path.dirname(name), problem.file)))
             with suppress(TailstackError):
                 problem = place(replace(problem, file=None), read_source(Path(name)))
-        return replace(problem, file=_show_name(name))
+        return replace(problem, file=show_name(name))
 
     return type(error)([place_problem(problem) for problem in error.problems])

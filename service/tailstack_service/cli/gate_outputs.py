@@ -12,7 +12,7 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
 
@@ -22,9 +22,9 @@ from tailstack.version import __version__
 from ..console.files import Staged, append, is_stream, stage
 from ..gate.reading import make_finding
 from ..gate.records import GateFinding, GateProvenance, GateRecord, record_unread
+from .gate_files import Anchors
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
-ROOTS = ("GITHUB_WORKSPACE", "CI_PROJECT_DIR")  # where GitHub and GitLab check the repository out
 FOR_PEOPLE = ("text", "markdown", "github")  # on stdout they say why a gate failed
 MEND = "make room for it or give another name, then run the gate again: no verdict is given without its files"
 
@@ -43,6 +43,7 @@ class Outputs:
 
     formats: tuple[tuple[str, str | None], ...]
     usable: tuple[tuple[str, str], ...]
+    anchors: Anchors = field(default_factory=Anchors)  # by which files are named from the root of the repository
 
     def begin(self, record: GateRecord) -> tuple[Outputs, list[Problem]]:
         """Let every file say that the gate has not ended.  Returns what can be written to, and what cannot.
@@ -54,7 +55,7 @@ class Outputs:
         for name, file in self.usable:
             with _note(problems, file, remove=True):
                 if not is_stream(file):
-                    stage(file, render_record(name, record)).put()
+                    stage(file, self.render(name, record)).put()
                 usable.append((name, file))
         return replace(self, usable=tuple(usable)), problems
 
@@ -68,7 +69,7 @@ class Outputs:
         for name, file in self.usable:
             with _note(problems, file):
                 if not is_stream(file):
-                    beside.append(stage(file, render_record(name, record)))
+                    beside.append(stage(file, self.render(name, record)))
         for entry in beside:
             with _note(problems, entry.file):
                 if problems:
@@ -78,7 +79,7 @@ class Outputs:
         for name, file in () if problems else self.usable:
             with _note(problems, file):
                 if is_stream(file):
-                    append(file, render_record(name, record))
+                    append(file, self.render(name, record))
         return problems or self.summary(record)
 
     def correct(self, record: GateRecord) -> None:
@@ -86,9 +87,9 @@ class Outputs:
         for name, file in self.usable:
             with _note([], file, remove=True):
                 if is_stream(file):
-                    append(file, render_record(name, record))
+                    append(file, self.render(name, record))
                 else:
-                    stage(file, render_record(name, record)).put()
+                    stage(file, self.render(name, record)).put()
         self.summary(record)
 
     def stdout(self, record: GateRecord) -> str | bytes:
@@ -98,7 +99,13 @@ class Outputs:
         name = self.on_stdout
         if name == "text":
             return render_text(record)
-        return "" if name is None else render_record(name, record)
+        return "" if name is None else self.render(name, record)
+
+    def render(self, name: str, record: GateRecord) -> bytes:
+        """A record in a format."""
+        from ..gate.formats import render
+
+        return render(record, name, self.anchors.name_from_root)
 
     @property
     def on_stdout(self) -> str | None:
@@ -114,14 +121,17 @@ class Outputs:
 
         problems: list[Problem] = []
         with _note(problems, f"{SUMMARY} {file}"), open(file, "ab") as stream:
-            stream.write(render_step_summary(name_from_root(record, find_prefix()), stream.tell()).encode())
+            named = name_from_root(record, self.anchors.name_from_root)
+            stream.write(render_step_summary(named, stream.tell()).encode())
         return problems
 
 
 POINTS = (".csv", ".fcsv", ".mrk.json")  # endings of the files that designs take their fiducials from
 
 
-def choose_outputs(formats: Iterable[tuple[str, str | None]], inputs: Iterable[str]) -> tuple[Outputs, list[str]]:
+def choose_outputs(
+    formats: Iterable[tuple[str, str | None]], inputs: Iterable[str], anchors: Anchors
+) -> tuple[Outputs, list[str]]:
     """The outputs, and what is wrong with them, in words.  inputs: files that are read and must not be written."""
     formats = tuple(formats)
     wrong: list[str] = []
@@ -144,25 +154,7 @@ def choose_outputs(formats: Iterable[tuple[str, str | None]], inputs: Iterable[s
             wrong.append(f"cannot write {file}: no such directory, or a directory")
         else:
             usable.append((name, file))
-    return Outputs(formats, tuple(usable)), wrong
-
-
-def render_record(name: str, record: GateRecord) -> bytes:
-    """A record in a format."""
-    from ..gate.formats import render
-
-    return render(record, name, find_prefix())
-
-
-def find_prefix() -> str:
-    """The way from the root of the repository to the working directory, where a pipeline says the first."""
-    here = Path.cwd().resolve()
-    for variable in ROOTS:
-        root = os.environ.get(variable)
-        if root and here.is_relative_to(Path(root).resolve()):
-            way = here.relative_to(Path(root).resolve()).as_posix()
-            return "" if way == "." else way
-    return ""
+    return Outputs(formats, tuple(usable), anchors), wrong
 
 
 def say(lines: Iterable[str]) -> None:

@@ -49,10 +49,15 @@ def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
 
 def write_request(gate: Gate) -> dict[str, Any]:
     """Body of ``POST /v1/gates``: every design that could be read, with the points of its fiducial file in it."""
-    designs = [{"file": e.file, "design": design_to_data(e.design)} for e in gate.designs if e.design is not None]
+    designs = [
+        {"file": e.file, "names": list(e.known_as), "design": design_to_data(e.design)}
+        for e in gate.designs
+        if e.design is not None
+    ]
     unread = [entry.file for entry in gate.designs if entry.design is None]  # they are there, if not sent
     request = {
         "designs": designs,
+        "literal": sorted(gate.policy.literal) or None,
         "mode": gate.mode,
         "seed": gate.seed,
         "today": gate.today.isoformat(),
@@ -75,11 +80,17 @@ def complete_record(record: GateRecord, gate: Gate) -> GateRecord:
     findings = [_place_here(finding, gate) for finding in record.findings]
     unread = [f for entry in gate.designs if entry.refusal is not None for f in report_refusal(entry, entry.refusal)]
     if unread:  # the service did not know of designs that may have what a pattern is for
-        findings = [*(finding for finding in findings if finding.rule != "process-unused"), *unread]
+        findings = [*(finding for finding in findings if not _is_of_pattern(finding)), *unread]
         record = replace(record, verdict=WORST_FIRST[0], exit_code=2)
     order = {entry.file: index for index, entry in enumerate(gate.designs)}
     findings.sort(key=lambda finding: order.get(finding.file, len(order)))
     return replace(record, findings=tuple(findings), designs=designs)
+
+
+def _is_of_pattern(finding: GateFinding) -> bool:
+    """Whether a finding says that a pattern is for nothing: that hangs on all designs."""
+    idle = finding.rule == "waiver-unused" and "/designs/" in finding.pointer
+    return idle or finding.rule in ("process-unused", "class-unused")
 
 
 def _place_here(finding: GateFinding, gate: Gate) -> GateFinding:

@@ -51,13 +51,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..jobs.store.schema import open_database
-
-    db = open_database(read_settings(arguments).database_url, migrate=True)
+    db = _open(read_settings(arguments).database_url, reads=arguments.action in ("list", "log"))
     try:
         return {"create": _create, "list": _list, "revoke": _revoke, "log": _log}[arguments.action](db, arguments)
     finally:
         db.close()
+
+
+def _open(url: str, *, reads: bool) -> Database:
+    """What only reads does not change the file; a database that nobody has made yet is made, and holds no key."""
+    from ..jobs.store.errors import StoreError
+    from ..jobs.store.schema import open_database
+
+    try:
+        return open_database(url, read_only=True) if reads else open_database(url, migrate=True)
+    except StoreError as error:
+        if not reads or error.problems[0].code not in ("no-database", "no-schema"):
+            raise
+    return open_database(url, migrate=True)
 
 
 def _create(db: Database, arguments: argparse.Namespace) -> Answer:

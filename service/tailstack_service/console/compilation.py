@@ -102,7 +102,10 @@ def _compile(calls: Sequence[KernelCall]) -> None:
     reason = kernels.why_not_installed() if kernels.installed_directories() else ""
     environment = make_environment()
     if not kernels.is_writable():
-        place = tempfile.TemporaryDirectory(prefix="tailstack-kernels-")
+        try:
+            place = tempfile.TemporaryDirectory(prefix="tailstack-kernels-")
+        except FileNotFoundError:  # nothing can be written anywhere: each process compiles what it calls
+            return
         _lent.append(place)
         kernels.lend_directory(Path(place.name))
         environment["NUMBA_CACHE_DIR"] = place.name

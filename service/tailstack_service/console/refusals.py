@@ -12,6 +12,7 @@ from shlex import quote
 
 from tailstack.errors import Problem, TailstackError
 
+from ..folders import FolderError, misses_temporary_folder, no_temporary_folder
 from ..names import TRACEBACK
 from ..rendering.alike import gather_alike, list_others, name_field, name_rule
 from .answer import BAD_INPUT, NOT_EVALUATED
@@ -93,6 +94,8 @@ def report_error(error: TailstackError | OSError, arguments: argparse.Namespace)
     """Write a refusal to stderr, as a problem document with --json.  Returns the exit code."""
     _show_traceback()
     if isinstance(error, OSError):
+        if misses_temporary_folder(error):
+            return _report(FolderError(no_temporary_folder()), arguments, NOT_EVALUATED)
         name = f"{error.filename}: " if error.filename else ""
         problem = Problem("", "os-error", f"{name}{error.strerror or error}")
         code = BAD_INPUT if error.filename else NOT_EVALUATED

@@ -97,7 +97,11 @@ class RemoteService:
         with self._answer(method, path, body, headers, seconds) as answer:
             answer.read()
         if answer.status_code == 303 and answer.headers.get("location", "").startswith("/"):
-            return self.ask("GET", answer.headers["location"], seconds=seconds)
+            # below a path the service says it with that path, or without it where it was not told of it
+            below = httpx.URL(self.url).path.rstrip("/")
+            location = answer.headers["location"]
+            location = location.removeprefix(below) if location.startswith(f"{below}/") else location
+            return self.ask("GET", location, seconds=seconds)
         if answer.status_code >= 400:
             raise read_refusal(answer.status_code, answer.content)
         return answer

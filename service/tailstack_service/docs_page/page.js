@@ -1,12 +1,14 @@
-// Shows the OpenAPI document of this very service: whatever host it names, requests go where the page came from.
+// Shows the OpenAPI document of this very service: whatever host it names, requests go where the page came from,
+// below the path that a proxy may have put before it.
+const here = new URL(".", location.href).href.replace(/\/$/, "");
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const shade = () => document.documentElement.classList.toggle("dark-mode", dark.matches);
 dark.addEventListener("change", shade);
 shade();
 
-fetch("/openapi.json").then((answer) => answer.json()).then((document) => {
+fetch(`${here}/openapi.json`).then((answer) => answer.json()).then((document) => {
   SwaggerUIBundle({
-    spec: { ...document, servers: [{ url: "/", description: "this service" }] },
+    spec: { ...document, servers: [{ url: here, description: "this service" }] },
     dom_id: "#operations",
     deepLinking: true,
     defaultModelsExpandDepth: 0,

@@ -22,11 +22,18 @@ class GateRequestDesign(Record):
     """One design of a gate."""
 
     file: FileName = Field(
-        description="What findings call it; the policy's patterns see this name.", examples=["designs/guide.yaml"]
+        description="What findings call it; the policy's patterns see this name where names has none.",
+        examples=["designs/guide.yaml"],
     )
     design: dict[str, Any] | None = Field(default=None, description="The design document. Either this or text.")
     text: str | None = Field(
         default=None, description="The design document as YAML or JSON text: findings then have line and column."
+    )
+    names: Annotated[list[FileName], Field(max_length=200)] | None = Field(
+        default=None,
+        description="The names of the file that the policy's and the waivers' patterns see, links resolved: from the "
+        "root of its repository, from the folder of the policy. Absent: file is the only one.",
+        examples=[["designs/guide.yaml"]],
     )
     class_: Name | None = Field(
         default=None, alias="class", description="Class of the policy. Absent: the policy's patterns decide."
@@ -77,6 +84,12 @@ class GateRequest(Record):
         description="Files of the baseline that are still there and not among these designs. A design of the baseline "
         "whose file is neither here nor judged may be one of these designs under another name.",
         examples=[["designs/other.yaml"]],
+    )
+    literal: Annotated[Annotated[list[FileName], Field(max_length=1000)] | None, NO_FLAG] = Field(
+        default=None,
+        description="Parts of patterns of files, between slashes, that exist as they are written: signs in them are "
+        "no wildcards. Parts of the designs' own names are always known.",
+        examples=[["order [A7]"]],
     )
     mode: Annotated[Mode, MODE] = Field(
         default="auto",

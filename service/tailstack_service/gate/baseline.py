@@ -17,6 +17,7 @@ from tailstack.version import __version__
 
 from .case import Case, describe_requirement, name_targets, point_at_requirement
 from .design_rules import point_at_target
+from .file_names import normalise
 from .reading import LIMITS, GateError, GateInput, Given, Remark, add_prefix, hash_content, read_data
 from .records import GatedDesign, GateRecord, GateRequirement, GateSection, GateTarget
 
@@ -37,8 +38,10 @@ class GateBaseline(GateInput):
 
     record: GateRecord
 
-    def find_earlier(self, file: str, design: Design, present: Collection[str]) -> GatedDesign | None:
+    def find_earlier(self, names: Sequence[str], design: Design, present: Collection[str]) -> GatedDesign | None:
         """The design of the baseline that this one was.
+
+        names: of its file, first as findings call it.
 
         That of its file; or, of those whose file is not ``present`` any more, the only one of its content, of the most
         sections in common (the fiducials, or three), of its name, or with a target of the same name.  Where one file
@@ -47,9 +50,11 @@ class GateBaseline(GateInput):
         designs = [entry for entry in self.record.designs if entry.targets]
         gone = [entry for entry in designs if entry.file not in present]
         came = set(present) - {entry.file for entry in self.record.designs}
+        known = {normalise(name) for name in names}
         named = {target.name for target in design.document.targets}
         searches: tuple[Callable[[], list[GatedDesign]], ...] = (
-            lambda: [entry for entry in designs if entry.file == file],
+            lambda: [entry for entry in designs if entry.file == names[0]],
+            lambda: [entry for entry in gone if normalise(entry.file) in known],
             lambda: [entry for entry in gone if entry.sha256 == design.sha256],
             lambda: _choose_most_alike(gone, set(hash_sections(design))),
             lambda: [entry for entry in gone if entry.name == design.name],
@@ -304,7 +309,7 @@ def find_not_compared(case: Case) -> list[Remark]:
             "them, quantiles, confidence and places of targets are not; write a new baseline"
         )
         remarks.append(Remark("", message))
-    if base.file != case.file:
+    if normalise(base.file) not in {normalise(name) for name in (case.file, *case.names, *case.earlier)}:
         message = f"compared with {base.file} of the baseline, whose file is gone and which is most alike"
         remarks.append(Remark("", message, note=True))
     return remarks

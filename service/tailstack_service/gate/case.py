@@ -36,6 +36,8 @@ class Case:
     """A design that could be computed."""
 
     file: str
+    names: tuple[str, ...]  # of the file, that patterns see
+    earlier: tuple[str, ...]  # of the file, that the baseline may have for it
     design: Design
     rules: Rules
     score: Score

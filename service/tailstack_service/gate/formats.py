@@ -18,8 +18,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from pathlib import PurePath, PurePosixPath
-from posixpath import normpath
+from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
 from xml.sax.saxutils import escape, quoteattr
@@ -33,24 +32,13 @@ from .rules import RULES, Rule
 from .text import describe_outcome, name_place, render_markdown, render_text
 
 
-def name_from_root(record: GateRecord, prefix: str) -> GateRecord:
-    """The record with files named from the root of the repository.
-
-    prefix: the way from that root to the directory that the names are relative to, with slashes; "" is the root.
-    """
-    if not prefix:
-        return record
+def name_from_root(record: GateRecord, name_file: Callable[[str], str]) -> GateRecord:
+    """The record with files named from the root of the repository, by what knows where that is."""
     return replace(
         record,
-        findings=tuple(replace(finding, file=_join_name(prefix, finding.file)) for finding in record.findings),
-        designs=tuple(replace(design, file=_join_name(prefix, design.file)) for design in record.designs),
+        findings=tuple(replace(finding, file=name_file(finding.file)) for finding in record.findings),
+        designs=tuple(replace(design, file=name_file(design.file)) for design in record.designs),
     )
-
-
-def _join_name(prefix: str, file: str) -> str:
-    if PurePosixPath(file).is_absolute() or file.startswith("<"):
-        return file
-    return normpath(f"{prefix}/{file}")
 
 
 def fingerprint_findings(findings: Iterable[GateFinding]) -> list[str]:
@@ -365,10 +353,12 @@ FORMATS: dict[str, Callable[[GateRecord], str]] = {
 NAMED_FROM_ROOT = ("sarif", "github", "gitlab")  # read by what knows files from the root of the repository only
 
 
-def render(record: GateRecord, name: str, prefix: str = "") -> bytes:
+def render(record: GateRecord, name: str, name_file: Callable[[str], str] | None = None) -> bytes:
     """A record in a format, the same bytes whatever the terminal is like.
 
-    prefix: the way from the root of the repository, see :func:`name_from_root`.
+    name_file: how a file is called from the root of the repository, for what knows it from there only.
     """
+    if name_file is not None and name in NAMED_FROM_ROOT:
+        record = name_from_root(record, name_file)
     with write_on(Page(details=current().details)):
-        return FORMATS[name](name_from_root(record, prefix) if name in NAMED_FROM_ROOT else record).encode()
+        return FORMATS[name](record).encode()

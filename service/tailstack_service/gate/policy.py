@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import ConfigDict, Field, model_validator
@@ -13,6 +12,7 @@ from tailstack.design.plausibility import PLAUSIBILITY
 from tailstack.fields import Length, Name, Record, refusal
 from tailstack.precision import FINEST_PRECISION
 
+from .file_names import match_names
 from .reading import GateInput, Given, Remark, hash_content, read_document
 
 POLICY_SCHEMA = "tailstack/policy/1"
@@ -254,6 +254,10 @@ class RelaxedRule(_ErrorRule):
     """Asked for less than the baseline."""
 
 
+class UnusedClassRule(_WarningRule):
+    """Patterns of classes, and classes, that choose no design."""
+
+
 class ClassNameRule(_ErrorRule):
     """A design whose name matches a class that names do not choose."""
 
@@ -296,6 +300,7 @@ class Rules(Record):
     not_compared: PlainRule = Field(default_factory=PlainRule)
     not_judged: UnjudgedRule = Field(default_factory=UnjudgedRule)
     class_relaxed: PlainRule = Field(default_factory=PlainRule)
+    class_unused: UnusedClassRule = Field(default_factory=UnusedClassRule)
     class_by_name: ClassNameRule = Field(default_factory=ClassNameRule)
     inconclusive: InconclusiveRule = Field(default_factory=InconclusiveRule)
     waiver_expired: ExpiredRule = Field(default_factory=ExpiredRule)
@@ -309,7 +314,10 @@ class DesignClass(Record):
 
     name: Name = Field(description="Name, unique.", examples=["prototypes"])
     files: Patterns | None = Field(
-        default=None, description="Patterns of file names (* and ?, * also crosses /).", examples=[["prototypes/*"]]
+        default=None,
+        description="Patterns of files (* and ?, * also crosses /), from the root of the repository or from a folder "
+        "between that and this document.",
+        examples=[["prototypes/*"]],
     )
     designs: Patterns | None = Field(
         default=None,
@@ -390,20 +398,23 @@ class GatePolicy(GateInput):
 
     document: Policy
 
-    def choose_class(self, file: str, name: str, given: str | None) -> str | None:
+    def choose_class(self, files: Sequence[str], name: str, given: str | None) -> str | None:
         """The class of a design: the one that is given, or the first whose patterns match its file; its name counts
-        only for a class that says so."""
+        only for a class that says so.
+
+        files: the names that its file has.
+        """
         if given is not None:
             return given
         for entry in self.document.classes:
-            by_file = any(fnmatchcase(file, pattern) for pattern in entry.files or ())
+            by_file = any(match_names(files, pattern, self.literal) for pattern in entry.files or ())
             if by_file or (entry.by_name and _match_name(entry, name) is not None):
                 return entry.name
         return None
 
-    def find_class_of_name(self, file: str, name: str, given: str | None) -> ClassOfName | None:
+    def find_class_of_name(self, files: Sequence[str], name: str, given: str | None) -> ClassOfName | None:
         """The class that the design's own name would choose before the one that it is in."""
-        own = self.choose_class(file, name, given)
+        own = self.choose_class(files, name, given)
         for entry in self.document.classes if given is None else ():
             if entry.name == own:
                 return None
@@ -433,7 +444,7 @@ class GatePolicy(GateInput):
 
 
 def _match_name(entry: DesignClass, name: str) -> str | None:
-    return next((pattern for pattern in entry.designs or () if fnmatchcase(name, pattern)), None)
+    return next((pattern for pattern in entry.designs or () if match_names([name], pattern)), None)
 
 
 def read_policy(given: Given | None, *, prefix: str = "") -> GatePolicy:
@@ -481,3 +492,57 @@ def _list_weaker(rules: Rules, entry: DesignClass) -> Iterator[tuple[str, str, s
                 yield rule, field, f"has no {field}, {getattr(before, field):g} for all others", True
         if "processes" in own.model_fields_set and not own.processes and before.processes:
             yield rule, "processes", "has no processes, unlike for all others", True
+
+
+# --- what classes do not choose -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ClassCandidate:
+    """A design before the classes of a policy."""
+
+    file: str  # how findings call it
+    names: tuple[str, ...]  # of its file, that patterns see
+    name: str  # its own
+    given: str | None  # the class that the request names
+    links: tuple[str, ...] = ()  # names of the link by which it was given
+
+
+def find_idle_classes(policy: GatePolicy, designs: Sequence[ClassCandidate]) -> Iterator[tuple[str, Remark]]:
+    """Rule class-unused: patterns that match no design of this gate, and classes whose designs others take.
+
+    A slip in a pattern would be a class, with its limits, that nobody is held to.  designs: all of the gate.
+    """
+    taken = {design.file: policy.choose_class(design.names, design.name, design.given) for design in designs}
+    for index, entry in enumerate(policy.document.classes):
+        idle = list(_list_idle_patterns(policy, entry, designs))
+        if any(design.given == entry.name for design in designs):
+            continue
+        for field, message in idle:
+            yield "class-unused", Remark(f"/classes/{index}/{field}", f"class {entry.name}: {message}")
+        if not idle and entry.name not in taken.values():
+            others = [design.file for design in designs if _is_chosen(policy, entry, design)]
+            why = f"{others[0]} is in class {taken[others[0]]} before it" if others else "it has no patterns of files"
+            yield "class-unused", Remark(f"/classes/{index}", f"class {entry.name}: it chooses nothing here, {why}")
+
+
+def _list_idle_patterns(
+    policy: GatePolicy, entry: DesignClass, designs: Sequence[ClassCandidate]
+) -> Iterator[tuple[str, str]]:
+    """Field and words of each pattern of a class that matches no design."""
+    of = "the design" if len(designs) == 1 else f"any of the {len(designs)} designs"
+    for number, pattern in enumerate(entry.files or ()):
+        if not any(match_names(design.names, pattern, policy.literal) for design in designs):
+            message = f"{pattern!r} does not match {of} judged here"
+            linked = [design.file for design in designs if match_names(design.links, pattern, policy.literal)]
+            if linked:
+                message += f"; a link of that name leads to {linked[0]}, and files are judged where they are"
+            yield f"files/{number}", message
+    for number, pattern in enumerate(entry.designs or () if entry.by_name else ()):
+        if not any(match_names([design.name], pattern) for design in designs):
+            yield f"designs/{number}", f"{pattern!r} is not the name of {of} judged here"
+
+
+def _is_chosen(policy: GatePolicy, entry: DesignClass, design: ClassCandidate) -> bool:
+    by_file = any(match_names(design.names, pattern, policy.literal) for pattern in entry.files or ())
+    return by_file or (entry.by_name and _match_name(entry, design.name) is not None)

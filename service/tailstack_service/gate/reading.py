@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -43,6 +43,8 @@ class GateInput:
     source: DocumentSource
     file: str  # how findings call it
     sha256: str
+    # parts of its patterns of files that exist as they are written (``file_names``)
+    literal: frozenset[str] = field(default=frozenset(), kw_only=True)
 
 
 def read_document(

@@ -16,6 +16,7 @@ from tailstack.errors import DesignError, LimitError, Problem
 from ..problems import RefusedAt, RequestError
 from .asked import GateRequest, GateRequestDesign
 from .baseline import read_baseline
+from .file_names import find_literal
 from .judge import Gate, GateDesign, choose_seed
 from .policy import read_policy
 from .waivers import read_waivers
@@ -99,10 +100,14 @@ def read_gate(data: dict[str, Any], limits: Limits = WIDEST_LIMITS) -> Gate:
             hint = f"classes: {', '.join(known)}" if known else "the policy has no classes"
             detail = f"the policy has no class {entry.class_!r}"
             raise RequestError(Problem(f"/designs/{index}/class", "unknown-value", detail, hint))
+    patterns = [pattern for entry in policy.document.classes for pattern in entry.files or ()]
+    patterns += [pattern for entry in (waivers.entries if waivers else ()) for pattern in entry.designs or ()]
+    names = [name for entry in request.designs for name in entry.names or [entry.file]]
+    literal = frozenset([*(request.literal or ()), *find_literal(patterns, names)])
     return Gate(
         designs=tuple(_read_design(entry, limits) for entry in request.designs),
-        policy=policy,
-        waivers=waivers,
+        policy=replace(policy, literal=literal),
+        waivers=waivers and replace(waivers, literal=literal),
         baseline=baseline,
         mode=request.mode,
         seed=choose_seed(request.seed, policy, baseline),
@@ -132,7 +137,8 @@ def _read_design(entry: GateRequestDesign, limits: Limits) -> GateDesign:
     # Text goes in as bytes: a text of one line would be taken for the path of a file.
     given = entry.design if entry.text is None else entry.text.encode(errors="surrogatepass")
     assert given is not None
+    own = GateDesign(entry.file, None, design_class=entry.class_, names=tuple(entry.names or ()))
     try:
-        return GateDesign(entry.file, load_design(given, allow_files=False, limits=limits), None, entry.class_)
+        return replace(own, design=load_design(given, allow_files=False, limits=limits))
     except (DesignError, LimitError) as error:
-        return GateDesign(entry.file, None, error, entry.class_)
+        return replace(own, refusal=error)

@@ -86,6 +86,7 @@ _RULES = (
     Rule("not-compared", "The baseline has nothing to compare with", find_not_compared),
     Rule("not-judged", "A requirement was not judged", find_unjudged),
     Rule("class-relaxed", "A class switches off what is an error"),
+    Rule("class-unused", "A class, or a pattern of one, chooses nothing"),
     Rule("class-by-name", "A design's name would choose its class", find_class_names),
     Rule("inconclusive", "An interval holds the limit", find_open_questions),
     Rule("waiver-expired", "A waiver is beyond its date"),
@@ -287,6 +288,16 @@ of this gate is in it. A class that lets such a rule count less is noted. The fi
 What to do: let the class have a limit of its own instead, or a severity of warning.
 
 Policy: severity (of the policy; a class cannot change it).""",
+    "class-unused": """\
+A pattern of a class matches no design of this gate, or every design that a class would choose is in a class before it.
+A slip in a pattern would be a limit that nobody is held to. Files are compared as files: links are resolved, Unicode is
+normalised, and patterns begin at the root of the repository or at a folder between that and the policy. A design that
+was given through a link is judged where the file is; the finding then names both.
+
+What to do: mend the pattern or the order of the classes. A gate that is to judge a part of the designs only, as before
+a commit, may have the severity note.
+
+Policy: severity (of the policy; a class cannot change it).""",
     "class-by-name": """\
 The name of a design is what its author writes, so a name must not choose by which rules the design is judged. The
 design's name matches a pattern in `designs` of a class that does not say `by_name: true`: the class was not applied,
@@ -311,7 +322,8 @@ The last day of a waiver has passed. It accepts nothing any more, and the gate f
 its owner (at most 180 days ahead).""",
     "waiver-unused": """\
 No finding of this gate was accepted by the waiver: the cause is gone, the value is beyond what was accepted, or its
-patterns match no design. Remove it, so that it does not accept what comes later.
+patterns match no design. A pattern that matches no design is noted as well where others do. Remove it, so that it does
+not accept what comes later.
 
 Policy: severity.""",
     "waiver-wide": """\

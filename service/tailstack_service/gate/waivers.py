@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import date, timedelta
-from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
@@ -19,6 +18,7 @@ from tailstack.errors import Problem
 from tailstack.fields import Name, Record, refusal
 
 from .case import Case
+from .file_names import match_names
 from .policy import Patterns, WideWaiverRule
 from .reading import GateError, GateInput, Given, Remark, add_prefix, hash_content, read_document
 from .rules import RULES, Rule
@@ -48,7 +48,8 @@ class Waiver(Record):
     rule: Name = Field(description="Id of the rule.", examples=["p95"])
     designs: Patterns | None = Field(
         default=None,
-        description="Patterns (* and ?) of file names or of designs' names. Absent: every design.",
+        description="Patterns (* and ?) of files, from the root of the repository or from a folder between that and "
+        "this document, or of designs' names. Absent: every design.",
         examples=[["waived.yaml"]],
     )
     target: Name | None = Field(default=None, description="Only at this target. Absent: at all.", examples=["tip"])
@@ -150,6 +151,7 @@ class Acceptance:
     waiver: int
     remark: Remark
     file: str
+    names: tuple[str, ...]  # of the file, that patterns see
 
 
 def find_waiver(waivers: GateWaivers | None, rule: str, remark: Remark, names: Sequence[str]) -> int | None:
@@ -173,14 +175,14 @@ def list_waiver_values(
         value = waiver.max_value if RULES[rule].worse == "more" else waiver.min_value
         if waiver.rule != rule or waiver.expires < waivers.today or waiver.target not in (None, target):
             continue
-        if value is not None and _names(waiver, names):
+        if value is not None and _names(waivers, waiver, names):
             values[index] = value
     return values
 
 
-def _names(waiver: Waiver, names: Sequence[str]) -> bool:
+def _names(waivers: GateWaivers, waiver: Waiver, names: Sequence[str]) -> bool:
     patterns = ["*"] if waiver.designs is None else waiver.designs
-    return any(fnmatchcase(name, pattern) for pattern in patterns for name in names)
+    return any(match_names(names, pattern, waivers.literal) for pattern in patterns)
 
 
 def _value_of(remark: Remark) -> float | None:
@@ -199,9 +201,16 @@ def describe_waiver(waivers: GateWaivers, index: int) -> str:
 
 
 def review_waivers(
-    waivers: GateWaivers, wide: WideWaiverRule, accepted: Sequence[Acceptance], cases: Sequence[Case]
+    waivers: GateWaivers,
+    wide: WideWaiverRule,
+    accepted: Sequence[Acceptance],
+    cases: Sequence[Case],
+    names: Sequence[Sequence[str]],
 ) -> Iterator[tuple[str, Remark]]:
-    """Rules waiver-expired, waiver-unused and waiver-wide."""
+    """Rules waiver-expired, waiver-unused and waiver-wide.
+
+    names: of each design that is judged, those of its file and its own; empty if one could not be read.
+    """
     for index, waiver in enumerate(waivers.entries):
         at, what = f"/waivers/{index}", f"waiver of {waiver.rule} by {waiver.owner}"
         own = [entry for entry in accepted if entry.waiver == index]
@@ -213,19 +222,23 @@ def review_waivers(
             continue
         if not own:
             yield "waiver-unused", Remark(at, f"{what}: accepts nothing here")
-        for field, words in (*_find_wide_patterns(waiver, own), *_find_wide_values(waiver, own, cases, wide)):
+        for number, pattern in enumerate(waiver.designs or ()):
+            if names and not any(match_names(known, pattern, waivers.literal) for known in names):
+                yield "waiver-unused", Remark(f"{at}/designs/{number}", f"{what}: {pattern!r} matches no design here")
+        wide_ones = (*_find_wide_patterns(waivers, waiver, own), *_find_wide_values(waivers, waiver, own, cases, wide))
+        for field, words in wide_ones:
             yield "waiver-wide", Remark(at + field, f"{what}: {words}")
 
 
-def _find_wide_patterns(waiver: Waiver, own: list[Acceptance]) -> Iterator[tuple[str, str]]:
+def _find_wide_patterns(waivers: GateWaivers, waiver: Waiver, own: list[Acceptance]) -> Iterator[tuple[str, str]]:
     """Field and words: what names no design, and what a design got by its own name."""
     if waiver.designs is None:
         yield "", "it names no design, so it accepts this of every design; name the files"
     for index, pattern in enumerate(waiver.designs or ()):
         if _is_vague(pattern):
             yield f"/designs/{index}", f"{pattern!r} names no design; name the files"
-    for file in dict.fromkeys(entry.file for entry in own):
-        if not _names(waiver, [file]):
+    for file, names in dict.fromkeys((entry.file, entry.names) for entry in own):
+        if not _names(waivers, waiver, names):
             yield "/designs", f"{file} has it by the name that the design gives itself, not by its file; name the file"
 
 
@@ -237,7 +250,7 @@ def _is_vague(pattern: str) -> bool:
 
 
 def _find_wide_values(
-    waiver: Waiver, own: list[Acceptance], cases: Sequence[Case], wide: WideWaiverRule
+    waivers: GateWaivers, waiver: Waiver, own: list[Acceptance], cases: Sequence[Case], wide: WideWaiverRule
 ) -> Iterator[tuple[str, str]]:
     """Field and words: what is far beyond the limit, and far beyond what is accepted now."""
     rule = RULES[waiver.rule]
@@ -248,7 +261,7 @@ def _find_wide_values(
     unit = f" {rule.unit}" if rule.unit in ("mm", "%", "px") else ""
     limits = [entry.remark.limit for entry in own if entry.remark.limit is not None]
     for case in cases:
-        if _names(waiver, (case.file, case.design.name)):
+        if _names(waivers, waiver, (*case.names, case.design.name)):
             numbers = [comparison.number for comparison in case.comparisons]
             limits += [n.limit for n in numbers if n.rule == rule.id and waiver.target in (None, n.target)]
     if any(_exceeds(value, limit, rule, wide.max_limit_ratio) for limit in limits):

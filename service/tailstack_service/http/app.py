@@ -34,6 +34,7 @@ from .kept_designs import KeptDesigns
 from .metrics import NO_ROUTE, Metrics
 from .openapi import document
 from .origins import Origins, read_origins
+from .prefix import Prefix
 from .problems import CLIENT_LEFT, HANDLERS, defect_error, refusal_response
 from .service import Service, Storage
 
@@ -112,6 +113,7 @@ def create_app(settings: Settings | None = None, *, warm_up: bool = True, clock:
     if origins:
         app.add_middleware(Origins, origins=origins)
     app.add_middleware(RequestLog, service=app.state.service)
+    app.add_middleware(Prefix, settings=settings)
     return app
 
 

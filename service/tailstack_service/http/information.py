@@ -6,7 +6,7 @@ import asyncio
 import logging
 import platform
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Literal
 
 from fastapi import APIRouter, Depends, FastAPI, Request, Response
@@ -29,6 +29,7 @@ from .compute_pool import Warmth
 from .dependencies import Needs, TheService
 from .metrics import CONTENT_TYPE, FRESH_SECONDS
 from .openapi import YAML, extra, media_types, query_parameter, reference, response_of
+from .prefix import place
 
 log = logging.getLogger("tailstack.service")
 router = APIRouter(tags=["information"], default_response_class=Response)
@@ -242,7 +243,7 @@ async def version(service: TheService) -> Response:
     openapi_extra=extra(),
 )
 async def schemas() -> Response:
-    entries = (SchemaEntry(name, title, f"/v1/schemas/{name}") for name, title in TITLES.items())
+    entries = (SchemaEntry(name, title, place(f"/v1/schemas/{name}")) for name, title in TITLES.items())
     return record_response(SchemaList(tuple(entries)))
 
 
@@ -303,7 +304,9 @@ def _presets() -> bytes:
 )
 async def examples() -> Response:
     found = await asyncio.to_thread(list_example_designs)
-    entries = (ExampleEntry(one.name, one.title, one.words, f"/v1/examples/{one.name}") for one in found.values())
+    entries = (
+        ExampleEntry(one.name, one.title, one.words, place(f"/v1/examples/{one.name}")) for one in found.values()
+    )
     return record_response(ExampleList(tuple(entries)))
 
 
@@ -364,12 +367,18 @@ async def problem_type(request: Request) -> Response:
 )
 async def openapi(request: Request) -> Response:
     # putting it together takes seconds, which nobody else has to wait for
-    return Response(await asyncio.to_thread(_document, request.app), media_type=JSON)
+    return Response(await asyncio.to_thread(_document, request.app, place("")), media_type=JSON)
 
 
-@cache
-def _document(app: FastAPI) -> bytes:
-    return write_json(app.openapi()).encode()
+@lru_cache(maxsize=4)
+def _document(app: FastAPI, root: str) -> bytes:
+    made = app.openapi()
+    servers = [{"url": root, "description": "this service"}] if root else made["servers"]
+    return write_json({**made, "servers": servers}).encode()
+
+
+for _path, _look in (("/health/live", liveness), ("/health/ready", readiness)):  # load balancers ask so
+    router.add_api_route(_path, _look, methods=["HEAD"], include_in_schema=False)
 
 
 def _unknown_name_error(detail: str, hint: str) -> TransportError:

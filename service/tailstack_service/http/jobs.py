@@ -41,6 +41,7 @@ from .openapi import (
     response_of,
     result_links,
 )
+from .prefix import place
 from .problems import document_response
 from .service import service_of
 
@@ -74,7 +75,7 @@ def retry_after(eta: float | None = None) -> dict[str, str]:
 def accepted_response(job: Job, **headers: str) -> Response:
     """202 with the record of a job."""
     waiting = {} if job.finished else retry_after()
-    return record_response(job_document(job), 202, {**REVALIDATE, **waiting, **headers})
+    return record_response(job_document(job, place=place), 202, {**REVALIDATE, **waiting, **headers})
 
 
 @router.get(
@@ -106,7 +107,7 @@ async def get_job(request: Request) -> Response:
     if job is None:
         raise not_found_error("job", job_id)
     waiting = {} if job.finished else retry_after(eta)
-    return tagged_response(request, to_json(job_document(job, eta)), JSON, {**REVALIDATE, **waiting})
+    return tagged_response(request, to_json(job_document(job, eta, place)), JSON, {**REVALIDATE, **waiting})
 
 
 def _with_eta(db: Database, tenant: str, job_id: str) -> tuple[Job | None, float | None]:
@@ -162,11 +163,13 @@ async def list_jobs(request: Request) -> Response:
     following = "/v1/jobs?" + urlencode({**options, "cursor": page.next}) if page.next else None
     now = service_of(request).clock.time()
     documents = tuple(
-        job_document(job, estimate_eta_seconds(job.started_at, job.units_done, job.units_expected, now))
+        job_document(job, estimate_eta_seconds(job.started_at, job.units_done, job.units_expected, now), place)
         for job in page.jobs
     )
     link = {"Link": f'<{following}>; rel="next"'} if following else {}
-    return record_response(JobPage("tailstack/jobs/1", documents, following), 200, {**REVALIDATE, **link})
+    return record_response(
+        JobPage("tailstack/jobs/1", documents, following and place(following)), 200, {**REVALIDATE, **link}
+    )
 
 
 def _page_query(request: Request) -> dict[str, Any]:

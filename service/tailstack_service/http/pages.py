@@ -22,6 +22,7 @@ from ..problems import TransportError
 from .answers import JSON, matches_tag, record_response, takes
 from .dependencies import query
 from .openapi import extra, media_types, reference, response_of
+from .prefix import place
 
 router = APIRouter(tags=["information"], default_response_class=Response)
 WORKBENCH = Path(__file__).parents[1] / "workbench"  # index.html, and assets/ whose names hold a hash of their content
@@ -143,7 +144,8 @@ async def send_file(request: Request, folder: Path, name: str, caching: str, pol
 )
 async def index(request: Request) -> Response:
     if not takes(request, "accept", "text/html"):
-        return record_response(Index(__version__, LINKS), headers={"Vary": "Accept"})
+        links = tuple(Link(place(link.path), link.title) for link in LINKS)
+        return record_response(Index(__version__, links), headers={"Vary": "Accept"})
     if "index.html" in await asyncio.to_thread(read_files, WORKBENCH):
         return await send_file(request, WORKBENCH, "index.html", CURRENT, POLICY)
     return Response(b"", 307, {"Location": "/docs", "Cache-Control": CURRENT, "Vary": "Accept"})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from fastapi import Request, Response
@@ -18,6 +19,7 @@ from ..problems import ProblemDocument, TransportError, problem_document
 from .answers import path_of
 from .body import BodyTooLarge
 from .compute_pool import CallerLeft
+from .prefix import cut_root, place
 
 log = logging.getLogger("tailstack.service")
 PROBLEM = "application/problem+json"
@@ -36,6 +38,7 @@ def problem_response(error: TailstackError, *, instance: str, request_id: str, s
 
 def document_response(document: ProblemDocument, headers: Mapping[str, str] | None = None) -> Response:
     """A problem document with its own status."""
+    document = replace(document, type=place(document.type))
     return Response(to_json(document), document.status, headers, PROBLEM)
 
 
@@ -88,7 +91,7 @@ async def _answer_unrouted(request: Request, error: Any) -> Response:
 
 def _name_route(request: Request, path: str) -> str:
     """The route that a path may be a slip of, as a question; empty where none is near."""
-    given = [step[:LONGEST_STEP] for step in path.split("/")[:MOST_STEPS]]
+    given = [step[:LONGEST_STEP] for step in cut_root(path).split("/")[:MOST_STEPS]]
     routes: dict[str, tuple[str, str]] = {}  # the route with this path's own ids in it: method and template
     for template, methods in request.app.state.addresses:
         steps = template.split("/")

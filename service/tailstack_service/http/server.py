@@ -22,6 +22,7 @@ from uvicorn.supervisors.multiprocess import SIGNALS, Multiprocess
 from tailstack.errors import Problem
 
 from ..clock import SYSTEM_CLOCK, Clock
+from ..folders import temporary_directory
 from ..jobs.store.schema import open_database
 from ..logs import log_to_stderr
 from ..names import variable
@@ -29,6 +30,7 @@ from ..problems import RequestError
 from ..settings import Settings
 from .access import is_loopback, read_token_settings
 from .origins import read_origins
+from .prefix import read_proxies, read_root_path
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -95,6 +97,8 @@ def serve(
     """
     read_token_settings(settings)
     read_origins(settings)
+    read_root_path(settings)
+    read_proxies(settings)
     open_database(settings.database_url, migrate=True).close()
     family = _Family(settings, worker)
     run = _serve_with_several if settings.api_processes > 1 else _serve_here
@@ -181,7 +185,7 @@ def _serve_with_several(
         signal.signal(number, lambda number, _frame: stopped.append(number))
     try:
         announce()
-        with tempfile.TemporaryDirectory(prefix="tailstack-counters-") as counters:
+        with tempfile.TemporaryDirectory(prefix="tailstack-counters-", dir=temporary_directory()) as counters:
             os.environ[SHARED_COUNTERS] = counters
             supervisor = _Supervisor(_config(partial(_app_of_child, settings), settings), [bound])
             supervisor.signal_queue += stopped

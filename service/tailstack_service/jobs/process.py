@@ -157,7 +157,7 @@ class _Stop:
 
 def find_live_worker(settings: Settings) -> WorkerEntry | None:
     """The worker of this host that spoke last, if that was recently.  Raises StoreError, StoreUnavailable."""
-    db = open_database(settings.database_url)
+    db = open_database(settings.database_url, read_only=True)
     try:
         with reading(db) as connection:
             at = now(db, connection)

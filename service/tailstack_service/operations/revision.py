@@ -18,7 +18,7 @@ from tailstack.results import Optimisation
 
 from ..console.editors import write_document
 from ..console.files import is_stream, replace_file, writable
-from ..folders import state_directory
+from ..folders import FolderError, state_directory
 from ..problems import RequestError
 
 if TYPE_CHECKING:
@@ -267,8 +267,8 @@ def keep_result(design: Design, result: Optimisation) -> str:
         replace_file(folder / LAST, write_json(content))
     except OSError as error:
         return f"{error.filename or LAST} cannot be written ({error.strerror or error})"
-    except RuntimeError as error:  # no home
-        return str(error)
+    except FolderError as error:
+        return error.problems[0].detail
     return ""
 
 
@@ -281,14 +281,14 @@ def read_last() -> tuple[Design, Optimisation]:
     def refuse(detail: str) -> RequestError:
         return RequestError(Problem("", "nothing-kept", detail, "tailstack optimise DESIGN keeps what it finds"))
 
+    path = state_directory() / LAST
     try:
-        path = state_directory() / LAST
         content = json.loads(path.read_bytes())
         file, result = content["file"], from_plain(Optimisation, content["result"])
         before = load_design(result.design_before)
     except FileNotFoundError:
         raise refuse("no optimisation has been kept yet") from None
-    except (OSError, RuntimeError) as error:
+    except OSError as error:
         raise refuse(f"the kept result cannot be read: {error}") from None
     except (ValueError, KeyError, TypeError, TailstackError):
         raise refuse(f"{path} does not hold a result that this version can read") from None

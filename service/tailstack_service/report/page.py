@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.results.look import FAINT, MUTED, VERMILION
 
+from ..folders import temporary_directory
 from .svg import WIDTH, broken
 
 if TYPE_CHECKING:
@@ -55,11 +56,12 @@ def _folder_of_fonts() -> Path:
     """A folder in the user's cache; where that cannot be written, one that goes with the process."""
     base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/.cache")
     folder = Path(base) / "tailstack" / "matplotlib"
-    with suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-    if os.access(folder, os.W_OK | os.X_OK):
-        return folder
-    folder = Path(mkdtemp(prefix="tailstack-matplotlib-"))
+    if folder.is_absolute():  # otherwise there is no home
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    folder = Path(mkdtemp(prefix="tailstack-matplotlib-", dir=temporary_directory()))
     atexit.register(rmtree, folder, ignore_errors=True)
     return folder
 

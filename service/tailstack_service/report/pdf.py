@@ -13,13 +13,13 @@ from typing import Any
 from tailstack.errors import MissingExtraError, Problem
 from tailstack.extras import install_command
 
+from ..folders import temporary_directory
 from .blocks import Document
 from .errors import PdfUnavailable
 from .html import html_report
 
 PACKAGES = "apt install libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"
-
-
+FONTS = "apt install fonts-dejavu-core, or any other font that fontconfig finds (fc-list shows them)"
 RECORD_NAME = "tailstack-record.json"
 MADE = datetime(2000, 1, 1, tzinfo=UTC)  # a PDF says when its attachments were made; a report must not
 
@@ -29,6 +29,19 @@ def pdf_report(document: Document, record: bytes) -> bytes:
 
     Raises PdfUnavailable.
     """
+    weasyprint = load_weasyprint()
+    page = weasyprint.HTML(string=html_report(document, None), url_fetcher=_refuse)
+    with _fixed_clock(), _without_collector():
+        attached = weasyprint.Attachment(
+            string=record, name=RECORD_NAME, description="The record that this report renders", created=MADE,
+            modified=MADE, relationship="Source",
+        )  # fmt: skip
+        content: bytes = page.write_pdf(attachments=[attached])
+    return content
+
+
+def load_weasyprint() -> Any:
+    """The library, able to write here.  Raises PdfUnavailable, and FolderError where it has no room for its files."""
     try:
         import weasyprint
     except ImportError:
@@ -39,14 +52,22 @@ def pdf_report(document: Document, record: bytes) -> bytes:
     except OSError as error:
         detail = f"a library that WeasyPrint draws with is missing: {str(error).splitlines()[0][:200]}"
         raise PdfUnavailable(Problem("", "missing-library", detail, PACKAGES)) from None
-    page = weasyprint.HTML(string=html_report(document, None), url_fetcher=_refuse)
-    with _fixed_clock(), _without_collector():
-        attached = weasyprint.Attachment(
-            string=record, name=RECORD_NAME, description="The record that this report renders", created=MADE,
-            modified=MADE, relationship="Source",
-        )  # fmt: skip
-        content: bytes = page.write_pdf(attachments=[attached])
-    return content
+    if not count_fonts():
+        detail = "fontconfig finds no font here, and without one Pango ends the process"
+        raise PdfUnavailable(Problem("", "missing-font", detail, FONTS))
+    temporary_directory()  # where WeasyPrint puts the fonts of a page
+    return weasyprint
+
+
+def count_fonts() -> int:
+    """How many fonts fontconfig finds on this machine."""
+    from weasyprint.text.ffi import fontconfig
+
+    config = fontconfig.FcInitLoadConfigAndFonts()
+    try:
+        return int(fontconfig.FcConfigGetFonts(config, fontconfig.FcSetSystem).nfont)
+    finally:
+        fontconfig.FcConfigDestroy(config)
 
 
 _clock = Lock()

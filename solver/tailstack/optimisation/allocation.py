@@ -56,6 +56,7 @@ from .exact_law import Evaluation, error_moments, squared_quantile
 from .prices import Price
 from .problem import Choice
 from .program import QUIET, SOLVED, Program, log_cost, log_half_widths
+from .solver import make_solver
 from .symbols import elements
 from .terms import ImageParts, Mechanics, mechanics_of
 
@@ -512,7 +513,7 @@ def budgets_of(program: Program) -> Budgets:
     at = program.widths_at
     return Budgets(
         program,
-        ca.nlpsol("budgets", "ipopt", nlp, QUIET | {"ipopt.tol": 1e-7}),
+        make_solver("budgets", nlp, QUIET | {"ipopt.tol": 1e-7}),
         np.concatenate([lower[at], lower[-1:]]),
         np.concatenate([upper[at], upper[-1:]]),
     )

@@ -34,6 +34,7 @@ from .problem import (
     present_choice,
 )
 from .program import QUIET, ConstraintRow, Parameters, Point, Program
+from .solver import make_solver
 from .terms import DemandTerms, blind_half_widths, every_terms, is_singular, scatter
 
 LEADING = 3  # contributors named
@@ -197,9 +198,8 @@ def _relax(
         given = slack[kinds.index(rows[k].kind)]
         kept += [nlp["g"][k] + given] if rows[k].lower < rows[k].upper else [nlp["g"][k] + given, given - nlp["g"][k]]
     count = nlp["x"].numel()
-    solver = ca.nlpsol(
+    solver = make_solver(
         "elastic",
-        "ipopt",
         {"x": ca.vertcat(nlp["x"], slack), "p": nlp["p"], "f": ca.sum1(slack), "g": ca.vertcat(*kept)},
         QUIET | {"ipopt.max_iter": 500, "ipopt.tol": 1e-6},
     )

@@ -37,6 +37,7 @@ from .regions import (
     outside_pieces,
     sample,
 )
+from .solver import make_solver
 from .symbols import elements, plain
 from .terms import DemandTerms, EstimationTerms, Mechanics, estimator_affine, image_parts_at, lay
 
@@ -230,7 +231,7 @@ def build_program(
     objective, constraints = ca.cse([symbols.least * symbols.s + (1 - symbols.least) * cost, ca.vertcat(*expressions)])
     nlp = {"x": variables, "p": parameters, "f": objective, "g": constraints}
     learnt = LEARNT if len(movable) > EXACT_HESSIAN else {}
-    explore = ca.nlpsol("explore", "ipopt", nlp, EXPLORE | learnt)
+    explore = make_solver("explore", nlp, EXPLORE | learnt)
     shared = {"grad_f": explore.get_function("nlp_grad_f"), "jac_g": explore.get_function("nlp_jac_g")} | learnt
     if not learnt:
         shared["hess_lag"] = explore.get_function("nlp_hess_l")
@@ -243,8 +244,8 @@ def build_program(
         half=half,
         present_width=present.half_width,
         piece_counts=tuple(chosen.numel() for chosen in choosers),
-        explore=(explore, *(ca.nlpsol("explore", "ipopt", nlp, EXPLORE | shared) for _ in range(threads - 1))),
-        polish=ca.nlpsol("polish", "ipopt", nlp, POLISH | shared),
+        explore=(explore, *(make_solver("explore", nlp, EXPLORE | shared) for _ in range(threads - 1))),
+        polish=make_solver("polish", nlp, POLISH | shared),
         constraints=ca.Function("constraints", [variables, parameters], [objective, constraints]),
         jacobian=shared["jac_g"],
         gradient=shared["grad_f"],

@@ -208,8 +208,11 @@ def _url_error(why: str) -> StoreError:
     return BadDatabaseUrl(Problem("", "bad-database-url", detail, hint))
 
 
-def connect(url: str, *, create: bool = False, clock: Clock = SYSTEM_CLOCK) -> Database:
+def connect(url: str, *, create: bool = False, clock: Clock = SYSTEM_CLOCK, read_only: bool = False) -> Database:
     """A database as it is, whatever its schema.  ``create`` makes a SQLite file.
+
+    ``read_only``: nothing can be written through it, and nothing is: not a byte of a SQLite file, nor a file beside it
+    that nobody has made yet, so that a copy on a disk that cannot be written can be looked at.
 
     Raises StoreError; MissingExtraError where the driver of PostgreSQL is not installed.
     """
@@ -217,9 +220,10 @@ def connect(url: str, *, create: bool = False, clock: Clock = SYSTEM_CLOCK) -> D
     if parsed.get_backend_name() == "sqlite":
         path = Path(str(parsed.database))
         _require_file(path, create)
-        return Database(_make_sqlite_engine(parsed), "sqlite", clock, Lock(), DatabaseFile(path))
+        mode = find_reading_mode(path) if read_only else "mode=rw"
+        return Database(_make_sqlite_engine(parsed, mode), "sqlite", clock, Lock(), DatabaseFile(path))
     with name_missing_extra():
-        engine = _make_postgresql_engine(parsed)
+        engine = _make_postgresql_engine(parsed, read_only=read_only)
     return Database(engine, "postgresql", clock)
 
 
@@ -238,7 +242,26 @@ def _require_file(path: Path, create: bool) -> None:
         raise BadDatabaseUrl(Problem("", "file-unwritable", detail, hint)) from None
 
 
-def _make_sqlite_engine(url: URL) -> Engine:
+def find_reading_mode(path: Path) -> str:
+    """How SQLite opens a file that is only to be read, as parameters of its URI.
+
+    With a log beside it (a service is running, or was killed) the log is read too, which takes shared memory beside
+    the file.  Without one nobody has it open: SQLite is told that nobody will write, for otherwise it makes a log.
+    Raises StoreError where a log is there, and that memory can neither be had nor made.
+    """
+    log, journal, shared = (Path(f"{path}{ending}") for ending in ("-wal", "-journal", "-shm"))
+    left = [each for each in (log, journal) if each.exists() and each.stat().st_size]
+    if not left and not shared.exists():
+        return "immutable=1"
+    if journal in left or not (shared.exists() or os.access(path.parent, os.W_OK)):
+        what = f"{(left or [shared])[0]} holds what is not in the file yet"
+        hint = "copy both to a folder that can be written, and name the copy with --database"
+        detail = f"{what}, and nothing can be written beside it, which reading it takes"
+        raise StoreError(Problem("", "unusable-database", detail, hint))
+    return "mode=ro"
+
+
+def _make_sqlite_engine(url: URL, mode: str) -> Engine:
     engine = sa.create_engine(
         url, connect_args={"timeout": BUSY_SECONDS}, pool_size=8, max_overflow=64, pool_timeout=BUSY_SECONDS
     )
@@ -246,17 +269,13 @@ def _make_sqlite_engine(url: URL) -> Engine:
     @sa.event.listens_for(engine, "do_connect")
     def _connect(_dialect: Any, _record: Any, arguments: list[Any], named: dict[str, Any]) -> None:
         # By itself SQLite makes an empty file where there is none, say in the place of one that was deleted
-        arguments[0], named["uri"] = f"{Path(arguments[0]).absolute().as_uri()}?mode=rw", True
+        arguments[0], named["uri"] = f"{Path(arguments[0]).absolute().as_uri()}?{mode}", True
 
     @sa.event.listens_for(engine, "connect")
     def _configure(connection: Any, record: Any) -> None:
         connection.isolation_level = None  # BEGIN is ours to say
-        for pragma in (
-            "journal_mode=WAL",
-            "synchronous=FULL",
-            "foreign_keys=ON",
-            "journal_size_limit=67108864",
-        ):
+        writes = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "journal_size_limit=67108864")
+        for pragma in writes if mode == "mode=rw" else ("query_only=ON",):
             connection.execute(f"PRAGMA {pragma}").close()
 
     @sa.event.listens_for(engine, "begin")
@@ -291,8 +310,9 @@ def _begin_writing(connection: Connection) -> None:
         connection.exec_driver_sql(f"PRAGMA busy_timeout={1000 * BUSY_SECONDS:.0f}")
 
 
-def _make_postgresql_engine(url: URL) -> Engine:
-    arguments: dict[str, Any] = {"application_name": "tailstack", "options": POSTGRESQL_OPTIONS}
+def _make_postgresql_engine(url: URL, *, read_only: bool = False) -> Engine:
+    options = POSTGRESQL_OPTIONS + (" -c default_transaction_read_only=on" if read_only else "")
+    arguments: dict[str, Any] = {"application_name": "tailstack", "options": options}
     # For connections that nobody waits on: the system gives up those whose other end is gone
     arguments |= {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 30_000}
     arguments = {key: value for key, value in arguments.items() if key not in url.query}
@@ -359,7 +379,7 @@ def reading(db: Database) -> Iterator[Connection]:
 
     Raises StoreUnavailable, also where it takes longer than it may, and StoreError for a file that is another by now.
     """
-    with _limit_transaction(db), _translate_faults():
+    with _limit_transaction(db), _translate_faults(db):
         _require_same_file(db)
         with db.engine.connect() as connection:
             yield connection
@@ -373,7 +393,7 @@ def writing(db: Database) -> Iterator[Connection]:
     (StoreUnavailable): a writer that is stopped must not make all others wait, one after the other.  Raises as
     ``reading``.
     """
-    with _limit_transaction(db), _translate_faults(), _take_turn(db):
+    with _limit_transaction(db), _translate_faults(db), _take_turn(db):
         _require_same_file(db)
         with db.engine.connect() as plain:
             connection = plain.execution_options(tailstack_writes=True)
@@ -403,17 +423,32 @@ def _take_turn(db: Database) -> Iterator[None]:
 
 
 @contextmanager
-def _translate_faults() -> Iterator[None]:
+def _translate_faults(db: Database) -> Iterator[None]:
     try:
         yield
     except (exc.DBAPIError, exc.TimeoutError) as error:
         reason = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
+        if (closed := _find_closed(db, error)) is not None:
+            raise StoreError(
+                Problem("", "unusable-database", f"{closed} cannot be used by this user", _OPEN)
+            ) from error
         if _is_temporary(error):
             raise StoreUnavailable(Problem("", "store-unavailable", reason, _find_patience(error))) from error
         cure = _find_cure(error)
         if cure is not None:
             raise StoreError(Problem("", "unusable-database", reason, cure)) from error
         raise
+
+
+def _find_closed(db: Database, error: exc.DBAPIError | exc.TimeoutError) -> Path | None:
+    """What keeps SQLite from opening its file for ever: the file or its folder, which this user may not use."""
+    if (
+        db.file is None
+        or getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) & 0xFF != sqlite3.SQLITE_CANTOPEN
+    ):
+        return None
+    places = (db.file.path.parent, db.file.path)
+    return next((place for place in places if not os.access(place, os.R_OK | os.W_OK)), None)
 
 
 def _is_temporary(error: exc.DBAPIError | exc.TimeoutError) -> bool:
@@ -425,6 +460,7 @@ def _is_temporary(error: exc.DBAPIError | exc.TimeoutError) -> bool:
     return isinstance(error, exc.OperationalError | exc.InterfaceError)
 
 
+_OPEN = "this user must be allowed to write the file and its directory"
 _SQLITE_PATIENCE = "try again in a moment; no other program may hold the file, and its disk must not be full"
 
 
@@ -440,7 +476,7 @@ def _find_cure(error: exc.DBAPIError | exc.TimeoutError) -> str | None:
     if getattr(original, "sqlite_errorcode", 0) & 0xFF in DAMAGED_SQLITE_CODES:
         return "restore a backup, or set TAILSTACK_DATABASE to another file"
     if getattr(original, "sqlite_errorcode", 0) & 0xFF in CLOSED_SQLITE_CODES:
-        return "this user must be allowed to write the file and its directory"
+        return _OPEN
     if getattr(original, "sqlstate", None) == "42501":
         return "the user of TAILSTACK_DATABASE must own the database: ALTER DATABASE name OWNER TO user"
     return None

@@ -88,19 +88,22 @@ def _upgrade(connection: Connection) -> None:
 
 
 def open_database(
-    url: str, *, migrate: bool = False, clock: Clock = SYSTEM_CLOCK, seconds: float | None = None
-) -> Database:
+def open_database(
+    url: str, *, migrate: bool = False, clock: Clock = SYSTEM_CLOCK, seconds: float | None = None,
+    read_only: bool = False,
+) -> Database:  # fmt: skip
     """A database whose schema is the one that this version knows.
 
     ``migrate`` creates a SQLite file or brings it up to date; PostgreSQL is only ever changed by ``tailstack db
     migrate``, so that hosts of a cluster do not change it under one another.  ``seconds``: for it to answer now; its
-    later transactions have their own.  Raises StoreError with the next command, StoreUnavailable if the server cannot
-    be reached.
+    later transactions have their own.  ``read_only``: as :func:`connect` says.
+
+    Raises StoreError with the next command, StoreUnavailable if the server cannot be reached.
     """
     parsed = parse_url(url)
     if parsed.get_backend_name() == "sqlite" and migrate:
         migrate_database(url)
-    db = connect(url, clock=clock)
+    db = connect(url, clock=clock, read_only=read_only)
     try:
         require_current(db if seconds is None else db.within(seconds))
     except BaseException:

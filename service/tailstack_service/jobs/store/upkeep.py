@@ -19,7 +19,7 @@ from sqlalchemy.engine import URL, Connection
 from tailstack.errors import Problem
 
 from . import audit, designs, tables, usage
-from .database import Database, connect, now, parse_url, reading, writing
+from .database import Database, connect, find_reading_mode, now, parse_url, reading, writing
 from .errors import StoreError, StoreUnavailable
 from .results import find_changed_parts, find_changed_requests, find_changed_results, find_missing_results
 from .schema import HEAD, read_version
@@ -214,7 +214,7 @@ def back_up(url: str, target: Path) -> str:
 
 
 def _require_undamaged(url: str) -> None:
-    db = connect(url)
+    db = connect(url, read_only=True)
     try:
         with reading(db.within(DUMP_SECONDS)) as connection:
             damaged = []
@@ -252,7 +252,8 @@ def _copy_file(source: Path, target: Path) -> None:
         )
     os.close(os.open(target, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
     try:
-        with closing(sqlite3.connect(source, timeout=30)) as from_, closing(sqlite3.connect(target)) as to:
+        address = f"{source.absolute().as_uri()}?{find_reading_mode(source)}"
+        with closing(sqlite3.connect(address, timeout=30, uri=True)) as from_, closing(sqlite3.connect(target)) as to:
             from_.backup(to)
             to.execute("PRAGMA journal_mode=DELETE").fetchone()  # one file, without a -wal beside it
             complaints = [row[0] for row in to.execute("PRAGMA integrity_check")]

@@ -1,0 +1,437 @@
+"""A gate says the same of the same files, however they are named: no class, waiver or baseline hangs on a name.
+
+The first case is report 24 of issue 38 (own numbers): a class of released parts is held to less than others, and the
+files are named so that a comparison of texts does not find them in it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import unicodedata
+from collections.abc import Iterator
+from contextlib import chdir
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from gate_scenes import FAILING, PASSING, TODAY
+from service_scenes import limited
+
+from tailstack.design.write import data_to_yaml
+from tailstack_service.cli.gate_files import Anchors, find_paths
+from tailstack_service.cli.gate_remote import complete_record, write_request
+from tailstack_service.cli.main import main
+from tailstack_service.gate.file_names import match_names
+from tailstack_service.gate.judge import Gate, judge
+from tailstack_service.gate.records import GateFinding, GateRecord
+from tailstack_service.gate.request import admit_gate
+from tailstack_service.schemas import record_of
+
+LAX, STRICT = 1.3, 0.5  # mm; P95 of the design is about 0.65
+VARIABLES = ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR", "TAILSTACK_TRACEBACK")
+COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "geprüft") for form in ("NFC", "NFD"))
+
+
+@pytest.fixture(autouse=True)
+def _no_pipeline(monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in VARIABLES:
+        monkeypatch.delenv(variable, raising=False)
+
+
+def write(path: Path, data: Any) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(data_to_yaml(data), encoding="utf-8")
+    return path
+
+
+def policy(*patterns: str, name: str = "released", limit_mm: float = STRICT, **more: Any) -> dict[str, Any]:
+    own = {"name": name, "files": list(patterns), "rules": {"p95": {"limit_mm": limit_mm}}, **more}
+    rules = {"p95": {"limit_mm": LAX}, "overlap": {"severity": "off"}}
+    return {"schema": "tailstack/policy/1", "rules": rules, "classes": [own]}
+
+
+def waive(*patterns: str) -> dict[str, Any]:
+    day = datetime.now(UTC).date() + timedelta(days=30)
+    entry = {"rule": "p95", "owner": "J. Doe", "reason": "first article", "max_value": 0.8, "expires": day.isoformat()}
+    return {"schema": "tailstack/waivers/1", "waivers": [{**entry, "designs": list(patterns)}]}
+
+
+def gate(folder: Path, *arguments: object) -> tuple[int, GateRecord]:
+    """Exit code and record of a gate that runs in a folder."""
+    out = folder / "gate.json"
+    with chdir(folder):
+        code = main(["gate", *map(str, arguments), "--mode", "analytic", f"--format=json={out}"])
+    record: GateRecord = record_of("gate", json.loads(out.read_text(encoding="utf-8")))
+    out.unlink()
+    return code, record
+
+
+def of_rule(record: GateRecord, rule: str) -> list[GateFinding]:
+    return [finding for finding in record.findings if finding.rule == rule]
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A class of released parts that its one part misses, and everything else that it would keep."""
+    write(tmp_path / "tree" / "released" / "carrier.yaml", limited(PASSING))
+    write(tmp_path / "tree" / "policy.yaml", policy("released/*"))
+    (tmp_path / "workspace").symlink_to("tree")
+    (tmp_path / "tree" / "current").symlink_to("released")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "carrier.yaml").symlink_to("tree/released/carrier.yaml")
+    return tmp_path
+
+
+def test_a_class_holds_by_whatever_name(tree: Path) -> None:
+    part, rules = "released/carrier.yaml", "policy.yaml"
+    link, real = tree / "workspace", tree / "tree"
+    ways: list[tuple[Path, str | Path, str | Path]] = [
+        (real, part, rules),
+        (real, real / part, real / rules),
+        (real, link / part, rules),
+        (link, "released/*.yaml", rules),
+        (real, "current/carrier.yaml", rules),
+        (real / "released", "carrier.yaml", "../policy.yaml"),
+        (tree, f"workspace/{part}", "tree/policy.yaml"),
+        (tree, "carrier.yaml", "workspace/policy.yaml"),
+        (tree / "elsewhere", link / part, link / rules),
+        (tree / "elsewhere", f"../tree/{part}", "../workspace/policy.yaml"),
+    ]
+    for folder, name, policy_file in ways:
+        code, record = gate(folder, name, "--policy", policy_file)
+        assert (code, record.verdict, record.designs[0].design_class) == (1, "fail", "released"), (folder, name)
+        assert [finding.rule for finding in record.findings] == ["p95"], (folder, name)
+
+
+def test_one_file_by_two_names_is_one_design(tree: Path) -> None:
+    names = ["released/carrier.yaml", tree / "workspace" / "released" / "carrier.yaml", "current/carrier.yaml"]
+    code, record = gate(tree / "tree", *names, "--policy", "policy.yaml")
+    assert (code, [design.file for design in record.designs]) == (1, ["released/carrier.yaml"])
+
+
+@pytest.mark.parametrize(("on_disk", "in_pattern"), [(DECOMPOSED, COMPOSED), (COMPOSED, DECOMPOSED)])
+def test_unicode_forms_are_one_name(tmp_path: Path, on_disk: str, in_pattern: str) -> None:
+    write(tmp_path / on_disk / "carrier.yaml", limited(PASSING))
+    rules = write(tmp_path / "policy.yaml", policy(f"{in_pattern}/*"))
+    for name in (f"{on_disk}/carrier.yaml", f"{in_pattern}/carrier.yaml", f"{in_pattern}/c*.yaml"):
+        assert gate(tmp_path, name, "--policy", rules)[0] == 1, name
+    accepted = write(tmp_path / "waivers.yaml", waive(f"{in_pattern}/carrier.yaml"))
+    code, record = gate(tmp_path, f"{on_disk}/carrier.yaml", "--policy", rules, "--waivers", accepted)
+    assert code == 0
+    assert [finding.suppressed_by is None for finding in of_rule(record, "p95")] == [False]
+
+
+def test_a_waiver_holds_by_whatever_name(tree: Path) -> None:
+    accepted = write(tree / "tree" / "waivers.yaml", waive("released/carrier.yaml"))
+    for folder, name in (
+        (tree / "tree", "released/carrier.yaml"),
+        (tree / "elsewhere", str(tree / "workspace" / "released" / "carrier.yaml")),
+        (tree / "tree" / "released", "carrier.yaml"),
+    ):
+        given = ["--policy", tree / "tree" / "policy.yaml", "--waivers", accepted]
+        code, record = gate(folder, name, *given)
+        assert (code, [finding.rule for finding in record.findings]) == (0, ["p95"]), (folder, name)
+
+
+def test_a_baseline_is_found_by_whatever_name(tree: Path) -> None:
+    """Another design of the same folder went: by content, sections and names it is nobody's."""
+    part, base = tree / "tree" / "released" / "carrier.yaml", tree / "tree" / "base.json"
+    write(tree / "tree" / "released" / "other.yaml", limited(PASSING, name="other"))
+    with chdir(tree / "tree"):
+        main(["gate", "released/*.yaml", "--mode", "analytic", f"--format=json={base}"])
+    write(part, limited(1.45))
+    for folder, name in ((tree / "tree", "released/carrier.yaml"), (tree / "elsewhere", str(part))):
+        _, record = gate(folder, name, "--baseline", base)
+        (relaxed,) = of_rule(record, "limit-relaxed")
+        assert "limit raised from 1.4 to 1.45 mm" in relaxed.message
+        assert of_rule(record, "not-compared") == [], folder
+
+
+def test_what_exists_is_itself_before_it_is_a_pattern(tmp_path: Path) -> None:
+    """Report 24: ``order [A7]/*.yaml`` judged the folder ``order A``."""
+    write(tmp_path / "order [A7]" / "d[1].yaml", limited(FAILING))
+    write(tmp_path / "order A" / "d1.yaml", limited(PASSING))
+    for name in ("order [A7]/*.yaml", "order [A7]/d[1].yaml", "order [A7]/d[[]1].yaml"):
+        code, record = gate(tmp_path, name)
+        assert (code, [design.file for design in record.designs]) == (1, ["order [A7]/d[1].yaml"]), name
+    rules = write(tmp_path / "policy.yaml", policy("order [A7]/*", name="free", limit_mm=STRICT))
+    code, record = gate(tmp_path, "order A/d1.yaml", "--policy", rules)
+    assert (code, record.designs[0].design_class) == (0, None)
+    (finding,) = of_rule(record, "class-unused")
+    assert "'order [A7]/*' does not match the design judged here" in finding.message
+    code, record = gate(tmp_path, "order [A7]/*", "--policy", rules)
+    assert (code, record.designs[0].design_class) == (1, "free")
+    (tmp_path / "order [A7]" / "d[1].yaml").unlink()
+    (tmp_path / "order [A7]").rmdir()
+    code, record = gate(tmp_path, "order [A7]/*.yaml", "--policy", rules)
+    assert (code, record.designs[0].file) == (1, "order A/d1.yaml"), "no such folder: a pattern like others"
+
+
+def test_patterns_of_the_command_line_as_people_know_them(tmp_path: Path) -> None:
+    for name in ("a/x.yaml", "a/b/y.yaml", "a/.hidden/z.yaml", "a/n.txt"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    with chdir(tmp_path):
+        assert find_paths("a/*.yaml") == ["a/x.yaml"]
+        assert find_paths("a/**/*.yaml") == ["a/b/y.yaml", "a/x.yaml"]
+        assert find_paths("**/y.yaml") == ["a/b/y.yaml"]
+        assert find_paths("?/[xy].yaml") == ["a/x.yaml"]
+        assert find_paths(f"{tmp_path}/*/b/*") == [f"{tmp_path}/a/b/y.yaml"]
+        assert find_paths("a/.hid*/*") == ["a/.hidden/z.yaml"]
+        assert find_paths("c/*.yaml") == find_paths("a/x.yml") == find_paths("a/x.yaml/*") == []
+
+
+def test_a_pattern_or_class_that_chooses_nothing_is_a_finding(tree: Path) -> None:
+    rules = policy("relased/*", "released/*")
+    rules["classes"] += [
+        {"name": "late", "files": ["*.yaml"], "rules": {"p95": {"limit_mm": 0.1}}},
+        {"name": "nobody", "rules": {"p95": {"limit_mm": 0.1}}},
+        {"name": "named", "designs": ["*rev A"], "by_name": True},
+    ]
+    name = write(tree / "tree" / "policy.yaml", rules)
+    accepted = write(tree / "tree" / "waivers.yaml", waive("released/carrier.yaml", "prototypes/*.yaml"))
+    code, record = gate(tree / "tree", "released/carrier.yaml", "--policy", name, "--waivers", accepted)
+    assert code == 0
+    idle = of_rule(record, "class-unused")
+    assert [(finding.pointer, finding.severity) for finding in idle] == [
+        ("/classes/0/files/0", "warning"),
+        ("/classes/1", "warning"),
+        ("/classes/2", "warning"),
+        ("/classes/3/designs/0", "warning"),
+    ]
+    assert all(finding.file == "policy.yaml" and finding.line for finding in idle)
+    assert "'relased/*' does not match the design judged here" in idle[0].message
+    assert "class late: it chooses nothing here, released/carrier.yaml is in class released" in idle[1].message
+    assert "it has no patterns of files" in idle[2].message
+    (unused,) = of_rule(record, "waiver-unused")
+    assert (unused.pointer, unused.severity) == ("/waivers/0/designs/1", "note")
+    assert gate(tree / "tree", "released/carrier.yaml", "--policy", name, "--waivers", accepted,
+                "--fail-level", "warning")[0] == 1  # fmt: skip
+    rules["rules"]["class-unused"] = {"severity": "off"}
+    write(name, rules)
+    assert of_rule(gate(tree / "tree", "released/carrier.yaml", "--policy", name)[1], "class-unused") == []
+
+
+def test_a_link_out_of_a_class_is_judged_where_the_file_is_and_said(tree: Path) -> None:
+    write(tree / "tree" / "designs" / "x.yaml", limited(PASSING))
+    (tree / "tree" / "released" / "latest.yaml").symlink_to("../designs/x.yaml")
+    code, record = gate(tree / "tree", "released/latest.yaml", "--policy", "policy.yaml")
+    assert (code, record.designs[0].file) == (0, "designs/x.yaml")
+    (finding,) = of_rule(record, "class-unused")
+    assert "a link of that name leads to designs/x.yaml" in finding.message
+
+
+def test_beads_lie_beside_the_file_and_not_beside_a_link_to_it(tmp_path: Path) -> None:
+    """By the link's folder another file of the same name would be read: other beads, another verdict."""
+    points = limited(PASSING)["fiducials"]["points"]
+    rows = [",".join([point["label"], *map(str, point["position_mm"])]) for point in points]
+    for folder, lines in (("designs", rows), ("elsewhere", rows[:3])):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "beads.csv").write_text("\n".join(["label,x_mm,y_mm,z_mm", *lines]), encoding="utf-8")
+    fiducials = {**limited(PASSING)["fiducials"], "file": "beads.csv"}
+    del fiducials["points"]
+    write(tmp_path / "designs" / "x.yaml", {**limited(PASSING), "fiducials": fiducials})
+    (tmp_path / "elsewhere" / "x.yaml").symlink_to("../designs/x.yaml")
+    write(tmp_path / "policy.yaml", policy("elsewhere/*"))
+    for name in ("designs/x.yaml", "elsewhere/x.yaml"):
+        code, record = gate(tmp_path, name, "--policy", "policy.yaml")
+        assert (code, record.verdict, record.designs[0].file) == (0, "pass", "designs/x.yaml"), record.findings
+
+
+def test_formats_of_pipelines_name_files_from_the_root_of_the_repository(
+    tree: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, real = tree / "workspace", tree / "tree"
+
+    def paths(folder: Path, name: Path) -> tuple[str, str]:
+        gitlab, sarif = tree / "o.gitlab", tree / "o.sarif"
+        gate(folder, name, "--policy", link / "policy.yaml", f"--format=gitlab={gitlab}", f"--format=sarif={sarif}")
+        (result,) = json.loads(sarif.read_text())["runs"][0]["results"]
+        uri = result["locations"][0]["physicalLocation"]["artifactLocation"]["uri"]
+        return json.loads(gitlab.read_text())[0]["location"]["path"], uri
+
+    part = "released/carrier.yaml"
+    for folder in (real, real / "released", tree / "elsewhere"):
+        assert paths(folder, link / part) == (part, part), "the folder of the policy, where no repository is known"
+    (real / ".git").mkdir()
+    for folder in (real, real / "released", tree / "elsewhere"):
+        assert paths(folder, link / part) == (part, part)
+    (real / ".git").rmdir()
+    for variable in ("CI_PROJECT_DIR", "GITHUB_WORKSPACE"):
+        monkeypatch.setenv(variable, str(link))
+        for folder in (real, real / "released", tree / "elsewhere"):
+            assert paths(folder, link / part) == (part, part)
+        monkeypatch.delenv(variable)
+
+
+def test_patterns_begin_at_the_root_or_below_it_on_the_way_to_the_policy(tmp_path: Path) -> None:
+    """A repository of several products, each with its own policies; a policy beside the repository."""
+    (tmp_path / "repo" / ".git").mkdir(parents=True)
+    part = write(tmp_path / "repo" / "guides" / "released" / "x.yaml", limited(PASSING))
+    for pattern in ("guides/released/*", "released/*", "../released/*", "./released/*", str(part)):
+        for place in ("repo/guides/ci/policy.yaml", "repo/guides/policy.yaml"):
+            rules = write(tmp_path / place, policy(pattern))
+            matches = not pattern.startswith("..") or "ci" in place
+            for folder in (tmp_path, tmp_path / "repo", part.parent):
+                assert gate(folder, part, "--policy", rules)[0] == int(matches), (pattern, place, folder)
+    beside = write(tmp_path / "policies" / "policy.yaml", policy("guides/released/*"))
+    assert gate(part.parent, "x.yaml", "--policy", beside)[0] == 1
+    assert gate(tmp_path, "repo/guides/released/x.yaml", "--policy", beside)[0] == 1
+
+
+def test_without_a_repository_a_policy_elsewhere_begins_anywhere_below_what_is_common(tmp_path: Path) -> None:
+    write(tmp_path / "work" / "released" / "x.yaml", limited(PASSING))
+    rules = write(tmp_path / "policies" / "policy.yaml", policy("released/*"))
+    for folder in (tmp_path / "work", tmp_path, tmp_path / "work" / "released", tmp_path / "policies"):
+        assert gate(folder, tmp_path / "work" / "released" / "x.yaml", "--policy", rules)[0] == 1
+
+
+def test_pure_matching() -> None:
+    assert match_names(["a/b.yaml"], "./a/*")
+    assert match_names(["x.yaml", "sub/x.yaml"], "sub/*")
+    assert not match_names(["order A/x"], "order [A7]/*", ["order [A7]"])
+    assert match_names(["order [A7]/x"], "order [A7]/*", ["order [A7]"])
+    assert not match_names(["order [A7]/x"], "order [A7]/*")
+
+
+def test_over_http_the_names_are_sent() -> None:
+    rules = policy("released/*", "order [A7]/*")
+
+    def ask(entry: dict[str, Any], **more: Any) -> int:
+        body = {"designs": [{"design": limited(PASSING), **entry}], "policy": rules, "mode": "analytic", **more}
+        return judge(admit_gate(body, today=TODAY).gate).exit_code
+
+    assert ask({"file": "/tmp/x.yaml"}) == 0
+    assert ask({"file": "/tmp/x.yaml", "names": ["tree/released/x.yaml", "released/x.yaml"]}) == 1
+    assert ask({"file": f"released/{DECOMPOSED}.yaml"}) == 1
+    assert ask({"file": "order [A7]/x.yaml"}) == 1
+    assert ask({"file": "order A/x.yaml"}) == 1
+    assert ask({"file": "order A/x.yaml"}, literal=["order [A7]"]) == 0
+
+
+def test_a_service_says_the_same_of_the_same_names(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is sent, read as a service reads it, without the way between."""
+
+    def answer(gate: Gate, url: str, progress: Any) -> GateRecord:
+        sent = json.loads(json.dumps(write_request(gate)))
+        assert sent["designs"][0]["names"][0] == "released/carrier.yaml"
+        return complete_record(judge(admit_gate(sent, today=TODAY).gate), gate)
+
+    given = [tree / "workspace" / "released" / "carrier.yaml", "--policy", tree / "workspace" / "policy.yaml"]
+    here = gate(tree / "elsewhere", *given)
+    monkeypatch.setattr("tailstack_service.cli.gate_remote.judge_remotely", answer)
+    there = gate(tree / "elsewhere", *given, "--remote", "http://127.0.0.1:1")
+    assert here[0] == 1
+    assert there == here
+
+
+# --- random trees -------------------------------------------------------------------------------------
+
+PARTS = ("released", "prototypes", "geprüft", "order [A7]", "order A", "a b", "Äußeres", "x")
+PATTERNS = ("{}/*", "*/{}/*", "{}/*.yaml", "*{}*", "{}/?.yaml")
+
+
+def draw_tree(chance: random.Random, folder: Path) -> tuple[Path, list[str]]:
+    """A tree with a policy, designs below it in folders of either Unicode form, and links to it and inside of it."""
+    root = folder / "tree"
+    root.mkdir(parents=True)
+    if chance.random() < 0.5:
+        (root / ".git").mkdir()
+    files: list[str] = []
+    while len(files) < 2:
+        depth = chance.randrange(1, 3)
+        parts = [unicodedata.normalize(chance.choice(["NFC", "NFD"]), chance.choice(PARTS)) for _ in range(depth)]
+        name = "/".join([*parts, f"{chance.choice('abc')}.yaml"])
+        known = {unicodedata.normalize("NFC", file) for file in files}
+        above = [root / "/".join(parts[: k + 1]) for k in range(depth)]
+        twin = any(
+            unicodedata.normalize("NFC", entry.name) == unicodedata.normalize("NFC", each.name) and entry != each
+            for each in above if each.parent.is_dir() for entry in each.parent.iterdir()
+        )  # fmt: skip
+        if unicodedata.normalize("NFC", name) in known or twin:
+            continue
+        write(root / name, limited(chance.choice([FAILING, PASSING]), name=f"design {len(files)}"))
+        files.append(name)
+    classes = []
+    for index in range(chance.randrange(1, 4)):
+        texts = [chance.choice(PATTERNS).format(chance.choice(PARTS)) for _ in range(chance.randrange(1, 3))]
+        patterns = [unicodedata.normalize(chance.choice(["NFC", "NFD"]), text) for text in texts]
+        limit = chance.choice([0.2, 0.5, 1.0])
+        classes.append({"name": f"class {index}", "files": patterns, "rules": {"p95": {"limit_mm": limit}}})
+    place = chance.choice(["policy.yaml", "policy.yaml", "ci/policy.yaml"])
+    rules = {"p95": {"limit_mm": LAX}, "overlap": {"severity": "off"}}
+    write(root / place, {"schema": "tailstack/policy/1", "rules": rules, "classes": classes})
+    (folder / "link").symlink_to("tree")
+    (folder / "far").mkdir()
+    (folder / "far" / "way").symlink_to(f"../link/{Path(files[0]).parent}")
+    return root / place, files
+
+
+def draw_ways(chance: random.Random, folder: Path, files: list[str]) -> Iterator[tuple[Path, list[str]]]:
+    """A folder to run in, and the names of the files there."""
+    root = folder / "tree"
+    places = [root, folder, folder / "far", folder / "link", (root / files[-1]).parent]
+    for place in places:
+        names = []
+        for file in files:
+            begin = chance.choice([str(root), f"{folder}/link", os.path.relpath(root, place)])
+            name = os.path.join(begin, unicodedata.normalize(chance.choice(["NFC", "NFD"]), file))
+            if file == files[0] and chance.random() < 0.3:
+                name = str(folder / "far" / "way" / Path(file).name)
+            names.append(name)
+        yield place, names
+
+
+@pytest.fixture
+def scores_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the few designs that the trees are made of, each is scored once: what is drawn are names."""
+    from tailstack_service.gate import judge
+
+    score, known = judge.score, dict[Any, Any]()
+
+    def look(design: Any, **options: Any) -> Any:
+        key = design.sha256, tuple(sorted(options.items()))
+        if key not in known:
+            known[key] = score(design, **options)
+        return known[key]
+
+    monkeypatch.setattr(judge, "score", look)
+
+
+def check_tree(seed: int, folder: Path) -> None:
+    chance = random.Random(seed)
+    rules, files = draw_tree(chance, folder)
+    seen = {}
+    for place, names in draw_ways(chance, folder, files):
+        given = os.path.relpath(rules, place.resolve()) if chance.random() < 0.5 else str(rules)
+        code, record = gate(place, *names, "--policy", given)
+        designs = [(design.name, design.verdict, design.design_class) for design in record.designs]
+        findings = sorted((entry.rule, entry.severity, entry.pointer) for entry in record.findings)
+        seen[str(place), *names] = (code, record.verdict, designs, findings)
+    first = next(iter(seen.values()))
+    assert all(each == first for each in seen.values()), f"seed {seed}: {seen}"
+    assert first[0] in (0, 1, 4)
+
+
+@pytest.mark.hostile
+def test_a_few_random_trees_are_judged_alike_by_every_name(tmp_path: Path, run_seed: int, scores_kept: None) -> None:
+    for seed in range(8):
+        check_tree(10_000 * run_seed + seed, tmp_path / str(seed))
+
+
+@pytest.mark.long
+@pytest.mark.hostile
+def test_random_trees_are_judged_alike_by_every_name(tmp_path: Path, run_seed: int, scores_kept: None) -> None:
+    for seed in range(200):
+        check_tree(10_000 * run_seed + seed, tmp_path / str(seed))
+
+
+def test_names_end_where_the_repository_does(tmp_path: Path) -> None:
+    (tmp_path / "repo" / ".git").mkdir(parents=True)
+    part = write(tmp_path / "repo" / "a" / "x.yaml", {})
+    rules = write(tmp_path / "repo" / "a" / "ci" / "policy.yaml", {})
+    names = Anchors.of_documents([str(rules), None]).list_names(str(part))
+    assert names == ("a/x.yaml", "x.yaml", "../x.yaml", str(part.resolve()))
