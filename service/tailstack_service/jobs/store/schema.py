@@ -88,7 +88,6 @@ def _upgrade(connection: Connection) -> None:
 
 
 def open_database(
-def open_database(
     url: str, *, migrate: bool = False, clock: Clock = SYSTEM_CLOCK, seconds: float | None = None,
     read_only: bool = False,
 ) -> Database:  # fmt: skip
