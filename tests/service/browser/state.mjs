@@ -1,6 +1,6 @@
 // What becomes of the design on the workbench: opened, linked, saved, undone, read and written as YAML.
 // See tests/service/test_workbench_state.py.
-import { asked, begun, bead, centre, current, drawn, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
+import { asked, begun, bead, centre, current, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
 
 const scenarios = {};
 const settled = (page) => page.waitForFunction(() => !window.workbench.state().busy && (window.workbench.state().current || window.workbench.state().refused));
@@ -17,14 +17,7 @@ const drop = async (page, name, bytes) => {
 // The design that is open is opened again: as an example, and as a file
 scenarios.again = async () => {
   const context = await newContext(), page = await open(context, asked.url, false), found = [];
-  const known = [];
   const look = async () => {
-    const said = await page.waitForFunction(() => {
-      const words = document.querySelector(".message")?.innerText ?? "";
-      return words.includes("is what is open already") && words;
-    });
-    known.push(await said.jsonValue());
-    await page.locator(".message button").click();
     await settled(page);
     found.push({ ...(await state(page)), score: null, p95: await page.locator("#p95").textContent(), images: await page.locator("figure.picture", { hasText: "X-ray" }).count() });
   };
@@ -32,13 +25,16 @@ scenarios.again = async () => {
   await current(page);
   const gallery = await part(page, "Other designs");
   await gallery.getByRole("button", { name: asked.example }).click();
+  await page.waitForFunction(() => document.activeElement?.id === "main"); // the card had the focus until its design was opened
   await look();
   await take(page, asked.design);
+  await page.locator(".message", { hasText: "is open" }).waitFor();
   await current(page);
   await take(page, asked.design);
+  await page.locator(".message", { hasText: "is what is open already" }).waitFor();
   await look();
   if (asked.shot) await page.screenshot({ path: asked.shot });
-  return { found, words: known.join("\n") };
+  return { found, words: await words(page) };
 };
 
 // A link, then an edit, then a reload; then the link again, and another file
@@ -141,8 +137,8 @@ scenarios.typed = async () => {
   for (const text of asked.texts) {
     const known = (await state(page)).text;
     bodies.length = 0;
-    await page.evaluate(() => document.querySelector(".message button")?.click());
-    await page.locator(".message").waitFor({ state: "detached" });
+    await page.evaluate(() => document.querySelectorAll(".message > button").forEach((button) => button.click()));
+    await page.waitForFunction(() => !document.querySelector(".message"));
     await take(page, text);
     await page.waitForFunction((before) => window.workbench.state().text !== before || document.querySelector(".message"), known);
     await settled(page);
@@ -151,7 +147,7 @@ scenarios.typed = async () => {
     if (!scored) {
       await part(page, "Run");
       await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
-      await drawn(page);
+      await page.locator("div.message.bad").waitFor(); // why it is not begun
       found[found.length - 1].runs = await page.locator(".runs > li").count();
       if (asked.shot) await page.screenshot({ path: asked.shot });
     }
