@@ -267,7 +267,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
 
     def filled() -> Iterator[tuple[int, Column]]:
         """Each row and its line; empty ones are left out, and counted where more come below them."""
-        empty: list[int] = []
+        empty = 0  # the first of the empty rows above this one; 0: there is none
         for line, row in rows:
             if line > MOST_SHEET_ROWS:
                 raise table.refuse("too-many", f"a sheet of XLSX has {MOST_SHEET_ROWS} rows; this one has more")
@@ -277,7 +277,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
             beyond = row[width:]
             bare = beyond.count(None) == len(beyond) or not any(map(_is_filled, beyond))
             if bare and all(cell is None or cell == "" for cell in cells):
-                empty.append(line)
+                empty = empty or line
                 continue
             if len(row) > MOST_COLUMNS:
                 detail = f"cell {_cell_name(line, len(row) - 1)} is beyond the {MOST_COLUMNS} columns that a table has"
@@ -288,9 +288,9 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
                 detail = f"{place} stands beside the {width} columns of the header: {str(row[stray])[:60]!r}"
                 hint = "give its column a name in the first row, or delete the cell"
                 raise table.refuse("ragged", detail, hint, line, stray + 1)
-            for each in empty:
+            for each in range(empty or line, line):
                 counts.leave_out("empty", each)
-            empty.clear()
+            empty = 0
             counts.read += 1
             yield line, cells
 
