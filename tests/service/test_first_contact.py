@@ -125,7 +125,7 @@ def test_beads_in_the_wrong_unit_are_one_refusal_a_view(call: Any) -> None:
     assert code == 3
     assert err.count("a longer source_isocentre_mm widens the field") == 2
     assert err.count("more like it: line") == 2
-    assert "Check the unit of the positions" in err
+    assert "the positions, which the file states (x_mm, coordinateUnits)" in err  # which unit would show them
 
 
 # --- what is written --------------------------------------------------------------------------------------

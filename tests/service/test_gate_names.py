@@ -227,7 +227,7 @@ def test_a_link_out_of_a_class_is_judged_where_the_file_is_and_said(tree: Path) 
 def test_beads_lie_beside_the_file_and_not_beside_a_link_to_it(tmp_path: Path) -> None:
     """By the link's folder another file of the same name would be read: other beads, another verdict."""
     points = limited(PASSING)["fiducials"]["points"]
-    rows = [",".join([point["label"], *map(str, point["position_mm"])]) for point in points]
+    rows = [f"F{n}," + ",".join(map(str, point["position_mm"])) for n, point in enumerate(points)]
     for folder, lines in (("designs", rows), ("elsewhere", rows[:3])):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "beads.csv").write_text("\n".join(["label,x_mm,y_mm,z_mm", *lines]), encoding="utf-8")

@@ -82,7 +82,7 @@ def test_a_step_file_in_wrong_units_is_doubted(tmp_path: Path, capsys: pytest.Ca
     (tmp_path / "small.step").write_text(text, encoding="utf-8")
     for target in ("beads.csv", "design.yaml"):
         assert main(["convert", str(tmp_path / "small.step"), "-o", str(tmp_path / target)]) == 0
-        assert "Check the unit of the positions" in " ".join(capsys.readouterr().err.split()), target
+        assert "the two fiducials farthest apart are" in " ".join(capsys.readouterr().err.split()), target
 
 
 def test_lost_names_of_a_step_file_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

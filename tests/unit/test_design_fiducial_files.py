@@ -203,7 +203,7 @@ def test_designs_convert_and_stand_alone(tmp_path):
     assert section.startswith("fiducials:\n  points:\n")
 
 
-@pytest.mark.parametrize("names", [("a.txt", "b.csv"), ("a.csv", "b.txt"), ("a", "b")])
+@pytest.mark.parametrize("names", [("a.doc", "b.csv"), ("a.csv", "b.txt"), ("a", "b")])
 def test_unknown_endings_are_refused(names):
     with pytest.raises(DesignError, match="known"):
         convert(b"x", *names)

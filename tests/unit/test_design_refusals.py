@@ -239,7 +239,7 @@ def test_a_projection_in_another_shape_is_refused_with_the_rows_to_write(written
     """closed_form: the matrix that was written otherwise; DLT coefficients are it over its last number."""
     views = [view_by_projection(written), view_by_projection(PROJECTION) | {"name": "B"}]
     (problem,) = problems_of(changed(("views",), views))
-    assert (problem.pointer, problem.detail[:14]) == ("/views/0/projection", "needs 3 entries")
+    assert (problem.pointer, problem.detail[:15]) == ("/views/0/projection", "needs 3 entries")
     after = problem.hint.partition(words)[2]
     told = json.loads(after[after.index("[[") : after.index("]]") + 2])
     np.testing.assert_allclose(np.array(told) / told[2][3], np.array(PROJECTION) / 700.0, rtol=1e-9)
