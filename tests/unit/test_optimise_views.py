@@ -187,9 +187,9 @@ def test_the_price_of_a_view_that_is_added_is_in_both_costs(price: float, costs:
     added = design.document.optimise.added_view
     assert added is not None
 
-    def know(each: Design, _: Any, __: Any, more: Any = None) -> Any:
+    def know(each: Design, aims: Any, rest: Any, added: Any = None) -> Any:
         aim = SimpleNamespace(view="OBL", beam_direction=tuple(BEAM), source_isocentre_mm=700.0)
-        cost = (10.0, 9.0) if more is None else (4.0, 3.5)
+        cost = (10.0, 9.0) if added is None else (4.0, 3.5)
         return Optimum(each.source.data, *cost, SimpleNamespace(views=(aim,)))
 
     found = weigh_offer(design, added, know, ALONE)
