@@ -37,10 +37,8 @@ from scipy.stats import beta
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "tests")]
 
-from random_designs import FIDUCIALS
 from tailstack.errors import NotConvergedError
-from tailstack.system import Estimator
-from validity_trials import MOST_REDONE, Form, Held, hold_design, hold_to_trials
+from validity_trials import MOST_REDONE, Form, Held, form_of, hold_design, hold_to_trials
 
 FORMS = (
     "dlt+normalised", "dlt+published", "dlt+weighted", "pose+normalised", "pose+published", "pose+weighted",
@@ -105,12 +103,6 @@ def read(text: str) -> Held:
     row = json.loads(text)
     row["form"] = Form(**row["form"])
     return Held(**row)
-
-
-def form_of(text: str, effects: bool, corners: bool) -> Form:
-    estimator, _, triangulation = text.partition("+")
-    few = (4, 5) if Estimator(estimator).believes_intrinsics else ()
-    return Form(estimator, triangulation, effects, corners, (*few, *FIDUCIALS))
 
 
 def rows_of(file: Path) -> list[Held]:

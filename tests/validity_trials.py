@@ -18,7 +18,7 @@ from tailstack.montecarlo import compile_plan, draw, gains_in_plan_order, run_in
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.propagation.validity import error_percent
 from tailstack.results import Check
-from tailstack.system import System
+from tailstack.system import Estimator, System
 from tailstack.tail.declared import law_quantile
 from tailstack_service.gate.case import compare_numbers
 from tailstack_service.gate.judge import Gate, ScoredDesign, judge, plan_check, score_designs
@@ -147,6 +147,13 @@ class Form:
         return f"{self.estimator}, {self.triangulation}"
 
 
+def form_of(text: str, effects: bool, corners: bool) -> Form:
+    """Of an estimator with its triangulation, ``pose+weighted``; what knows the intrinsics needs fewer fiducials."""
+    estimator, _, triangulation = text.partition("+")
+    few = (4, 5) if Estimator(estimator).believes_intrinsics else ()
+    return Form(estimator, triangulation, effects, corners, (*few, *FIDUCIALS))
+
+
 @dataclass(frozen=True)
 class Held:
     """What is stated of a design, what the gate does by it, and what trials say."""
@@ -215,9 +222,23 @@ class Held:
     def wrong(self) -> bool:
         """By first order passed although beyond the limit, or failed although within it; or passed by trials although
         beyond by more than is tolerated."""
-        failed = self.failed_by_first_order if self.stated else None
-        within = failed is not None and self.ratio < failed
-        return self.excess > 0 or within or self.excess_of_trials > TOLERATED - 1
+        return self.wrong_beyond(0.0) or self.excess_of_trials > TOLERATED - 1
+
+    def wrong_beyond(self, errors: float) -> bool:
+        """By first order passed or failed wrongly, by more than so many standard errors of the trials."""
+        if not self.ratios:
+            return False
+        chance = errors * self.deviations[ERRORS.index(self.error)][QUANTILES.index(self.quantile)]
+        passed, failed = self.passed_by_first_order, self.failed_by_first_order if self.stated else None
+        over = passed is not None and self.ratio - chance > passed
+        return over or (failed is not None and self.ratio + chance < failed)
+
+    def broken_beyond(self, errors: float) -> bool:
+        """Whether something that is stated is broken, by more than so many standard errors of the trials."""
+        if not self.stated:
+            return False
+        off = np.abs(np.log(self.ratios)) - np.log1p(np.array(self.percents) / 100)
+        return bool((off > errors * np.array(self.deviations)).any())
 
 
 def _gate(document: dict[str, Any], guard: int, max_trials: int, seed: int) -> Gate:

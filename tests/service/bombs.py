@@ -52,10 +52,31 @@ def arrow(rows: int, length: int, *, dictionary: bool) -> bytes:
     return stream.getvalue()
 
 
-def parquet_table(rows: int, length: int) -> bytes:
+def repeated_arrow(times: int) -> bytes:
+    """A stream of one batch again and again: 60,000 rows of one text of 1 kB, each cell and each block harmless."""
+    rows = 60_000
+    table = pyarrow.table({NOISE: [0.3] * rows, "note": pyarrow.array(["x" * 1_000] * rows)})
+    packed = pyarrow.ipc.IpcWriteOptions(compression="zstd")
+    streams = []
+    for some in (table.slice(0, 0), table):
+        sink = io.BytesIO()
+        with pyarrow.ipc.new_stream(sink, table.schema, options=packed) as stream:
+            for batch in some.to_batches():
+                stream.write_batch(batch)
+        streams.append(sink.getvalue())
+    empty, once = streams
+    begin, end = empty[:-8], empty[-8:]  # the end of a stream is eight bytes
+    return begin + once[len(begin) : -8] * times + end
+
+
+def parquet_table(rows: int, length: int, times: int = 1) -> bytes:
+    """So many groups of rows with one text."""
     stream = io.BytesIO()
     texts = pyarrow.array(["x" * length] * rows, pyarrow.large_string())
-    parquet.write_table(pyarrow.table({NOISE: [0.3] * rows, "note": texts}), stream, compression="zstd")
+    table = pyarrow.table({NOISE: [0.3] * rows, "note": texts})
+    with parquet.ParquetWriter(stream, table.schema, compression="zstd") as writer:
+        for _ in range(times):
+            writer.write_table(table)
     return stream.getvalue()
 
 
@@ -70,7 +91,10 @@ BOMBS: dict[str, tuple[Format, Callable[[], bytes]]] = {
     "30 kB of Arrow: 200 cells of 1 MB": ("arrow", lambda: arrow(200, 1_000_000, dictionary=False)),
     "1 kB of Arrow: 100,000 rows of one text of 100 kB": ("arrow", lambda: arrow(100_000, 100_000, dictionary=True)),
     "1 kB of Parquet: 50 rows of 4 MB": ("parquet", lambda: parquet_table(50, 4_000_000)),
+    "1 kB of Parquet: 50 rows of 400 kB": ("parquet", lambda: parquet_table(50, 400_000)),
     "10 kB of Parquet: a cell of 200 MB": ("parquet", lambda: parquet_table(1, 200_000_000)),
+    "1 MB of Arrow: 60,000 rows of 1 kB again and again": ("arrow", lambda: repeated_arrow(5)),
+    "1 MB of Parquet: 50 rows of 100 kB again and again": ("parquet", lambda: parquet_table(50, 100_000, 2_000)),
     "10 kB of XLSX: elements a million deep": ("xlsx", lambda: workbook(b"<a>" * 10**6 + b"</a>" * 10**6)),
     "10 kB of XLSX: a million deep, behind": ("xlsx", lambda: workbook(b"", b"<a>" * 10**6 + b"</a>" * 10**6)),
     "10 kB of XLSX: three million elements": ("xlsx", lambda: workbook(b"", b"<a/>" * 3 * 10**6)),

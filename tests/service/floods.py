@@ -2,8 +2,10 @@
 
     ./run chaos --floods [--connections N] [--scores N]
 
-Each flood is of requests that take seconds and do not say so: large designs disguised, evaluations, tables that unpack
-to gigabytes, gates whose caller hangs up.  A real service, real keys, real connections.
+Each flood is of requests that take seconds and do not say so: large designs disguised, evaluations, gates whose caller
+hangs up, every table of ``bombs.py`` that unpacks to gigabytes.  A real service, real keys, real connections.  Beside
+the times stands the most memory that the API process held, and how much of it came with the flood: twelve bodies of
+8 MB on their way are 96 MB.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from served import served
 from service_scenes import small_design
 from test_http_load import LOOK_SECONDS, SMALL, Place, flooded, large, large_gate
 
+from family import forget_peak, peak_bytes
 from tailstack.design.write import data_to_yaml
 from tailstack_service.tables import MEDIA_TYPES
 
@@ -46,13 +49,15 @@ class Flood:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What another's small scores took beside a flood, s, and how many processes were killed meanwhile."""
+    """What another's small scores took beside a flood, s, how many processes were killed meanwhile, and memory."""
 
     name: str
     idle: float
     p50: float
     p99: float
     kills: int
+    held: int  # bytes by the API process before the flood
+    peak: int  # and at most beside it
 
     @property
     def sound(self) -> bool:
@@ -61,8 +66,8 @@ class Outcome:
     def text(self) -> str:
         said = "" if self.sound else f"   over {TIMES:g}"
         return (
-            f"  {self.name:<44} p50 {self.p50 / self.idle:5.1f} x idle   p99 {self.p99 / self.idle:5.1f} x idle"
-            f"   {self.kills} kills{said}"
+            f"  {self.name:<50} p50 {self.p50 / self.idle:5.1f} x idle   p99 {self.p99 / self.idle:5.1f} x idle"
+            f"   {self.kills} kills   API {self.peak / 1e6:4.0f} MB ({(self.peak - self.held) / 1e6:+.0f}){said}"
         )
 
 
@@ -99,8 +104,7 @@ def list_floods(sha256: str) -> Iterator[Flood]:
     yield Flood("validations", "/v1/validations", YAML, text.encode())
     yield Flood("tables in JSON", "/v1/scores/batch", JSON, json.dumps(rows).encode())
     table = f"/v1/scores/batch?design_sha256={sha256}"
-    for name in ("1 kB of Arrow: 200 rows of one text of 8 MB", "10 kB of XLSX: elements a million deep"):
-        form, make = BOMBS[name]
+    for name, (form, make) in BOMBS.items():
         yield Flood(name, table, MEDIA_TYPES[form], make())
 
 
@@ -119,11 +123,13 @@ def run_flood(place: Place, flood: Flood, connections: int, scores: int) -> Outc
     """Small scores of one tenant on the idle service, then beside a flood of another's."""
     place.wait_until_quiet()
     idle, before = median(seconds_of_small_scores(place, scores)), place.kills()
+    held = forget_peak(place.service.pid)
     begin = partial(place.begin, "greedy", flood.path, flood.body, flood.media)
     with flooded(begin, connections, flood.looks):
         time.sleep(1.0)
         took = seconds_of_small_scores(place, scores)
-    return Outcome(flood.name, idle, median(took), took[-max(2, scores // 100)], place.kills() - before)
+    slow, peak = took[-max(2, scores // 100)], peak_bytes(place.service.pid)
+    return Outcome(flood.name, idle, median(took), slow, place.kills() - before, held, peak)
 
 
 def run_floods(connections: int, scores: int, tell: Callable[[str], Any] = print) -> bool:

@@ -13,6 +13,7 @@ import pytest
 import served
 from service_scenes import ROOT
 
+from tailstack.effects import EFFECTS
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.http.app import create_app
 from tailstack_service.names import OTHERS
@@ -133,6 +134,13 @@ def test_a_decision_has_at_most_fifteen_lines_of_prose_and_stands_in_the_index()
     lines = {page.name: [line for _, line in prose_of(page.read_text(encoding="utf-8")) if line] for page in pages}
     assert [name for name, of_page in lines.items() if len(of_page) > 16] == []  # with the title
     assert re.findall(r"\]\((\d[^)]+)\)", index) == [page.name for page in pages]
+
+
+def test_what_the_method_leaves_to_a_declaration_is_what_a_document_can_declare() -> None:
+    """Section 6: all fields of the effects, and beside them how large balls are and how often they are missed."""
+    section = (ROOT / "docs" / "method.md").read_text(encoding="utf-8").partition("\n## 6. Not modelled\n")[2]
+    fields = {name for kind in EFFECTS for record in kind.sections.values() for name in record.model_fields}
+    assert set(re.findall(r"`(\w+)`", section)) == fields - {"image_point"} | {"diameter_mm", "loss_probability"}
 
 
 HISTORY = ("CHANGELOG.md",)  # it names what is gone, too

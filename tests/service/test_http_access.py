@@ -353,6 +353,14 @@ def test_names_of_this_machine(client: httpx.Client, host: str) -> None:
     assert client.get("/v1/jobs", headers={"Host": host}).status_code == 200
 
 
+@pytest.mark.parametrize("origin", ["http://{}", "https://{}", "HTTP://{}", "http://{}.evil.org", "//{}", "{}"])
+def test_a_page_is_our_own_by_its_scheme_its_name_and_its_port(client: httpx.Client, origin: str) -> None:
+    """Another server may answer on the same port with TLS."""
+    host = f"{client.base_url.host}:{client.base_url.port}"
+    answer = client.post("/nowhere", headers={"Origin": origin.format(host)})
+    assert answer.status_code == (404 if origin.lower() == "http://{}" else 403), answer.text
+
+
 @pytest.mark.long
 def test_pages_of_other_sites_change_nothing(client: httpx.Client) -> None:
     own = f"http://{client.base_url.host}:{client.base_url.port}"

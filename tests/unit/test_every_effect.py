@@ -6,7 +6,9 @@ no list of names in them.
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,6 +35,14 @@ GEOMETRY = {
         "loss_probability",  # moves nothing: it is asked what is left when images are missing
     },
     View: {"name", "projection", "image_size_px", "sees", "intrinsics_prior"},
+}  # fmt: skip
+
+CONVENTIONS = Path(__file__).parents[2] / "docs" / "conventions.md"
+CALLED = {  # there
+    "structure_connector": "both interfaces", "connector_flange": "both interfaces", "hand_eye": "hand–eye",
+    "fiducial_manufacturing": "manufacturing", "image_field": "residual image fields", "execution": "repeatability",
+    "assumed_intrinsics": "assumed intrinsics", "detector_tilt": "tilts of the detector", "fiducial_noise": "noise",
+    "target_noise": "noise", "motion": "motion between the shots", "temperature": "temperature",
 }  # fmt: skip
 
 
@@ -135,6 +145,18 @@ def test_only_what_is_mounted_anew_is_drawn_at_each_installation(scene: System) 
         columns = z[:, plan.columns_of(block.contributor)]
         assert len(np.unique(columns, axis=0)) == wanted, block.contributor
         assert draw_time(block) == {12: "shot", 3: "installation", 1: "unit"}[wanted]
+
+
+def test_the_page_of_conventions_says_how_often_each_source_is_drawn(scene: System) -> None:
+    text = " ".join(CONVENTIONS.read_text(encoding="utf-8").split())
+    said = re.search(r"draws the installation \((.*?)\) once per unit; (.*?) are drawn at each shot", text)
+    assert said is not None
+    drawn = [block for block in linearise(scene, scene.targets[0]).blocks if block.laws]
+    lists = {Drawn.UNIT: said[1], Drawn.SHOT: said[2]}
+    for block in drawn:
+        words = CALLED[block.contributor.partition(":")[0]]
+        assert [often for often, listed in lists.items() if words in listed] == [block.effect.drawn], block.contributor
+    assert {block.contributor.partition(":")[0] for block in drawn} == CALLED.keys()
 
 
 def test_shares_of_localisation_are_of_the_error_that_each_source_makes(scene: System) -> None:

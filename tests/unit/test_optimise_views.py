@@ -6,7 +6,9 @@ Expected values are plain optimisations of documents in which a view is turned b
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass
 from math import hypot, inf, radians
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,9 +16,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from optimise_documents import document, moving, optimised
-from tailstack.design import load_design
+from tailstack.design import Design, load_design
 from tailstack.errors import DesignError, InfeasibleError
 from tailstack.optimisation import optimise
+from tailstack.optimisation.offer import weigh_offer
+from tailstack.optimisation.search import ALONE
 from tailstack.results import Optimisation, ViewOffer
 from tailstack.studies.views import study_views
 
@@ -161,6 +165,36 @@ def with_one_more(data: dict[str, Any], beam: Any, up: Any) -> dict[str, Any]:
 def offer_of(found: Optimisation) -> ViewOffer:
     assert found.view_offer is not None
     return found.view_offer
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """What is asked of the cheapest design with a view more, or without it."""
+
+    design: Any
+    cost_after: float
+    cost_exact_law: float
+    aimed: Any
+    objective: str = "cost"
+    view_offer: ViewOffer | None = None
+
+
+@pytest.mark.parametrize(("price", "costs"), [(2.0, (6.0, 5.5)), (7.0, (10.0, 9.0))])
+def test_the_price_of_a_view_that_is_added_is_in_both_costs(price: float, costs: tuple[float, float]) -> None:
+    """By an optimiser that knows what each design costs: 4 with the view and 10 without it."""
+    design = load_design(with_views(poor(), OBLIQUE | {"price": price}))
+    assert design.document.optimise is not None
+    added = design.document.optimise.added_view
+    assert added is not None
+
+    def know(each: Design, aims: Any, rest: Any, added: Any = None) -> Any:
+        aim = SimpleNamespace(view="OBL", beam_direction=tuple(BEAM), source_isocentre_mm=700.0)
+        cost = (10.0, 9.0) if added is None else (4.0, 3.5)
+        return Optimum(each.source.data, *cost, SimpleNamespace(views=(aim,)))
+
+    found = weigh_offer(design, added, know, ALONE)
+    assert (found.cost_after, found.cost_exact_law) == costs
+    assert (offer_of(found).cost_without, offer_of(found).cost_with, offer_of(found).worth) == (10.0, 4.0, 6.0)
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from math import sqrt
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -34,6 +37,7 @@ from tailstack.tail import declared, sampling
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = Path(__file__).parents[1] / "data"
+OPENAPI = Path(__file__).parents[2] / "openapi" / "openapi.json"
 DEGREES = np.deg2rad(1.0)
 
 
@@ -77,6 +81,22 @@ def test_uniform_tolerances_are_not_gaussian():
     result = score(cube8_system(structure_connector=first, connector_flange=second)).targets[0]
     assert result.p95_mm == pytest.approx(1.2889, abs=8e-4)
     assert result.bounds_mm.gaussian == pytest.approx(1.3574, abs=1e-4)
+
+
+def test_the_gaussian_quantile_is_no_bound_and_is_not_called_one():
+    """closed_form: two equal uniform errors along a bias are triangular together: P95 is b + 2h (1 - sqrt(0.1))."""
+    along = [0, 0, 0, 1.0, 0, 0]
+    first = mount("structure_connector", half_width=along, law=Law.UNIFORM)
+    second = mount("connector_flange", half_width=along, law=Law.UNIFORM, bias=along)
+    scene = cube8_system(views=with_noise(1e-3), structure_connector=first, connector_flange=second)
+    result = score(scene).targets[0]
+    assert result.p95_mm == pytest.approx(1 + 2 * (1 - sqrt(0.1)), rel=1e-4)
+    assert result.bounds_mm.gaussian == pytest.approx(1 + NormalDist().inv_cdf(0.95) * sqrt(2 / 3), rel=1e-4)
+    assert 1.01 * result.bounds_mm.gaussian < result.p95_mm < result.bounds_mm.unimodal
+    described = json.loads(OPENAPI.read_text(encoding="utf-8"))["components"]["schemas"]["Bounds"]["properties"]
+    called = {name: "Upper bound" in field["description"] for name, field in described.items()}
+    assert called == {"gaussian": False, "unimodal": True, "moments": True}
+    assert "No bound" in described["gaussian"]["description"]
 
 
 def test_shares_add_up_and_groups_are_the_sum_of_their_components():

@@ -23,8 +23,8 @@ class Bounds:
     """The quantile under ever weaker assumptions on the law of the error."""
 
     gaussian: float
-    """95 % quantile if the error were Gaussian with this mean and covariance, mm.  No bound: under uniform laws beside
-    a bias the quantile may be larger, by some tenths of a per cent.
+    """95 % quantile if the error were Gaussian with this mean and covariance, mm.  No bound: under uniform or
+    triangular laws beside a bias the quantile may be larger, by 1 % and more.
     """
     unimodal: float
     """Upper bound of it for any law that is symmetric and unimodal about its mean, mm."""
