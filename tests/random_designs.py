@@ -17,6 +17,7 @@ from tailstack.design import check_design, load_design
 from tailstack.errors import TailstackError
 from tailstack.estimation.checks import DETERMINATION
 from tailstack.propagation.linear import covariance, linearise
+from typical import declare_some
 
 LAWS = ("normal", "uniform", "triangular")
 FIDUCIALS = (6, 7, 8, 9, 10, 11, 12, 13, 14, 20, 40)
@@ -180,66 +181,18 @@ def _toleranced(rng: np.random.Generator, rotation_deg: float, translation_mm: f
     }
 
 
-def _wrong_intrinsics(rng: np.random.Generator) -> dict[str, Any]:
-    """Wrong by up to 20 % and 200 px, half of it known or none; a law of the rest."""
-    size, known, law = _log_uniform(rng, 0.001, 0.2), float(rng.choice([0.0, 0.5])), str(rng.choice(LAWS))
-    signs = rng.choice([-1.0, 1.0], 3) * known * size
-    return {
-        "focal": {"bias_rel": signs[0], "half_width_rel": (1 - known) * size, "distribution": law},
-        "principal_point": {
-            "bias_px": (1000 * signs[1:]).tolist(), "half_width_px": 1000 * (1 - known) * size, "distribution": law,
-        },
-    }  # fmt: skip
-
-
-def _tilt(rng: np.random.Generator) -> dict[str, Any]:
-    """Up to half a degree about either axis, half of it known or none; a law of the rest."""
-    size, known, law = _log_uniform(rng, 0.02, 0.5), float(rng.choice([0.0, 0.5])), str(rng.choice(LAWS))
-    tilt: dict[str, Any] = {
-        about: {"half_width_deg": (1 - known) * size, "distribution": law} for about in ("about_u", "about_v")
-    }
-    return tilt | {f"bias_{about}_deg": float(rng.choice([-1, 1])) * known * size for about in tilt}
-
-
 def with_effects(document: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
-    """The document with some of what can go wrong in an image: wrong intrinsics, image fields, motion, temperature,
-    balls, a tilted detector, fiducials that a view does not see.  A field stays away where the target's image is far
-    outside."""
+    """The document with some of what can go wrong in an image: of every effect that there is what its fields say is
+    typical (``typical.py``), and fiducials that a view does not see."""
     points, estimator = document["fiducials"]["points"], document["model"].get("estimator", "dlt")
-    wrong, fields, motion, warm, balls, hidden = (rng.random(6) < 0.35).tolist()
-    tilting = rng.spawn(1)[0]  # numbers of its own, so that what older seeds draw beside it stays
-    tilted = tilting.random() < 0.35
-    field_px, law = _log_uniform(rng, 0.02, 1.0), str(rng.choice(LAWS))
-    rotation_deg, translation_mm = _log_uniform(rng, 0.005, 0.3), _log_uniform(rng, 0.01, 0.3)
     fewest = 4 if estimator.startswith("pose") else 6
     for k, point in enumerate(points):
         point["label"] = f"F{k}"
-    seats = np.array([point["position_mm"] for point in points] + [document["targets"][0]["position_mm"]])
-    for k, view in enumerate(document["views"]):
-        if wrong and estimator.startswith("pose"):
-            view["intrinsics_error"] = _wrong_intrinsics(rng)
-        images = np.column_stack([seats, np.ones(len(seats))]) @ np.array(view["projection"]).T
-        away = np.linalg.norm(images[:, :2] / images[:, 2:] - 800, axis=1).max()
-        if fields and away < 1400:
-            view["image_size_px"] = [1600, 1600]
-            sizes = (field_px * np.exp(rng.normal(0, 0.7, 4)) * (rng.random(4) < 0.7)).tolist()
-            view["image_field"] = {"half_widths_px": sizes, "distribution": law}
-        if tilted:
-            view["detector_tilt"] = _tilt(tilting)
-        if motion and k and (tolerances := _toleranced(rng, rotation_deg, translation_mm)):
-            view["motion"] = {"pivot_mm": seats[0].tolist(), "tolerances": tolerances}
-        if hidden and len(points) > fewest:
+    declare_some(document, rng, 0.35)
+    if rng.random() < 0.35 and len(points) > fewest:
+        for view in document["views"]:
             count = int(rng.integers(max(fewest, len(points) - 3), len(points) + 1))
             view["sees"] = [points[n]["label"] for n in sorted(rng.permutation(len(points))[:count].tolist())]
-    if warm:
-        document["temperature"] = {
-            "difference_k": float(rng.uniform(-20, 20)), "half_width_k": float(rng.uniform(0, 10)),
-            "distribution": str(rng.choice(LAWS)), "structure_expansion_um_per_m_k": float(rng.uniform(5, 100)),
-            "seat_mm": rng.uniform(-100, 100, 3).tolist(),
-        }  # fmt: skip
-    if balls:
-        document["fiducials"]["diameter_mm"] = float(rng.choice([1.5, 3, 6, 10]))
-        document["fiducials"]["image_point"] = str(rng.choice(["outline", "shadow"]))
     return document
 
 

@@ -122,9 +122,8 @@ def run(system: System, target: Target, inputs: dict[str, Array]) -> dict[str, A
         images = project(view.projection, shown) + noise + ball_shifts(system, view)
         noise = inputs.get(f"target_noise:{view.name}", np.zeros(2))
         aimed = project(view.projection, target.position_mm[None]) + noise
-        coefficients = inputs.get(f"image_field:{view.name}")
-        if coefficients is not None:
-            wide = effect_named(system, f"image_field:{view.name}")
+        if (wide := effect_named(system, f"image_field:{view.name}")) is not None:
+            coefficients = wide.known + inputs.get(wide.name, np.zeros(wide.sources.count))
             images = images + field(wide, project(view.projection, points), coefficients)
             aimed = aimed + field(wide, project(view.projection, target.position_mm[None]), coefficients)
         if (turned := effect_named(system, f"detector_tilt:{view.name}")) is not None:

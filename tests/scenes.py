@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from tailstack.arrays import Array
+from tailstack.design import compile_design, load_design
 from tailstack.effects.ball_images import ball_images
-from tailstack.effects.detector_tilt import detector_tilt
 from tailstack.effects.image_field import image_field
 from tailstack.effects.intrinsics import UNITS, intrinsics_error
 from tailstack.effects.motion import motion
@@ -32,6 +32,7 @@ from tailstack.system import (
     no_sources,
 )
 from tailstack.system import mount as mount_of
+from typical import declare_all
 
 TORSOR = ("rx", "ry", "rz", "tx", "ty", "tz")
 FOCAL_PX = 1020.0 / 0.194
@@ -293,15 +294,28 @@ def with_systematic(system: System, *, known: bool = False) -> System:
 
 
 def every_effect(rng: np.random.Generator, **changes: Any) -> System:
-    """A random scene in which everything that can be declared is at work, known and random, in every view."""
-    base = with_systematic(random_system(rng, fiducials=12), known=True)
-    moved = effect_named(base, f"motion:{base.views[-1].name}")
-    bias = [1e-3, -5e-4, 0, 0.1, -0.05, 0.1]
-    base = with_effects(base, *(motion(view.name, moved.pivot_mm, moved.sources, bias) for view in base.views))
-    base = with_intrinsics(base, [2e-3, 2.0, 2.0], [1e-3, 1.0, -2.0], Law.UNIFORM)
-    turns = Sources(
-        ("about_u", "about_v"), (Law.UNIFORM, Law.NORMAL), read_only([8e-3, 4e-3]), np.ones(2), ("rad",) * 2,
-        read_only(np.eye(2)),
-    )  # fmt: skip
-    base = with_effects(base, *(detector_tilt(view.name, turns, [3e-3, -5e-3]) for view in base.views))
+    """A random scene in which everything that can be declared is at work, known and random, in every view: of every
+    effect that there is what its fields say is typical, and where a document cannot state what is known, some of it."""
+    base = random_system(rng, fiducials=12)
+    views = [
+        {
+            "name": view.name, "fiducial_noise_px": 0.5, "target_noise_px": 0.5, "image_size_px": [1536, 1536],
+            "projection": view.projection.tolist(),
+        }
+        for view in base.views
+    ]  # fmt: skip
+    document = {
+        "schema": "tailstack/design/1", "name": base.name, "views": views,
+        "fiducials": {"points": [{"position_mm": place} for place in base.fiducials_mm.tolist()]},
+        "targets": [{"name": each.name, "position_mm": each.position_mm.tolist()} for each in base.targets],
+        "model": {"estimator": str(Estimator.POSE)},
+    }  # fmt: skip
+    compiled = compile_design(load_design(declare_all(document, rng)))
+    base = replace(base, effects=tuple(map(_known, compiled.effects)), fiducial_radius_mm=compiled.fiducial_radius_mm)
     return replace(base, estimator=Estimator.POSE, **changes)
+
+
+def _known(effect: Effect) -> Effect:
+    """The effect with something known, a part of what is random where nothing is."""
+    part = effect.sources.direction @ (0.3 * effect.sources.half_width)
+    return effect if effect.known.any() else replace(effect, known=read_only(part))

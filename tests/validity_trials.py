@@ -14,6 +14,7 @@ import numpy as np
 from random_designs import FIDUCIALS, VIEWS, random_design
 from tailstack.contributors import error_law, mean_at, worst_vertices
 from tailstack.design import check_design, load_design
+from tailstack.effects import EFFECTS
 from tailstack.montecarlo import compile_plan, draw, gains_in_plan_order, run_indices
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.propagation.validity import error_percent
@@ -34,7 +35,7 @@ CLEAR = 12  # designs drawn in search of one without a remark, which mode auto w
 MOST_REDONE = 2000  # trials
 TOLERATED = 1.01  # trials may pass a design whose quantile is beyond its limit by so much
 TODAY = date(2026, 11, 22)
-EFFECTS = ("intrinsics_error", "image_field", "detector_tilt", "motion", "sees", "temperature", "diameter_mm")
+DECLARED = (*(name for kind in EFFECTS for section in kind.sections.values() for name in section.model_fields), "sees")
 REMARKS = ("projected-overlap", "flat-structure", "weak-resection", "small-parallax")
 
 
@@ -104,13 +105,13 @@ def _vertices(model: LinearModel) -> Iterable[tuple[tuple[str, float], ...]]:
 
 def classes_of(document: dict[str, Any], rules: Iterable[str]) -> tuple[str, ...]:
     """What a random design has, by name."""
-    found = [e for e in EFFECTS if any(e in place for place in (*document["views"], document, document["fiducials"]))]
+    found = [e for e in DECLARED if any(e in place for place in (*document["views"], document, document["fiducials"]))]
     mounts = list(document["interfaces"].values())
     behind = document.get("execution", {}).get("hand_eye")
     every = [*mounts, *([behind] if behind else [])]
     believed = document["model"].get("estimator", "dlt").startswith("pose")
     wrong = [
-        view["intrinsics_error"]["focal"].get("bias_rel")
+        view["intrinsics_error"].get("focal", {}).get("bias_rel")
         for view in document["views"]
         if believed and "intrinsics_error" in view
     ]

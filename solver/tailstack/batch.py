@@ -22,8 +22,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import chain
-from math import hypot, inf, isfinite, nan, radians, sqrt
-from typing import Any, NamedTuple, get_args
+from math import hypot, isfinite, nan, radians, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ from .design import Design, compile_design, design_to_data, load_design
 from .design.cameras import detector_distances
 from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
 from .errors import Problem, TailstackError, describe_refusal
-from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels
+from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, domain_of
 from .kernels import kernel
 from .propagation.linear import (
     LinearModel,
@@ -118,7 +118,7 @@ class Slot:
     @classmethod
     def of(cls, kind: Any, field: str, *index: Any, turns: bool = False) -> Slot:
         """kind: the type of the document's field, which has its bounds; turns: in degrees."""
-        return cls(field, index, radians(1.0) if turns else 1.0, *_bounds_of(kind))
+        return cls(field, index, radians(1.0) if turns else 1.0, *domain_of(kind))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -768,24 +768,14 @@ def find_slot(design: Design, system: System, place: Place) -> Slot | None:
         case ("targets", int(i), "position_mm", int(k)):
             name = design.document.targets[i].name
             return Slot.of(Coordinate, "targets", [target.name for target in system.targets].index(name), k)
-        case ("interfaces", str(name), *rest):
-            held = getattr(design.document.interfaces, name).locators is not None
-            return _find_slot_of_mount(next(m for m in system.mounts if m.name == name), rest, held)
-        case ("execution", "hand_eye", *rest):
-            return _find_slot_of_mount(system.hand_eye, rest, False)
+        case ("interfaces", _, *rest) | ("execution", "hand_eye", *rest):
+            mount = next(mount for mount in system.mounts if mount.pointer == f"/{place[0]}/{place[1]}")
+            return _find_slot_of_mount(mount, rest, value_at(design.source.data, place[:2]).get("locators") is not None)
         case ("execution", "repeatability", "std_mm" | "half_width_mm", *axis):
             return _find_slot_along_axes(system.execution.sources, "repeatability", axis)
         case ("execution", "compliance", "load_half_width_n", *axis):
             return _find_slot_along_axes(system.execution.sources, "load", axis)
     return _find_slot_of_effect(design, system, place)
-
-
-def _bounds_of(kind: Any) -> tuple[float, float]:
-    """What a field of this type takes: least and largest; (inf, -inf) where its type has no such bounds."""
-    found = {type(each).__name__: each for part in get_args(kind) for each in (part, *getattr(part, "metadata", ()))}
-    if {"Ge", "Le"} <= found.keys():
-        return float(found["Ge"].ge), float(found["Le"].le)
-    return max((_bounds_of(part) for part in get_args(kind)), key=lambda pair: pair[1] - pair[0], default=(inf, -inf))
 
 
 def _find_slot_of_effect(design: Design, system: System, place: Place) -> Slot | None:
@@ -815,7 +805,7 @@ def _find_slot_of_effect(design: Design, system: System, place: Place) -> Slot |
     section: Any = design.document
     for step in place[: place.index(name)]:
         section = section[step] if isinstance(step, int) else getattr(section, step)
-    low, high = _bounds_of(type(section).__pydantic_fields__[name].rebuild_annotation())
+    low, high = domain_of(type(section).__pydantic_fields__[name].rebuild_annotation())
     factor = float(now.half_width[halved][0] / stated)
     return Slot(f"{effect.name}.half_width", (np.flatnonzero(halved).tolist(),), factor, low, high)
 

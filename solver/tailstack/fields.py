@@ -7,8 +7,10 @@ arithmetic behind it.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any, Literal, TypeVar
+from math import inf
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 from pydantic_core import PydanticCustomError
@@ -33,6 +35,24 @@ class Record(BaseModel):
         use_enum_values=False,
         defer_build=True,  # the document's validator holds those of all its parts: each need not have one of its own
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Typical:
+    """What is typical of a number, within its domain, which the bounds of its type are.  Random designs, fuzzing and
+    the calibration of first order draw each number of an effect from it: sizes, above 0, alike in their logarithm."""
+
+    low: float
+    high: float
+    of: str = ""  # the field that is meant where it stands beside a whole record
+
+
+def domain_of(kind: Any) -> tuple[float, float]:
+    """What a field of this type takes: least and largest; (inf, -inf) where its type has no such bounds."""
+    found = {type(each).__name__: each for part in get_args(kind) for each in (part, *getattr(part, "metadata", ()))}
+    if {"Ge", "Le"} <= found.keys():
+        return float(found["Ge"].ge), float(found["Le"].le)
+    return max((domain_of(part) for part in get_args(kind)), key=lambda pair: pair[1] - pair[0], default=(inf, -inf))
 
 
 def leave_out_later(later: dict[str, Any]) -> Any:
@@ -122,7 +142,7 @@ Matrix44 = Annotated[tuple[Row4, Row4, Row4, Row4], _lenient]
 
 AnyLaw = Annotated[Distribution, one_of(Distribution)]
 RandomLaw = Literal["normal", "uniform", "triangular"]
-CoverageFactor = Annotated[float, Field(ge=0.1, le=10)]
+CoverageFactor = Annotated[float, Field(ge=0.1, le=10), Typical(1, 3)]
 
 LAW_WORDS = (
     "Law of the deviation within the half-width h. normal: standard deviation h / coverage_factor; "

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, chndtr
 
 from .arrays import Array
+from .geometry.camera import image_of
 from .propagation.linear import Chain, LinearModel
 from .propagation.noise import image_slopes
 from .propagation.nonlinearity import motion_of_images
 from .results import SlipReliability
-from .system import ALL_UNKNOWNS, POSE_UNKNOWNS
+from .system import ALL_UNKNOWNS, POSE_UNKNOWNS, Effect, Place
 
 LEVEL, POWER = 0.001, 0.80  # of the test of one bead
 BLIND = 1e-9  # of the information of an image coordinate: what is left is nothing
@@ -41,7 +42,7 @@ def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[Sl
         seen = np.flatnonzero(chain.weights[v])
         blocks = _information(chain, v, seen)
         gains = {
-            name: next(b.tcp for b in model.blocks if b.contributor == f"fiducial_noise:{view.name}")
+            name: next(b.tcp for b in model.blocks if _is_noise_of_fiducials(b.effect, view.name))
             for name, model in models.items()
         }
         for block, i in zip(blocks, seen.tolist(), strict=True):
@@ -60,6 +61,10 @@ def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[Sl
     return tuple(sorted(found, key=lambda item: -np.inf if item.effect_mm is None else -item.effect_mm))
 
 
+def _is_noise_of_fiducials(effect: Effect, view: str) -> bool:
+    return effect.grouped and effect.acts_at(Place.IMAGES, view) and not effect.of_target
+
+
 def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | None]:
     """(2, 2) px^-2 of what a view's residuals say of each fiducial that it sees; None: a direction of which nothing."""
     projection, points = chain.projections[v], chain.points[seen]
@@ -68,7 +73,7 @@ def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | N
     middle = projection @ np.append(centre, 1.0)
     slopes = np.zeros((len(seen), 2, 11))
     for point, out in zip(points, slopes, strict=True):
-        image_slopes(projection, point, centre, middle[:2] / middle[2], unknowns, out)
+        image_slopes(projection, point, centre, image_of(middle), unknowns, out)
     rows = slopes[:, :, :unknowns].reshape(-1, unknowns)
     rows = rows / np.linalg.norm(rows, axis=0)
     noise = float(chain.estimation.noise[v, 0])

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 from functools import cached_property
 from math import sqrt
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -312,8 +312,19 @@ class Effect:
         return any(at is place and (view is None or of is None or of == view) for at, of in self.places)
 
     @property
+    def words(self) -> str:
+        """What it is called whatever the view: its label, unless that names the view or only repeats the name."""
+        kind, *of_view = self.name.split(":")
+        return kind.replace("_", " ") if of_view or self.label == kind else self.label
+
+    @property
     def grouped(self) -> bool:
         """Whether its sources are all alike, and one line of a budget."""
+        return False
+
+    @property
+    def of_target(self) -> bool:
+        """Whether it is of the target's own image, and each target has another."""
         return False
 
     @property
@@ -337,6 +348,7 @@ class DirectEffect(Effect):
     place: Place
     view: str | None
     pivot_mm: Array = field(default_factory=lambda: np.zeros(3))  # of a torsor
+    of_target: bool = False
 
     def act(self, scene: Scene) -> tuple[Act, ...]:
         return (Act(self.place, self.view, None, self.pivot_mm),)
@@ -347,13 +359,33 @@ class DirectEffect(Effect):
 
     @property
     def grouped(self) -> bool:
-        return self.place in (Place.IMAGES, Place.BEADS)
+        match self.place:
+            case Place.IMAGES | Place.BEADS:
+                return True
+            case (
+                Place.INTRINSICS
+                | Place.SHOT
+                | Place.SEAT
+                | Place.FLANGE
+                | Place.CONNECTOR
+                | Place.HAND_EYE
+                | Place.TOOL
+            ):
+                return False
+            case _:
+                assert_never(self.place)
 
     @property
     def way(self) -> Way:
-        if self.place is Place.SHOT:
-            return Way.SHARED
-        return Way.LINK if self.place >= Place.SEAT else Way.IMAGES
+        match self.place:
+            case Place.INTRINSICS | Place.IMAGES | Place.BEADS:
+                return Way.IMAGES
+            case Place.SHOT:
+                return Way.SHARED
+            case Place.SEAT | Place.FLANGE | Place.CONNECTOR | Place.HAND_EYE | Place.TOOL:
+                return Way.LINK
+            case _:
+                assert_never(self.place)
 
 
 MOUNTED_AT = {"structure_connector": Place.SEAT, "connector_flange": Place.FLANGE, "hand_eye": Place.HAND_EYE}
@@ -497,7 +529,8 @@ class System:
                 label = name.replace("_", " ").replace(":", ", ")
                 sources = alike("px", Law.NORMAL, np.full(2 * points, sigma), 1.0)
                 known = np.zeros(sources.count)
-                found.append(DirectEffect(name, label, pointer, Drawn.SHOT, sources, known, Place.IMAGES, view.name))
+                effect = DirectEffect(name, label, pointer, Drawn.SHOT, sources, known, Place.IMAGES, view.name)
+                found.append(replace(effect, of_target=of == "target"))
         if self.manufacturing_std_mm.any():
             name, label, pointer = "fiducial_manufacturing", "fiducial manufacturing", "/fiducials/manufacturing"
             wide = self.manufacturing_half_width_mm.ravel()

@@ -10,6 +10,7 @@ import json
 import random
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
@@ -19,6 +20,7 @@ from plain_data import replaced
 from tailstack.design import check_design, convert, load_design
 from tailstack.design.fiducial_files import FORMATS
 from tailstack.errors import Problem, TailstackError
+from typical import declare_all
 
 pytestmark = pytest.mark.hostile
 
@@ -26,6 +28,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = EXAMPLES / "demo.yaml"
 TEXT = DEMO.read_text()
 ALL = {path.stem: yaml.safe_load(path.read_text()) for path in EXAMPLES.glob("*.yaml")}
+ALL["every effect"] = declare_all(yaml.safe_load(TEXT), np.random.default_rng(39))
 
 
 def refusal_of(call, *arguments, **options):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 from collections.abc import Iterator
 from itertools import pairwise
 from math import isnan
@@ -16,8 +15,10 @@ import pytest
 from random_designs import random_design
 from tailstack import load_design, score, score_batch
 from tailstack.batch import COLUMNS, COMPILED, IN_FULL, Batch
+from tailstack.effects import EFFECTS
 from tailstack.errors import TailstackError
 from tailstack.sweeping import SweepError
+from typical import declare_all
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = load_design(EXAMPLES / "demo.yaml")
@@ -198,26 +199,6 @@ def test_all_that_keeps_rows_from_the_fastest_way_is_told_at_once_and_no_more() 
 
 
 PRIOR = {"focal_rel_sd": 0.01, "principal_point_px_sd": 8.0}
-TURN = {"half_width_deg": 0.02, "distribution": "uniform"}
-OF_VIEW = {
-    "motion": {
-        "pivot_mm": [0, 0, 40],
-        "tolerances": {"rx": TURN, "ty": {"half_width_mm": 0.05, "distribution": "normal"}},
-    },
-    "image_field": {"half_widths_px": [0.2, 0.1], "distribution": "normal"},
-    "intrinsics_error": {"focal": {"bias_rel": 1e-4, "half_width_rel": 2e-4, "distribution": "uniform"}},
-    "detector_tilt": {"about_u": TURN, "bias_about_v_deg": 0.1},
-}
-
-
-def of_every_effect(document: dict[str, Any]) -> dict[str, Any]:
-    """The document with everything else that a design can declare."""
-    changed = copy.deepcopy(document)
-    changed["temperature"] = WARM
-    changed["fiducials"]["diameter_mm"] = 3.0
-    for view in changed["views"]:
-        view.update(json.loads(json.dumps(OF_VIEW)))  # nothing stands in two places
-    return changed
 
 
 @pytest.mark.parametrize(
@@ -235,7 +216,9 @@ def of_every_effect(document: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize("effects", [False, True])
 def test_rows_of_every_estimator_and_effect_are_their_scores(model: dict[str, str], effects: bool) -> None:
     """independent: the document of each row, written by assignment and scored alone; all numbers that may move do."""
-    document = of_every_effect(DEMO.source.data) if effects else copy.deepcopy(DEMO.source.data)
+    document = copy.deepcopy(DEMO.source.data)
+    if effects:
+        declare_all(document, np.random.default_rng(39))
     document["model"] = {**document.get("model", {}), **model}
     if model.get("estimator") == "pose_with_prior":
         for view in document["views"]:
@@ -244,17 +227,18 @@ def test_rows_of_every_estimator_and_effect_are_their_scores(model: dict[str, st
         BEAD, NOISE, PIVOT, "/targets/0/position_mm/1", "/interfaces/structure_connector/pivot_mm/0",
         "/fiducials/manufacturing/half_width_mm", "/interfaces/connector_flange/tolerances/rx/half_width_deg",
     ]  # fmt: skip
-    if effects:
-        paths += [
-            "/views/0/motion/tolerances/rx/half_width_deg", "/views/1/image_field/half_widths_px/1",
-            "/views/0/intrinsics_error/focal/half_width_rel", "/views/1/detector_tilt/about_u/half_width_deg",
-            "/temperature/half_width_k",
-        ]  # fmt: skip
     places = [place_of(DEMO, path) for path in paths]
+    if effects:  # every half-width of each that there is
+        own = {name for kind in EFFECTS for section in kind.sections.values() for name in section.model_fields}
+        places += [each for each in places_of(document) if own & set(each) and _names_a_half_width(each)]
     base = np.array([load_number(document, place) for place in places])
     rows = base + (0.01 * np.abs(base) + 0.01) * np.random.default_rng(5).random((3, len(base)))
     found = compare(document, places, rows, COLUMNS[:6])
     assert found.ways == {COMPILED: 3, IN_FULL: 0}
+
+
+def _names_a_half_width(place: tuple[Any, ...]) -> bool:
+    return next(step for step in reversed(place) if isinstance(step, str)).startswith("half_width")
 
 
 WARM = {

@@ -187,7 +187,7 @@ def test_one_trial_of_a_random_scene_by_the_plain_chain(seed: int) -> None:
             for block in plan.blocks:
                 values = z[trial, block.start : block.stop]
                 if block.name in scales:
-                    inputs[block.name] = values * scales[block.name].half_width
+                    inputs[block.name] = values * scales[block.name].half_width / scales[block.name].coverage_factor
                 elif block.name == "fiducial_manufacturing":
                     inputs[block.name] = values * system.manufacturing_half_width_mm.ravel()
                 else:

@@ -6,17 +6,23 @@ for it those tests of the other estimators that run over all values.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import shutil
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from scenes import cube_fiducials, system_of, with_intrinsics
+from tailstack.propagation.linear import covariance, linearise
+from tailstack.system import Estimator
 from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).parents[2]
@@ -141,16 +147,46 @@ print(json.dumps(told))
 """
 
 
+def edited(file: str, folder: Path) -> str:
+    """The text of a file of the solver with its edits."""
+    content = (folder / file).read_text(encoding="utf-8")
+    for name, text, other in EDITS:
+        if name == file:
+            assert content.count(text) == 1, (file, text)
+            content = content.replace(text, other)
+    return content
+
+
+def test_its_row_alone_gives_it_a_first_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """closed form: every unknown more adds to the covariance, and what is sought does not count where it is wrong."""
+    (tmp_path / "system.py").write_text(edited("system.py", ROOT / "solver" / "tailstack"), encoding="utf-8")
+    spec = importlib.util.spec_from_file_location("tailstack.system_with_toy", tmp_path / "system.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, module)
+    spec.loader.exec_module(module)
+    toy = module.Estimator.POSE_AND_FOCAL
+    assert (toy.traits.seeks_pose, toy.traits.free_intrinsics, toy.believes_intrinsics) == (True, 1, True)
+    cube = system_of(cube_fiducials(30))
+
+    def scatter(estimator: Any, *wrong: float) -> float:
+        system = with_intrinsics(replace(cube, estimator=estimator), wrong or (0.0,) * 3)
+        return float(np.trace(covariance(linearise(system, system.targets[0]), "tcp")))
+
+    assert scatter(Estimator.POSE) < scatter(toy) < scatter(Estimator.DLT)
+    assert scatter(toy, 0.05, 0.0, 0.0) == pytest.approx(scatter(toy), rel=1e-9)
+    assert scatter(toy, 0.0, 20.0, 20.0) > 1.001 * scatter(toy)
+
+
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What the copy says of the estimator."""
     folder = tmp_path_factory.mktemp("copy")
     copied = folder / "tailstack"
     shutil.copytree(ROOT / "solver" / "tailstack", copied, ignore=shutil.ignore_patterns("__pycache__"))
-    for file, text, other in EDITS:
-        content = (copied / file).read_text(encoding="utf-8")
-        assert content.count(text) == 1, (file, text)
-        (copied / file).write_text(content.replace(text, other), encoding="utf-8")
+    for file in dict.fromkeys(file for file, _, _ in EDITS):
+        (copied / file).write_text(edited(file, copied), encoding="utf-8")
     path = os.pathsep.join(str(each) for each in (folder, *(ROOT / p for p in ("service", "tests", "tests/unit"))))
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(ROOT / "examples" / "demo.yaml"), str(folder)],

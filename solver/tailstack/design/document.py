@@ -621,12 +621,7 @@ class _Fiducials(Record):
     manufacturing: Manufacturing | None = Field(
         default=None, description="Manufacturing tolerance of the fiducials' positions. Absent: perfect."
     )
-    diameter_mm: Length | None = Field(
-        default=None,
-        description="Diameter of the balls that are the fiducials, mm: the shift of a ball's image from the image of "
-        "its centre is then a known bias. Absent, or where your software corrects it: none.",
-        examples=[3.0],
-    )
+    diameter_mm: Length | None = None  # whole in effects/ball_images.py; here for its place among the others
     loss_probability: LossProbability | None = Field(
         default=None,
         description="Probability that a fiducial is missed in a shot, in all its views, independently of the others: "
@@ -655,7 +650,7 @@ else:
 class Fiducials(_FiducialsWithEffects):
     """The fiducials of the structure, in the document or in a file beside it."""
 
-    _as_before = leave_out_later(dict.fromkeys(("diameter_mm", "loss_probability")) | later_fields("fiducials"))
+    _as_before = leave_out_later({"loss_probability": None} | later_fields("fiducials"))
 
 
 class Transforms(Record):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Self, cast
+from typing import TYPE_CHECKING, Annotated, Literal, Self, cast
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from ..arrays import frozen
-from ..fields import Record, refusal
+from ..fields import Length, Record, Typical, refusal
+from ..geometry.camera import image_of
 from ..system import Act, ArrayLike, Drawn, Effect, Place, Scene, System, View, no_sources
 from .kind import Doubt, EffectKind, PlausibilityTest, Subject, guess_unit
 
@@ -24,14 +25,18 @@ SHADOW = 0.8  # share of the outline's shift that the centroid of an even ball's
 class OfFiducials(Record):
     """What the fiducials say of it."""
 
+    diameter_mm: Annotated[Length, Typical(1.5, 10)] | None = Field(
+        default=None,
+        description="Diameter of the balls that are the fiducials, mm: the shift of a ball's image from the image of "
+        "its centre is then a known bias. Absent, or where your software corrects it: none.",
+        examples=[3.0],
+    )
     image_point: Literal["outline", "shadow"] | None = Field(
         default=None,
         description="With diameter_mm: what your software takes for the image of a ball. outline (default): the middle "
         "of its elliptical outline; shadow: the centroid of its grey values, which is shifted by four fifths of that.",
         examples=["outline"],
     )
-    if TYPE_CHECKING:
-        diameter_mm: float | None
 
     @model_validator(mode="after")
     def _needs_a_diameter(self) -> Self:
@@ -74,7 +79,7 @@ def outline_shifts(projection: ArrayLike, points: ArrayLike, radius_mm: float) -
     image = points @ left.T + projection[:, 3]
     spread = radius_mm**2 * (left @ left[2])
     middle = (image * image[:, 2:] - spread)[:, :2] / (image[:, 2:] ** 2 - spread[2])
-    return np.asarray(middle - image[:, :2] / image[:, 2:])
+    return np.asarray(middle - image_of(image))
 
 
 def ball_images(radius_mm: float, share: float, views: tuple[str, ...]) -> BallEffect:

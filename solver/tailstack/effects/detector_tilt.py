@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self, cast
+from typing import TYPE_CHECKING, Annotated, Self, cast
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from ..arrays import frozen
-from ..fields import Degrees, Record, refusal
+from ..fields import Degrees, Record, Typical, refusal
 from ..geometry.camera import intrinsics_of
 from ..system import Act, Drawn, Effect, Place, Scene, Sources, System, View
 from ..tolerances import RotationTolerance, compile_sources
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 AXES = ("about_u", "about_v")
 LARGEST_DEG = 1.0  # a turn by a stretches the image by a^2 / 2 too, which is left out: 0.015 % at one degree
 
+Turn = Annotated[RotationTolerance, Typical(0.02, 0.5, of="half_width_deg")]
+
 
 class DetectorTilt(Record):
     """How far a view's detector may be turned out of the plane of its image, drawn once per installed unit.
@@ -34,12 +36,12 @@ class DetectorTilt(Record):
     large v (about u) or large u (about v), moves away from the source.
     """
 
-    about_u: RotationTolerance | None = Field(default=None, description="About the axis along u. Absent: none.")
-    about_v: RotationTolerance | None = Field(default=None, description="About the axis along v. Absent: none.")
-    bias_about_u_deg: Degrees = Field(
+    about_u: Turn | None = Field(default=None, description="About the axis along u. Absent: none.")
+    about_v: Turn | None = Field(default=None, description="About the axis along v. Absent: none.")
+    bias_about_u_deg: Annotated[Degrees, Typical(-0.25, 0.25)] = Field(
         default=0.0, description="Known turn about u, degrees. Default 0.", examples=[0.2]
     )
-    bias_about_v_deg: Degrees = Field(
+    bias_about_v_deg: Annotated[Degrees, Typical(-0.25, 0.25)] = Field(
         default=0.0, description="Known turn about v, degrees. Default 0.", examples=[0.2]
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..arrays import frozen
-from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, check_law
+from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, Typical, check_law
 from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Law, Place, Sources, System, View
 from ..tolerances import coverage_of
 from .kind import EffectKind, Limit, Proportional
@@ -27,12 +27,12 @@ UNITS = ("1", "px", "px")
 class FocalError(Record):
     """Error of the assumed focal length, as a part of the true one."""
 
-    bias_rel: Annotated[float, Field(ge=-0.5, le=0.5)] = Field(
+    bias_rel: Annotated[float, Field(ge=-0.5, le=0.5), Typical(-0.1, 0.1)] = Field(
         default=0.0,
         description="Known and fixed: 0.01 is an assumed focal length that is 1 % too long. Default 0.",
         examples=[0.01],
     )
-    half_width_rel: Annotated[float, Field(ge=0, le=1)] = Field(
+    half_width_rel: Annotated[float, Field(ge=0, le=1), Typical(0.001, 0.2)] = Field(
         default=0.0, description="Half-width h, as a part of the focal length. Default 0.", examples=[0.01]
     )
     distribution: RandomLaw | None = Field(
@@ -49,12 +49,12 @@ class FocalError(Record):
 class PrincipalPointError(Record):
     """Error of the assumed principal point."""
 
-    bias_px: ImagePoint = Field(
+    bias_px: Annotated[ImagePoint, Typical(-100, 100)] = Field(
         default=(0.0, 0.0),
         description="Known and fixed, [u, v], px: assumed less true. Default 0.",
         examples=[[5.0, 0.0]],
     )
-    half_width_px: Annotated[float, Field(ge=0, le=1e4)] = Field(
+    half_width_px: Annotated[float, Field(ge=0, le=1e4), Typical(1, 200)] = Field(
         default=0.0, description="Half-width h of each coordinate, px.", examples=[10.0]
     )
     distribution: RandomLaw | None = Field(

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from ..arrays import frozen
-from ..fields import Point, Record
+from ..fields import Point, Record, Typical
 from ..system import DirectEffect, Drawn, Effect, Place, Sources, System, View
 from ..tolerances import Tolerances
 from .kind import EffectKind, Excess, Limit
@@ -29,11 +29,13 @@ class Motion(Record):
     label: Annotated[str, Field(max_length=200)] = Field(
         default="", description="What moves, in your words.", examples=["breathing"]
     )
-    pivot_mm: Point = Field(
+    pivot_mm: Annotated[Point, Typical(-100, 100)] = Field(
         description="Point in con that the motion is reduced at, mm: rotations turn about it.",
         examples=[[0.0, 0.0, -95.0]],
     )
-    tolerances: Tolerances = Field(description="Half-width and law per component, drawn at every shot.")
+    tolerances: Annotated[
+        Tolerances, Typical(0.005, 0.3, of="half_width_deg"), Typical(0.01, 0.3, of="half_width_mm")
+    ] = Field(description="Half-width and law per component, drawn at every shot.")
 
 
 class MotionOfView(Record):

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from ..arrays import frozen
 from ..errors import Problem
-from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, Point, Record, check_law
+from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, Point, Record, Typical, check_law
 from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, View, no_sources
 from ..tolerances import coverage_of
 from .kind import Doubt, EffectKind, Limit, PlausibilityTest, Proportional, Subject
@@ -28,29 +28,29 @@ class Temperature(Record):
     The structure grows about its seat on the connector, the connector about its seat on the flange.
     """
 
-    difference_k: Annotated[float, Field(ge=-300, le=300)] = Field(
+    difference_k: Annotated[float, Field(ge=-300, le=300), Typical(-20, 20)] = Field(
         default=0.0, description="Known difference, K: operation less measurement. Default 0.", examples=[15.0]
     )
-    half_width_k: Annotated[float, Field(ge=0, le=300)] = Field(
+    half_width_k: Annotated[float, Field(ge=0, le=300), Typical(0.5, 10)] = Field(
         default=0.0, description="Half-width of the difference about it, K, drawn at every shot.", examples=[5.0]
     )
     distribution: AnyLaw | None = Field(
         default=None, description=BOUNDED_WORDS + " Required with half_width_k.", examples=["uniform"]
     )
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-    structure_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000)] = Field(
+    structure_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100)] = Field(
         description="Thermal expansion of the structure, um/(m K): PEEK 47, aluminium 23, steel 12 to 16, titanium 9.",
         examples=[47.0],
     )
-    connector_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000)] = Field(
+    connector_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100)] = Field(
         default=0.0, description="The same of the connector. Default 0.", examples=[23.0]
     )
-    seat_mm: Point | None = Field(
+    seat_mm: Annotated[Point, Typical(-100, 100)] | None = Field(
         default=None,
         description="Where structure and connector hold each other, con, mm. Default the pivot of structure_connector.",
         examples=[[0.0, 0.0, -95.0]],
     )
-    flange_seat_mm: Point | None = Field(
+    flange_seat_mm: Annotated[Point, Typical(-100, 100)] | None = Field(
         default=None,
         description="Where the connector sits on the flange, con, mm. Default the pivot of connector_flange.",
         examples=[[0.0, 0.0, -150.0]],

@@ -17,6 +17,7 @@ from math import sqrt
 import numpy as np
 
 from ..arrays import Array
+from ..geometry.camera import image_of
 
 
 def hartley_similarity(points: Array) -> Array:
@@ -81,5 +82,4 @@ def resect(points: Array, images: Array, *, normalise: bool = True) -> Array:
 
 def project(projection: Array, points: Array) -> Array:
     """Pinhole projection (Eq 1): P (..., 3, 4), points (..., N, 3) mm -> (..., N, 2) px."""
-    image = homogeneous(points) @ np.swapaxes(projection, -1, -2)
-    return np.asarray(image[..., :2] / image[..., 2:3])
+    return image_of(homogeneous(points) @ np.swapaxes(projection, -1, -2))

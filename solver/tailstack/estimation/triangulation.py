@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array
+from ..geometry.camera import image_of
 from ..system import Triangulation
 from .resection import hartley_similarity, homogeneous
 
@@ -48,5 +49,5 @@ def reprojection_rms(projections: Array, points: Array, images: Array, weights: 
     fiducial, otherwise 0 -> (...,) px.
     """
     back = homogeneous(points)[..., None, :, :] @ np.swapaxes(projections, -1, -2)
-    residual = images - back[..., :2] / back[..., 2:3]
+    residual = images - image_of(back)
     return np.asarray(np.sqrt(((residual**2).sum(axis=-1) * weights).sum(axis=(-1, -2)) / weights.sum()))

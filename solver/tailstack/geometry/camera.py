@@ -120,6 +120,11 @@ def principal_ray(projection: Array) -> Array:
     return np.asarray(row / np.linalg.norm(row))
 
 
+def image_of(rays: Array) -> Array:
+    """(..., 2) px: images of points (..., 3) in homogeneous coordinates; floats, complex numbers or CasADi scalars."""
+    return np.asarray(rays[..., :2] / rays[..., 2:])
+
+
 def depths(projection: Array, points_mm: Array) -> Array:
     """Depth of points (N, 3), mm, for P scaled to ``|P[2, :3]| = 1``; (N,) mm, positive before the source."""
     return np.asarray(points_mm @ projection[2, :3] + projection[2, 3])

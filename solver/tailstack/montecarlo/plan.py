@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,7 +185,7 @@ def _slots(system: System) -> list[_Slot]:
         for link in system.links
     ]
     scene = system.scene(np.array([target.position_mm for target in system.targets]), images_of)
-    acts = [(effect, act) for effect in system.effects for act in effect.act(scene)]
+    acts = [(effect, _place(act)) for effect in system.effects for act in effect.act(scene)]
 
     def at(place: Place, view: str) -> tuple[tuple[Effect, Act], ...]:
         return tuple((effect, act) for effect, act in acts if act.place is place and act.view in (None, view))
@@ -204,6 +204,19 @@ def _slots(system: System) -> list[_Slot]:
     slots.append(_Slot(3 * len(system.fiducials_mm) + 3, _parts_of_beads(system, acts)))
     believed = zip(system.views, system.believed_errors, strict=True)
     return slots + [_Slot(3, parts(at(Place.INTRINSICS, view.name)) if error else ()) for view, error in believed]
+
+
+def _place(act: Act) -> Act:
+    """The same, of which the plan knows where it belongs."""
+    match act.place:
+        case Place.SHOT | Place.IMAGES | Place.INTRINSICS:
+            return act  # a slot of each view
+        case Place.BEADS | Place.CONNECTOR:
+            return act  # ``_parts_of_beads``
+        case Place.SEAT | Place.FLANGE | Place.HAND_EYE | Place.TOOL:
+            raise AssertionError(act.place)  # ``System.links`` alone
+        case _:
+            assert_never(act.place)
 
 
 def _part(effect: Effect, act: Act) -> _Part:

@@ -29,7 +29,7 @@ from scipy.special import erfc, ndtr, stdtrit
 
 from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
-from ..system import Law
+from ..system import Effect, Law
 from .chain import evaluate, standard_normals
 from .plan import ChainPlan
 from .simulate import ERRORS
@@ -47,6 +47,8 @@ class LinearBlock(Protocol):
 
     @property
     def contributor(self) -> str: ...
+    @property
+    def effect(self) -> Effect: ...
     @property
     def laws(self) -> tuple[Law, ...]: ...
     def scaled(self, error: str) -> Array: ...
@@ -88,7 +90,7 @@ def gains_in_plan_order(plan: ChainPlan, blocks: Sequence[LinearBlock], target: 
             continue
         values = block.scaled(error)
         values = values[:, [k for k, law in enumerate(block.laws) if law is not Law.BOUNDED]]
-        start = place.start + (2 * target if place.name.startswith("target_noise:") else 0)
+        start = place.start + (2 * target if block.effect.of_target else 0)
         stop = start + values.shape[1]
         gain[:, start:stop] = values / standard[start:stop]
     return gain

@@ -14,6 +14,7 @@ from scipy.optimize import linprog
 
 from ..arrays import Array
 from ..errors import DesignError, Problem
+from ..geometry.camera import image_of
 from ..geometry.naming import direction_name
 from ..system import View
 from .problem import (
@@ -450,7 +451,7 @@ def _packing(problem: PlacementProblem, estimator: EstimationTerms, place: FreeF
         image = assumed @ projection[:, :3].T + projection[:, 3]
         if image[:, 2].min() <= 0:
             continue
-        image = image[:, :2] / image[:, 2:]
+        image = image_of(image)
         low, high = image.min(axis=0), image.max(axis=0)
         if view.image_size_px is not None:
             low = np.maximum(low, problem.image_margin_px)

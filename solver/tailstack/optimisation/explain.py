@@ -373,7 +373,7 @@ def _layout(problem: PlacementProblem, demand: QuantileConstraint) -> Finding | 
 def with_perfect_fiducials(model: LinearModel) -> LinearModel:
     """The linear model without what comes by way of the fiducials: their noise, their manufacture, assumed intrinsics,
     what moves their images together; and without any bias where some of it comes that way too."""
-    rest = tuple(b for b in model.blocks if b.effect.way is Way.LINK or b.contributor.startswith("target_noise:"))
+    rest = tuple(b for b in model.blocks if b.effect.way is Way.LINK or b.effect.of_target)
     if not model.imaged_bias_mm("tcp").any():
         return replace(model, blocks=rest)
     return replace(model, blocks=rest, localisation_bias_mm=np.zeros(3), tcp_bias_mm=np.zeros(3))

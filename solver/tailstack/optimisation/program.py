@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from ..geometry.camera import image_of
 from ..geometry.image_gaps import needed_gap
 from ..system import ArrayLike, View
 from .exact_law import Correction, count_seen, error_moments, squared_quantile
@@ -465,7 +466,7 @@ def geometric_rows(
     assumed = points @ plain(estimator.assumed).T + plain(estimator.assumed_shift_mm)
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
         homogeneous = assumed @ plain(projection[:, :3]).T + plain(projection[:, 3])
-        image = homogeneous[:, :2] / homogeneous[:, 2:]
+        image = image_of(homogeneous)
         yield from _projected_spacing(problem, view, image)
         yield from _image_gap(problem, view, image, homogeneous[:, 2])
         yield from _target_clearance(problem, terms, view, projection, image)
@@ -528,7 +529,7 @@ def _target_clearance(
     for name, reconstructed in named.items():
         centre = projection[:, :3] @ reconstructed + projection[:, 3]
         for i in problem.free_fiducials:
-            gap = image[i] - plain(centre[:2] / centre[2])
+            gap = image[i] - plain(image_of(centre))
             text = f"images of {problem.system.fiducial_labels[i]} and of target {name!r} in {view.name}"
             yield (
                 ConstraintRow("target_clearance", text, 0.0, np.inf, (i,)),

@@ -18,6 +18,7 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from ..geometry.camera import image_of
 from ..kernels import kernel
 from ..propagation.noise import Estimation, noise_gains
 from .problem import PlacementProblem
@@ -59,7 +60,7 @@ def in_field(
             kept &= ((image >= problem.image_margin_px) & (image <= edge)).all(axis=1)
         for term in terms:
             centre = projection[:, :3] @ term.reconstructed_mm + projection[:, 3]
-            apart = np.linalg.norm(image - centre[:2] / centre[2], axis=1)
+            apart = np.linalg.norm(image - image_of(centre), axis=1)
             kept &= apart >= problem.target_clearance_px
     return np.asarray(kept)
 

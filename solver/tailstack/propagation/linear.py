@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,14 +151,27 @@ class Passage(NamedTuple):
 
         What acts before the reconstructed point is also seen at the tool; what acts behind it is seen there alone.
         """
-        seat, *behind = system.links
-        first = self.by_torsors[0] @ seat.sources.direction
-        found = {seat.name: (first, self.tcp_from_localisation @ first)}
-        at_tool = np.broadcast_to(np.eye(3), (*first.shape[:-1], 3))
-        for link, to_tool in zip(behind, (*self.by_torsors[1:], at_tool), strict=True):
-            gain = to_tool @ link.sources.direction
-            found[link.name] = np.zeros_like(gain), gain
-        return found
+        return {link.name: self._gains_at(link.place, link.sources.direction) for link in system.links}
+
+    def _gains_at(self, place: Place, direction: Array) -> tuple[Array, Array]:
+        first, second, third = self.by_torsors
+        match place:
+            case Place.SEAT:
+                localisation = first @ direction
+                return localisation, self.tcp_from_localisation @ localisation
+            case Place.FLANGE:
+                tcp = second @ direction
+            case Place.CONNECTOR:
+                tcp = self.tcp_from_flange @ direction
+            case Place.HAND_EYE:
+                tcp = third @ direction
+            case Place.TOOL:
+                tcp = np.broadcast_to(np.eye(3), (*first.shape[:-1], 3)) @ direction
+            case Place.INTRINSICS | Place.SHOT | Place.IMAGES | Place.BEADS:
+                raise AssertionError(place)  # before the reconstructed point: no link
+            case _:
+                assert_never(place)
+        return np.zeros_like(tcp), tcp
 
 
 def mounts_of(

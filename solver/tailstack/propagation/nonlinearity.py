@@ -50,6 +50,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
+from ..geometry.camera import image_of
 from ..kernels import kernel
 from ..system import DirectEffect
 from .noise import Estimation, eliminate, room_for
@@ -124,7 +125,7 @@ def matrix_gains(projection: Array, points: Array, weights: Array) -> Array:
 def motion_of_images(projection: Array, points: Array) -> Array:
     """(N, 2, 3) px per mm: how the images of points (N, 3) mm move with them.  projection (3, 4) with |p3| = 1."""
     projected = points @ projection[:, :3].T + projection[:, 3]
-    images, depths = projected[:, :2] / projected[:, 2:], projected[:, 2]
+    images, depths = image_of(projected), projected[:, 2]
     return np.asarray((projection[:2, :3] - images[:, :, None] * projection[2, :3]) / depths[:, None, None])
 
 
@@ -157,7 +158,7 @@ def least_squares_matrix_gains(
     local = np.column_stack([points - centre, np.ones(len(points))])
     seen = local @ head.T
     moved = np.einsum("akj,nj->nka", by_unknown, local)
-    slopes = (moved[:, :2] - (seen[:, :2] / seen[:, 2:])[:, :, None] * moved[:, 2:]) / seen[:, 2, None, None]
+    slopes = (moved[:, :2] - image_of(seen)[:, :, None] * moved[:, 2:]) / seen[:, 2, None, None]
     rows = slopes[..., :unknowns].reshape(-1, unknowns)
     seen_rows = rows * np.repeat(weights, 2)[:, None]
     information = seen_rows.T @ rows
@@ -278,7 +279,7 @@ def _aim(projections: Array, centres: Array, target: Array, covariance: Array, c
     heads[:, :2] -= (heads[:, :2, 3] / heads[:, 2:, 3])[:, :, None] * heads[:, 2:]
     place = np.column_stack([target - centres, np.ones(len(centres))])
     projected = (heads @ place[:, :, None])[:, :, 0]
-    images = projected[:, :2] / projected[:, 2:]
+    images = image_of(projected)
     rows = heads[:, :2, :3] - images[:, :, None] * heads[:, 2:, :3]
     return TargetImages(heads, place, images, projected[:, 2], rows, covariance, common)
 

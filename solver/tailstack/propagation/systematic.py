@@ -10,7 +10,7 @@ As in ``noise.py``, fiducials and pivots may be floats, complex numbers or CasAD
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, assert_never
 
 import numpy as np
 
@@ -69,19 +69,25 @@ def systematic_errors(system: System, first: Displacement, target: Target) -> tu
     def shift(act: Act, v: int, parameters: ArrayLike) -> ArrayLike:
         """(2 N or 2 N + 2, q) px: how images in a view move by parameters (m, q), the last of which are known."""
         each = act.by(parameters)
-        if act.place is Place.IMAGES:
-            return each
-        if act.place is Place.BEADS:
-            steps = each.reshape(-1, 3, each.shape[1])
-            return see(v, np.swapaxes(np.swapaxes(steps, 1, 2) @ turned.T, 1, 2))
-        assert act.place is Place.SHOT
-        at = displacement(each[:, -1], act.pivot_mm, system.rotation_form)
-        shifts = see(v, at.by_torsor(moved) @ each)
-        images = (
-            project(system.views[v].projection, points) for points in (moved @ at.rotation.T + at.shift_mm, moved)
-        )
-        shifts[:, -1] = np.subtract(*images).ravel()
-        return shifts
+        match act.place:
+            case Place.IMAGES:
+                return each
+            case Place.BEADS:
+                steps = each.reshape(-1, 3, each.shape[1])
+                return see(v, np.swapaxes(np.swapaxes(steps, 1, 2) @ turned.T, 1, 2))
+            case Place.SHOT:
+                at = displacement(each[:, -1], act.pivot_mm, system.rotation_form)
+                shifts = see(v, at.by_torsor(moved) @ each)
+                there = moved @ at.rotation.T + at.shift_mm
+                images = (project(system.views[v].projection, points) for points in (there, moved))
+                shifts[:, -1] = np.subtract(*images).ravel()
+                return shifts
+            case Place.CONNECTOR:
+                return np.zeros((0, each.shape[1]))
+            case Place.INTRINSICS | Place.SEAT | Place.FLANGE | Place.HAND_EYE | Place.TOOL:
+                raise AssertionError(act.place)  # what acts there acts nowhere else: a DirectEffect, no shared one
+            case _:
+                assert_never(act.place)
 
     found = []
     for effect in system.shared_image_errors:
@@ -91,7 +97,6 @@ def systematic_errors(system: System, first: Displacement, target: Target) -> tu
         for act in effect.act(scene):
             if act.place is Place.CONNECTOR:
                 flange = flange + act.by(parameters)
-                continue
             for v, view in enumerate(system.views):
                 if act.view in (None, view.name):
                     shifts = shift(act, v, parameters)

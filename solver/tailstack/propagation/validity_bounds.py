@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..estimation.ambiguity import FLAT
 from ..estimation.checks import COPLANAR, NO_PARALLAX, SINGULAR, TOUCHING_MM, sines_between_rays
+from ..geometry.camera import image_of
 from ..geometry.symmetric import eigen_symmetric
 from ..kernels import kernel
 from ..system import System, Weighing
@@ -49,7 +50,7 @@ class ValidityBounds(NamedTuple):
         loud = np.all(np.any(noise > 0, axis=2), axis=1) if self.divides else np.ones(1, dtype=np.bool_)
         seen = np.einsum("vij,mtj->mvti", self.projections[:, :, :3], aims) + self.projections[:, None, :, 3]
         with np.errstate(all="ignore"):
-            depth, images = seen[..., 2], seen[..., :2] / seen[..., 2:]
+            depth, images = seen[..., 2], image_of(seen)
             sines = sines_between_rays(self.projections, aims.reshape(-1, 3)).reshape(len(aims), -1)
         inside = (images > self.windows[:, None, :, 0] + SLACK) & (images < self.windows[:, None, :, 1] - SLACK)
         inside &= ((depth > SLACK) & (depth < self.detectors[:, None] - SLACK))[..., None]

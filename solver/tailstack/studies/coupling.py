@@ -490,9 +490,7 @@ def name_sources(model: LinearModel, *, per_unit: bool) -> str:
     words = ["all that is known"] if per_unit else []
     for block in model.blocks:
         if block.per_unit == per_unit:
-            kind, *of_view = block.contributor.split(":")
-            own = "" if of_view or block.label == kind else block.label
-            words.append(own or kind.replace("_", " "))
+            words.append(block.effect.words)
     return "; ".join(dict.fromkeys(words)) + (": drawn once per unit" if per_unit else ": drawn at each shot")
 
 

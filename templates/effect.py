@@ -1,0 +1,102 @@
+"""What it is, in a sentence, and what it does to whom.
+
+This text is what ``./run new effect NAME`` writes, and runs as it is: beads that sag along z with the square of their
+distance from the z axis, at every shot.  Replace the numbers of the section, ``act`` and the words; CONTRIBUTING.md,
+"a source of error", says what finishes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ..arrays import frozen
+from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, Typical, refuse_coverage
+from ..system import Act, Drawn, Effect, Law, Place, Scene, Sources, System
+from ..tolerances import coverage_of
+from .kind import Doubt, EffectKind, Excess, PlausibilityTest
+
+NAME, WORDS = "skeleton", "skeleton of the structure"
+LARGEST_MM = 5.0
+
+
+class Skeleton(Record):
+    """How far a bead at 100 mm from the z axis may sag along z, drawn at every shot."""
+
+    half_width_mm: Annotated[HalfWidth, Typical(0.05, 1)] = Field(
+        description="Half-width of the sag, mm.", examples=[0.1]
+    )
+    distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
+    coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
+
+    _coverage = model_validator(mode="after")(refuse_coverage)
+
+
+class OfDesign(Record):
+    """What a design says of it."""
+
+    skeleton: Skeleton | None = Field(
+        default=None,
+        description=f"Half-width and law of the {WORDS}. Absent: none.",
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkeletonEffect(Effect):
+    """A bead at (x, y) sags by (x^2 + y^2) / (100 mm)^2 times the parameter, mm."""
+
+    def act(self, scene: Scene) -> tuple[Act, ...]:
+        away = (scene.fiducials_mm[:, :2] / 100) ** 2
+        sag = np.zeros(scene.fiducials_mm.shape, scene.fiducials_mm.dtype)
+        sag[:, 2] = sag[:, 2] - away[:, 0] - away[:, 1]
+        return (Act(Place.BEADS, None, sag.reshape(-1, 1)),)
+
+    @property
+    def places(self) -> tuple[tuple[Place, str | None], ...]:
+        return ((Place.BEADS, None),)
+
+
+def _compile(document: Any, views: Any) -> Iterator[Effect]:
+    if (own := document.skeleton) is not None:
+        coverage = frozen([coverage_of(own.distribution, own.coverage_factor)])
+        width, along = frozen([own.half_width_mm]), frozen(np.eye(1))
+        sources = Sources(("sag",), (Law(own.distribution),), width, coverage, ("mm",), along)
+        yield SkeletonEffect(NAME, WORDS, "/skeleton", Drawn.SHOT, sources, known=frozen([0.0]))
+
+
+def _say_not_modelled(system: System) -> str:
+    return "" if any(effect.name == NAME for effect in system.effects) else WORDS
+
+
+def _doubt(subject: Any) -> Iterator[Doubt]:
+    own = subject.document.skeleton
+    if own is not None and own.half_width_mm > LARGEST_MM:
+        words = f"a structure that sags by more than {LARGEST_MM:g} mm is none"
+        yield Doubt("/skeleton/half_width_mm", words, own.half_width_mm, LARGEST_MM)
+
+
+ROPE = PlausibilityTest(
+    "skeleton-too-large",
+    "A structure that sags like a rope",
+    "5 mm: a judgement.",
+    _doubt,
+)
+
+
+def _limits(system: System) -> Iterator[Excess]:
+    own = (effect.sources.half_width[0] for effect in system.effects if effect.name == NAME)
+    if any(width > LARGEST_MM for width in own):
+        yield Excess(f"a sag of more than {LARGEST_MM:g} mm")
+
+
+KIND = EffectKind(
+    sections={"design": OfDesign},
+    compile=_compile,
+    not_modelled=_say_not_modelled,
+    doubts=(ROPE,),
+    limits=_limits,
+)
