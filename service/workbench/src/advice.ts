@@ -63,7 +63,7 @@ function candidates(data: Json, score: Score): Candidate[] {
   for (const c of target.contributors) {
     const path = c.half_width && c.unit !== "px" && c.variance_share > 0.01 ? placeOf(data, c) : null;
     if (!path) continue;
-    const line = { path, component: c.component === "all" ? "" : c.component, share: c.variance_share, words: (c.label || c.name).split(",")[0], unit: c.unit, now: c.half_width! }, group = JSON.stringify([c.name, c.unit, c.half_width]);
+    const line = { path, component: c.component === "all" ? "" : c.component, share: c.variance_share, words: (c.label || c.name).split(",")[0].slice(0, 60), unit: c.unit, now: c.half_width! }, group = JSON.stringify([c.name, c.unit, c.half_width]);
     groups.set(group, [...(groups.get(group) ?? []), line]);
   }
   const made = (lines: { path: Path; component: string; share: number; words: string; unit: string; now: number }[]): Candidate => {

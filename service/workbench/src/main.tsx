@@ -113,7 +113,7 @@ function Workbench() {
           <div class="panes">
             <section class="images" aria-label="X-ray images"><h2>What the X-rays see</h2><Images /></section>
             <section class={large.value ? "large" : ""} aria-label="In space">
-              <div class="controls"><h2>In space</h2><button type="button" class="small" aria-label={`${large.value ? "Smaller" : "Larger"}: the drawing in space`} aria-pressed={large.value} onClick={() => (large.value = !large.value)}>{large.value ? "Smaller" : "Larger"}</button></div>
+              <div class="headed"><h2>In space</h2><button type="button" class="small" aria-label={`${large.value ? "Smaller" : "Larger"}: the drawing in space`} aria-pressed={large.value} onClick={() => (large.value = !large.value)}>{large.value ? "Smaller" : "Larger"}</button></div>
               <Space />
             </section>
             <section class="elevations" aria-label="Elevations"><h2>Elevations</h2><Elevations /></section>

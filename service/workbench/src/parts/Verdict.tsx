@@ -63,6 +63,7 @@ export function Verdict() {
             <div><dt>Mean error</dt><dd>{mm(target.mean_norm_mm)} mm</dd></div>
           </dl>
         )}
+        <Trail />
       </div>
       <Acts />
       <div class="sentence">
@@ -70,7 +71,6 @@ export function Verdict() {
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
         {!waits && !trouble.value && score && <div class={shade}><Findings score={score} /></div>}
       </div>
-      <Trail />
       <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : target ? `P95 ${mm(worst?.value_mm ?? target.p95_mm)} mm, ${word}, ${simulated ? "verified" : "estimated"}${change.value ? `; ${mm(Math.abs(change.value.by))} mm ${change.value.by < 0 ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>
   );
