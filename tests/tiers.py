@@ -50,6 +50,7 @@ ROOMS = (
     "openapi",
     "docs",
     "benchmarks",
+    "tools",
 )
 
 

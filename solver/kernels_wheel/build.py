@@ -32,6 +32,14 @@ POST = ".post1"  # of kernels compiled anew for the same tailstack, with a newer
 SUMMARY = "Compiled kernels of tailstack: its first score need not compile any"
 EMPTY = '"""Compiled kernels of tailstack; it finds them here by their names."""\n'
 LICENSE = "Apache-2.0"
+AUTHORS = "the tailstack authors"
+CLASSIFIERS = (
+    "Development Status :: 4 - Beta",
+    "Intended Audience :: Science/Research",
+    "Programming Language :: Python :: 3",
+    "Programming Language :: Python :: 3 :: Only",
+    "Topic :: Scientific/Engineering :: Medical Science Apps.",
+)
 MOMENT = (1980, 1, 1, 0, 0, 0)  # the first that a zip archive can hold: no two builds differ by their time
 
 # What one process compiles, for one target: the calls of these computations in the order of the table.  numba calls the
@@ -95,13 +103,15 @@ def write_wheel(directory: Path, version: str, tags: list[str], files: dict[str,
     """A wheel of the package with these files, byte by byte the same for the same content."""
     about = f"{PACKAGE}-{version}.dist-info"
     metadata = ["Metadata-Version: 2.4", "Name: tailstack-kernels", f"Version: {version}", f"Summary: {SUMMARY}"]
-    metadata += [f"License-Expression: {LICENSE}", "Requires-Python: >=3.11"]
+    metadata += [f"Author: {AUTHORS}", f"License-Expression: {LICENSE}", "License-File: LICENSE"]
+    metadata += [*(f"Classifier: {line}" for line in CLASSIFIERS), "Requires-Python: >=3.11"]
     metadata += [f"Requires-Dist: {need}" for need in needs]
     pure = "true" if tags == ["py3-none-any"] else "false"
     wheel = ["Wheel-Version: 1.0", "Generator: tailstack", f"Root-Is-Purelib: {pure}", *(f"Tag: {tag}" for tag in tags)]
     content = {f"{PACKAGE}/__init__.py": EMPTY.encode()}
     content |= {f"{PACKAGE}/{name}": data for name, data in sorted(files.items())}
     content |= {f"{about}/METADATA": _lines(metadata), f"{about}/WHEEL": _lines(wheel)}
+    content |= {f"{about}/licenses/LICENSE": (ROOT / "LICENSE").read_bytes()}
     record = [f"{name},{_digest(data)},{len(data)}" for name, data in content.items()]
     content[f"{about}/RECORD"] = _lines([*record, f"{about}/RECORD,,"])
     python, abi, platforms = tags[0].split("-")[0], tags[0].split("-")[1], ".".join(tag.split("-")[2] for tag in tags)
