@@ -279,7 +279,7 @@ def list_lines(stream: IO[bytes], encoding: str) -> Iterator[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Line:
+class _TextLine:
     number: int
     text: str
     cells: list[str]
@@ -342,14 +342,14 @@ def _open_table(
         raise refuse("csv-header", f"cells are separated by {said[1]!r}", "separate them by commas or semicolons", 1)
     delimiter = said[1] if said else _find_delimiter([text for _, text in data])
 
-    def split(number: int, text: str) -> _Line:
+    def split(number: int, text: str) -> _TextLine:
         try:
             cells = next(csv.reader([text], delimiter=delimiter, strict=True), [])
         except csv.Error as found:
             detail = _LINE_BREAK if "unexpected end" in str(found) else str(found)
             hint = "take line breaks out of cells; a quote inside a quoted cell is doubled"
             raise refuse("csv-syntax", f"this line is not CSV: {detail}", hint, number) from None
-        return _Line(number, text, [cell.strip() for cell in cells])
+        return _TextLine(number, text, [cell.strip() for cell in cells])
 
     # the header, and nothing above it that could be a row; rows below are split only as far as they are needed
     contents_of = [split(*each) for each in data[:PREVIEW] if not _goes_on(each[1])] or [split(*data[0])]
@@ -402,11 +402,11 @@ def _find_delimiter(texts: Sequence[str]) -> str:
 
 
 def _find_header(
-    contents: list[_Line],
+    contents: list[_TextLine],
     above: list[tuple[int, str]],
-    split: Callable[[int, str], _Line],
+    split: Callable[[int, str], _TextLine],
     knows_header: Callable[[Sequence[str]], bool] | None,
-) -> tuple[_Line, list[_Line]]:
+) -> tuple[_TextLine, list[_TextLine]]:
     """The header, and the titles above it."""
     if knows_header is not None:
         at = next((k for k, line in enumerate(contents) if knows_header(line.cells)), None)
@@ -419,7 +419,7 @@ def _find_header(
         cells = text.lstrip()
         line = split(number, cells if re.match(r"#\s*[\t;,]", cells) else cells.lstrip("#").lstrip())
         if len(line.cells) == len(first.cells) and not any(map(looks_like_number, line.cells)) and all(line.cells):
-            return _Line(number, text, line.cells), []
+            return _TextLine(number, text, line.cells), []
     at = 0
     while (
         at + 1 < len(contents)
@@ -432,7 +432,7 @@ def _find_header(
     return contents[at], contents[:at]
 
 
-def _refuse_spaces(contents: list[_Line], header: _Line, refuse: Callable[..., TailstackError]) -> None:
+def _refuse_spaces(contents: list[_TextLine], header: _TextLine, refuse: Callable[..., TailstackError]) -> None:
     """Cells that only spaces separate: a name may hold a space, so nothing is guessed."""
     for line in contents[:2]:
         words = line.text.split()

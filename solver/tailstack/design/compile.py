@@ -44,7 +44,7 @@ from .document import (
     RequirementDocument,
 )
 from .loading import Design
-from .meanings import Scene, explain_places
+from .meanings import WrittenPoints, explain_places
 from .plausibility import explain_refusal, find_implausible
 from .refusals import place
 from .target_points import expand_target
@@ -260,7 +260,7 @@ def _explain(design: Design, error: DesignError | IllPosedError, system: System 
     """The refusal with its places in the document; that of a geometry with what the numbers may have been meant as."""
     source, problems = design.source.placed(), list(error.problems)
     if isinstance(error, IllPosedError):
-        scene = Scene.of(design.document, design.fiducials.labels, np.array(design.fiducials.positions_mm))
+        scene = WrittenPoints.of(design.document, design.fiducials.labels, np.array(design.fiducials.positions_mm))
         problems = [*explain_places(design.document, scene, problems), *_name_left_out(design)]
         problems += explain_refusal(design, system)
     return type(error)([place(problem, source) for problem in problems])

@@ -35,7 +35,7 @@ _PLACED = ("behind-source", "outside-view", "behind-detector")  # refusals that 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class WrittenPoints:
     """The points that all views should show."""
 
     labels: tuple[str, ...]
@@ -43,7 +43,7 @@ class Scene:
     targets_mm: Array  # (T, 3) con
 
     @classmethod
-    def of(cls, document: DesignDocument, labels: Sequence[str], fiducials_mm: Array) -> Scene:
+    def of(cls, document: DesignDocument, labels: Sequence[str], fiducials_mm: Array) -> WrittenPoints:
         """That of a document with these fiducials."""
         targets = chain.from_iterable(map(expand_target, document.targets))
         return cls(tuple(labels), fiducials_mm, np.array([target.position_mm for target in targets]).reshape(-1, 3))
@@ -67,7 +67,7 @@ class Meaning(NamedTuple):
     rescaled: bool  # some length has another unit
 
 
-def find_meanings(view: Any, scene: Scene) -> list[Meaning]:
+def find_meanings(view: Any, scene: WrittenPoints) -> list[Meaning]:
     """Ways to read a view of the document, as it is not written, that show everything; those with fewest changes."""
     for _, alike in groupby(sorted(_list_meanings(view, scene), key=_changes), key=_changes):
         fitting = [
@@ -86,7 +86,7 @@ def _changes(meaning: Meaning) -> int:
     return meaning.changes
 
 
-def _list_meanings(view: Any, scene: Scene) -> Iterator[Meaning]:
+def _list_meanings(view: Any, scene: WrittenPoints) -> Iterator[Meaning]:
     try:
         if isinstance(view, PinholeView):
             yield from _read_pose(view, scene)
@@ -98,7 +98,7 @@ def _list_meanings(view: Any, scene: Scene) -> Iterator[Meaning]:
         return
 
 
-def _read_pose(view: PinholeView, scene: Scene) -> Iterator[Meaning]:
+def _read_pose(view: PinholeView, scene: WrittenPoints) -> Iterator[Meaning]:
     written = compile_transform(view.pose, "", [])
     plain, given = compile_view(view, "", scene.fiducials_mm, []), view.intrinsics
     middle = np.append(scene.fiducials_mm.mean(axis=0), 1.0)
@@ -135,7 +135,7 @@ def _turn(pose: Array, factor: float, inverted: bool, turned: bool) -> Array:
     return TURNED @ read if turned else read
 
 
-def _read_matrix(view: MatrixView, scene: Scene) -> Iterator[Meaning]:
+def _read_matrix(view: MatrixView, scene: WrittenPoints) -> Iterator[Meaning]:
     plain = compile_view(view, "", scene.fiducials_mm, [])
     if scene.shows(replace(plain, image_size_px=None)):
         return  # its unit is right
@@ -148,7 +148,7 @@ def _read_matrix(view: MatrixView, scene: Scene) -> Iterator[Meaning]:
         yield Meaning(1, words, cure, compile_view(changed, "", scene.fiducials_mm, []), inf, True)
 
 
-def _read_distances(view: PresetView | DistanceView, scene: Scene) -> Iterator[Meaning]:
+def _read_distances(view: PresetView | DistanceView, scene: WrittenPoints) -> Iterator[Meaning]:
     short = [field for field, least in SHORTEST_MM.items() if (own := getattr(view, field)) is not None and own < least]
     fields = [[short], [["isocentre_mm"]], [short, ["isocentre_mm"]]] if short else [[["isocentre_mm"]]]
     for groups, (unit, factor) in product(fields, UNITS.items()):
@@ -178,7 +178,7 @@ def write_numbers(values: Any) -> str:
 # --- what is said -----------------------------------------------------------------------------------------
 
 
-def say_meanings(view: Any, scene: Scene) -> str:
+def say_meanings(view: Any, scene: WrittenPoints) -> str:
     """What to write in a view so that it shows everything, without a point at its end; empty: nothing was found."""
     found = find_meanings(view, scene)
     where = "in front of the source" + (" and inside the image" if _states_size(view) else "")
@@ -194,7 +194,7 @@ def _states_size(view: Any) -> bool:
     return not isinstance(view, PinholeView | MatrixView) or view.image_size_px is not None
 
 
-def explain_places(document: DesignDocument, scene: Scene, problems: Sequence[Problem]) -> list[Problem]:
+def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Sequence[Problem]) -> list[Problem]:
     """Problems of what a view shows, with what to do in a view of that kind."""
     said: dict[str, str] = {}
     explained = []
@@ -229,7 +229,7 @@ def _say_nothing_fits(view: Any, code: str) -> str:
 # --- the unit of the points -------------------------------------------------------------------------------
 
 
-def find_units_of_points(document: DesignDocument, scene: Scene, width_mm: float) -> list[str]:
+def find_units_of_points(document: DesignDocument, scene: WrittenPoints, width_mm: float) -> list[str]:
     """The units in which a structure of this width would be as wide as structures are, and shown by every view."""
     return [
         unit
@@ -238,7 +238,7 @@ def find_units_of_points(document: DesignDocument, scene: Scene, width_mm: float
     ]
 
 
-def _shown(document: DesignDocument, scene: Scene, factor: float) -> bool:
+def _shown(document: DesignDocument, scene: WrittenPoints, factor: float) -> bool:
     """Whether every view shows the points, multiplied: the fiducials with the targets, alone, or with the views."""
     beads = replace(scene, fiducials_mm=factor * scene.fiducials_mm)
     every = replace(beads, targets_mm=factor * scene.targets_mm)
@@ -249,7 +249,7 @@ def _shown(document: DesignDocument, scene: Scene, factor: float) -> bool:
     )
 
 
-def _shows(view: Any, scene: Scene, least_mm: float, most_mm: float) -> bool:
+def _shows(view: Any, scene: WrittenPoints, least_mm: float, most_mm: float) -> bool:
     try:
         compiled = compile_view(view, "", scene.fiducials_mm, [])
     except (DesignError, IllPosedError):

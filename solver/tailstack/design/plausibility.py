@@ -35,7 +35,7 @@ from .document import (
     TargetDocument,
 )
 from .loading import Design
-from .meanings import SHORTEST_MM, UNITS, Scene, find_units_of_points, say_meanings
+from .meanings import SHORTEST_MM, UNITS, WrittenPoints, find_units_of_points, say_meanings
 from .presets import PRESETS
 
 BEAD_MM = 3.0  # diameter of the beads that localisation noise is quoted for
@@ -118,8 +118,8 @@ def _say_units(subject: Subject, width: float) -> str:
     return f"In none of {', '.join(UNITS)} would they lie in all images: check the unit of the positions"
 
 
-def _scene_of(subject: Subject) -> Scene:
-    return Scene.of(subject.document, subject.labels, subject.fiducials_mm)
+def _scene_of(subject: Subject) -> WrittenPoints:
+    return WrittenPoints.of(subject.document, subject.labels, subject.fiducials_mm)
 
 
 def _doubt_source_distances(subject: Subject) -> Iterator[Doubt]:
