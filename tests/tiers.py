@@ -50,7 +50,7 @@ ROOMS = (
     "openapi",
     "docs",
     "benchmarks",
-    "tools",
+    ".ci/release",
 )
 
 

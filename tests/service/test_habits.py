@@ -177,7 +177,7 @@ def test_the_citation_has_the_keys_that_its_format_requires() -> None:
 
 def test_the_recipe_is_that_of_pyproject() -> None:
     text = (ROOT / recipe.PLACE).read_text(encoding="utf-8")
-    assert text == recipe.render(ROOT), "python tools/recipe.py writes it anew"
+    assert text == recipe.render(ROOT), "python .ci/release/recipe.py writes it anew"
     rendered = yaml.safe_load(text)
     assert rendered["package"]["version"] == __version__ == recipe.version_of(ROOT)
     assert [need.replace(" ", "") for need in rendered["requirements"]["run"][1:]] == PROJECT["dependencies"]

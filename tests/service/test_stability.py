@@ -15,7 +15,7 @@ LISTED: dict[str, dict[str, list[str]]] = json.loads(surface.PLACE.read_text(enc
 def check(kind: str, now: dict[str, list[str]]) -> None:
     """Nothing that is listed is gone, and what there is has its entry."""
     assert surface.gone({kind: LISTED[kind]}, {kind: now}) == [], "deprecate it first: docs/stability.md"
-    assert list(now) == list(LISTED[kind]), "python tools/surface.py adds what is new"
+    assert list(now) == list(LISTED[kind]), "python .ci/release/surface.py adds what is new"
 
 
 def test_names_of_the_library_and_their_parameters() -> None:

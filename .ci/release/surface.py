@@ -1,7 +1,7 @@
 """What others build on, as a list: Python's names, fields of records, flags of verbs.
 
-``python tools/surface.py`` writes ``tests/data/stable/surface.json`` anew: what is new is added.  What is gone stays in
-the list, and a test fails, unless ``--drop`` says that it was deprecated for long enough (docs/stability.md).
+``python .ci/release/surface.py`` writes ``tests/data/stable/surface.json`` anew: what is new is added. What is gone
+stays in the list, and a test fails, unless ``--drop`` says that it was deprecated for long enough (docs/stability.md).
 Routes are held by ``openapi/released.json``.
 """
 
@@ -21,7 +21,7 @@ from tailstack_service.cli.main import build_parser
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.schemas import RECORDS, json_schema
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PLACE = ROOT / "tests" / "data" / "stable" / "surface.json"
 DOCUMENTS = ("design", "policy", "waivers")
 OF_OTHERS = {"comparison": 2, "report": 2}  # they hold records of other verbs; this deep they are their own

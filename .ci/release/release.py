@@ -28,7 +28,7 @@ import recipe
 import sbom
 from tailstack.json_text import write_json
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 OTHERS = ("kernels of the other minor versions of Python (3.11 to 3.13): .github/workflows/wheels.yml builds them",)
 FEW = ("score",)  # kernels of one computation, for who wants to see the steps
 TRY = """

@@ -1,4 +1,4 @@
-"""The recipe of a conda package, rendered from pyproject.toml: ``python tools/recipe.py`` writes it anew."""
+"""The recipe of a conda package, rendered from pyproject.toml: ``python .ci/release/recipe.py`` writes it anew."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import sys
 import tomllib
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-PLACE = Path("tools", "conda", "recipe.yaml")
+ROOT = Path(__file__).resolve().parents[2]
+PLACE = Path(".ci", "release", "conda", "recipe.yaml")
 HEAD = """\
-# Rendered by tools/recipe.py from pyproject.toml, for rattler-build and conda-forge; not built yet.
+# Rendered by .ci/release/recipe.py from pyproject.toml, for rattler-build and conda-forge; not built yet.
 # The source is the sdist of a release. Address and SHA-256 are filled in when there is one (docs/releasing.md).
 schema_version: 1
 
