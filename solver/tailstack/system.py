@@ -348,7 +348,7 @@ class DirectEffect(Effect):
     place: Place
     view: str | None
     pivot_mm: Array = field(default_factory=lambda: np.zeros(3))  # of a torsor
-    of_target: bool = False
+    of_target: bool = False  # whether it is the noise of the target's image, not of the fiducials'
 
     def act(self, scene: Scene) -> tuple[Act, ...]:
         return (Act(self.place, self.view, None, self.pivot_mm),)

@@ -284,6 +284,6 @@ def test_a_dry_run_builds_tries_and_compares(tmp_path: Path, capsys: pytest.Capt
         "SHA256SUMS",
     }  # fmt: skip
     sums = (tmp_path / "out" / "SHA256SUMS").read_text(encoding="utf-8")
-    listed = dict(reversed(line.split("  ")) for line in sums.splitlines())
+    listed = {name: digest for digest, name in (line.split("  ") for line in sums.splitlines())}
     there = release.digests(tmp_path / "out")
     assert listed == {name: digest for name, digest in there.items() if name != "SHA256SUMS"}

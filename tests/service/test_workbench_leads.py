@@ -51,7 +51,8 @@ def test_points_of_ones_own_become_the_first_design_that_the_command_makes_of_th
         {"name": "carrier.step", "text": step},
     ]
     csv, markup, balls = led(service, "doors", files=files)["found"]
-    wanted = yaml.safe_load(design_of_beads(Beads(*zip(*POINTS, strict=True), "beads.csv")))
+    beads = Beads(tuple(label for label, _ in POINTS), tuple(at for _, at in POINTS), "beads.csv")
+    wanted = yaml.safe_load(design_of_beads(beads))
     wanted["requirements"][0]["limit_mm"] = 1.5
     made = yaml.safe_load(csv["text"])
     assert made.pop("name") == "first design of beads.csv"
