@@ -19,7 +19,7 @@ from tailstack_service.first_design import Beads, design_of_beads
 __all__ = ["browser"]
 
 SCRIPT = "leads.mjs"
-POINTS = [
+POINTS: list[tuple[str, tuple[float, float, float]]] = [
     (point["label"], tuple(float(value) for value in point["position_mm"]))
     for point in yaml.safe_load(DEMO)["fiducials"]["points"]
 ]
@@ -139,7 +139,8 @@ def test_a_design_that_says_nothing_of_an_optimum_is_optimised_from_a_box_round_
 
 
 def test_the_buttons_of_the_strip_are_a_few_presses_of_tab_away(service: Served) -> None:
-    stops = led(service, "tabs")["stops"]
+    """But for a message that stands there for a while."""
+    stops = [stop for stop in led(service, "tabs")["stops"] if stop != "Close the message"]
     assert stops.index("Verify this design") < 5
     assert stops.index("Optimise this design") < 6
 
