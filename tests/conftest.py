@@ -117,9 +117,10 @@ def leaves_the_process_as_it_was() -> Iterator[None]:
         changes += [f"sys.path was {path}, is {sys.path}"]
         sys.path[:] = path
     known = {name: logging.NOTSET for name in _log_levels() if name.split(".")[0] in OUR_LOGGERS} | levels
-    # A library that is imported here for the first time in this process may set its own level: distributed does
-    imported = sys.modules.keys() - modules
-    known = {name: level for name, level in known.items() if name.split(".")[0] not in imported}
+    # What is imported here for the first time in this process may set levels: distributed its own, our engine its
+    imported = {name.split(".")[0] for name in sys.modules.keys() - modules}
+    kept = {"root", *OUR_LOGGERS} if imported & {*OUR_LOGGERS} else known.keys() - imported
+    known = {name: level for name, level in known.items() if name in kept or name.split(".")[0] in kept}
     now_levels = {name: logging.getLogger(name).level for name in known}
     if now_levels != known:
         changes += _differences("log level of", known, now_levels)
