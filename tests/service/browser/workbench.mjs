@@ -397,7 +397,7 @@ scenarios.lose = async () => {
   const labels = await page.locator(".beads tbody tr > th").allInnerTexts();
   const losses = await page.getByRole("region", { name: "Lost fiducials" }).innerText();
   const drawn = page.locator(".viewer-layers label", { hasText: `Fiducials (${labels.length})` });
-  await drawn.waitFor(); // the drawing in space follows a moment later
+  await drawn.waitFor({ state: "attached" }); // the drawing in space follows a moment later
   if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
   await page.keyboard.press("Control+z");
   return { before, without, labels, losses, after: await sha(page) };
@@ -418,7 +418,6 @@ scenarios.offer = async () => {
 
 scenarios.drop = async () => {
   const context = await newContext(), page = asked.empty ? await open(context, asked.url, false) : await begun(context), found = [];
-  page.on("dialog", (dialog) => dialog.accept("3"));
   for (const { name, text } of asked.files) {
     const dropped = await page.evaluateHandle(([called, content]) => {
       const transfer = new DataTransfer();
@@ -426,6 +425,7 @@ scenarios.drop = async () => {
       return transfer;
     }, [name, text]);
     await page.dispatchEvent("body", "drop", { dataTransfer: dropped });
+    if (asked.balls) await page.getByRole("button", { name: asked.balls }).click();
     await page.locator(".message", { hasText: name }).waitFor();
     await page.waitForFunction(() => !window.workbench.state().busy);
     found.push({ words: await page.locator(".message").innerText(), labels: await page.locator(".beads tbody tr > th").allInnerTexts() });
