@@ -20,8 +20,9 @@ __all__ = ["browser"]
 
 SCRIPT = "leads.mjs"
 POINTS: list[tuple[str, tuple[float, float, float]]] = [
-    (point["label"], tuple(float(value) for value in point["position_mm"]))
+    (point["label"], (float(x), float(y), float(z)))
     for point in yaml.safe_load(DEMO)["fiducials"]["points"]
+    for x, y, z in [point["position_mm"]]
 ]
 CSV = "label,x_mm,y_mm,z_mm\n" + "".join(f"{label},{x},{y},{z}\n" for label, (x, y, z) in POINTS)
 
@@ -73,11 +74,12 @@ def test_points_of_ones_own_become_the_first_design_that_the_command_makes_of_th
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("by", ["mouse", "keyboard", "touch"])
 def test_from_a_list_of_beads_to_a_verified_optimum_and_its_report_by_what_the_strip_offers(
-    service: Served, width: int
+    service: Served, by: str
 ) -> None:
-    found = led(service, "job", file={"name": "beads.csv", "text": CSV}, width=width, name=f"job{width}")
+    """The finger is one on a phone of 390 pixels."""
+    found = led(service, "job", file={"name": "beads.csv", "text": CSV}, by=by, name=f"job_{by}")
     assert found["first"]["badge"].startswith(("Fail", "Pass", "Not decided"))
     assert len({found["first"]["sha"], found["taken"]}) == 2
     (take,) = found["seen"]

@@ -1,6 +1,6 @@
 // The workbench: one page on which a designer plays with a design.
 
-import { effect, signal } from "@preact/signals";
+import { computed, effect, signal } from "@preact/signals";
 import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { answer, busy, current, key, keyWanted, refused } from "./api";
@@ -8,14 +8,14 @@ import { loadRecent, resume, runs, startProblem, unfinished } from "./jobs";
 import { Beads, Geometry, HalfWidths } from "./parts/Controls";
 import { Budget } from "./parts/Budget";
 import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, WhichBalls, working } from "./parts/Files";
-import { Form, loadSchema } from "./parts/Form";
+import { Form } from "./parts/Form";
 import { Elevations, Images } from "./parts/Pictures";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
 import { Space } from "./parts/Space";
 import { Requirements, Verdict } from "./parts/Verdict";
 import { listed, Tip, WordList } from "./parts/Words";
-import { canRedo, canUndo, design, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
+import { canRedo, canUndo, design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
 const theme = signal<string>(recall("tailstack.workbench.theme", "auto"));
 effect(() => {
@@ -95,7 +95,6 @@ function KeyWanted() {
       event.preventDefault();
       key.value = new FormData(event.currentTarget).get("key") as string;
       keyWanted.value = false;
-      void loadSchema();
       void loadRecent();
       resume();
     }}>
@@ -180,6 +179,13 @@ function Part({ title, open: begin = false, summoned = false, paper = false, chi
   );
 }
 
+/** While something is dragged, what stands above it keeps its height, whatever it says: it stays under the pointer. */
+const held = computed(() => gesture.value.length > 0);
+effect(() => {
+  const keep = held.value;
+  for (const part of document.querySelectorAll<HTMLElement>(".steady")) part.style.height = keep ? `${part.offsetHeight}px` : "";
+});
+
 document.addEventListener("keydown", (event) => {
   const at = event.composedPath()[0];
   // A field in which something is being typed undoes that; one that shows the design's value leaves it to the page
@@ -219,7 +225,6 @@ async function begin(): Promise<void> {
   restore();
   await fromLink();
   render(<Page />, document.getElementById("page")!);
-  void loadSchema();
   resume();
 }
 

@@ -31,14 +31,30 @@ scenarios.doors = async () => {
   return { found };
 };
 
-// From a list of beads to a verified optimum and its report, by what the strip offers
+// From a list of beads to a verified optimum and its report, by what the strip offers: with a mouse, with a finger on a
+// phone, or with nothing but keys
 scenarios.job = async () => {
-  const touch = asked.width < 500, context = await newContext(touch ? { hasTouch: true, isMobile: true, viewport: { width: 390, height: 844 } } : {}), page = await open(context, asked.url, false), found = { seen: [] };
-  const press = (locator) => (touch ? locator.tap() : locator.click());
+  const phone = { hasTouch: true, isMobile: true, viewport: { width: 390, height: 844 } }, found = { seen: [], stops: {} };
+  const context = await newContext(asked.by === "touch" ? phone : {}), page = await open(context, asked.url, false), keys = asked.by === "keyboard";
+  const reach = async (locator, key) => {
+    for (let k = 1; k <= 40; k += 1) {
+      await page.keyboard.press(key);
+      if (await locator.evaluate((node) => node === document.activeElement)) return k;
+    }
+    throw new Error(`${key} does not reach ${locator}`);
+  };
+  const press = async (locator, way = "Tab") => {
+    if (asked.by === "touch") return locator.tap();
+    if (!keys) return locator.click();
+    found.stops[await locator.evaluate((node) => node.ariaLabel ?? node.innerText ?? "")] = await reach(locator, way);
+    await page.keyboard.press("Enter");
+  };
   await page.waitForFunction(() => document.querySelectorAll(".gallery li").length > 1);
   await shot(page, "start");
   found.start = [await axe(page), await wide(page)];
-  await page.locator(".own input[type=file]").setInputFiles({ name: asked.file.name, mimeType: "text/csv", buffer: Buffer.from(asked.file.text) });
+  const file = page.locator(".own input[type=file]"), chosen = page.waitForEvent("filechooser");
+  await press(keys ? file : page.locator(".own label.button"));
+  await (await chosen).setFiles({ name: asked.file.name, mimeType: "text/csv", buffer: Buffer.from(asked.file.text) });
   await current(page);
   await shot(page, "first");
   found.first = { sha: await sha(page), badge: await strip(page).locator(".badge").innerText() };
@@ -50,14 +66,17 @@ scenarios.job = async () => {
   await press(take);
   found.taken = await sha(page);
   await page.locator('section.verdict[data-basis="simulation"]').waitFor(); // an optimum comes with its verification
-  await press(strip(page).getByRole("button", { name: "Report of this design" }));
+  await press(strip(page).getByRole("button", { name: "Report of this design" }), "Shift+Tab");
   const report = strip(page).getByRole("link", { name: "Report" });
   await report.waitFor();
   await shot(page, "verified");
   found.last = { sha: await sha(page), badge: await strip(page).locator(".badge").innerText(), axe: await axe(page), wide: await wide(page) };
-  const [tab] = await Promise.all([context.waitForEvent("page"), press(report)]);
-  await tab.waitForLoadState();
-  found.title = await tab.title();
+  await page.emulateMedia({ colorScheme: "dark" });
+  found.last.axe.push(...(await axe(page)));
+  const tab = context.waitForEvent("page");
+  await press(report);
+  await (await tab).waitForLoadState();
+  found.title = await (await tab).title();
   return found;
 };
 

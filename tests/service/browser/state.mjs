@@ -25,7 +25,7 @@ scenarios.again = async () => {
   await current(page);
   const gallery = await part(page, "Other designs");
   await gallery.getByRole("button", { name: asked.example }).click();
-  await page.waitForFunction(() => document.activeElement?.id === "main"); // the card had the focus until its design was opened
+  await page.waitForFunction(() => document.activeElement?.id === "verdict"); // the card had the focus until its design was opened
   await look();
   await take(page, asked.design);
   await page.locator(".message", { hasText: "is open" }).waitFor();

@@ -26,6 +26,12 @@ export async function takeFile(file: File): Promise<void> {
   takeText(file.name, content, `Open ${file.name}`);
 }
 
+/** Open a design; what was pressed for it is gone, or of no more use: what comes next are the buttons of the strip. */
+function begin(source: string, what: string): void {
+  open(source, what);
+  requestAnimationFrame(() => document.activeElement?.matches("body, .gallery *") && document.getElementById("verdict")?.focus({ preventScroll: true }));
+}
+
 /** Text as the command reads it: UTF-8, or UTF-16 with its mark; null for anything else. */
 function decode(content: ArrayBuffer): string | null {
   const [first, second] = new Uint8Array(content);
@@ -42,7 +48,7 @@ export function takeText(name: string, content: string, what: string): void {
   const { errors, empty } = parse(content);
   if (errors.length) return void say(`${name} holds no design: ${errors[0].message}`, true);
   const same = content === text.value;
-  open(content, what);
+  begin(content, what);
   const notes = empty.slice(0, 5).map(({ path }) => path.join(" › ")).join(", ");
   say(`${name} is ${same ? "what is open already" : "open"}.${canUndo.value && !same ? " Undo brings back what was here." : ""}${notes ? ` Fields without a value count as if they were not there: ${notes}.` : ""}`);
 }
@@ -70,7 +76,7 @@ async function takePoints(file: File, format: string, more = ""): Promise<void> 
   const left = (made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`);
   const notes = [...made.notes, ...left].slice(0, 5).join("; ");
   if (!design.value) {
-    open(firstDesign(points, name), `Open ${name}`);
+    begin(firstDesign(points, name), `Open ${name}`);
     assumes.value = true;
     return void say(`${points.length} fiducials of ${name} are in a first design. C-arm, seats, tolerances, target and limit are assumed: they stand beside the pictures, correct them.${notes ? ` ${notes}` : ""}`);
   }
@@ -204,10 +210,7 @@ export function Gallery() {
   const take = async (name: string) => {
     const response = await send("GET", `/v1/examples/${name}`, undefined, { Accept: "application/yaml" }).catch(() => null);
     if (!response) say(unreachable().title, true);
-    else if (response.ok) {
-      open(await response.text(), `Example ${name}`);
-      requestAnimationFrame(() => document.getElementById("main")?.focus({ preventScroll: true })); // the card that was chosen is gone
-    }
+    else if (response.ok) begin(await response.text(), `Example ${name}`);
   };
   return (
     <ul class="gallery">

@@ -290,17 +290,19 @@ export function Images() {
         return (
           <div key={view.view}>
             <Picture plane={plane} words={`Image of view ${view.view}.`} />
-            <p class="note">
-              <button type="button" class="small" aria-pressed={close} onClick={() => toggle(view.view)}>{close ? "Whole image" : "Enlarge"}</button>{" "}
-              {check && !refused.value && (
-                <span class={late.value ? "old" : ""}>
-                  {margin == null ? "" : `nearest to the edge ${brief(margin)} px; `}
-                  {`closest pair ${check.closest_pair.join(" and ")}, ${brief(check.closest_pair_px)} px`}
-                  {check.closest_pair_needs_px > 0 && (check.closest_pair_px < check.closest_pair_needs_px ? <strong class="bad">{` (to be told apart they need ${brief(check.closest_pair_needs_px)})`}</strong> : ` (needs ${brief(check.closest_pair_needs_px)})`)}
-                </span>
-              )}
-            </p>
-            <Remarks at={`/views/${k}`} />
+            <div class="steady">
+              <p class="note">
+                <button type="button" class="small" aria-pressed={close} onClick={() => toggle(view.view)}>{close ? "Whole image" : "Enlarge"}</button>{" "}
+                {check && !refused.value && (
+                  <span class={late.value ? "old" : ""}>
+                    {margin == null ? "" : `nearest to the edge ${brief(margin)} px; `}
+                    {`closest pair ${check.closest_pair.join(" and ")}, ${brief(check.closest_pair_px)} px`}
+                    {check.closest_pair_needs_px > 0 && (check.closest_pair_px < check.closest_pair_needs_px ? <strong class="bad">{` (to be told apart they need ${brief(check.closest_pair_needs_px)})`}</strong> : ` (needs ${brief(check.closest_pair_needs_px)})`)}
+                  </span>
+                )}
+              </p>
+              <Remarks at={`/views/${k}`} />
+            </div>
           </div>
         );
       })}

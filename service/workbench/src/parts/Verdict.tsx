@@ -40,7 +40,7 @@ export function Verdict() {
   }, [runs.value, text.value]);
   const shade = old ? "old" : "";
   return (
-    <section class={`verdict ${old && !problem ? "waiting" : status.replace(" ", "-")}`} aria-label="Verdict" data-current={String(current.value && !problem)} data-basis={simulated ? "simulation" : "estimate"}>
+    <section id="verdict" tabIndex={-1} class={`verdict steady ${old && !problem ? "waiting" : status.replace(" ", "-")}`} aria-label="Verdict" data-current={String(current.value && !problem)} data-basis={simulated ? "simulation" : "estimate"}>
       <div class="head">
         <p class={`badge ${old && !problem ? "old" : ""}`}>
           {waits ? (warming.value ? "Warming up" : "…") : problem ? "No answer" : word}
@@ -69,7 +69,7 @@ export function Verdict() {
       <div class="sentence">
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
-        {!waits && !trouble.value && score && <div class={shade}><Findings score={score} /></div>}
+        {!waits && !trouble.value && score && <div class={`findings ${shade}`}><Findings score={score} /></div>}
       </div>
       <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : target ? `P95 ${mm(worst?.value_mm ?? target.p95_mm)} mm, ${word}, ${simulated ? "verified" : "estimated"}${change.value ? `; ${mm(Math.abs(change.value.by))} mm ${change.value.by < 0 ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>

@@ -5,33 +5,40 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { GLOSSARY } from "../glossary";
 
-const shown = signal<{ word: string; at: DOMRect } | null>(null);
+const shown = signal<{ word: string; of: HTMLElement } | null>(null);
 export const listed = signal(false);
 
 /** A word that is explained where it stands.  ``quiet``: it is no stop of the Tab key. */
 export function Term({ word, quiet = false, children }: { word: string; quiet?: boolean; children: ComponentChildren }) {
-  const show = (event: Event) => (shown.value = { word, at: (event.currentTarget as HTMLElement).getBoundingClientRect() });
-  const hide = () => (shown.value = null);
+  const show = (event: Event) => (shown.value = { word, of: event.currentTarget as HTMLElement });
+  const hide = (event: Event) => {
+    if (shown.value?.of === event.currentTarget) shown.value = null; // not that of a word which has got the focus meanwhile
+  };
   return (
     <span class="term" tabIndex={quiet ? undefined : 0} role={quiet ? undefined : "note"} aria-describedby={!quiet && shown.value?.word === word ? "tip" : undefined}
-      onMouseEnter={show} onMouseLeave={hide} onFocus={show} onBlur={hide} onKeyDown={(event) => { if (event.key === "Escape") hide(); }}>{children}</span>
+      onMouseEnter={show} onMouseLeave={hide} onFocus={show} onBlur={hide} onKeyDown={(event) => { if (event.key === "Escape") hide(event); }}>{children}</span>
   );
 }
 
-/** The explanation of one word, near it. */
+/** The explanation of one word, near it: a page that scrolls, as to a word that gets the focus, takes it along. */
 export function Tip() {
   const box = useRef<HTMLParagraphElement>(null), tip = shown.value;
   useLayoutEffect(() => {
-    if (!tip || !box.current) return;
-    const { left, bottom, top } = tip.at, { offsetWidth: wide, offsetHeight: high } = box.current;
-    box.current.style.left = `${Math.max(4, Math.min(left, innerWidth - wide - 4))}px`;
-    box.current.style.top = `${bottom + high + 8 < innerHeight ? bottom + 4 : Math.max(4, top - high - 4)}px`;
+    if (!tip) return;
+    const place = () => {
+      const { left, bottom, top } = tip.of.getBoundingClientRect(), { offsetWidth: wide, offsetHeight: high } = box.current!;
+      box.current!.style.left = `${Math.max(4, Math.min(left, innerWidth - wide - 4))}px`;
+      box.current!.style.top = `${bottom + high + 8 < innerHeight ? bottom + 4 : Math.max(4, top - high - 4)}px`;
+    };
+    const follow = () => {
+      const { bottom, top } = tip.of.getBoundingClientRect();
+      if (bottom < 0 || top > innerHeight) shown.value = null;
+      else place();
+    };
+    place();
+    addEventListener("scroll", follow, { capture: true, passive: true });
+    return () => removeEventListener("scroll", follow, { capture: true });
   }, [tip]);
-  useEffect(() => {
-    const hide = () => (shown.value = null);
-    addEventListener("scroll", hide, { passive: true });
-    return () => removeEventListener("scroll", hide);
-  }, []);
   return tip && <p ref={box} class="tip" id="tip" role="tooltip"><strong>{tip.word}</strong>{`: ${GLOSSARY[tip.word]}`}</p>;
 }
 
