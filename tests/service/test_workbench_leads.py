@@ -144,7 +144,7 @@ def test_the_buttons_of_the_strip_are_a_few_presses_of_tab_away(service: Served)
     """But for a message that stands there for a while."""
     stops = [stop for stop in led(service, "tabs")["stops"] if stop != "Close the message"]
     assert stops.index("Verify this design") < 5
-    assert stops.index("Optimise this design") < 6
+    assert stops.index("Optimise this design") < 5
 
 
 @pytest.mark.long
@@ -152,7 +152,7 @@ def test_all_pictures_are_in_the_first_window_of_a_laptop_and_the_number_stays_i
     service: Served,
 ) -> None:
     found = led(service, "screen")
-    assert found["height"] < 2200  # it was 2,692
+    assert found["height"] <= 1600  # one scroll
     assert max(found["ends"]) <= 900  # but for the foot of the elevations
     assert (found["wide"], found["axe"]) == (0, [])
     zoomed = found["zoomed"]

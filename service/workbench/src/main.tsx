@@ -5,8 +5,8 @@ import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { answer, busy, current, key, keyWanted, refused } from "./api";
 import { loadRecent, resume, runs, startProblem, unfinished } from "./jobs";
-import { Beads, Geometry, HalfWidths } from "./parts/Controls";
-import { Budget } from "./parts/Budget";
+import { Contributors } from "./parts/Contributors";
+import { Beads, Geometry } from "./parts/Controls";
 import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, WhichBalls, working } from "./parts/Files";
 import { Form } from "./parts/Form";
 import { Elevations, Images } from "./parts/Pictures";
@@ -15,7 +15,7 @@ import { Runs } from "./parts/Runs";
 import { Space } from "./parts/Space";
 import { Requirements, Verdict } from "./parts/Verdict";
 import { listed, Tip, WordList } from "./parts/Words";
-import { canRedo, canUndo, design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
+import { design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
 const theme = signal<string>(recall("tailstack.workbench.theme", "auto"));
 effect(() => {
@@ -35,8 +35,6 @@ function Page() {
       <header>
         <h1><span class="product">tailstack</span> <span dir="auto" class="name">{name}</span></h1>
         <nav class="controls" aria-label="Page">
-          <button type="button" disabled={!canUndo.value} onClick={undo} title="Ctrl+Z">{`Undo${canUndo.value ? `: ${short(steps.value[position.value].what)}` : ""}`}</button>
-          <button type="button" disabled={!canRedo.value} onClick={redo} title="Ctrl+Shift+Z">{`Redo${canRedo.value ? `: ${short(steps.value[position.value + 1].what)}` : ""}`}</button>
           <OpenFile words="Open a file" />
         </nav>
       </header>
@@ -55,7 +53,6 @@ function Page() {
 }
 
 const licences = document.querySelector<HTMLLinkElement>("link[rel=license]")?.href; // written by the build
-const short = (words: string) => (words.length > 26 ? `${words.slice(0, 25)}…` : words);
 
 function Welcome() {
   return (
@@ -117,14 +114,13 @@ function Workbench() {
             </section>
             <section class="elevations" aria-label="Elevations"><h2>Elevations</h2><Elevations /></section>
           </div>
-          <section aria-label="Budget"><h2>What is to blame</h2><Budget /></section>
           <section aria-label="Requirements"><h2>Requirements</h2><Requirements /></section>
+          <Part title="Beads" open paper><Beads /></Part>
+          <Part title="Run" open={runs.value.length > 0} summoned={runs.value.some(unfinished)} paper><Runs /></Part>
         </div>
         <div class="change">
-          <Part title="Beads" open paper><Beads /></Part>
-          <Part title="Half-widths and noise" open paper><HalfWidths /></Part>
+          <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>
           <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>
-          <Part title="Run" open={runs.value.length > 0} summoned={runs.value.some(unfinished)} paper><Runs /></Part>
           <Part title="Variants"><Variants /></Part>
           <Part title="Take away"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
@@ -183,7 +179,7 @@ function Part({ title, open: begin = false, summoned = false, paper = false, chi
 const held = computed(() => gesture.value.length > 0);
 effect(() => {
   const keep = held.value;
-  for (const part of document.querySelectorAll<HTMLElement>(".steady")) part.style.height = keep ? `${part.offsetHeight}px` : "";
+  for (const part of document.querySelectorAll<HTMLElement>(".steady")) part.style.height = keep ? `${part.getBoundingClientRect().height}px` : "";
 });
 
 document.addEventListener("keydown", (event) => {

@@ -150,7 +150,7 @@ scenarios.words = async () => {
   const page = await begun(await newContext()), tip = page.locator("#tip"), found = {};
   await page.locator(".verdict .term", { hasText: "P95" }).first().hover();
   found.hovered = await tip.innerText();
-  await page.locator(".budget .term", { hasText: "Half-width" }).focus();
+  await page.locator(".budget thead .term", { hasText: "Half-width" }).focus();
   await tip.filter({ hasText: "half-width" }).waitFor();
   found.focused = await tip.innerText();
   await shot(page, "tip");
@@ -188,6 +188,8 @@ scenarios.screen = async () => {
   await faded(half);
   found.zoomed = { top: (await half.locator(".verdict .head").boundingBox()).y, height: (await half.locator(".verdict .head").boundingBox()).height, wide: await wide(half), axe: await axe(half) };
   await shot(half, "half");
+  await half.emulateMedia({ colorScheme: "dark" });
+  found.zoomed.axe.push(...(await axe(half)));
   return found;
 };
 

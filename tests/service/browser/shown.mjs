@@ -43,7 +43,7 @@ scenarios.below = async () => {
   await page.mouse.down();
   await page.mouse.move(at[0] + 30, at[1], { steps: 3 });
   await page.mouse.up();
-  return { chosen, said, moved: (await page.locator("nav button").first().textContent()) };
+  return { chosen, said, moved: await page.locator(".history button").first().getAttribute("aria-label") };
 };
 
 // A finger: a swipe over a bead scrolls the page; the bead that was chosen before is dragged
@@ -109,9 +109,7 @@ scenarios.units = async () => {
   const variants = await page.locator('[aria-label="Variants"] tbody tr').allInnerTexts();
   await page.getByRole("button", { name: "How far may each be loosened?" }).click();
   const opened = await page.locator("details.part", { has: page.getByRole("heading", { name: "Run", exact: true }) }).evaluate((node) => new Promise((done) => { const look = () => (node.open ? done(true) : requestAnimationFrame(look)); look(); }));
-  await page.getByRole("columnheader", { name: "Slack" }).waitFor();
-  const said = await page.locator(".budget .note", { hasText: "Slack:" }).innerText();
-  const column = await page.locator(".budget thead th").allInnerTexts(), slack = await page.locator(`.budget tbody tr > :nth-child(${column.indexOf("Slack") + 1})`).allInnerTexts();
+  const said = await page.locator(".budget .note", { hasText: "Slack:" }).innerText(), slack = await page.locator(".budget .slack").allInnerTexts();
   await strip(page).getByRole("button", { name: "Verify this design" }).click();
   await page.locator('section.verdict[data-basis="simulation"]').waitFor();
   await page.locator(".run .histogram").first().waitFor();
@@ -132,7 +130,7 @@ scenarios.grey = async () => {
   });
   const shades = async () => ({
     sentence: await opacity(strip(page).locator(".sentence .stated")), p95: await opacity(page.locator("#p95")), badge: await opacity(page.locator(".badge")), word: await page.locator(".badge").innerText(),
-    colours: await strip(page).getAttribute("class"), budget: await opacity(page.locator(".budget p").first()), rows: await opacity(page.locator("table.checks td").first()),
+    colours: await strip(page).getAttribute("class"), budget: await opacity(page.locator(".budget .blame")), rows: await opacity(page.locator("table.checks td").first()),
     picture: await opacity(picture(page, "AP").locator("svg")),
   });
   found.current = await shades();
@@ -316,7 +314,7 @@ scenarios.marks = async () => {
   const names = await page.locator("section[aria-label], [role=region][aria-label]").evaluateAll((all) => all.map((one) => one.getAttribute("aria-label")));
   found.twice = names.filter((name, k) => names.indexOf(name) !== k);
   await page.getByRole("button", { name: "How far may each be loosened?" }).click();
-  await page.getByRole("columnheader", { name: "Slack" }).waitFor();
+  await page.getByRole("columnheader", { name: "slack" }).waitFor();
   found.cut = await page.getByRole("region", { name: "Table of the budget" }).evaluate((node) => node.scrollWidth - node.clientWidth);
   const licences = page.getByRole("link", { name: "Licences of what this page contains" });
   found.licences = await (await page.request.get(await licences.evaluate((node) => node.href))).text();

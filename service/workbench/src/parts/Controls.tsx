@@ -1,15 +1,9 @@
-// What is changed by typing and sliding: beads, half-widths, noise, angles and distances of the views.
+// What is changed by typing: beads, angles and distances of the views, pivots, targets, limits.
 
-import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
-import { type Line, placeOf } from "../advice";
-import { answer, late, refused } from "../api";
-import { cancelGesture, design, edit, finishGesture, type Json, opened, type Path, PRESSES, preview, selected, valueAt } from "../state";
-import { decisive } from "../verdicts";
-import { brief, mm, percent, readNumber } from "../words";
-import { allowancesOf, slackOf } from "./Budget";
+import { design, edit, type Json, type Path, selected, valueAt } from "../state";
+import { readNumber } from "../words";
 import { type Bead, beads } from "./Pictures";
-import { Term } from "./Words";
 
 /** Show a value in a field, unless something else is just being typed there. */
 export function showValue(field: HTMLInputElement | null, value: Json): void {
@@ -98,155 +92,10 @@ export function Beads() {
   );
 }
 
-// --- half-widths ---------------------------------------------------------------------------------------------------
-
-interface Slide {
-  path: Path;
-  label: string;
-  unit: string;
-  grades: number[];
-}
-
-const UNIT = /_(mm|deg|px|n|k|mm_per_n|rel)$/;
-
-/** Every half-width and standard deviation of the design, wherever it stands. */
-function slides(data: Json): Slide[] {
-  const found: Slide[] = [];
-  const visit = (part: Json, path: Path, words: string[]) => {
-    if (part === null || typeof part !== "object") return;
-    for (const [name, value] of Object.entries(part)) {
-      const at = [...path, Array.isArray(part) ? Number(name) : name];
-      if (typeof value === "number" && /^(half_width|std|fiducial_noise|target_noise)/.test(name) && UNIT.test(name)) {
-        const what = /noise/.test(name) ? [name.replace(/_px$/, "").replace(/_/g, " ")] : [];
-        found.push({ path: at, label: [...words, ...what].join(", "), unit: UNIT.exec(name)![1].replace("deg", "°").replace("rel", "(1)").replace(/^k$/, "K"), grades: [] });
-      } else if (name === "half_widths_px" && Array.isArray(value)) {
-        value.forEach((_, degree) => found.push({ path: [...at, degree], label: [...words, `field of degree ${degree}`].join(", "), unit: "px", grades: [] }));
-      } else if (value && typeof value === "object" && name !== "optimise" && name !== "requirements") {
-        const item = Array.isArray(part) ? (value as Json).name ?? (value as Json).label ?? name : (value as Json).label ? `${name.replace(/_/g, " ")} (${(value as Json).label})` : name.replace(/_/g, " ");
-        visit(value, at, name === "tolerances" || name === "interfaces" ? words : [...words, item]);
-      }
-    }
-  };
-  const first = ["interfaces", "fiducials", "views", "temperature", "execution"], others = Object.keys(data ?? {}).filter((name) => !first.includes(name));
-  for (const part of [...first, ...others].filter((name) => name !== "optimise" && name !== "requirements")) visit(data?.[part], [part], part === "interfaces" || part === "views" ? [] : [part]);
-  return found;
-}
-
-type Range = [number, number];
-/** Of the slider, in the field's unit; what is typed may be beyond. */
-const rangeOf = (unit: string): Range => unit === "(1)" ? [1e-5, 0.1] : [1e-3, 10];
-const toSlider = (value: number, [low, high]: Range) => Math.round(1000 * (Math.log(Math.max(value, low) / low) / Math.log(high / low)));
-const fromSlider = (at: number, [low, high]: Range) => Number((low * (high / low) ** (at / 1000)).toPrecision(2));
-
-/** So many steps in the second digit from a value. */
-function nudge(value: number, steps: number, [low, high]: Range): number {
-  const step = 10 ** (Math.floor(Math.log10(Math.max(value, low))) - 1);
-  return Math.min(Math.max(high, value), Math.max(low, Number((value + steps * step).toPrecision(2))));
-}
-
-/** Half-widths of the process grades that the design lists for this very tolerance: the slider stops at them. */
-function gradesOf(data: Json, path: Path): number[] {
-  const [, interface_, , part, name] = path, component = valueAt(data, path.slice(0, -1))?.name ?? part;
-  const free: Json[] = Array.isArray(data?.optimise?.tolerances) ? data.optimise.tolerances : [];
-  const own = free.find((tolerance) => tolerance?.interface === interface_ && tolerance?.component === component);
-  return (own?.grades ?? []).map((grade: Json) => grade[name]).filter((width: unknown) => typeof width === "number" && width > 0);
-}
-
-/** The lines of the budget by the place of their half-width, at the target that decides. */
-const lines = computed<{ target: string; at: Map<string, Line> }>(() => {
-  const score = answer.value?.score, data = answer.value?.design;
-  const target = score && (score.targets.find(({ name }) => name === decisive(score.verdict.checks)?.target) ?? score.targets[0]), at = new Map<string, Line>();
-  for (const line of target?.contributors ?? []) {
-    const path = placeOf(data, line);
-    if (path) at.set(path.join("/"), line);
-  }
-  return { target: target?.name ?? "", at };
-});
-
-/** The order of the rows: by share, as it was when the design was opened or when it was asked for; what is changed stays
- * where it is. */
-const order = signal<Map<string, number>>(new Map());
-const sort = () => (order.value = new Map([...lines.peek().at].map(([place, line]) => [place, line.variance_share])));
-let sorted = -1; // which design that was opened
-effect(() => {
-  if (!answer.value || sorted === opened.value) return;
-  sorted = opened.value;
-  sort();
-});
-
-export function HalfWidths() {
-  const data = design.value, list = slides(data), groups = new Map<string, Slide[]>(), share = ({ path }: Slide) => order.value.get(path.join("/")) ?? -1;
-  for (const slide of list) {
-    const group = slide.path.slice(0, slide.path[0] === "interfaces" || slide.path[0] === "views" ? 2 : 1).join(".");
-    groups.set(group, [...(groups.get(group) ?? []), { ...slide, grades: gradesOf(data, slide.path) }]);
-  }
-  const of = (members: Slide[]) => members.reduce((sum, slide) => sum + Math.max(0, share(slide)), 0);
-  const ranked = [...groups].map(([group, members]) => [group, [...members].sort((a, b) => share(b) - share(a))] as const).sort(([, a], [, b]) => of(b) - of(a));
-  const { target, at } = lines.value, allowances = answer.value ? allowancesOf(answer.value.score) : null;
-  return (
-    <div class={late.value || refused.value ? "slides outdated" : "slides"}>
-      {at.size > 0 && (
-        <div class="slideheads">
-          <span>{`At ${target}, sorted by share `}<button type="button" class="small" onClick={sort}>Sort again</button></span>
-          <Term word="share">Share</Term><span>P95 without, mm</span>
-        </div>
-      )}
-      {ranked.map(([group, members]) => (
-        <fieldset key={group}>
-          <legend>{groupName(data, members[0].path)}</legend>
-          {members.map((slide) => {
-            const line = at.get(slide.path.join("/"));
-            return <Slider key={slide.path.join("/")} slide={slide} line={line} slack={line && slackOf(allowances?.find((each) => each.target === target && each.contributor === line.name && each.component === line.component))} />;
-          })}
-        </fieldset>
-      ))}
-    </div>
-  );
-}
-
-function groupName(data: Json, path: Path): string {
-  if (path[0] === "views") return `View ${valueAt(data, path.slice(0, 2))?.name ?? path[1]}`;
-  if (path[0] === "interfaces") {
-    const label = valueAt(data, path.slice(0, 2))?.label;
-    return `${String(path[1]).replace(/_/g, " to ")}${label ? `: ${label}` : ""}`;
-  }
-  return path[0].toString().replace(/^./, (letter) => letter.toUpperCase());
-}
-
-function Slider({ slide, line, slack }: { slide: Slide; line?: Line; slack?: string }) {
-  const value = valueAt(design.value, slide.path) as number, name = String(slide.path[slide.path.length - 2] ?? "");
-  const range = rangeOf(slide.unit), short = /^[rt][xyz]$/.test(name) ? name : slide.label.split(", ").slice(-1)[0];
-  const marks = `grades ${slide.path.join(" ")}`.replace(/\W+/g, "-");
-  const slideTo = (at: number) => {
-    let next = fromSlider(at, range);
-    const near = slide.grades.find((grade) => Math.abs(toSlider(grade, range) - at) < 12);
-    if (near !== undefined) next = near;
-    preview([{ path: slide.path, value: next }]);
-  };
-  return (
-    <div class="slide">
-      <span class="name">{short}</span>
-      <input type="range" min={0} max={1000} step={1} value={toSlider(value, range)} list={slide.grades.length ? marks : undefined}
-        aria-label={`${slide.label}: half-width`} aria-valuetext={`${brief(value)} ${slide.unit}`}
-        onInput={(event) => slideTo(event.currentTarget.valueAsNumber)} onChange={() => finishGesture(`${slide.label}`)}
-        onKeyDown={(event) => {
-          const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 5, PageDown: -5 }[event.key];
-          if (event.key === "Escape") cancelGesture();
-          if (!way) return;
-          event.preventDefault();
-          edit([{ path: slide.path, value: nudge(value, way, range) }], slide.label, PRESSES);
-        }} />
-      {slide.grades.length > 0 && <datalist id={marks}>{slide.grades.map((g) => <option key={g} value={toSlider(g, range)} />)}</datalist>}
-      <NumberField path={slide.path} label={slide.label} unit={slide.unit} hidden />
-      <span class="unit">{slide.unit}</span>
-      <span class="part-of">{line && <><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect y="1" width={100 * Math.min(1, line.variance_share)} height="8" /></svg>{percent(line.variance_share)}</>}</span>
-      <span class="without">{line && mm(line.p95_without_mm)}</span>
-      {slack && <span class="slack-of">{`slack ${slack}`}</span>}
-    </div>
-  );
-}
-
 // --- views and pivots ------------------------------------------------------------------------------------------------
+
+/** The unit at the end of a field's name. */
+export const UNIT = /_(mm|deg|px|n|k|mm_per_n|rel)$/;
 
 export function Geometry() {
   const data = design.value, views: Json[] = Array.isArray(data?.views) ? data.views : [];

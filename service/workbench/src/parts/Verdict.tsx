@@ -5,7 +5,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { answer, busy, current, late, refused, type Score, send, trouble } from "../api";
 import { loadResult, results, runs, start, unfinished } from "../jobs";
 import { advice, START, startOf } from "../advice";
-import { design, edit, gesture, goTo, position, steps, text } from "../state";
+import { canRedo, canUndo, design, edit, gesture, goTo, position, redo, steps, text, undo } from "../state";
 import { change, type Check, decisive, seen, verified } from "../verdicts";
 import { brief, changed, duration, mm, percent, trust, VERDICTS } from "../words";
 import { Problems } from "./Problems";
@@ -63,9 +63,9 @@ export function Verdict() {
             <div><dt>Mean error</dt><dd>{mm(target.mean_norm_mm)} mm</dd></div>
           </dl>
         )}
-        <Trail />
       </div>
       <Acts />
+      <History />
       <div class="sentence">
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
@@ -110,6 +110,18 @@ function Next() {
   if (verdict.status !== "fail") return verified.value ? null : <button type="button" class="next" onClick={verify}>{verdict.status === "pass" ? "Next: verify that it passes" : "Next: verify, the estimate cannot say"}</button>;
   const found = advice.value?.design === design.value ? advice.value : null;
   return found && <button type="button" class="next" onClick={() => edit(found.paths.map((path) => ({ path, value: found.value })), `Tighten ${found.words}`)}>{`Tighten ${found.words} → ${mm(found.found)} mm${found.passes ? ", pass" : ""}`}</button>;
+}
+
+/** Back and on again: the last states, undo and redo. */
+function History() {
+  const undoes = canUndo.value ? `Undo: ${steps.value[position.value].what}` : "Undo", redoes = canRedo.value ? `Redo: ${steps.value[position.value + 1].what}` : "Redo";
+  return (
+    <div class="history" role="group" aria-label="History">
+      <Trail />
+      <button type="button" aria-label={undoes} disabled={!canUndo.value} onClick={undo} title={`${undoes} (Ctrl+Z)`}>Undo</button>
+      <button type="button" aria-label={redoes} disabled={!canRedo.value} onClick={redo} title={`${redoes} (Ctrl+Shift+Z)`}>Redo</button>
+    </div>
+  );
 }
 
 /** What the last states came to, by estimate; a press goes back to one. */

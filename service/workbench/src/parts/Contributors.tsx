@@ -1,0 +1,271 @@
+// Who is to blame, and what is changed about it: one list of the contributors, each with its half-width to slide and to
+// type, its share of the variance, what P95 would be without it, and how far it may be loosened.
+
+import { effect, signal } from "@preact/signals";
+import type { components } from "../../../../openapi/typescript/tailstack";
+import { type Line, placeOf } from "../advice";
+import { answer, current, late, refused, type Score, type TargetScore } from "../api";
+import { results, runs, start, unfinished } from "../jobs";
+import { cancelGesture, design, edit, finishGesture, type Json, opened, type Path, PRESSES, preview, valueAt } from "../state";
+import { before, decisive, shareKey } from "../verdicts";
+import { brief, changed, mm, percent } from "../words";
+import { NumberField, UNIT } from "./Controls";
+import { Term } from "./Words";
+
+type Allowance = components["schemas"]["Allowance"];
+
+const shown = signal<string | null>(null); // target of the list
+const unfolded = signal<ReadonlyMap<string, boolean>>(new Map()); // families whose components were asked for, or sent away
+const SMALL = 0.01; // share of a family of which, until more is asked for, only what can be slid is shown
+const SLACK = "Slack to the limit";
+
+// --- half-widths that can be slid ------------------------------------------------------------------------------------
+
+interface Slide {
+  path: Path;
+  label: string;
+  unit: string;
+}
+
+/** Every half-width and standard deviation of the design, wherever it stands. */
+function slides(data: Json): Slide[] {
+  const found: Slide[] = [];
+  const visit = (part: Json, path: Path, words: string[]) => {
+    if (part === null || typeof part !== "object") return;
+    for (const [name, value] of Object.entries(part)) {
+      const at = [...path, Array.isArray(part) ? Number(name) : name];
+      if (typeof value === "number" && /^(half_width|std|fiducial_noise|target_noise)/.test(name) && UNIT.test(name)) {
+        const what = /noise/.test(name) ? [name.replace(/_px$/, "").replace(/_/g, " ")] : [];
+        found.push({ path: at, label: [...words, ...what].join(", "), unit: UNIT.exec(name)![1].replace("deg", "°").replace("rel", "(1)").replace(/^k$/, "K") });
+      } else if (name === "half_widths_px" && Array.isArray(value)) {
+        value.forEach((_, degree) => found.push({ path: [...at, degree], label: [...words, `field of degree ${degree}`].join(", "), unit: "px" }));
+      } else if (value && typeof value === "object" && name !== "optimise" && name !== "requirements") {
+        const item = Array.isArray(part) ? (value as Json).name ?? (value as Json).label ?? name : (value as Json).label ? `${name.replace(/_/g, " ")} (${(value as Json).label})` : name.replace(/_/g, " ");
+        visit(value, at, name === "tolerances" || name === "interfaces" ? words : [...words, item]);
+      }
+    }
+  };
+  const first = ["interfaces", "fiducials", "views", "temperature", "execution"], others = Object.keys(data ?? {}).filter((name) => !first.includes(name));
+  for (const part of [...first, ...others].filter((name) => name !== "optimise" && name !== "requirements")) visit(data?.[part], [part], part === "interfaces" || part === "views" ? [] : [part]);
+  return found;
+}
+
+type Range = [number, number];
+/** Of the slider, in the field's unit; what is typed may be beyond. */
+const rangeOf = (unit: string): Range => unit === "(1)" ? [1e-5, 0.1] : [1e-3, 10];
+const toSlider = (value: number, [low, high]: Range) => Math.round(1000 * (Math.log(Math.max(value, low) / low) / Math.log(high / low)));
+const fromSlider = (at: number, [low, high]: Range) => Number((low * (high / low) ** (at / 1000)).toPrecision(2));
+
+/** So many steps in the second digit from a value. */
+function nudge(value: number, steps: number, [low, high]: Range): number {
+  const step = 10 ** (Math.floor(Math.log10(Math.max(value, low))) - 1);
+  return Math.min(Math.max(high, value), Math.max(low, Number((value + steps * step).toPrecision(2))));
+}
+
+/** Half-widths of the process grades that the design lists for this very tolerance: the slider stops at them. */
+function gradesOf(data: Json, path: Path): number[] {
+  const [, interface_, , part, name] = path, component = valueAt(data, path.slice(0, -1))?.name ?? part;
+  const free: Json[] = Array.isArray(data?.optimise?.tolerances) ? data.optimise.tolerances : [];
+  const own = free.find((tolerance) => tolerance?.interface === interface_ && tolerance?.component === component);
+  return (own?.grades ?? []).map((grade: Json) => grade[name]).filter((width: unknown) => typeof width === "number" && width > 0);
+}
+
+// --- contributors ------------------------------------------------------------------------------------------------------
+
+/** A line of the budget, a half-width of the design, or both. */
+interface Row {
+  name: string;
+  line?: Line;
+  slide?: Slide;
+}
+interface Family extends Row {
+  key: string;
+  parts: Row[];
+}
+
+const lineKey = ({ name, component, law }: Line) => `${name} ${law === "known" ? "known" : component}`;
+
+/** The source of errors to which a half-width belongs, as the budget calls it. */
+function sourceOf(data: Json, path: Path): string {
+  const [first, second, third] = path;
+  if (first === "views") return `${String(third).replace(UNIT, "")}:${valueAt(data, [first, second])?.name}`;
+  if (first === "interfaces" || second === "hand_eye") return String(second);
+  return first === "fiducials" ? "fiducial_manufacturing" : String(first);
+}
+
+/** Contributors to one target of a scored design, each with its components, and every half-width of the present design at
+ * the one that it is of. */
+function familiesOf(data: Json, scored: Json, target: TargetScore | undefined): Family[] {
+  const free = new Map(slides(data).map((slide) => [slide.path.join("/"), slide])), found = new Map<string, Family>();
+  const familyOf = (key: string, name: string): Family => found.get(key) ?? found.set(key, { key, name, parts: [] }).get(key)!;
+  for (const line of target?.contributors ?? []) {
+    const place = placeOf(scored, line)?.join("/") ?? "", slide = free.get(place), known = line.law === "known";
+    free.delete(place);
+    const family = familyOf(known ? lineKey(line) : line.name, line.label || line.name); // what is known stands alone
+    if (line.component === "all" || known) Object.assign(family, { line, slide });
+    else family.parts.push({ name: line.component, line, slide });
+  }
+  for (const slide of free.values()) familyOf(sourceOf(data, slide.path), slide.label.split(", ")[0]).parts.push({ name: slide.label.split(", ").slice(-1)[0], slide });
+  return [...found.values()].map((family) => (family.line || family.parts.length > 1 ? family : { ...family, ...family.parts[0], name: family.name, parts: [] }));
+}
+
+const shareOf = ({ line, parts }: Family) => line?.variance_share ?? parts.reduce((sum, part) => sum + (part.line?.variance_share ?? 0), 0);
+
+/** The order of the list: by share, as it was when the design was opened or when it was asked for; what is changed stays
+ * where it is. */
+const order = signal<ReadonlyMap<string, number>>(new Map());
+const sort = () => (order.value = new Map((answer.peek()?.score.targets ?? []).flatMap((target) => target.contributors.map((line) => [JSON.stringify([target.name, lineKey(line)]), line.variance_share] as const))));
+let sorted = -1; // which design that was opened
+effect(() => {
+  if (!answer.value || sorted === opened.value) return;
+  sorted = opened.value;
+  sort();
+});
+
+/** What a report says of this very design: how far each half-width is from where the limit is reached. */
+function allowancesOf(score: Score): Allowance[] | null {
+  const own = (record: { allowances?: Allowance[]; score?: Score }) => record.allowances && record.score?.provenance.design_sha256 === score.provenance.design_sha256;
+  return Object.values(results.value).find(own)?.allowances ?? null;
+}
+
+/** Of which requirement at this target the slack is, and what else fails. */
+function slackWords(allowances: Allowance[], target: string, score: Score): string {
+  const requirement = allowances.find((a) => a.target === target && a.requirement !== null)?.requirement, worst = decisive(score.verdict.checks);
+  if (!requirement) return `No slack at ${target}: ${allowances.some((a) => a.target === target) ? "no requirement names it" : "it is found for the targets with the largest P95, and for the one that decides"}.`;
+  const words = `Slack: how far a half-width by itself may change until the estimate of ${requirement} at ${target}, which decides there, is at its limit, and what it then is.`;
+  return worst && worst.status !== "pass" && worst.target !== target ? `${words} The design is judged by ${worst.requirement} at ${worst.target}: see the slack there.` : words;
+}
+
+/** "+0.12 to 0.27 °", or why there is no such number. */
+function slackOf(allowance: Allowance | undefined): string {
+  if (!allowance || allowance.half_width === 0) return "";
+  if (allowance.slack === null || allowance.at_limit === null) return allowance.status;
+  const sign = allowance.slack < 0 ? "" : "+";
+  return `${sign}${brief(allowance.slack)} to ${brief(allowance.at_limit)} ${unit(allowance.unit)}`;
+}
+
+export function Contributors() {
+  const score = answer.value?.score, data = design.value;
+  const ranked = [...(score?.targets ?? [])].sort((a, b) => b.p95_mm - a.p95_mm), judged = score && decisive(score.verdict.checks)?.target;
+  const target = ranked.find((t) => t.name === shown.value) ?? ranked.find((t) => t.name === judged) ?? ranked[0];
+  const allowances = score ? allowancesOf(score) : null, seeking = runs.value.find((run) => run.title === SLACK && unfinished(run));
+  const rank = (row: Row): number => (row.line && order.value.get(JSON.stringify([target?.name, lineKey(row.line)]))) ?? -1;
+  const rankOf = (family: Family) => (family.line ? rank(family) : family.parts.reduce((sum, part) => sum + Math.max(0, rank(part)), 0));
+  const families = familiesOf(data, answer.value?.design, target).map((family) => ({ ...family, parts: family.parts.sort((a, b) => rank(b) - rank(a)) })).sort((a, b) => rankOf(b) - rankOf(a));
+  const first = families.filter(({ line }) => line).sort((a, b) => shareOf(b) - shareOf(a))[0];
+  const turned = families.some((family, k) => k > 0 && shareOf(family) > shareOf(families[k - 1]) + 1e-9);
+  const slack = ({ line }: Row) => line && slackOf(allowances?.find((each) => each.target === target.name && each.contributor === line.name && each.component === line.component));
+  return (
+    <div class={late.value || refused.value ? "budget outdated" : "budget"}>
+      <p class="controls">
+        {ranked.length > 1 && (
+          <label>Target{" "}
+            <select value={target.name} onChange={(event) => { shown.value = event.currentTarget.value; sort(); }}>
+              {score!.targets.map((t) => <option key={t.name}>{t.name}</option>)}
+            </select>
+          </label>
+        )}
+        {!allowances && score && score.verdict.checks.length > 0 && (
+          <button type="button" disabled={!current.value || runs.value.some(unfinished)} onClick={() => start(SLACK, "/v1/reports", { parts: ["score"] })}>How far may each be loosened?</button>
+        )}
+        {seeking && <span class="note" role="status">{`being computed: ${percent(seeking.fraction, 0)} `}<progress aria-label={SLACK} max={1} value={seeking.fraction} /></span>}
+      </p>
+      {allowances && <p class="note">{slackWords(allowances, target.name, score!)}</p>}
+      <div class="scroll" tabIndex={0} role="region" aria-label="Table of the budget">
+        <table>
+          <thead>
+            <tr><th><Term word="contributor">Contributor</Term></th><th><Term word="half-width">Half-width</Term>{allowances ? " and slack" : ""}</th><th class="number"><Term word="share">Share</Term></th><th class="number"><Term word="P95">P95</Term> without, mm</th></tr>
+          </thead>
+          {families.map((family) => {
+            const asked = unfolded.value.get(family.key), open = asked ?? (!family.line || rankOf(family) >= SMALL);
+            return (
+              <tbody key={family.key}>
+                <Entry row={family} target={target} share={family.line || family.parts.some(({ line }) => line) ? shareOf(family) : undefined} slack={slack(family)}
+                  fold={family.parts.length ? { open, turn: () => (unfolded.value = new Map([...unfolded.value, [family.key, !open]])) } : undefined} />
+                {family.parts.filter(({ slide }) => open || (asked === undefined && slide)).map((part) => <Entry key={part.slide?.path.join("/") ?? part.name} row={part} target={target} share={part.line?.variance_share} slack={slack(part)} below />)}
+              </tbody>
+            );
+          })}
+        </table>
+      </div>
+      {first && target && <p class="blame">{`At ${target.name}, ${first.name} has most of the variance, ${percent(shareOf(first))}; without it P95 would be ${mm(first.line!.p95_without_mm)} mm instead of ${mm(target.p95_mm)}.`} {turned && <button type="button" class="small" onClick={sort}>Sort by share again</button>}</p>}
+      {target && <Matrix targets={ranked.slice(0, 8)} of={ranked.length} lines={target.contributors} />}
+    </div>
+  );
+}
+
+interface Of {
+  row: Row;
+  target?: TargetScore;
+  share?: number;
+  slack?: string;
+  fold?: { open: boolean; turn(): void };
+  below?: boolean;
+}
+function Entry({ row: { name, line, slide }, target, share, slack, fold, below = false }: Of) {
+  const was = line && target && before.value?.shares[shareKey(target.name, line.name, line.component)], by = was === undefined || share === undefined ? 0 : 100 * (share - was);
+  const stated = slide ? <Slider slide={slide} /> : line?.half_width != null && `${brief(line.half_width)} ${unit(line.unit)}`;
+  return (
+    <tr class={`${below ? "below" : ""}${slide ? " slide" : ""}`}>
+      <th scope="row" colSpan={fold && !stated ? 2 : 1}>{fold ? <button type="button" class="fold" aria-expanded={fold.open} onClick={fold.turn}>{name}</button> : name}</th>
+      {!(fold && !stated) && <td>{stated}{slack && <span class="slack">{`slack ${slack}`}</span>}</td>}
+      <td class="number share">
+        {share !== undefined && <><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect width={100 * Math.min(1, share)} height="10" /></svg>{percent(share)}</>}
+        {Math.abs(by) >= 0.05 && <span class={by < 0 ? "delta less" : "delta more"}>{` ${changed(by, 1)}`}</span>}
+      </td>
+      <td class="number">{line && mm(line.p95_without_mm)}</td>
+    </tr>
+  );
+}
+
+function Slider({ slide }: { slide: Slide }) {
+  const data = design.value, value = valueAt(data, slide.path) as number, range = rangeOf(slide.unit), grades = gradesOf(data, slide.path);
+  const marks = `grades ${slide.path.join(" ")}`.replace(/\W+/g, "-");
+  const slideTo = (at: number) => {
+    const near = grades.find((grade) => Math.abs(toSlider(grade, range) - at) < 12);
+    preview([{ path: slide.path, value: near ?? fromSlider(at, range) }]);
+  };
+  return (
+    <span class="half">
+      <input type="range" min={0} max={1000} step={1} value={toSlider(value, range)} list={grades.length ? marks : undefined}
+        aria-label={`${slide.label}: half-width`} aria-valuetext={`${brief(value)} ${slide.unit}`}
+        onInput={(event) => slideTo(event.currentTarget.valueAsNumber)} onChange={() => finishGesture(`${slide.label}`)}
+        onKeyDown={(event) => {
+          const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 5, PageDown: -5 }[event.key];
+          if (event.key === "Escape") cancelGesture();
+          if (!way) return;
+          event.preventDefault();
+          edit([{ path: slide.path, value: nudge(value, way, range) }], slide.label, PRESSES);
+        }} />
+      {grades.length > 0 && <datalist id={marks}>{grades.map((g) => <option key={g} value={toSlider(g, range)} />)}</datalist>}
+      <NumberField path={slide.path} label={slide.label} unit={slide.unit} hidden />
+      <span class="unit">{slide.unit}</span>
+    </span>
+  );
+}
+
+/** What the list has no room for: every target at once, and the slope of P95. */
+function Matrix({ targets, of, lines }: { targets: TargetScore[]; of: number; lines: readonly Line[] }) {
+  return (
+    <details>
+      <summary>{`${of > 1 ? "Shares at every target, and " : ""}P95 per unit of half-width`}</summary>
+      <div class="scroll" tabIndex={0} role="region" aria-label="Contributors by target">
+        <table>
+          <caption><Term word="budget">Budget</Term>{`${of > targets.length ? `: the ${targets.length} of ${of} targets with the largest P95` : ""}`}</caption>
+          <thead><tr><th>Contributor</th><th class="number">P95 per unit of half-width</th>{targets.map((t) => <th class="number" key={t.name}>{t.name}</th>)}</tr></thead>
+          <tbody>
+            {lines.map((c, k) => (
+              <tr key={lineKey(c)} class={c.component === "all" ? "" : "below"}>
+                <th scope="row">{c.component === "all" ? c.label || c.name : `${c.label || c.name} ${c.component}`}</th>
+                <td class="number">{c.dp95_per_unit === null ? "" : `${brief(c.dp95_per_unit)} mm/${unit(c.unit)}`}</td>
+                {targets.map((t) => <td class="number" key={t.name}>{percent(t.contributors[k]?.variance_share ?? 0)}</td>)}
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </div>
+    </details>
+  );
+}
+
+const unit = (name: string) => name.replace("deg", "°");
