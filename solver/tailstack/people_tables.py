@@ -356,19 +356,25 @@ def _open_table(
     above = [(number, text) for number, text in texts if text.lstrip().startswith("#")]
     counts = Rows()
     header, titles = _find_header(contents_of, above, split, knows_header)
+    for number, text in data:
+        if number < header.number and _goes_on(text):
+            split(number, text)  # which refuses it
     if knows_header is None and not header.text.lstrip().startswith("#"):
         numbers = [cell for cell in header.cells if looks_like_number(cell)]
         if any(not cell.isdecimal() for cell in numbers) or len(numbers) == len(header.cells):
             detail = f"the first row names the columns; here it holds {quote(numbers[0])}"
             raise refuse("csv-header", detail, "put a row with the names of the columns above it", header.number)
+    for number, text in above:  # one with the cells of a row may be one that somebody took out
+        if number < header.number and text.count(delimiter) == header.text.count(delimiter) > 0:
+            titles.append(split(number, text))
     for title in titles:
         if title.filled >= max(2, sum(map(bool, header.cells))) and any(map(looks_like_number, title.cells)):
             detail = f"a row stands above the header (line {header.number}): {quote(title.text)}"
             raise refuse("csv-header", detail, "put it below, or delete it", title.number)
-        counts.leave_out("title", title.number)
+        counts.leave_out("remark" if title.text.lstrip().startswith("#") else "title", title.number)
     if len(header.cells) == 1 and delimiter not in header.text:
         _refuse_spaces(contents_of, header, refuse)
-    begins = header.number if not header.text.lstrip().startswith("#") else contents_of[0].number - 1
+    begins = header.number
     cells = header.cells
     while len(cells) > 1 and not cells[-1]:
         cells = cells[:-1]

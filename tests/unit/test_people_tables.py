@@ -150,6 +150,14 @@ def test_a_row_with_the_cells_of_the_header_is_data_or_refused() -> None:
         assert caught.value.problems[0].line == 5
 
 
+@pytest.mark.parametrize(("above", "line"), [
+    ("# A9,1,2,3\nlabel,x_mm,y_mm,z_mm\n", 1), ("#A9,1,2,3\nlabel,x_mm,y_mm,z_mm\n", 1),
+    ("# label,x_mm,y_mm,z_mm\n\"A9,1,2,3\n", 2), ("\"A9,1,2,3\nlabel,x_mm,y_mm,z_mm\n", 1),
+])  # fmt: skip
+def test_a_row_above_the_others_is_no_remark_and_no_title(above: str, line: int) -> None:
+    assert refused(above + "A1,1,2,3\nA2,4,5,6\n")[0] == line
+
+
 def test_what_ndi_marks_as_missing_is_no_length() -> None:
     row = ",".join(["-3.697314E+028"] * 3)
     found = read(f"label,x_mm,y_mm,z_mm\nA,1,2,3\nB,{row}\n")
