@@ -315,7 +315,7 @@ def read_sent(sent: RawRequest, settings: Settings) -> SentTable:
 
     Raises what ``receive`` raises.
     """
-    from ..processes.memory import memory_within
+    from ..processes.linux import memory_within
 
     try:
         with memory_within(READING_BYTES):
