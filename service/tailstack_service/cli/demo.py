@@ -7,7 +7,6 @@ import logging
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
-from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from ..clock import SYSTEM_CLOCK, Clock
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_details
 from ..console.editors import write_document
+from ..console.files import writable_directory
 from ..console.program import program
 from ..examples import example_folder
 from ..rendering.jobs import advance_text
@@ -67,8 +67,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..settings import default_settings
 
     log_to_stderr(level=logging.WARNING)
-    output = Path(arguments.output)
-    output.mkdir(parents=True, exist_ok=True)
+    output = writable_directory(arguments.output, "-o")
 
     progress = Progress("demo")
 

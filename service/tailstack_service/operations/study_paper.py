@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from tailstack.errors import Problem
+from tailstack.extras import require_extras
 
 from ..console.answer import Answer
 from ..console.arguments import add_form, read_design
@@ -113,7 +114,10 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from ..rendering.document import document_text
     from ..report.studies.paper import draw_paper, paper_csv, paper_document
 
-    directory = None if arguments.figures is None else writable_directory(arguments.figures)
+    directory = None
+    if arguments.figures is not None:
+        require_extras("report")
+        directory = writable_directory(arguments.figures, "--figures")
     options = PaperOptions.of_flags(arguments)
     with Progress("study paper") as progress:
         call = Call((), options, threads=arguments.threads, progress=progress.report)
