@@ -1,7 +1,7 @@
 """The page of the Python interface, made from docstrings: ``python docs/python_api.py`` writes docs/python.md.
 
 Of each public name the page has the signature, the first sentence of the docstring and what is raised; of the records
-that are read most the fields with the first clause of the text below or beside them, of the others fields and types.
+that are read most the fields with the first clause of the text below or beside them, of the others their names.
 The rest is for ``help`` and ``tailstack schema``.  ``--check`` writes nothing and fails when the page differs.
 """
 
@@ -83,8 +83,8 @@ def page() -> str:
     parts.append(
         wrapped(
             "Frozen dataclasses; their fields are those of the JSON of `--json` and of the service. Vectors are tuples "
-            "`(x, y, z)`, matrices tuples of three rows, intervals `(low, high)`. Where only types stand here, "
-            "`tailstack schema` with the name of the record around it (score, verification, optimisation, sweep) has the meanings."
+            "`(x, y, z)`, matrices tuples of three rows, intervals `(low, high)`. Where only names stand here, `tailstack "
+            "schema` with the record around it (score, verification, optimisation, sweep) has types and meanings."
         )
     )
     parts += [describe(kind, 3) for kind in records()]
@@ -234,8 +234,8 @@ def listing(rows: list[tuple[str, str, str]]) -> str:
 
 
 def names(rows: list[tuple[str, str, str]]) -> str:
-    """Fields with their types, in a row."""
-    return wrapped("; ".join(f"`{name}` `{kind}`" for name, kind, _ in rows) + ".")
+    """Names of fields, in a row."""
+    return wrapped("Fields: " + ", ".join(f"`{name}`" for name, _, _ in rows) + ".")
 
 
 def main(arguments: list[str]) -> int:
