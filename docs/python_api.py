@@ -84,7 +84,7 @@ def page() -> str:
         wrapped(
             "Frozen dataclasses; their fields are those of the JSON of `--json` and of the service. Vectors are tuples "
             "`(x, y, z)`, matrices tuples of three rows, intervals `(low, high)`. Where only names stand here, "
-            "`tailstack schema` with the record around it (score, verification, optimisation, sweep) has types and meanings."
+            "`tailstack schema` with the record around it has types and meanings."
         )
     )
     parts += [describe(kind, 3) for kind in records()]
