@@ -12,6 +12,7 @@ import ast
 import asyncio
 import inspect
 import os
+import re
 import subprocess
 import sys
 import textwrap
@@ -28,7 +29,6 @@ PAGE = ROOT / "docs" / "architecture.md"
 DEMO = ROOT / "examples" / "demo.yaml"
 NOTES = "WALK_NOTES"  # environment variable: the file that every process of a walk appends to
 REMEDY = "run docs/walks.py with the environment's Python, look at what changed, and commit it"
-WIDTH = 120
 FILES = {
     str(file): ".".join(file.relative_to(ROOT / part).with_suffix("").parts).removesuffix(".__init__")
     for part in ("solver", "service")
@@ -224,8 +224,8 @@ def walk(name: str) -> list[tuple[str, str]]:
 # --- drawing ----------------------------------------------------------------------------------------------
 
 
-def draw(steps: list[tuple[str, str]]) -> str:
-    """The modules as a tree: each stands once, below the one that first called it."""
+def draw(steps: list[tuple[str, str]], *, described: bool) -> str:
+    """The modules as a tree: each stands once, below the one that first called it; ``described`` by a few words."""
     below: dict[str, list[str]] = {}
     for module, caller in steps:
         below.setdefault(caller, []).append(module)
@@ -240,10 +240,7 @@ def draw(steps: list[tuple[str, str]]) -> str:
         add(module, 0)
     assert len(places) == len(steps), "a module was called by one that is not in the walk"
     width = max(len(place) for place, _ in places)
-    lines = []
-    for number, (place, module) in enumerate(places, 1):
-        said = textwrap.shorten(first_line(module), WIDTH - 6 - width, placeholder=" ...")
-        lines.append(f"{number:2}  {place:<{width}}  {said}".rstrip())
+    lines = [f"{place:<{width}}  {first_words(module) if described else ''}".rstrip() for place, module in places]
     passed = len(below) - 1
     rooms = Counter(path_of(module).rpartition("/")[0] or "(root)" for _, module in places)
     counts = (
@@ -258,11 +255,12 @@ def path_of(module: str) -> str:
     return module.partition(".")[2].replace(".", "/") or module
 
 
-def first_line(module: str) -> str:
-    """What a module says of itself."""
+def first_words(module: str) -> str:
+    """What a module says of itself, up to the first stop of any kind."""
     file = next(file for file, name in FILES.items() if name == module)
     said = ast.get_docstring(ast.parse(Path(file).read_text(encoding="utf-8"))) or ""
-    return said.split("\n\n")[0].replace("\n", " ")
+    head = re.split(r"[:;,.(]\s|[:;,.]$| -> ", " ".join(said.split("\n\n")[0].split()), maxsplit=1)[0]
+    return textwrap.shorten(head, 50, placeholder=" ...")
 
 
 def drawn(page: str, name: str) -> str:
@@ -271,7 +269,7 @@ def drawn(page: str, name: str) -> str:
     before, _, rest = page.partition(first)
     _, found, after = rest.partition(last)
     assert found, f"docs/architecture.md has no place for the walk {name!r}"
-    return f"{before}{first}\n{draw(walk(name))}\n{last}{after}"
+    return f"{before}{first}\n{draw(walk(name), described=name == 'score')}\n{last}{after}"
 
 
 def main(arguments: list[str]) -> str | None:
