@@ -23,7 +23,7 @@ from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
 from ..examples import example_folder
 from ..problems import RequestError
-from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition, TextOf
+from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, check_trials
 
 if TYPE_CHECKING:
@@ -111,8 +111,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     other = read_design(arguments.design or str(scenario(C_ARM)))
 
     from ..documents import to_json
-    from ..rendering.document import document_text
-    from ..report.studies.paper import draw_paper, paper_csv, paper_document
+    from ..report.studies.paper import draw_paper, paper_csv
 
     directory = None
     if arguments.figures is not None:
@@ -127,10 +126,9 @@ def _run(arguments: argparse.Namespace) -> Answer:
             write_figure(directory / name, svg)
     if arguments.json:
         return Answer(to_json(study))
-    return Answer(paper_csv(study) if arguments.csv else document_text(paper_document(study, "")))
+    return Answer(paper_csv(study) if arguments.csv else OPERATION.write(study))
 
 
-DOCUMENT = LateImport("..report.studies.paper", "paper_document")
 OPERATION = Operation(
     name="study-paper",
     verb="study paper",
@@ -146,8 +144,7 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.paper.reproduce", "StudyPaper").load,
     run=_study,
     check=check_trials,
-    text=TextOf(DOCUMENT),
-    document=DOCUMENT,
+    document=LateImport("..report.studies.paper", "paper_document"),
     demand=_demand,
     repeat=_repeat,
     command=Command(_add_arguments, _run),

@@ -12,7 +12,7 @@ from ..charts import draw_convergence, draw_distribution, draw_tolerances
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
 from ..records import Report
-from .layout import layout_blocks, load_inside
+from .layout import layout_blocks, load_inside, score_if_determined
 from .optimisation import (
     certificate_blocks,
     change_blocks,
@@ -31,7 +31,7 @@ from .score import (
     method_blocks,
 )
 from .tables import not_included, provenance_facts
-from .verification import sampling_blocks, verification_blocks
+from .verification import sampling_blocks
 
 
 def report_document(report: Report, sha256: str) -> Document:
@@ -46,7 +46,9 @@ def report_document(report: Report, sha256: str) -> Document:
     if report.optimisation is not None:
         found = report.optimisation
         numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found)[:2])
-        blocks = (Paragraph(f"{optimised_sentence(found)} {numbers}."), *optimised_layout(found), *change_blocks(found))
+        scored = score_if_determined(found.design), score_if_determined(found.design_before)
+        said = Paragraph(f"{optimised_sentence(found)} {numbers}.")
+        blocks = (said, *optimised_layout(*scored), *change_blocks(found, *scored))
         sections.append(Section("The optimised design", blocks))
         check = estimates_table(found.certificate.verification, " of the new design")
         sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(found)), reader="auditor"))
@@ -108,7 +110,7 @@ def error_chapter(report: Report) -> tuple[Block, ...]:
             )
         )
     if report.verification is not None:
-        blocks += [*verification_blocks(report.verification)[:1]]
+        blocks.append(estimates_table(report.verification))
     blocks.append(targets_table(report.score))
     return tuple(blocks)
 

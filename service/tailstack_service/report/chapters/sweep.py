@@ -1,11 +1,14 @@
-"""The chapters of a sweep."""
+"""The chapters of a sweep, and its rows as CSV for spreadsheets."""
 
 from __future__ import annotations
 
-from tailstack.results.sweep import Sweep, SweepAxis, points_table
+from tailstack.results.sweep import Sweep, points_table
+from tailstack.results.tables import PAPER, TERMINAL
 
 from ...problems import RequestError
-from ..blocks import Block, Bullets, Document, Figure, KeyNumber, Listing, Paragraph, Section
+from ...rendering.rows import csv_text, list_reasons, plain_text
+from ...rendering.tables import spell_count
+from ..blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
 from ..charts import draw_sweep
 from .tables import not_included, provenance_facts
 
@@ -35,10 +38,11 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
         sentence = f"P95 of the TCP error {words} {over}"
         sentence += "." if not refused else f"; {len(refused):,} could not be evaluated and are not among them."
         figures = _figure(sweep)
-    how = "by Monte Carlo" if sweep.check == "verification" else "by estimate"
-    blocks: list[Block] = [points_table(sweep)]
-    if refused:
-        blocks.append(Bullets(tuple(f"{_place(sweep, p.values)}: {p.reason}" for p in refused[:20])))
+    scored = sweep.check == "score"
+    reasons = list_reasons([point.reason for point in sweep.points], MOST_REASONS, numbered=True)
+    each = "estimated" if scored else f"simulated with seed {sweep.seed}"
+    how = "by estimate" if scored else "by Monte Carlo"
+    listed = Bullets(tuple(f"{_place(sweep, point.values)}: {point.reason}" for point in refused[:20]))
     axes = ", ".join(f"{axis.called} ({len(axis.values)} values)" for axis in sweep.axes)
     return Document(
         kind="Sweep",
@@ -50,19 +54,63 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
         matters=_matters(sweep),
         figures=figures,
         sections=(
-            Section("Points", (Paragraph(f"Varied: {axes}; each point {how}."), *blocks)),
-            Section("Method and assumptions", _method(sweep), reader="auditor"),
-            Section("What is not included", (not_included(sweep.provenance),), reader="auditor"),
-            Section("Reproduction", (Listing(_command(sweep)), Paragraph(REPRODUCTION)), reader="auditor"),
+            Section(
+                "Points",
+                (
+                    group(Paragraph(f"Varied: {axes}; each point {how}."), on=PAPER),
+                    group(_axes(sweep), on=TERMINAL),
+                    say("found", _range_sentence(sweep)),
+                    points_table(sweep),
+                    say("refused", *reasons),
+                    group(*((listed,) if refused else ()), on=PAPER),
+                ),
+            ),
+            Section("Method and assumptions", (_method(sweep),), on=PAPER, reader="auditor"),
+            Section("What is not included", (not_included(sweep.provenance),), on=PAPER, reader="auditor"),
+            Section("Reproduction", (Listing(_command(sweep)), Paragraph(REPRODUCTION)), on=PAPER, reader="auditor"),
         ),
         provenance=provenance_facts(sweep.provenance, sha256, sweep.schema),
+        made=sweep.provenance,
+        question=f"Sweep of {spell_count(len(sweep.points), 'point')}, each {each}.",
+        method="first order" if scored else "Monte Carlo",
     )
 
 
+MOST_REASONS = 12
 REPRODUCTION = (
     "design.yaml is the design of the hash named on the first page; the record of a sweep does not hold it. The same "
     "version of tailstack gives the same digits."
 )
+
+
+def _axes(sweep: Sweep) -> Facts:
+    """What the letters of the table's columns stand for."""
+    pairs = []
+    for letter, axis in zip(sweep.letters, sweep.axes, strict=True):
+        now = "varies" if axis.base is None else f"{axis.base:g} {axis.unit}".strip()
+        pairs.append((letter, f"{axis.called}: {spell_count(len(axis.values), 'value')}; now {now}"))
+    return Facts("Axes", tuple(pairs))
+
+
+def _range_sentence(sweep: Sweep) -> str:
+    """Where the error is least and largest, and how many points pass; "" of a single point."""
+    sizes = [(max(target.p95_mm for target in point.targets), point) for point in sweep.points if point.targets]
+    if len(sizes) < 2:
+        return ""
+    ends = (min(sizes, key=lambda entry: entry[0]), max(sizes, key=lambda entry: entry[0]))
+    decimals = sweep.decimals
+    if f"{ends[0][0]:.4f}" == f"{ends[1][0]:.4f}":
+        said = f"P95 is {ends[0][0]:.{decimals}f} mm at every point: what is varied here does not matter"
+    else:
+        named = [
+            f"{p95:.{decimals}f} mm at "
+            + ", ".join(f"{letter} = {value:g}" for letter, value in zip(sweep.letters, point.values, strict=True))
+            for p95, point in ends
+        ]
+        said = f"P95 is between {named[0]} and {named[1]}"
+    verdicts = [point.verdict for _, point in sizes if point.verdict not in (None, "no requirement")]
+    passed = f"; {verdicts.count('pass')} of {len(verdicts)} points pass" if verdicts else ""
+    return f"{said}{passed}."
 
 
 def _matters(sweep: Sweep) -> tuple[str, ...]:
@@ -72,7 +120,7 @@ def _matters(sweep: Sweep) -> tuple[str, ...]:
     if judged:
         passed = sum(point.verdict == "pass" for point in judged)
         said.append(f"{passed:,} of {len(judged):,} points keep their requirements.")
-    as_it_is = [f"{_short(axis)} = {axis.base:g} {axis.unit}".strip() for axis in sweep.axes if axis.base is not None]
+    as_it_is = [f"{axis.short} = {axis.base:g} {axis.unit}".strip() for axis in sweep.axes if axis.base is not None]
     if as_it_is:
         said.append(f"The design as it stands has {', '.join(as_it_is)}.")
     refused = [point for point in sweep.points if point.status == "refused"]
@@ -82,7 +130,7 @@ def _matters(sweep: Sweep) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _method(sweep: Sweep) -> tuple[Block, ...]:
+def _method(sweep: Sweep) -> Bullets:
     if sweep.check == "score":
         how = "Each point is estimated, at the geometry that its own numbers give."
     elif sweep.trials is None:
@@ -92,7 +140,7 @@ def _method(sweep: Sweep) -> tuple[Block, ...]:
     else:
         how = f"Each point is checked by {sweep.trials:,} Monte Carlo trials of the full chain, seed {sweep.seed}."
     same = "" if sweep.check == "score" else " One seed serves all points, so that they differ by their designs alone."
-    return (Bullets((how + same, *sweep.provenance.notes)),)
+    return Bullets((how + same, *sweep.provenance.notes))
 
 
 def _command(sweep: Sweep) -> str:
@@ -105,12 +153,8 @@ def _command(sweep: Sweep) -> str:
 
 def _place(sweep: Sweep, values: tuple[float, ...]) -> str:
     return ", ".join(
-        f"{_short(axis)} = {value:g} {axis.unit}".strip() for axis, value in zip(sweep.axes, values, strict=True)
+        f"{axis.short} = {value:g} {axis.unit}".strip() for axis, value in zip(sweep.axes, values, strict=True)
     )
-
-
-def _short(axis: SweepAxis) -> str:
-    return axis.short
 
 
 def _figure(sweep: Sweep) -> tuple[Figure, ...]:
@@ -121,3 +165,23 @@ def _figure(sweep: Sweep) -> tuple[Figure, ...]:
         return ()
     pointers = " and ".join(axis.called for axis in sweep.axes)
     return (Figure("curve", svg, f"P95 of the TCP error over {pointers}."),)
+
+
+def sweep_csv(sweep: Sweep) -> str:
+    """One line for each point and target; a refused point has one line without numbers."""
+    rows: list[list[object]] = []
+    for place, point in enumerate(sweep.points):
+        head = [place + 1, *point.values, point.status, point.verdict]
+        if not point.targets:
+            rows.append([*head, *[None] * 7, point.reason])
+        for target in point.targets:
+            interval = target.p95_interval_mm or (None, None)
+            rows.append([
+                *head, plain_text(target.name), target.p95_mm, *interval, target.mean_norm_mm, target.bias_norm_mm,
+                target.localisation_p95_mm, None,
+            ])  # fmt: skip
+    header = (
+        "point", *(axis.pointer for axis in sweep.axes), "status", "verdict", "target", "p95_mm", "p95_low_mm",
+        "p95_high_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "reason",
+    )  # fmt: skip
+    return csv_text(header, rows)

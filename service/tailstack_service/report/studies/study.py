@@ -51,4 +51,5 @@ def compose_study(
         question=question,
         method=method,
         ending=ending,
+        captions=True,
     )
