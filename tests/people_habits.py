@@ -158,6 +158,7 @@ HABITS: dict[str, tuple[Callable[[str], bytes], bytes | None]] = {  # of a table
     "thousands: 1 234.5": (lambda r: spoil(r, "28.5", "1 234.5"), None),
     "a zone: +0.1/-0": (lambda r: spoil(r, "28.5", "+0.1/-0"), None),
     "a zone: ±0.05": (lambda r: spoil(r, "28.5", "±0.05"), None),
+    "a value and its zone: 28.5 ± 0.05": (lambda r: spoil(r, "28.5", "28.5 ± 0.05"), None),
     "NDI's −3.697314e28": (lambda r: insert(r, "A9," + ",".join(["-3.697314E+028"] * 3)), None),
     "a cell too many": (lambda r: spoil(r, "28.5", "28.5,1"), None),
     "a cell too few": (lambda r: spoil(r, "28.5,", ""), None),
