@@ -68,6 +68,10 @@ def test_a_verb_that_is_none_is_answered_without_loading_any() -> None:
             ("score", str(EXAMPLES / "demo.yaml")),
             ("casadi", "cvxpy", "matplotlib", "httpx", "scipy.stats", "scipy.optimize"),
         ),
+        (
+            ("sweep", str(EXAMPLES / "demo.yaml"), "--set", "views.AP.fiducial_noise_px=0.1,0.4"),
+            ("casadi", "cvxpy", "matplotlib", "jinja2"),  # its document has a picture, which no text draws
+        ),
     ],
     ids=lambda value: value[0],
 )

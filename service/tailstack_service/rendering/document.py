@@ -8,7 +8,7 @@ from tailstack.results import Finding, Provenance
 from tailstack.results.tables import On, Table
 from tailstack.results.verdicts import STATED
 
-from ..report.blocks import Block, Bullets, Document, Facts, Group, Listing, Paragraph
+from ..report.blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragraph
 from .alike import join_findings
 from .page import current
 from .tables import columns, fold, paint, prose_width, wrap, write_table
@@ -87,7 +87,7 @@ def _write_block(block: Block, captions: bool) -> str:
     if isinstance(block, Table):
         above, below = (block.caption, block.note) if captions else ("", "")
         return "\n".join(part for part in (wrap(above), _write_rows(block), wrap(below)) if part)
-    if isinstance(block, Group):
+    if isinstance(block, BlockGroup):
         return "\n".join(text for inner in block.blocks if (text := _write_block(inner, captions)))
     write: Callable[..., str] | None = _WRITERS.get(type(block))
     return "" if write is None else write(block)

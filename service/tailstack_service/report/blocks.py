@@ -63,7 +63,7 @@ class Listing:
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class BlockGroup:
     """Blocks that belong together: shown at some places only, and in a terminal without blank lines between them."""
 
     made: tuple[Block, ...] | Callable[[], tuple[Block, ...]]  # a function is called where they are shown
@@ -75,17 +75,17 @@ class Group:
         return self.made() if callable(self.made) else self.made
 
 
-Block = Table | Figure | Paragraph | Bullets | Facts | Listing | Group
+Block = Table | Figure | Paragraph | Bullets | Facts | Listing | BlockGroup
 
 
-def group(*blocks: Block, on: On = EVERYWHERE) -> Group:
+def group(*blocks: Block, on: On = EVERYWHERE) -> BlockGroup:
     """These blocks together."""
-    return Group(blocks, on)
+    return BlockGroup(blocks, on)
 
 
-def say(word: str, *sentences: str, on: On = TERMINAL) -> Group:
+def say(word: str, *sentences: str, on: On = TERMINAL) -> BlockGroup:
     """Sentences that each begin with what they are about; an empty one is none."""
-    return Group((Facts(word, tuple((word, sentence) for sentence in sentences if sentence)),), on)
+    return BlockGroup((Facts(word, tuple((word, sentence) for sentence in sentences if sentence)),), on)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ class Document:
 
 def _list_shown(blocks: tuple[Block, ...], place: On) -> Iterator[Block]:
     for block in blocks:
-        if isinstance(block, Group):
+        if isinstance(block, BlockGroup):
             shown = tuple(_list_shown(block.blocks, place)) if block.on & place else ()
             yield from (replace(block, made=shown),) if place & TERMINAL else shown
         elif not isinstance(block, Table) or block.on(place).rows:

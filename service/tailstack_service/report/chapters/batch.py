@@ -9,7 +9,7 @@ from tailstack.results.batch import ScoredTable
 from tailstack.results.tables import EVERYWHERE, PAPER, TERMINAL, Column, Row, Table
 
 from ..blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
-from .tables import not_included, provenance_facts
+from .tables import closing_sections, provenance_facts
 
 MOST_ROWS, SHOWN = 400, 40  # of a page, of a terminal; a spreadsheet has all
 
@@ -48,7 +48,7 @@ def batch_document(record: ScoredTable, sha256: str) -> Document:
                 ),
             ),
             Section("Method and assumptions", (Bullets((how, *record.provenance.notes)),), on=PAPER, reader="auditor"),
-            Section("What is not included", (not_included(record.provenance),), on=PAPER, reader="auditor"),
+            *closing_sections(record.provenance),
         ),
         provenance=provenance_facts(record.provenance, sha256, record.schema),
         made=record.provenance,

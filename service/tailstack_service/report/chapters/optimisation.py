@@ -28,10 +28,10 @@ from ...rendering.sentences import decision_sentence, ending_of
 from ...rendering.tables import spell_count
 from ..blocks import (
     Block,
+    BlockGroup,
     Bullets,
     Document,
     Facts,
-    Group,
     KeyNumber,
     Listing,
     Paragraph,
@@ -41,7 +41,7 @@ from ..blocks import (
     tone_of,
 )
 from .layout import Known, layout_blocks, score_if_determined
-from .tables import not_included, provenance_facts, verdict_blocks
+from .tables import closing_sections, provenance_facts, verdict_blocks
 from .verification import sampling_blocks
 
 MOST_BINDING = 3  # said on the first page
@@ -82,7 +82,9 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
             *(sentence_of(price.sentence) for price in found.shadow_prices[:2]),
         ),
         sections=(
-            Section("What changed", (Group(partial(optimised_layout, *scored), PAPER), *change_blocks(found, *scored))),
+            Section(
+                "What changed", (BlockGroup(partial(optimised_layout, *scored), PAPER), *change_blocks(found, *scored))
+            ),
             Section(
                 "Check of the new design",
                 (estimates_table(check), *verdict_blocks(check.verdict), *sampling_blocks(check)),
@@ -90,15 +92,13 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
             ),
             Section("Certificate", certificate_blocks(found), on=IN_DETAIL, reader="auditor"),
             Section("How sure", (say("how sure", _confidence_sentence(found)),), on=On.PLAIN),
-            Section("What is not included", (not_included(found.provenance),), on=PAPER, reader="auditor"),
-            Section(
-                "Reproduction",
-                (Listing(f"{optimise_command(found)}\ntailstack report --verify THIS_FILE"), Paragraph(REPRODUCTION)),
-                on=PAPER,
-                reader="auditor",
+            *closing_sections(
+                found.provenance,
+                Listing(f"{optimise_command(found)}\ntailstack report --verify THIS_FILE"),
+                Paragraph(REPRODUCTION),
             ),
             *(
-                Section(title, (Group(partial(_list_design, data, f"{what}, as YAML"), PAPER),), reader="auditor")
+                Section(title, (BlockGroup(partial(_list_design, data, f"{what}, as YAML"), PAPER),), reader="auditor")
                 for title, what, data in (
                     ("The new design", "The new design", found.design),
                     ("The design before", "The design that it started from", found.design_before),
@@ -212,7 +212,7 @@ def _requirements_table(found: Optimisation, now: Known | None, before: Known | 
     return tabulate("Before and after", "Requirements by estimate, before and after", columns, decided_by(checks))
 
 
-def _costs(found: Optimisation) -> Iterator[Group]:
+def _costs(found: Optimisation) -> Iterator[BlockGroup]:
     """Cost and what it is made of, and what else was decided."""
     if found.cost_before or found.cost_after:
         change = "" if not found.cost_before else f" ({100 * (found.cost_after / found.cost_before - 1):+.0f} %)"

@@ -30,7 +30,7 @@ from .score import (
     losses_listed,
     method_blocks,
 )
-from .tables import not_included, provenance_facts
+from .tables import closing_sections, provenance_facts
 from .verification import sampling_blocks
 
 
@@ -54,8 +54,7 @@ def report_document(report: Report, sha256: str) -> Document:
         sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(found)), reader="auditor"))
     sections += [
         Section("Method and assumptions", method_chapter(report), reader="auditor"),
-        Section("What is not included", (not_included(report.provenance),), reader="auditor"),
-        Section("Reproduction", reproduction_blocks(report), reader="auditor"),
+        *closing_sections(report.provenance, *reproduction_blocks(report)),
         Section("The design", (design_listing(report.design, "The design document, as YAML"),), reader="auditor"),
     ]
     judged = report.verification or report.score

@@ -27,11 +27,11 @@ from ...rendering.sentences import (
 )
 from ..blocks import (
     Block,
+    BlockGroup,
     Bullets,
     Document,
     Facts,
     Figure,
-    Group,
     KeyNumber,
     Listing,
     Paragraph,
@@ -43,7 +43,7 @@ from ..blocks import (
 from ..charts import PHONE, Scaled, draw_scale, draw_shares, draw_without
 from ..headline import headline_of
 from ..records import Allowance, Headline
-from .tables import budget_with_slack, not_included, provenance_facts, verdict_blocks
+from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
 
 LISTED = 4  # tolerances in a sentence
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details
@@ -58,7 +58,6 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
     """
     headline = headline_of(score, None)
     chosen = score.worst_target if target is None else next(each for each in score.targets if each.name == target)
-    command = "tailstack score design.yaml --json"
     return Document(
         kind="Estimated error",
         title=score.provenance.design_name,
@@ -76,12 +75,10 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
             Section("Slips of images", reliability_blocks(score)),
             Section("How good the estimate is", _trust(score, chosen), on=TERMINAL),
             Section("Method and assumptions", method_blocks(score), on=PAPER, reader="auditor"),
-            Section("What is not included", (not_included(score.provenance),), on=PAPER, reader="auditor"),
-            Section(
-                "Reproduction",
-                (Listing(command), Paragraph("With the design of the hash named above.")),
-                on=PAPER,
-                reader="auditor",
+            *closing_sections(
+                score.provenance,
+                Listing("tailstack score design.yaml --json"),
+                Paragraph("With the design of the hash named above."),
             ),
         ),
         provenance=provenance_facts(score.provenance, sha256, score.schema),
@@ -103,7 +100,7 @@ def _margin(score: Score) -> tuple[str, ...]:
     return (margin_sentence(decisive, sources_of(found, decisive.error), score.decimals),)
 
 
-def _chosen_budget(score: Score, target: TargetScore) -> Group:
+def _chosen_budget(score: Score, target: TargetScore) -> BlockGroup:
     """Where the error at one target comes from."""
     count = len(score.targets)
     others = f" (of {count} targets; --target NAME shows another)" if count > 1 else ""
@@ -124,7 +121,7 @@ def _sentences(score: Score, target: TargetScore) -> tuple[Block, ...]:
     losses = [losses_sentence(line, score.verdict.checks) for line in score.losses]
     lost = "if fiducials are lost"
     return (
-        group(*_law(target, decimals), on=On.DETAIL),
+        group(Facts("Law", tuple(_law(target, decimals))), on=On.DETAIL),
         say("unit by unit", units_sentence(target, decimals)),
         say(lost, *losses[:MOST_LOSSES], on=On.PLAIN),
         say(lost, *losses, on=On.DETAIL),
@@ -141,10 +138,10 @@ def _trust(score: Score, target: TargetScore) -> tuple[Block, ...]:
     )
 
 
-def _law(target: TargetScore, decimals: int) -> Iterator[Group]:
+def _law(target: TargetScore, decimals: int) -> Iterator[tuple[str, str]]:
     """The law that the quantile rests on, and what it would be under others."""
     bounds = target.bounds_mm
-    yield say(
+    yield (
         "law",
         f"{target.law}. The same mean and covariance allow a P95 of {bounds.gaussian:.{decimals}f} mm if Gaussian, "
         f"at most {bounds.unimodal:.{decimals}f} mm for any symmetric unimodal law, {bounds.moments:.{decimals}f} mm "
@@ -152,10 +149,10 @@ def _law(target: TargetScore, decimals: int) -> Iterator[Group]:
     )
     error = target.per_unit.yield_standard_error
     if error is not None:
-        yield say("per unit", f"standard error of the fraction of units {percent(error, 2)} %")
+        yield "per unit", f"standard error of the fraction of units {percent(error, 2)} %"
     whole = bounds.gaussian
     if whole and abs(target.block_diagonal_p95_mm / whole - 1) > 1e-4:
-        yield say(
+        yield (
             "for comparison",
             f"as a Gaussian law, P95 would be {target.block_diagonal_p95_mm:.4f} mm with the covariance between views "
             f"left out (Eq 16) and is {whole:.4f} mm with it.",
@@ -356,28 +353,26 @@ def allowance_name(entry: Allowance) -> str:
 
 def method_blocks(score: Score) -> tuple[Block, ...]:
     """How first order was computed, how far it holds, and what was assumed."""
-    worst, decimals = score.worst_target, score.decimals
-    gaussian, unimodal, moments = (
-        f"{bound:.{decimals}f} mm"
-        for bound in (worst.bounds_mm.gaussian, worst.bounds_mm.unimodal, worst.bounds_mm.moments)
+    worst, decimals, validity = score.worst_target, score.decimals, score.validity
+    told = (
+        *_law(worst, decimals),
+        ("unit by unit", units_sentence(worst, decimals)),
+        *(("second order", words) for words in second_order(worst, decimals)),
+        ("linearisation", f"{validity.status}. {validity.statement}."),
     )
-    sentences = [
-        f"Law: {worst.law}. With the same mean and covariance, P95 at {worst.name} is {gaussian} if Gaussian, at most "
-        f"{unimodal} for any symmetric unimodal law and {moments} for any law.",
-        f"Per unit: {units_sentence(worst, decimals)}",
-        *(f"Second order: {words}" for words in second_order(worst, decimals)),
-        f"Linearisation: {score.validity.status}. {score.validity.statement}.",
+    sentences = (
+        *(f"{word.capitalize()}: {sentence}" for word, sentence in told),
         "Sensitivities are evaluated at the biased geometry: known displacements are in the mean, tolerances and noise "
         "in the covariance. A tolerance is a half-width with the law named in the budget.",
         *score.provenance.notes,
-    ]
+    )
     return (
         Facts(
             "Method",
             (
                 ("First order", "implicit differentiation of resection, triangulation and the chain to the tool"),
-                ("Validity number", f"nu = {score.validity.nu:.3g}, {score.validity.status}"),
+                ("Validity number", f"nu = {validity.nu:.3g}, {validity.status}"),
             ),
         ),
-        Bullets(tuple(sentences)),
+        Bullets(sentences),
     )

@@ -2,42 +2,32 @@
 
 from __future__ import annotations
 
-from tailstack.results.sweep import Sweep, points_table
+from collections.abc import Sequence
+from functools import partial
+
+from tailstack.results.sweep import Sweep, SweepPoint, SweepTarget, points_table
 from tailstack.results.tables import PAPER, TERMINAL
 
 from ...problems import RequestError
 from ...rendering.rows import csv_text, list_reasons, plain_text
 from ...rendering.tables import spell_count
 from ..blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
-from ..charts import draw_sweep
-from .tables import not_included, provenance_facts
+from ..charts import draw_sweep, refuse_undrawable
+from .tables import closing_sections, provenance_facts
+
+Found = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
 
 
 def sweep_document(sweep: Sweep, sha256: str) -> Document:
     """Every point as a row; with one axis, P95 over it as a picture."""
-    decimals = sweep.decimals
-    found = [(target.p95_mm, point, target) for point in sweep.points for target in point.targets]
+    found = [(max(point.targets, key=lambda target: target.p95_mm), point) for point in sweep.points if point.targets]
     refused = [point for point in sweep.points if point.status == "refused"]
     numbers = [KeyNumber("Points", f"{len(sweep.points):,}", f"{len(refused)} refused")]
-    figures: tuple[Figure, ...] = ()
-    sentence = "No point could be evaluated."
     if found:
-        lowest, best, at = min(found, key=lambda entry: entry[0])
-        highest, worst, there = max(found, key=lambda entry: entry[0])
-        numbers.append(
-            KeyNumber("Smallest P95", f"{lowest:.{decimals}f} mm", f"{at.name}, {_place(sweep, best.values)}")
-        )
-        numbers.append(
-            KeyNumber("Largest P95", f"{highest:.{decimals}f} mm", f"{there.name}, {_place(sweep, worst.values)}")
-        )
-        evaluated = len(sweep.points) - len(refused)
-        over = f"all {evaluated:,} points" if not refused else f"{evaluated:,} of {len(sweep.points):,} points"
-        words = f"goes from {lowest:.{decimals}f} to {highest:.{decimals}f} mm over"
-        if f"{lowest:.{decimals}f}" == f"{highest:.{decimals}f}":
-            words = f"is {lowest:.{decimals}f} mm at"
-        sentence = f"P95 of the TCP error {words} {over}"
-        sentence += "." if not refused else f"; {len(refused):,} could not be evaluated and are not among them."
-        figures = _figure(sweep)
+        for label, (target, point) in zip(("Smallest P95", "Largest P95"), _find_ends(found), strict=True):
+            value = f"{target.p95_mm:.{sweep.decimals}f} mm"
+            numbers.append(KeyNumber(label, value, f"{target.name}, {_place(sweep, point.values)}"))
+    sentence, kept = _range_sentence(sweep, found), _kept_sentence(sweep)
     scored = sweep.check == "score"
     reasons = list_reasons([point.reason for point in sweep.points], MOST_REASONS, numbered=True)
     each = "estimated" if scored else f"simulated with seed {sweep.seed}"
@@ -51,28 +41,27 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
         status="sweep",
         sentence=sentence,
         numbers=tuple(numbers),
-        matters=_matters(sweep),
-        figures=figures,
+        matters=(*kept, *_matters(sweep)),
+        figures=_figure(sweep) if found else (),
         sections=(
             Section(
                 "Points",
                 (
                     group(Paragraph(f"Varied: {axes}; each point {how}."), on=PAPER),
                     group(_axes(sweep), on=TERMINAL),
-                    say("found", _range_sentence(sweep)),
                     points_table(sweep),
                     say("refused", *reasons),
                     group(*((listed,) if refused else ()), on=PAPER),
                 ),
             ),
             Section("Method and assumptions", (_method(sweep),), on=PAPER, reader="auditor"),
-            Section("What is not included", (not_included(sweep.provenance),), on=PAPER, reader="auditor"),
-            Section("Reproduction", (Listing(_command(sweep)), Paragraph(REPRODUCTION)), on=PAPER, reader="auditor"),
+            *closing_sections(sweep.provenance, Listing(_command(sweep)), Paragraph(REPRODUCTION)),
         ),
         provenance=provenance_facts(sweep.provenance, sha256, sweep.schema),
         made=sweep.provenance,
         question=f"Sweep of {spell_count(len(sweep.points), 'point')}, each {each}.",
         method="first order" if scored else "Monte Carlo",
+        opening=(" ".join((sentence, *kept)),),
     )
 
 
@@ -92,34 +81,43 @@ def _axes(sweep: Sweep) -> Facts:
     return Facts("Axes", tuple(pairs))
 
 
-def _range_sentence(sweep: Sweep) -> str:
-    """Where the error is least and largest, and how many points pass; "" of a single point."""
-    sizes = [(max(target.p95_mm for target in point.targets), point) for point in sweep.points if point.targets]
-    if len(sizes) < 2:
-        return ""
-    ends = (min(sizes, key=lambda entry: entry[0]), max(sizes, key=lambda entry: entry[0]))
-    decimals = sweep.decimals
-    if f"{ends[0][0]:.4f}" == f"{ends[1][0]:.4f}":
-        said = f"P95 is {ends[0][0]:.{decimals}f} mm at every point: what is varied here does not matter"
-    else:
-        named = [
-            f"{p95:.{decimals}f} mm at "
-            + ", ".join(f"{letter} = {value:g}" for letter, value in zip(sweep.letters, point.values, strict=True))
-            for p95, point in ends
-        ]
-        said = f"P95 is between {named[0]} and {named[1]}"
-    verdicts = [point.verdict for _, point in sizes if point.verdict not in (None, "no requirement")]
-    passed = f"; {verdicts.count('pass')} of {len(verdicts)} points pass" if verdicts else ""
-    return f"{said}{passed}."
+def _find_ends(found: Sequence[Found]) -> tuple[Found, Found]:
+    """The points with the least and the largest P95 at their worst targets."""
+    return min(found, key=lambda entry: entry[0].p95_mm), max(found, key=lambda entry: entry[0].p95_mm)
+
+
+def _range_sentence(sweep: Sweep, found: Sequence[Found]) -> str:
+    """Where the error is least and largest."""
+    if not found:
+        return "No point could be evaluated."
+    ends = _find_ends(found)
+    low, high = (f"{target.p95_mm:.{sweep.decimals}f} mm" for target, _ in ends)
+    at_low, at_high = (_place(sweep, point.values) for _, point in ends)
+    refused = len(sweep.points) - len(found)
+    over = f"{len(found):,} of {len(sweep.points):,} points" if refused else f"all {len(found):,} points"
+    error = "the error at the tool" + (
+        " at the worst target" if any(len(point.targets) > 1 for _, point in found) else ""
+    )
+    if len(sweep.points) == 1:
+        return f"P95 of {error} is {low}."
+    said = f"goes from {low} ({at_low}) to {high} ({at_high}) over {over}"
+    if low == high:
+        alike = len(found) > 1 and f"{ends[0][0].p95_mm:.4f}" == f"{ends[1][0].p95_mm:.4f}"
+        said = f"is {low} at {over}" + (": what is varied here does not matter" if alike else "")
+    more = f"; {refused:,} could not be evaluated and are not among them" if refused else ""
+    return f"P95 of {error} {said}{more}."
+
+
+def _kept_sentence(sweep: Sweep) -> tuple[str, ...]:
+    """How many designs pass; nothing where none is judged."""
+    judged = [point for point in sweep.points if point.verdict not in (None, "no requirement")]
+    passed = sum(point.verdict == "pass" for point in judged)
+    return (f"{passed:,} of {len(judged):,} points keep their requirements.",) if judged else ()
 
 
 def _matters(sweep: Sweep) -> tuple[str, ...]:
-    """How many designs pass, what the design as it stands has, what could not be evaluated."""
+    """What the design as it stands has, what could not be evaluated."""
     said = []
-    judged = [point for point in sweep.points if point.verdict not in (None, "no requirement")]
-    if judged:
-        passed = sum(point.verdict == "pass" for point in judged)
-        said.append(f"{passed:,} of {len(judged):,} points keep their requirements.")
     as_it_is = [f"{axis.short} = {axis.base:g} {axis.unit}".strip() for axis in sweep.axes if axis.base is not None]
     if as_it_is:
         said.append(f"The design as it stands has {', '.join(as_it_is)}.")
@@ -160,11 +158,11 @@ def _place(sweep: Sweep, values: tuple[float, ...]) -> str:
 def _figure(sweep: Sweep) -> tuple[Figure, ...]:
     """P95 over one axis or two, where a picture can show it."""
     try:
-        svg = draw_sweep(sweep, "curve")
+        refuse_undrawable([axis.values for axis in sweep.axes])
     except RequestError:
         return ()
     pointers = " and ".join(axis.called for axis in sweep.axes)
-    return (Figure("curve", svg, f"P95 of the TCP error over {pointers}."),)
+    return (Figure("curve", partial(draw_sweep, sweep, "curve"), f"P95 of the TCP error over {pointers}."),)
 
 
 def sweep_csv(sweep: Sweep) -> str:

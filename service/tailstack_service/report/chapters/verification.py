@@ -29,7 +29,7 @@ from ..blocks import (
 from ..charts import Scaled, draw_scale
 from ..headline import checked_headline
 from .score import headline_figure, key_numbers
-from .tables import not_included, provenance_facts, verdict_blocks
+from .tables import closing_sections, provenance_facts, verdict_blocks
 
 
 def verification_document(check: Verification, sha256: str) -> Document:
@@ -68,13 +68,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
                 ),
             ),
             Section("Method", sampling_blocks(check), on=IN_DETAIL, reader="auditor"),
-            Section("What is not included", (not_included(check.provenance),), on=PAPER, reader="auditor"),
-            Section(
-                "Reproduction",
-                (Listing(f"tailstack verify design.yaml {drawn_by(check)} --json"),),
-                on=PAPER,
-                reader="auditor",
-            ),
+            *closing_sections(check.provenance, Listing(f"tailstack verify design.yaml {drawn_by(check)} --json")),
         ),
         provenance=provenance_facts(check.provenance, sha256, check.schema),
         made=check.provenance,
