@@ -9,6 +9,7 @@ import io
 import re
 import sys
 from collections.abc import Callable, Sequence
+from datetime import date
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -170,7 +171,7 @@ HABITS: dict[str, tuple[Callable[[str], bytes], bytes | None]] = {  # of a table
 }  # fmt: skip
 
 
-def workbook(change: Callable[[Any], None]) -> bytes:
+def workbook(change: Callable[[Any], object]) -> bytes:
     book = openpyxl.Workbook()
     sheet = book.active
     assert sheet is not None
@@ -194,6 +195,11 @@ def decimals() -> bytes:
 
 BINARY: dict[str, tuple[bytes, Format]] = {  # of tables of designs alone
     "XLSX": (workbook(lambda sheet: None), "xlsx"),
+    "XLSX: a title above the header": (workbook(lambda sheet: (sheet.insert_rows(1), sheet.__setitem__("A1", "May"))),
+                                       "xlsx"),
+    "XLSX: another sheet": (workbook(lambda sheet: sheet.parent.create_sheet("more").append([1.0])), "xlsx"),
+    "XLSX: an empty sheet before it": (workbook(lambda sheet: sheet.parent.create_sheet("more", 0)), "xlsx"),
+    "XLSX: a number that became a date": (workbook(lambda sheet: sheet.__setitem__("C3", date(2026, 3, 5))), "xlsx"),
     "XLSX: an empty row": (workbook(lambda sheet: sheet.insert_rows(3)), "xlsx"),
     "XLSX: a formula without its value": (workbook(lambda sheet: sheet.__setitem__("C3", "=B3*2")), "xlsx"),
     "XLSX: a cell beside the columns": (workbook(lambda sheet: sheet.__setitem__("F3", 0.5)), "xlsx"),

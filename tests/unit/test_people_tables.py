@@ -201,6 +201,16 @@ def test_what_can_be_meant_in_two_ways_is_refused(text: str, line: int, cure: st
     assert cure in hint
 
 
+@pytest.mark.parametrize("label", ["mean", "Std. Dev.", "Mittelwert:", "TOTAL", "max"])
+def test_a_row_that_sums_up_the_others_is_no_fiducial_and_no_trial(label: str) -> None:
+    """It lowered P95 from 0.59 mm to 0.44, and was a trial of a bench."""
+    line, _, hint = refused(f"label,x_mm,y_mm,z_mm\nA,1,2,3\nB,2,3,4\n{label},1.5,2.5,3.5\n")
+    assert (line, hint) == (4, "delete the row, or call it otherwise")
+    with pytest.raises(TailstackError, match="would count as one more trial"):
+        read_measurements(f"trial,x_mm,y_mm,z_mm\n1,1,2,3\n{label},1,2,3\n".encode(), ("tip",), "bench.csv")
+    assert read_fiducials(b"label,x_mm,y_mm,z_mm\nmean 1,1,2,3\n", "b.csv", DEFAULT_LIMITS).labels == ("mean 1",)
+
+
 def test_a_heading_states_its_unit_in_many_ways() -> None:
     assert {split_heading(cell) for cell in ("X_mm", "x [mm]", "x (mm)", "x/mm", "x mm")} == {("x", "mm")}
     assert split_heading("error_x_\N{GREEK SMALL LETTER MU}m") == ("error_x", "µm")

@@ -279,6 +279,7 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
     left_out: list[str] = []
     for line, cells in table.rows:
         label = "" if at_label is None else cells[at_label].strip()
+        table.refuse_summary(label, line, "one more fiducial")
         state = _state_in_slicer_s_table(table, cells, line, others) if system else "defined"
         if state == "defined":
             xyz = [
