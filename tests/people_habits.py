@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -223,7 +224,9 @@ def make_table() -> str:
 
 
 def _row(habit: str, cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in (habit, *cells)) + " |"
+    """A row; a refusal like that in the cell to the left is a ditto mark."""
+    shown = ["″" if cell == left and ":" in cell else cell for left, cell in pairwise(("", *cells))]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in (habit, *shown)) + " |"
 
 
 PAGE = Path(__file__).parents[1] / "docs" / "integrations" / "tables.md"
