@@ -34,10 +34,10 @@ FILES = {
 }
 KERNELS = "tailstack.kernels"
 SENDER, RECEIVER = "tailstack_service.http.compute_pool", "tailstack_service.processes.child"
-# Function whose return is the end of a walk: P95 is known; the new design is on the disk
+# Function whose return is the end of a walk: P95 is known; the text is written
 ENDS = {
     "score": ("tailstack.tail.declared", "law_summary"),
-    "optimise": ("tailstack_service.console.files", "replace_file"),
+    "command": ("tailstack_service.console.answer", "write_out"),
 }
 
 # --- noting -----------------------------------------------------------------------------------------------
@@ -184,16 +184,15 @@ def perform(call: Any) -> Any:
         sys.setprofile(None)
 
 
-def optimise() -> None:
-    """tailstack optimise DESIGN -o NEW."""
+def command() -> None:
+    """tailstack score DESIGN."""
     from tailstack_service.cli.main import main
 
     note_kernels()
-    with TemporaryDirectory() as folder:
-        begin("optimise")
-        code = main(["optimise", str(DEMO), "--starts", "1", "-o", f"{folder}/new.yaml", "--json"])
-        sys.setprofile(None)
-    assert code == 0, code
+    begin("command")
+    code = main(["score", str(DEMO)])
+    sys.setprofile(None)
+    assert code in (0, 1), code  # the demo fails its limit
 
 
 def walk(name: str) -> list[tuple[str, str]]:
@@ -280,6 +279,6 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["--walk"]:
         if hasattr(os, "sched_setaffinity"):  # one thread at a time, so that it is the same one who comes first
             os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-        {"score": score, "optimise": optimise}[sys.argv[2]]()
+        {"score": score, "command": command}[sys.argv[2]]()
     else:
         sys.exit(main(sys.argv[1:]))

@@ -23,7 +23,15 @@ from typing import IO, Any, Literal, get_args
 from tailstack.cures import cure_text
 from tailstack.errors import LimitError, Problem
 from tailstack.json_text import write_json
-from tailstack.people_tables import PeopleTable, Rows, is_missing, read_people_table, read_plain_number, split_heading
+from tailstack.people_tables import (
+    KEPT_ENDS,
+    PeopleTable,
+    Rows,
+    is_missing,
+    read_people_table,
+    read_plain_number,
+    split_heading,
+)
 
 from .problems import RequestError
 from .unpacking import MOST_SHEET_ROWS, Column, ColumnBlock, TableLimits
@@ -204,6 +212,9 @@ def _check_units(text: PeopleTable) -> None:
             raise text.refuse("wrong-header", detail, hint, text.header_line, place + 1)
 
 
+LINES = 'each line is one object, {"name": "A", "views.AP.fiducial_noise_px": 0.2}, in UTF-8'
+
+
 def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     def parse(line: int, text: bytes) -> dict[str, Any]:
         try:
@@ -211,10 +222,12 @@ def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         except (ValueError, RecursionError) as error:
             place = f" from column {error.colno} on" if isinstance(error, json.JSONDecodeError) else ""
             detail = f"line {line} is not JSON{place}; got {text.decode(errors='replace').strip()[:60]!r}"
-            hint = 'each line is one object, {"name": "A", "views.AP.fiducial_noise_px": 0.2}, in UTF-8'
+            hint = LINES
+            if isinstance(error, json.JSONDecodeError) and error.msg == "Extra data":
+                hint = f"end each object with LF; {KEPT_ENDS}"
             raise RequestError(Problem("", "json-syntax", detail, hint, bounds.file, line)) from None
         if not isinstance(row, dict):
-            raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", file=bounds.file, line=line))
+            raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", LINES, bounds.file, line))
         return row
 
     count = _count_lines(stream)

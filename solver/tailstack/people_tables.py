@@ -52,7 +52,12 @@ _KINDS = {  # of rows that are left out
 _HEADING = re.compile(
     r"(.+?)(?:\s*[_/]\s*(U)|\s*\[\s*(U)\s*\]|\s*\(\s*(U)\s*\)|\s+(U))".replace("U", r"[^\s_/\[\]()]+")
 )
+KEPT_ENDS = "curl -d @FILE drops line ends, --data-binary @FILE keeps them"
 _LINE_BREAK = "a cell goes on over several lines"
+_OTHER_ENDS = {  # of lines, which nothing here takes for one
+    "\\n": "a backslash and an n", "\u2028": "U+2028", "\u2029": "U+2029", "\x85": "U+0085", "\x0b": "U+000B",
+    "\x0c": "U+000C", "\x1e": "U+001E",
+}  # fmt: skip
 
 
 def read_plain_number(text: str) -> float | None:
@@ -336,6 +341,8 @@ def _open_table(
     start = 0 if said is None or told is None else told + 1
     texts = [(k + 1, text.rstrip("\r\n")) for k, text in enumerate(held) if k >= start and text.strip()]
     data = [(number, text) for number, text in texts if not text.lstrip().startswith("#")]
+    if len(texts) == 1 and (found := _find_lost_ends(texts[0][1])):
+        raise refuse("line-ends", *found, texts[0][0])
     if not data:
         raise refuse("empty-document", "the file holds no line of a table")
     if said is not None and said[1] not in (*DELIMITERS, "|"):
@@ -356,19 +363,25 @@ def _open_table(
     above = [(number, text) for number, text in texts if text.lstrip().startswith("#")]
     counts = Rows()
     header, titles = _find_header(contents_of, above, split, knows_header)
+    for number, text in data:
+        if number < header.number and _goes_on(text):
+            split(number, text)  # which refuses it
     if knows_header is None and not header.text.lstrip().startswith("#"):
         numbers = [cell for cell in header.cells if looks_like_number(cell)]
         if any(not cell.isdecimal() for cell in numbers) or len(numbers) == len(header.cells):
             detail = f"the first row names the columns; here it holds {quote(numbers[0])}"
             raise refuse("csv-header", detail, "put a row with the names of the columns above it", header.number)
+    for number, text in above:  # one with the cells of a row may be one that somebody took out
+        if number < header.number and text.count(delimiter) == header.text.count(delimiter) > 0:
+            titles.append(split(number, text))
     for title in titles:
         if title.filled >= max(2, sum(map(bool, header.cells))) and any(map(looks_like_number, title.cells)):
             detail = f"a row stands above the header (line {header.number}): {quote(title.text)}"
             raise refuse("csv-header", detail, "put it below, or delete it", title.number)
-        counts.leave_out("title", title.number)
+        counts.leave_out("remark" if title.text.lstrip().startswith("#") else "title", title.number)
     if len(header.cells) == 1 and delimiter not in header.text:
         _refuse_spaces(contents_of, header, refuse)
-    begins = header.number if not header.text.lstrip().startswith("#") else contents_of[0].number - 1
+    begins = header.number
     cells = header.cells
     while len(cells) > 1 and not cells[-1]:
         cells = cells[:-1]
@@ -385,6 +398,19 @@ def _open_table(
     )
     table.rows = _list_rows(table, chain(held[begins:], lines), begins, trailing)
     return table
+
+
+def _find_lost_ends(text: str) -> tuple[str, str] | None:
+    """What is wrong with the only line of a text, and its cure, if it holds more than names of columns."""
+    for mark, name in _OTHER_ENDS.items():
+        if mark in text.strip():
+            return f"the table is one line, with {name} where lines end", "end lines with LF, or CR LF"
+    cells = [cell.strip() for cell in re.split(f"[{DELIMITERS}]", text)]
+    numbers = [looks_like_number(cell) for cell in cells]
+    if all(numbers) or not (any(numbers) or any(re.search(r"[0-9]\.[0-9]", cell) for cell in cells)):
+        return None
+    detail = "the table is one line, with numbers in it: it has no header, or its line ends are lost"
+    return detail, f"put the names of the columns into a line above the rows; {KEPT_ENDS}"
 
 
 def _goes_on(text: str) -> bool:
