@@ -69,7 +69,8 @@ DESIGN_NAMES = (
     "Limits", "read_step", "StepSelection", "StepReading", "StepBody",
     "StepContact",
 )  # fmt: skip
-READ_MOST = ("TargetScore", "Contributor", "TargetEstimate", "Verdict", "Check", "Validity", "Problem")
+READ_MOST = ("Score", "Verification", "Sweep", "TargetScore", "TargetEstimate", "Check", "Problem")
+NAMED_ONLY = ("tailstack.results", "tailstack.integrations.step", "tailstack.design.reading")
 VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
 
 
@@ -117,9 +118,7 @@ def describe(thing: Any, level: int) -> str:
     if issubclass(thing, errors.TailstackError):
         parts.append(f"`slug`: `{thing.slug}`, exit code {thing.exit_code}.\n")
     rows = list(fields_of(thing))
-    with_meaning = (
-        thing.__name__ in READ_MOST or thing.__module__.partition(".results")[1] == "" or issubclass(thing, Result)
-    )
+    with_meaning = thing.__name__ in READ_MOST or not thing.__module__.startswith(NAMED_ONLY)
     parts += [listing(rows) if with_meaning else names(rows)] * bool(rows)
     methods = members_of(thing, level + 1) if Result not in thing.__mro__ else ""
     return "\n".join(part for part in (*parts, methods) if part)

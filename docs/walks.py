@@ -8,11 +8,9 @@ writes nothing and fails when the page differs.
 
 from __future__ import annotations
 
-import ast
 import asyncio
 import inspect
 import os
-import re
 import subprocess
 import sys
 import textwrap
@@ -224,8 +222,8 @@ def walk(name: str) -> list[tuple[str, str]]:
 # --- drawing ----------------------------------------------------------------------------------------------
 
 
-def draw(steps: list[tuple[str, str]], *, described: bool) -> str:
-    """The modules as a tree: each stands once, below the one that first called it; ``described`` by a few words."""
+def draw(steps: list[tuple[str, str]]) -> str:
+    """The modules as a tree: each stands once, below the one that first called it."""
     below: dict[str, list[str]] = {}
     for module, caller in steps:
         below.setdefault(caller, []).append(module)
@@ -239,8 +237,7 @@ def draw(steps: list[tuple[str, str]], *, described: bool) -> str:
     for module in below[""]:
         add(module, 0)
     assert len(places) == len(steps), "a module was called by one that is not in the walk"
-    width = max(len(place) for place, _ in places)
-    lines = [f"{place:<{width}}  {first_words(module) if described else ''}".rstrip() for place, module in places]
+    lines = [place for place, _ in places]
     passed = len(below) - 1
     rooms = Counter(path_of(module).rpartition("/")[0] or "(root)" for _, module in places)
     counts = (
@@ -255,21 +252,13 @@ def path_of(module: str) -> str:
     return module.partition(".")[2].replace(".", "/") or module
 
 
-def first_words(module: str) -> str:
-    """What a module says of itself, up to the first stop of any kind."""
-    file = next(file for file, name in FILES.items() if name == module)
-    said = ast.get_docstring(ast.parse(Path(file).read_text(encoding="utf-8"))) or ""
-    head = re.split(r"[:;,.(]\s|[:;,.]$| -> ", " ".join(said.split("\n\n")[0].split()), maxsplit=1)[0]
-    return textwrap.shorten(head, 50, placeholder=" ...")
-
-
 def drawn(page: str, name: str) -> str:
     """The page with a walk as it is now."""
     first, last = f"<!-- walk: {name} -->\n", "<!-- end of the walk -->\n"
     before, _, rest = page.partition(first)
     _, found, after = rest.partition(last)
     assert found, f"docs/architecture.md has no place for the walk {name!r}"
-    return f"{before}{first}\n{draw(walk(name), described=name == 'score')}\n{last}{after}"
+    return f"{before}{first}\n{draw(walk(name))}\n{last}{after}"
 
 
 def main(arguments: list[str]) -> str | None:

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from datetime import date
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -224,18 +225,22 @@ def outcome(reader: str, content: bytes, form: Format = "csv") -> str:
 
 
 def make_table() -> str:
-    """Habit by reader, in Markdown."""
-    lines = ["| habit | fiducials | measurements | table of designs | STEP |", "|---|---|---|---|---|"]
+    """Habits by reader, in Markdown; those of which the same comes share a row."""
+    rows: dict[tuple[str, ...], list[str]] = {}
     for habit, (write, of_step) in HABITS.items():
         cells = [outcome(reader, write(reader)) for reader in HEADERS]
-        lines.append(_row(habit, [*cells, "" if of_step is None else outcome(STEP, of_step)]))
+        rows.setdefault((*cells, "" if of_step is None else outcome(STEP, of_step)), []).append(habit)
     for habit, (content, form) in BINARY.items():
-        lines.append(_row(habit, ["", "", outcome("table of designs", content, form), ""]))
-    return "\n".join(lines) + "\n"
+        rows.setdefault(("", "", outcome("table of designs", content, form), ""), []).append(habit)
+    lines = ["| habit | fiducials | measurements | table of designs | STEP |", "|---|---|---|---|---|"]
+    return "\n".join([*lines, *(_row("; ".join(habits), cells) for cells, habits in rows.items())]) + "\n"
 
 
 def _row(habit: str, cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in (habit, *cells)) + " |"
+    """A row, refusals by the first part of their cure; one like that in the cell to the left is a ditto mark."""
+    first = [re.split(r"(?<!refused)[:;] ", cell)[0] for cell in cells]
+    shown = ["″" if cell == left and ":" in cell else cell for left, cell in pairwise(("", *first))]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in (habit, *shown)) + " |"
 
 
 PAGE = Path(__file__).parents[1] / "docs" / "integrations" / "tables.md"
