@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import filecmp
+import gzip
 import json
 import os
 import re
@@ -70,6 +71,7 @@ def test_a_drag_shows_its_own_numbers_and_sends_one_request_at_a_time(service: S
     assert found["mostInFlight"] == 1 < found["requests"]
     assert found["position"] == 1  # the whole drag is one step
     assert found["alone"] <= 201
+    assert len(found["tops"]) == 1  # whatever is said of the design meanwhile, the picture stays under the pointer
     assert len(found["shown"]) == 200
     assert len(set(found["shown"])) > 20
 
@@ -297,7 +299,7 @@ def test_a_step_file_is_a_design_or_its_balls_become_the_fiducials_of_one(servic
 def test_of_balls_of_two_diameters_the_page_asks_which(service: Served) -> None:
     with zipfile.ZipFile(ROOT / "tests" / "data" / "step" / "files.zip") as files:
         step = files.read("freecad_faces.step").decode("ascii")
-    (dropped,) = used(service.url, "drop", files=[{"name": "faces.step", "text": step}])["found"]
+    (dropped,) = used(service.url, "drop", files=[{"name": "faces.step", "text": step}], balls="Those of 3 mm")["found"]
     assert len(dropped["labels"]) == 4  # of 3 mm; the others have 4
     assert "was left" in dropped["words"]
 
@@ -401,6 +403,13 @@ def test_three_states_are_pictured_with_all_their_parts(service: Served, tmp_pat
 
 
 # --- the files in the package -----------------------------------------------------------------------------------------
+
+
+def test_what_is_fetched_before_the_first_score_stays_small() -> None:
+    """Page, styles and scripts as they are sent compressed; the editor of texts is fetched when it is opened."""
+    first = [path for path in BUILT.rglob("*") if path.suffix in (".html", ".css", ".js") and "Editor" not in path.name]
+    assert len(first) == 3
+    assert sum(len(gzip.compress(path.read_bytes())) for path in first) <= 120_000
 
 
 @pytest.mark.long

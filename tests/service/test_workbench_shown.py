@@ -209,7 +209,7 @@ def test_diagnostics_keep_the_policy_of_the_page_and_tab_leaves_the_editor(servi
 @pytest.mark.long
 def test_keys_in_either_case_focus_after_a_choice_and_regions_that_are_told_apart(service: Served) -> None:
     found = shown(service, "marks", example=yaml.safe_load(DEMO)["name"])
-    assert found["focus"] == "main"
+    assert found["focus"] == "verdict"
     assert found["keys"] == ["F1", "F2", "F1"]
     assert found["twice"] == []
     assert (found["wide"], found["cut"]) == (0, 0)  # no column of the budget is cut

@@ -247,7 +247,7 @@ def test_files_are_taken_or_it_is_said_what_to_do(service: Served) -> None:
     sent = [{"name": name, "base64": base64.b64encode(content).decode()} for name, content in files.items()]
     carrier = {"name": "carrier.step", "base64": base64.b64encode(step).decode()}
     found = seen(service, "files", files=[*sent, carrier])["found"]
-    assert "then drop beads.csv on it" in found["empty beads.csv"]["words"]
+    assert "7 fiducials of beads.csv are in a first design" in found["empty beads.csv"]["words"]
     for page in ("empty", "design"):
         assert "not UTF-8" in found[f"{page} latin.yaml"]["words"]
         assert "Führung" in found[f"{page} marked.yaml"]["text"]

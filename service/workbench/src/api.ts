@@ -169,6 +169,10 @@ async function scoreOnce(sent: Json): Promise<void> {
     const response = await send("POST", "/v1/scores", { ...(patch ?? { design: sent }), losses });
     if (response.ok) {
       const score = (await response.json()) as Score;
+      if (!understood(score)) {
+        refusal.value = { design: sent, problem: otherVersion() };
+        return;
+      }
       if (!patch) base = score.provenance.design_sha256 ? { data: sent, sha256: score.provenance.design_sha256 } : null;
       answer.value = { design: sent, score };
       refusal.value = null;
@@ -214,6 +218,13 @@ function later(sent: Json, seconds: number): void {
     }
   }, 1000 * seconds);
 }
+
+const SCORE: Score["schema"] = "tailstack/score/1";
+const understood = (score: Score) => score.schema === SCORE && Array.isArray(score.targets) && Array.isArray(score.verdict?.checks) && Array.isArray(score.verdict.findings);
+const otherVersion = (): Refusal => ({
+  status: 0, title: "The page is of another version than the service", type: "",
+  errors: [{ pointer: "", detail: "It does not understand the answer.", hint: "reload the page: the design is kept in this browser", rule: "version" }],
+});
 
 export const unreachable = (): Refusal => ({
   status: 0,

@@ -1,20 +1,21 @@
 // The workbench: one page on which a designer plays with a design.
 
-import { effect, signal } from "@preact/signals";
+import { computed, effect, signal } from "@preact/signals";
 import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { answer, busy, current, key, keyWanted, refused } from "./api";
 import { loadRecent, resume, runs, startProblem, unfinished } from "./jobs";
 import { Beads, Geometry, HalfWidths } from "./parts/Controls";
 import { Budget } from "./parts/Budget";
-import { Gallery, OpenFile, takeFile, takeText, TakeAway, Variants, working } from "./parts/Files";
-import { Form, loadSchema } from "./parts/Form";
+import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, WhichBalls, working } from "./parts/Files";
+import { Form } from "./parts/Form";
 import { Elevations, Images } from "./parts/Pictures";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
 import { Space } from "./parts/Space";
 import { Requirements, Verdict } from "./parts/Verdict";
-import { canRedo, canUndo, design, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
+import { listed, Tip, WordList } from "./parts/Words";
+import { canRedo, canUndo, design, gesture, linked, message, position, recall, redo, remember, restore, savedSteps, say, shownPointer, steps, text, textOfLink, undo } from "./state";
 
 const theme = signal<string>(recall("tailstack.workbench.theme", "auto"));
 effect(() => {
@@ -22,6 +23,9 @@ effect(() => {
   remember("tailstack.workbench.theme", theme.value);
 });
 const dark = () => (theme.value === "auto" ? matchMedia("(prefers-color-scheme: dark)").matches : theme.value === "dark");
+
+const large = signal<boolean>(recall("tailstack.workbench.space", false)); // the drawing in space takes the width of the pictures
+effect(() => void remember("tailstack.workbench.space", large.value));
 
 function Page() {
   const name = String(design.value?.name ?? "");
@@ -34,16 +38,18 @@ function Page() {
           <button type="button" disabled={!canUndo.value} onClick={undo} title="Ctrl+Z">{`Undo${canUndo.value ? `: ${short(steps.value[position.value].what)}` : ""}`}</button>
           <button type="button" disabled={!canRedo.value} onClick={redo} title="Ctrl+Shift+Z">{`Redo${canRedo.value ? `: ${short(steps.value[position.value + 1].what)}` : ""}`}</button>
           <OpenFile words="Open a file" />
-          <a class="button" href="docs">API</a>
-          <button type="button" onClick={() => (theme.value = dark() ? "light" : "dark")}>{dark() ? "Light" : "Dark"}</button>
         </nav>
       </header>
       {!savedSteps.value && <p class="bad" role="alert">The browser keeps nothing (its storage is full or off): save the design as a file.</p>}
       {message.value && <p class={message.value.bad ? "message bad" : "message"} role="status">{message.value.words} <button type="button" class="small" aria-label="Close the message" onClick={() => (message.value = null)}>×</button></p>}
       {startProblem.value && <div class="message bad"><Problems problem={startProblem.value} /><button type="button" class="small" onClick={() => (startProblem.value = null)}>Close</button></div>}
       {working.value && <p class="working" role="status">{working.value} … <progress aria-label={working.value} /></p>}
+      <WhichBalls />
       {keyWanted.value && <KeyWanted />}
       {steps.value.length === 0 ? <Welcome /> : <Workbench />}
+      <Foot />
+      <Tip />
+      <WordList />
     </>
   );
 }
@@ -54,11 +60,32 @@ const short = (words: string) => (words.length > 26 ? `${words.slice(0, 25)}…`
 function Welcome() {
   return (
     <main id="main" tabIndex={-1}>
+      <div class="lead">
+        <p>A robot is navigated by two X-ray images of metal beads: how far from the target does its tool end up, which tolerance is to blame, and what would make it better?</p>
+        <Sketch />
+      </div>
+      <OwnPoints />
       <h2>Begin with a design</h2>
-      <p>Take one of these, or drop a <code>.yaml</code> or <code>.json</code> design here. Nothing leaves this computer but for the service that this page came from.</p>
+      <p>Take one of these, open <OpenFile words="a design of yours" />, or drop one here (.yaml, .json). Everything is computed by the service that this page came from; nothing is sent anywhere else.</p>
       <Gallery />
-      <p><OpenFile words="Open a design of yours" /></p>
     </main>
+  );
+}
+
+/** What this is about, in one picture: two sources, the beads in their carrier, the tool and how far off it is. */
+function Sketch() {
+  return (
+    <svg class="sketch" viewBox="0 0 360 170" role="img" aria-label="Two X-ray sources see beads in a carrier that sits on a robot's flange; the tool beyond them misses the target by an error.">
+      <path class="beam" d="M90 12L40 118H150ZM8 62L128 34V112Z" />
+      <rect class="thing" x="36" y="120" width="118" height="6" /><rect class="thing" x="130" y="32" width="6" height="82" />
+      <circle class="source" cx="90" cy="12" r="6" /><circle class="source" cx="8" cy="62" r="6" />
+      <rect class="carrier" x="62" y="50" width="52" height="44" rx="4" />
+      {[[70, 58], [104, 62], [76, 84], [98, 86], [88, 70]].map(([x, y]) => <circle key={x} class="bead" cx={x} cy={y} r="3.5" />)}
+      <path class="arm" d="M114 72H172M172 56V88M172 72H250L262 72" />
+      <path class="tool" d="M262 68L300 72L262 76Z" />
+      <circle class="miss" cx="318" cy="78" r="20" /><path class="cross" d="M312 72l12 12M324 72l-12 12" />
+      <text x="104" y="15">source</text><text x="54" y="142">image</text><text x="66" y="46">beads</text><text x="160" y="50">seats</text><text x="262" y="60">tool</text><text x="298" y="115">error</text>
+    </svg>
   );
 }
 
@@ -68,7 +95,6 @@ function KeyWanted() {
       event.preventDefault();
       key.value = new FormData(event.currentTarget).get("key") as string;
       keyWanted.value = false;
-      void loadSchema();
       void loadRecent();
       resume();
     }}>
@@ -83,16 +109,21 @@ function Workbench() {
       <Verdict />
       <main id="main" tabIndex={-1}>
         <div class="see">
-          <section aria-label="X-ray images"><h2>What the X-rays see</h2><Images /></section>
-          <section aria-label="Elevations"><h2>Elevations</h2><Elevations /></section>
+          <div class="panes">
+            <section class="images" aria-label="X-ray images"><h2>What the X-rays see</h2><Images /></section>
+            <section class={large.value ? "large" : ""} aria-label="In space">
+              <div class="headed"><h2>In space</h2><button type="button" class="small" aria-label={`${large.value ? "Smaller" : "Larger"}: the drawing in space`} aria-pressed={large.value} onClick={() => (large.value = !large.value)}>{large.value ? "Smaller" : "Larger"}</button></div>
+              <Space />
+            </section>
+            <section class="elevations" aria-label="Elevations"><h2>Elevations</h2><Elevations /></section>
+          </div>
           <section aria-label="Budget"><h2>What is to blame</h2><Budget /></section>
           <section aria-label="Requirements"><h2>Requirements</h2><Requirements /></section>
-          <section aria-label="In space"><h2>In space</h2><Space /></section>
         </div>
         <div class="change">
           <Part title="Beads" open paper><Beads /></Part>
           <Part title="Half-widths and noise" open paper><HalfWidths /></Part>
-          <Part title="Views, pivots, targets, limits"><Geometry /></Part>
+          <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>
           <Part title="Run" open={runs.value.length > 0} summoned={runs.value.some(unfinished)} paper><Runs /></Part>
           <Part title="Variants"><Variants /></Part>
           <Part title="Take away"><TakeAway /></Part>
@@ -101,12 +132,27 @@ function Workbench() {
           <Part title="Other designs"><Gallery /></Part>
         </div>
       </main>
-      <footer>
-        <p>{answer.value ? `Not in any number: ${answer.value.score.provenance.not_included.join("; ")}.` : ""}</p>
-        <p class={current.value ? "" : "old"}>{answer.value ? `First order; design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}` : ""}</p>
-        {licences && <p><a href={licences}>Licences of what this page contains</a></p>}
-      </footer>
     </>
+  );
+}
+
+/** What the numbers are of, and ways on; after the strip, so that few presses of Tab lead to its buttons. */
+function Foot() {
+  return (
+    <footer>
+      {steps.value.length > 0 && answer.value && (
+        <>
+          <p>{`Not in any number: ${answer.value.score.provenance.not_included.join("; ")}.`}</p>
+          <p class={current.value ? "" : "old"}>{`Estimate (first order); design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}`}</p>
+        </>
+      )}
+      <p class="controls">
+        <button type="button" onClick={() => (listed.value = true)}>What the words mean</button>
+        <button type="button" onClick={() => (theme.value = dark() ? "light" : "dark")}>{dark() ? "Light" : "Dark"}</button>
+        <a href="docs">The service's API</a>
+        {licences && <a href={licences}>Licences of what this page contains</a>}
+      </p>
+    </footer>
   );
 }
 
@@ -133,10 +179,19 @@ function Part({ title, open: begin = false, summoned = false, paper = false, chi
   );
 }
 
+/** While something is dragged, what stands above it keeps its height, whatever it says: it stays under the pointer. */
+const held = computed(() => gesture.value.length > 0);
+effect(() => {
+  const keep = held.value;
+  for (const part of document.querySelectorAll<HTMLElement>(".steady")) part.style.height = keep ? `${part.offsetHeight}px` : "";
+});
+
 document.addEventListener("keydown", (event) => {
   const at = event.composedPath()[0];
   // A field in which something is being typed undoes that; one that shows the design's value leaves it to the page
   const typing = at instanceof HTMLInputElement ? at.type !== "range" && at.type !== "checkbox" && at.value !== at.defaultValue : at instanceof HTMLElement && at.isContentEditable;
+  const writes = at instanceof HTMLElement && (at.isContentEditable || /^(TEXTAREA|SELECT)$/.test(at.tagName) || (at instanceof HTMLInputElement && /^(text|password)$/.test(at.type)));
+  if (event.key === "?" && !writes && !event.ctrlKey && !event.metaKey && !event.altKey) listed.value = true;
   if (typing || !(event.ctrlKey || event.metaKey)) return;
   if (event.key.toLowerCase() === "z") {
     event.preventDefault();
@@ -170,7 +225,6 @@ async function begin(): Promise<void> {
   restore();
   await fromLink();
   render(<Page />, document.getElementById("page")!);
-  void loadSchema();
   resume();
 }
 

@@ -49,6 +49,8 @@ const parsed = computed(() => parse(text.value));
 export const errors = computed(() => (steps.value.length ? parsed.value.errors : []));
 /** The design as plain data, with the gesture that is under way.  The same object as long as nothing has changed. */
 export const design = computed<Json>(() => parsed.value.data && withEdits(parsed.value.data, gesture.value));
+/** The same without the gesture. */
+export const settled = computed<Json>(() => parsed.value.data);
 export const canUndo = computed(() => position.value > 0);
 export const canRedo = computed(() => position.value < steps.value.length - 1);
 
@@ -103,6 +105,13 @@ export function undo(): void {
 
 export function redo(): void {
   if (canRedo.value) position.value += 1;
+  autosave();
+}
+
+/** One of the steps, again. */
+export function goTo(step: number): void {
+  cancelGesture();
+  position.value = step;
   autosave();
 }
 

@@ -4,6 +4,9 @@
 export const mm = (value: number | null | undefined, digits = 3): string =>
   value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−");
 
+/** A change, with an arrow for its sign: "▼ 0.046". */
+export const changed = (by: number, digits = 3): string => `${by < 0 ? "▼" : "▲"} ${Math.abs(by).toFixed(digits)}`;
+
 export const percent = (share: number | null | undefined, digits = 1): string =>
   share === null || share === undefined ? "–" : `${(100 * share).toFixed(digits)} %`.replace("-", "−");
 

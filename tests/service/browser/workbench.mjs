@@ -132,7 +132,7 @@ const scenarios = {
     await page.mouse.up();
     const moved = await sha(page);
     const slider = page.locator(".slide input[type=range]").first(), box = await slider.boundingBox();
-    await page.mouse.click(box.x + 0.6 * box.width, box.y + box.height / 2);
+    await page.mouse.click(box.x + 0.66 * box.width, box.y + box.height / 2); // beside the knob, at 0.2°
     const loosened = await sha(page);
     await part(page, "Run");
     await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
@@ -397,7 +397,7 @@ scenarios.lose = async () => {
   const labels = await page.locator(".beads tbody tr > th").allInnerTexts();
   const losses = await page.getByRole("region", { name: "Lost fiducials" }).innerText();
   const drawn = page.locator(".viewer-layers label", { hasText: `Fiducials (${labels.length})` });
-  await drawn.waitFor(); // the drawing in space follows a moment later
+  await drawn.waitFor({ state: "attached" }); // the drawing in space follows a moment later
   if (asked.shot) await page.screenshot({ path: asked.shot, fullPage: true });
   await page.keyboard.press("Control+z");
   return { before, without, labels, losses, after: await sha(page) };
@@ -418,7 +418,6 @@ scenarios.offer = async () => {
 
 scenarios.drop = async () => {
   const context = await newContext(), page = asked.empty ? await open(context, asked.url, false) : await begun(context), found = [];
-  page.on("dialog", (dialog) => dialog.accept("3"));
   for (const { name, text } of asked.files) {
     const dropped = await page.evaluateHandle(([called, content]) => {
       const transfer = new DataTransfer();
@@ -426,6 +425,7 @@ scenarios.drop = async () => {
       return transfer;
     }, [name, text]);
     await page.dispatchEvent("body", "drop", { dataTransfer: dropped });
+    if (asked.balls) await page.getByRole("button", { name: asked.balls }).click();
     await page.locator(".message", { hasText: name }).waitFor();
     await page.waitForFunction(() => !window.workbench.state().busy);
     found.push({ words: await page.locator(".message").innerText(), labels: await page.locator(".beads tbody tr > th").allInnerTexts() });
@@ -451,7 +451,7 @@ scenarios.keys = async () => {
 // Moves of the pointer, each to its own number on the page; then many at once.
 scenarios.drag = async () => {
   const context = await newContext(), page = await begun(context);
-  const [x, y] = await centre(bead(page, "F1")), shown = [];
+  const [x, y] = await centre(bead(page, "F1")), shown = [], tops = new Set();
   let scores = 0;
   page.on("request", (request) => { scores += Number(request.url().endsWith("/v1/scores")); });
   await page.evaluate(() => {
@@ -459,7 +459,7 @@ scenarios.drag = async () => {
     window.settled = () => new Promise((done) => {
       const look = () => {
         const { current } = window.workbench.state();
-        if (window.moved && current && document.querySelector('[data-current="true"]')) done(document.querySelector("#p95").textContent);
+        if (window.moved && current && document.querySelector('[data-current="true"]')) done([document.querySelector("#p95").textContent, document.querySelector('svg[aria-label^="Elevation Front"]').getBoundingClientRect().top]);
         else requestAnimationFrame(look);
       };
       look();
@@ -469,8 +469,10 @@ scenarios.drag = async () => {
   await page.mouse.down();
   for (let k = 0; k < asked.moves; k += 1) {
     await page.evaluate(() => { window.moved = false; });
-    await page.mouse.move(x + 2 + 18 * Math.sin(k / 7), y + 12 * Math.cos(k / 5));
-    shown.push(await page.evaluate(() => window.settled()));
+    await page.mouse.move(x + 2 + 36 * Math.sin(k / 7), y + 24 * Math.cos(k / 5));
+    const [p95, top] = await page.evaluate(() => window.settled());
+    shown.push(p95);
+    tops.add(top);
   }
   await page.mouse.up();
   await page.mouse.move(x, y);
@@ -488,7 +490,7 @@ scenarios.drag = async () => {
   for (let k = 0; k < 60; k += 1) await page.mouse.move(x + k / 3, y);
   await page.mouse.up();
   await sha(page);
-  return { shown, alone, mostInFlight, requests, position };
+  return { shown, tops: [...tops], alone, mostInFlight, requests, position };
 };
 
 await play(scenarios);

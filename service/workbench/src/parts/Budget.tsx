@@ -4,8 +4,9 @@ import { signal } from "@preact/signals";
 import type { components } from "../../../../openapi/typescript/tailstack";
 import { answer, current, late, refused, type Score, type TargetScore } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
-import { decisive } from "../verdicts";
-import { brief, mm, percent } from "../words";
+import { before, decisive, shareKey } from "../verdicts";
+import { Term } from "./Words";
+import { brief, changed, mm, percent } from "../words";
 
 type Allowance = components["schemas"]["Allowance"];
 
@@ -30,7 +31,7 @@ function families(target: TargetScore): { whole: number; parts: number[] }[] {
 }
 
 /** What a report says of this very design: how far each half-width is from where the limit is reached. */
-function allowancesOf(score: Score): Allowance[] | null {
+export function allowancesOf(score: Score): Allowance[] | null {
   const own = (record: { allowances?: Allowance[]; score?: Score }) => record.allowances && record.score?.provenance.design_sha256 === score.provenance.design_sha256;
   return Object.values(results.value).find(own)?.allowances ?? null;
 }
@@ -44,7 +45,7 @@ function slackWords(allowances: Allowance[], target: string, score: Score): stri
 }
 
 /** "+0.12 to 0.27 °", or why there is no such number. */
-function slackOf(allowance: Allowance | undefined): string {
+export function slackOf(allowance: Allowance | undefined): string {
   if (!allowance || allowance.half_width === 0) return "";
   if (allowance.slack === null || allowance.at_limit === null) return allowance.status;
   const sign = allowance.slack < 0 ? "" : "+";
@@ -83,12 +84,12 @@ export function Budget() {
       {allowances && <p class="note">{slackWords(allowances, target.name, score)}</p>}
       <div class="scroll" tabIndex={0} role="region" aria-label="Table of the budget">
         <table class={allowances ? "slack" : ""}>
-          <caption>{`Budget: shares of variance${score.targets.length > columns.length ? `, the ${columns.length} of ${score.targets.length} targets with the largest P95` : ""}`}</caption>
+          <caption><Term word="budget">Budget</Term>: <Term word="share">shares</Term> of variance{`${score.targets.length > columns.length ? `, the ${columns.length} of ${score.targets.length} targets with the largest P95` : ""}`}</caption>
           <thead>
             <tr>
-              <th>Contributor</th><th class="number">Half-width</th>
+              <th><Term word="contributor">Contributor</Term></th><th class="number"><Term word="half-width">Half-width</Term></th>
               {allowances && <th class="number">Slack</th>}
-              <th>{`Waterfall, ${target.name}`}</th><th class="number">P95 without, mm</th><th class="number">P95 per unit of half-width</th>
+              <th>{`Waterfall, ${target.name}`}</th><th class="number"><Term word="P95">P95</Term> without, mm</th><th class="number">P95 per unit of half-width</th>
               {columns.map((t) => <th class="number" key={t.name}>{t.name}</th>)}
             </tr>
           </thead>
@@ -113,7 +114,7 @@ export function Budget() {
                     </td>
                     <td class="number">{mm(c.p95_without_mm)}</td>
                     <td class="number">{c.dp95_per_unit === null ? "" : `${brief(c.dp95_per_unit)} mm/${unit(c.unit)}`}</td>
-                    {columns.map((t) => <td class="number share" key={t.name}><Share value={t.contributors[k]?.variance_share ?? 0} /></td>)}
+                    {columns.map((t) => <td class="number share" key={t.name}><Share value={t.contributors[k]?.variance_share ?? 0} before={before.value?.shares[shareKey(t.name, c.name, c.component)]} /></td>)}
                   </tr>
                 );
               });
@@ -127,11 +128,13 @@ export function Budget() {
 
 const unit = (name: string) => name.replace("deg", "°");
 
-function Share({ value }: { value: number }) {
+function Share({ value, before: was }: { value: number; before?: number }) {
+  const by = was === undefined ? 0 : 100 * (value - was);
   return (
     <>
       <svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect y="1" width={100 * Math.min(1, value)} height="8" /></svg>
       {percent(value)}
+      {Math.abs(by) >= 0.05 && <span class={by < 0 ? "delta less" : "delta more"}>{` ${changed(by, 1)}`}</span>}
     </>
   );
 }

@@ -1,9 +1,15 @@
 // What is changed by typing and sliding: beads, half-widths, noise, angles and distances of the views.
 
+import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
-import { cancelGesture, design, edit, finishGesture, type Json, type Path, PRESSES, preview, selected, valueAt } from "../state";
-import { brief, readNumber } from "../words";
+import { type Line, placeOf } from "../advice";
+import { answer, late, refused } from "../api";
+import { cancelGesture, design, edit, finishGesture, type Json, opened, type Path, PRESSES, preview, selected, valueAt } from "../state";
+import { decisive } from "../verdicts";
+import { brief, mm, percent, readNumber } from "../words";
+import { allowancesOf, slackOf } from "./Budget";
 import { type Bead, beads } from "./Pictures";
+import { Term } from "./Words";
 
 /** Show a value in a field, unless something else is just being typed there. */
 export function showValue(field: HTMLInputElement | null, value: Json): void {
@@ -146,18 +152,52 @@ function gradesOf(data: Json, path: Path): number[] {
   return (own?.grades ?? []).map((grade: Json) => grade[name]).filter((width: unknown) => typeof width === "number" && width > 0);
 }
 
+/** The lines of the budget by the place of their half-width, at the target that decides. */
+const lines = computed<{ target: string; at: Map<string, Line> }>(() => {
+  const score = answer.value?.score, data = answer.value?.design;
+  const target = score && (score.targets.find(({ name }) => name === decisive(score.verdict.checks)?.target) ?? score.targets[0]), at = new Map<string, Line>();
+  for (const line of target?.contributors ?? []) {
+    const path = placeOf(data, line);
+    if (path) at.set(path.join("/"), line);
+  }
+  return { target: target?.name ?? "", at };
+});
+
+/** The order of the rows: by share, as it was when the design was opened or when it was asked for; what is changed stays
+ * where it is. */
+const order = signal<Map<string, number>>(new Map());
+const sort = () => (order.value = new Map([...lines.peek().at].map(([place, line]) => [place, line.variance_share])));
+let sorted = -1; // which design that was opened
+effect(() => {
+  if (!answer.value || sorted === opened.value) return;
+  sorted = opened.value;
+  sort();
+});
+
 export function HalfWidths() {
-  const data = design.value, list = slides(data), groups = new Map<string, Slide[]>();
+  const data = design.value, list = slides(data), groups = new Map<string, Slide[]>(), share = ({ path }: Slide) => order.value.get(path.join("/")) ?? -1;
   for (const slide of list) {
     const group = slide.path.slice(0, slide.path[0] === "interfaces" || slide.path[0] === "views" ? 2 : 1).join(".");
     groups.set(group, [...(groups.get(group) ?? []), { ...slide, grades: gradesOf(data, slide.path) }]);
   }
+  const of = (members: Slide[]) => members.reduce((sum, slide) => sum + Math.max(0, share(slide)), 0);
+  const ranked = [...groups].map(([group, members]) => [group, [...members].sort((a, b) => share(b) - share(a))] as const).sort(([, a], [, b]) => of(b) - of(a));
+  const { target, at } = lines.value, allowances = answer.value ? allowancesOf(answer.value.score) : null;
   return (
-    <div class="slides">
-      {[...groups].map(([group, members]) => (
+    <div class={late.value || refused.value ? "slides outdated" : "slides"}>
+      {at.size > 0 && (
+        <div class="slideheads">
+          <span>{`At ${target}, sorted by share `}<button type="button" class="small" onClick={sort}>Sort again</button></span>
+          <Term word="share">Share</Term><span>P95 without, mm</span>
+        </div>
+      )}
+      {ranked.map(([group, members]) => (
         <fieldset key={group}>
           <legend>{groupName(data, members[0].path)}</legend>
-          {members.map((slide) => <Slider key={slide.path.join("/")} slide={slide} />)}
+          {members.map((slide) => {
+            const line = at.get(slide.path.join("/"));
+            return <Slider key={slide.path.join("/")} slide={slide} line={line} slack={line && slackOf(allowances?.find((each) => each.target === target && each.contributor === line.name && each.component === line.component))} />;
+          })}
         </fieldset>
       ))}
     </div>
@@ -173,7 +213,7 @@ function groupName(data: Json, path: Path): string {
   return path[0].toString().replace(/^./, (letter) => letter.toUpperCase());
 }
 
-function Slider({ slide }: { slide: Slide }) {
+function Slider({ slide, line, slack }: { slide: Slide; line?: Line; slack?: string }) {
   const value = valueAt(design.value, slide.path) as number, name = String(slide.path[slide.path.length - 2] ?? "");
   const range = rangeOf(slide.unit), short = /^[rt][xyz]$/.test(name) ? name : slide.label.split(", ").slice(-1)[0];
   const marks = `grades ${slide.path.join(" ")}`.replace(/\W+/g, "-");
@@ -199,6 +239,9 @@ function Slider({ slide }: { slide: Slide }) {
       {slide.grades.length > 0 && <datalist id={marks}>{slide.grades.map((g) => <option key={g} value={toSlider(g, range)} />)}</datalist>}
       <NumberField path={slide.path} label={slide.label} unit={slide.unit} hidden />
       <span class="unit">{slide.unit}</span>
+      <span class="part-of">{line && <><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect y="1" width={100 * Math.min(1, line.variance_share)} height="8" /></svg>{percent(line.variance_share)}</>}</span>
+      <span class="without">{line && mm(line.p95_without_mm)}</span>
+      {slack && <span class="slack-of">{`slack ${slack}`}</span>}
     </div>
   );
 }

@@ -16,7 +16,7 @@ import { useEffect, useRef } from "preact/hooks";
 import type { Document } from "yaml";
 import { pathOf, refused } from "../api";
 import { commit, type Json, parse, type Path, shownPointer, text, valueAt } from "../state";
-import { choose, resolve, schema } from "./Form";
+import { choose, resolve, schema, useSchema } from "./Form";
 
 const PAUSE = 500; // ms after the last key, after which the text is taken over
 
@@ -140,6 +140,7 @@ function replaceText(event: InputEvent, view: EditorView): boolean {
 }
 
 export function Editor() {
+  useSchema();
   const host = useRef<HTMLDivElement>(null);
   useEffect(() => {
     const root = host.current!.shadowRoot ?? host.current!.attachShadow({ mode: "open" });

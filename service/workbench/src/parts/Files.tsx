@@ -1,12 +1,13 @@
 // How a design comes in and goes out: gallery, files, variants, the link, "copy as".
 
 import { signal } from "@preact/signals";
-import { useEffect, useState } from "preact/hooks";
-import { answer, current, key, placeInWords, pointerOf, readRefusal, type Score, send, unreachable } from "../api";
+import { useEffect, useRef, useState } from "preact/hooks";
+import { answer, current, key, pathOf, placeInWords, pointerOf, readRefusal, type Score, send, unreachable } from "../api";
 import { canUndo, commit, design, differences, edit, type Json, keepVariant, linked, linkOf, LONGEST_LINK, open, parse, removeVariant, say, text, valueAt, variants } from "../state";
+import { assumed, cArm, cArms, firstDesign, limit, loadCArms } from "../first";
 import { rounded } from "../geometry";
 import { type Check, decisive } from "../verdicts";
-import { mm, VERDICTS } from "../words";
+import { mm, readNumber, VERDICTS } from "../words";
 import { ghost } from "./Pictures";
 import { save } from "./Runs";
 
@@ -25,6 +26,12 @@ export async function takeFile(file: File): Promise<void> {
   takeText(file.name, content, `Open ${file.name}`);
 }
 
+/** Open a design; what was pressed for it is gone, or of no more use: what comes next are the buttons of the strip. */
+function begin(source: string, what: string): void {
+  open(source, what);
+  requestAnimationFrame(() => document.activeElement?.matches("body, .gallery *") && document.getElementById("verdict")?.focus({ preventScroll: true }));
+}
+
 /** Text as the command reads it: UTF-8, or UTF-16 with its mark; null for anything else. */
 function decode(content: ArrayBuffer): string | null {
   const [first, second] = new Uint8Array(content);
@@ -41,36 +48,98 @@ export function takeText(name: string, content: string, what: string): void {
   const { errors, empty } = parse(content);
   if (errors.length) return void say(`${name} holds no design: ${errors[0].message}`, true);
   const same = content === text.value;
-  open(content, what);
+  begin(content, what);
   const notes = empty.slice(0, 5).map(({ path }) => path.join(" › ")).join(", ");
   say(`${name} is ${same ? "what is open already" : "open"}.${canUndo.value && !same ? " Undo brings back what was here." : ""}${notes ? ` Fields without a value count as if they were not there: ${notes}.` : ""}`);
 }
 
+/** Balls of several diameters: the file waits until it is said which are fiducials. */
+const asking = signal<{ file: File; format: string; words: string; diameters: number[] } | null>(null);
+export const assumes = signal(false); // a first design was made about points: what it assumes is shown
+
 async function takePoints(file: File, format: string, more = ""): Promise<void> {
   const { name } = file;
-  const started = !design.value;
-  if (started && format !== "step") return void say(`${name} holds fiducials and no design: take one of the designs below or open one of yours, then drop ${name} on it.`, true);
+  asking.value = null;
   working.value = `${name} is being read`;
-  const response = await send("POST", `/v1/conversions?from=${format}&to=${started ? "yaml" : "csv"}${more}`, file, { "Content-Type": "text/plain" }).catch(() => null).finally(() => (working.value = null));
+  const response = await send("POST", `/v1/conversions?from=${format}&to=csv${more}`, file, { "Content-Type": "text/plain" }).catch(() => null).finally(() => (working.value = null));
   if (!response?.ok) {
-    const problem = response ? await readRefusal(response) : unreachable(), [{ rule, detail }] = problem.errors;
-    const called = detail.replaceAll(`content.${format}`, name), several = rule === "several-diameters" && !more;
-    const diameter = several ? Number(window.prompt(`${called}. Which diameter have the fiducials, mm?`)?.replace(",", ".") ?? 0) : 0;
-    if (diameter > 0) return takePoints(file, format, `&sphere_diameter_mm=${diameter}`);
-    const cure = several ? "nothing was taken: open the file again and type one of these diameters" : problem.errors[0].hint;
-    return void say(`${name}: ${[called, cure].filter(Boolean).join("; ")}`, true);
+    const problem = response ? await readRefusal(response) : unreachable(), [{ rule, detail, hint }] = problem.errors;
+    const called = detail.replaceAll(`content.${format}`, name);
+    if (rule === "several-diameters" && !more) {
+      const diameters = [...detail.split("diameters:").pop()!.matchAll(/([\d.]+) mm/g)].map(([, value]) => Number(value)).filter((value) => value > 0);
+      return void (asking.value = { file, format, words: called, diameters: [...new Set(diameters)] });
+    }
+    return void say(`${name}: ${[called, hint].filter(Boolean).join("; ")}`, true);
   }
   const made = await response.json(), own = new Map((design.value?.fiducials?.points ?? []).map((p: Json) => [p.label, p]));
   const points = made.fiducials.map((p: Json) => ({ ...(own.get(p.label) ?? {}), label: p.label, position_mm: rounded(p.position_mm, 4) }));
   const left = (made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`);
   const notes = [...made.notes, ...left].slice(0, 5).join("; ");
-  if (started) open(made.content, `Open ${name}`);
-  else {
-    const kept = Object.fromEntries(Object.entries(design.value.fiducials ?? {}).filter(([field]) => !["points", "file", "region", "frame"].includes(field)));
-    edit([{ path: ["fiducials"], value: { points, ...kept } }], `Fiducials of ${name}`);
+  if (!design.value) {
+    begin(firstDesign(points, name), `Open ${name}`);
+    assumes.value = true;
+    return void say(`${points.length} fiducials of ${name} are in a first design. C-arm, seats, tolerances, target and limit are assumed: they stand beside the pictures, correct them.${notes ? ` ${notes}` : ""}`);
   }
+  const kept = Object.fromEntries(Object.entries(design.value.fiducials ?? {}).filter(([field]) => !["points", "file", "region", "frame"].includes(field)));
+  edit([{ path: ["fiducials"], value: { points, ...kept } }], `Fiducials of ${name}`);
   say(`${points.length} fiducials of ${name} are in the design.${canUndo.value ? " Undo brings back those before." : ""}${notes ? ` ${notes}` : ""}`);
 }
+
+/** Which of the balls are fiducials; asked in the page, beside what else is said. */
+export function WhichBalls() {
+  const asked_ = asking.value, form = useRef<HTMLFormElement>(null);
+  useEffect(() => form.current?.querySelector<HTMLElement>("button, input")?.focus(), [asked_]);
+  if (!asked_) return null;
+  const { file, format, words, diameters } = asked_, take = (diameter: number) => takePoints(file, format, `&sphere_diameter_mm=${diameter}`);
+  return (
+    <form ref={form} class="problems asking" aria-label={`Fiducials of ${file.name}`} onKeyDown={(event) => { if (event.key === "Escape") asking.value = null; }} onSubmit={(event) => {
+      event.preventDefault();
+      const field = event.currentTarget.querySelector("input")!, diameter = readNumber(field.value, "mm");
+      field.setCustomValidity(diameter !== null && diameter > 0 ? "" : "a diameter in mm, such as 3 or 2,5");
+      if (event.currentTarget.reportValidity()) void take(diameter!);
+    }}>
+      <p>{`${words}. Which of them are the fiducials?`}</p>
+      <p class="controls">
+        {diameters.map((diameter) => <button type="button" key={diameter} onClick={() => take(diameter)}>{`Those of ${diameter} mm`}</button>)}
+        <label>another diameter, mm <input type="text" inputMode="decimal" size={5} required onInput={(event) => event.currentTarget.setCustomValidity("")} /></label>
+        <button type="submit">Take these</button>
+        <button type="button" onClick={() => (asking.value = null)}>Take none</button>
+      </p>
+    </form>
+  );
+}
+
+/** The first door: points of one's own, seen by a C-arm that is chosen. */
+export function OwnPoints() {
+  useEffect(() => {
+    if (!cArms.value.length) void loadCArms();
+  }, [key.value]);
+  const chosen = cArms.value.find(({ name }) => name === cArm.value), missing = assumed(cArm.value);
+  return (
+    <section class="own" aria-label="Your own beads">
+      <h2>Begin with your own beads</h2>
+      <p>A list of where they are is enough: a CSV file (columns label, x_mm, y_mm, z_mm), markups of 3D Slicer (.mrk.json, .fcsv), or a STEP file with balls in it. Seats, tolerances and a target are assumed about them, and are yours to correct.</p>
+      <p class="controls">
+        <label>C-arm{" "}
+          <select value={cArm.value} onChange={(event) => (cArm.value = event.currentTarget.value)}>
+            {(cArms.value.length ? cArms.value : [{ name: cArm.value, title: "Generic mobile C-arm" }]).map(({ name, title }) => <option key={name} value={name}>{title}</option>)}
+          </select>
+        </label>
+        <label>95 % of all errors within, mm{" "}
+          <input type="text" inputMode="decimal" size={5} defaultValue={String(limit.value)} onInput={(event) => {
+            const value = readNumber(event.currentTarget.value, "mm"), good = value !== null && value > 0;
+            event.currentTarget.setAttribute("aria-invalid", String(!good));
+            if (good) limit.value = value;
+          }} />
+        </label>
+        <OpenFile words="Choose a file of beads" />
+        <span class="note">or drop one anywhere on this page</span>
+      </p>
+      {chosen && <p class="note">{`${[chosen.source_detector_mm && `source to detector ${chosen.source_detector_mm} mm`, chosen.image_size_px && `${chosen.image_size_px.join(" × ")} pixels`, chosen.pixel_mm && `of ${chosen.pixel_mm} mm`].filter(Boolean).join(", ")}; from ${chosen.source}${missing.length ? `. Not published, and assumed: ${missing.map(([field, value]) => `${LENGTH_WORDS[field] ?? field} ${value} mm`).join(", ")}` : ""}.`}</p>}
+    </section>
+  );
+}
+const LENGTH_WORDS: Record<string, string> = { source_isocentre_mm: "source to isocentre", pixel_mm: "pixel" };
 
 // --- the gallery ---------------------------------------------------------------------------------------------------------
 
@@ -81,22 +150,81 @@ interface Example {
 }
 const gallery = signal<Example[] | null>(null);
 
+/** What a card shows of its design: beads and targets from the front, and the verdict by estimate. */
+interface Glimpse {
+  beads: number[][];
+  targets: number[][];
+  status: string | null;
+}
+const glimpses = signal<Record<string, Glimpse>>({});
+const CALM = 600; // ms that the first page is looked at before its cards are filled
+let looking = false;
+
+/** Fill the cards one after the other, for as long as no design is open: a design's own scores come first. */
+async function glimpse(): Promise<void> {
+  if (looking) return;
+  looking = true;
+  try {
+    for (const { name } of gallery.value ?? []) {
+      if (glimpses.value[name]) continue;
+      if (design.value) return;
+      const response = await send("GET", `/v1/examples/${name}`, undefined, { Accept: "application/yaml" });
+      if (!response.ok) return;
+      const { data } = parse(await response.text());
+      const places = (list: Json): number[][] => (Array.isArray(list) ? list : []).map((each: Json) => each?.position_mm).filter((at: Json) => Array.isArray(at) && at.length === 3);
+      const number = ["/views/0/fiducial_noise_px", "/requirements/0/limit_mm"].find((pointer) => typeof valueAt(data, pathOf(pointer)) === "number");
+      let status: string | null = null;
+      if (number && !design.value) {
+        const judged = await send("POST", "/v1/scores/batch", { design: data, table: { [number]: [valueAt(data, pathOf(number))] }, columns: ["verdict"] });
+        if (judged.ok) status = (await judged.json()).columns.verdict[0] || null;
+      }
+      glimpses.value = { ...glimpses.value, [name]: { beads: places(data?.fiducials?.points), targets: places(data?.targets), status } };
+    }
+  } catch {
+    // the cards are good without
+  } finally {
+    looking = false;
+  }
+}
+
+function Thumbnail({ of }: { of: Glimpse | undefined }) {
+  const all = [...(of?.beads ?? []), ...(of?.targets.slice(0, 20) ?? [])];
+  const ends = [0, 2].map((k) => [Math.min(...all.map((p) => p[k])), Math.max(...all.map((p) => p[k]))]);
+  const scale = 44 / Math.max(1, ...ends.map(([low, high]) => high - low)), x = (p: number[]) => 30 + scale * (p[0] - (ends[0][0] + ends[0][1]) / 2), y = (p: number[]) => 30 - scale * (p[2] - (ends[1][0] + ends[1][1]) / 2);
+  return (
+    <svg class="thumbnail" viewBox="0 0 60 60" aria-hidden="true">
+      {of?.beads.map((p, k) => <circle key={k} cx={x(p)} cy={y(p)} r="2.6" />)}
+      {of?.beads.length ? of.targets.slice(0, 20).map((p, k) => <path key={k} d={`M${x(p) - 3} ${y(p) - 3}l6 6M${x(p) + 3} ${y(p) - 3}l-6 6`} />) : null}
+    </svg>
+  );
+}
+
 export function Gallery() {
   useEffect(() => {
     if (!gallery.value) void send("GET", "/v1/examples").then(async (r) => r.ok && (gallery.value = (await r.json()).examples)).catch(() => null);
   }, [key.value]);
+  useEffect(() => {
+    const timer = window.setTimeout(() => void glimpse(), CALM);
+    return () => window.clearTimeout(timer);
+  }, [gallery.value]);
   const take = async (name: string) => {
     const response = await send("GET", `/v1/examples/${name}`, undefined, { Accept: "application/yaml" }).catch(() => null);
     if (!response) say(unreachable().title, true);
-    else if (response.ok) {
-      open(await response.text(), `Example ${name}`);
-      requestAnimationFrame(() => document.getElementById("main")?.focus({ preventScroll: true })); // the card that was chosen is gone
-    }
+    else if (response.ok) begin(await response.text(), `Example ${name}`);
   };
   return (
     <ul class="gallery">
       {(gallery.value ?? []).map((example) => (
-        <li key={example.name}><button type="button" onClick={() => take(example.name)}><strong>{example.title}</strong><span>{example.description}</span></button></li>
+        <li key={example.name}>
+          <button type="button" onClick={() => take(example.name)}>
+            <Thumbnail of={glimpses.value[example.name]} />
+            <span class="about">
+              <strong>{example.title}</strong>
+              {glimpses.value[example.name]?.status && <em class={`status ${glimpses.value[example.name].status}`}>{VERDICTS[glimpses.value[example.name].status!] ?? glimpses.value[example.name].status}</em>}
+              <span>{example.description}</span>
+            </span>
+          </button>
+        </li>
       ))}
     </ul>
   );

@@ -1,16 +1,18 @@
 // Every field of the design, from the JSON Schema: name, description, unit, bounds.
 
 import { signal } from "@preact/signals";
-import { useLayoutEffect, useRef, useState } from "preact/hooks";
-import { pointerOf, refused, send } from "../api";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { key, pointerOf, reachable, refused, send } from "../api";
 import { showValue } from "./Controls";
 import { design, edit, type Json, type Path, valueAt } from "../state";
 
 export const schema = signal<Json>(null);
 
-export async function loadSchema(): Promise<void> {
-  const response = await send("GET", "/v1/schemas/design");
-  if (response.ok) schema.value = await response.json();
+/** The schema is fetched for the parts that show it: the first score does not wait for it. */
+export function useSchema(): void {
+  useEffect(() => {
+    if (!schema.value) void send("GET", "/v1/schemas/design").then(async (response) => response.ok && (schema.value = await response.json())).catch(() => null);
+  }, [key.value, reachable.value]);
 }
 
 export function resolve(node: Json): Json {
@@ -44,6 +46,7 @@ const bounds = (node: Json) => [
 ].filter(Boolean).join(", ");
 
 export function Form() {
+  useSchema();
   if (!schema.value) return <p class="note">The form needs the service's schema, which has not arrived.</p>;
   return <div class="form">{design.value && <Fields node={schema.value} path={[]} value={design.value} />}</div>;
 }

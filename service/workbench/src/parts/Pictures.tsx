@@ -4,7 +4,7 @@ import { computed, signal } from "@preact/signals";
 import { useRef, useState } from "preact/hooks";
 import { answer, current, drawn, late, layout, refused } from "../api";
 import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, rounded, roundStep, type Vector } from "../geometry";
-import { cancelGesture, design, edit, finishGesture, type Json, parse, PRESSES, preview, selected, variants } from "../state";
+import { cancelGesture, design, edit, finishGesture, gesture, type Json, parse, position, PRESSES, preview, selected, settled, steps, text, variants } from "../state";
 import { brief } from "../words";
 import { Remarks } from "./Problems";
 
@@ -15,21 +15,31 @@ export interface Bead {
 }
 
 /** The fiducials that the page can move: those that the design lists point by point. */
-export const beads = computed<Bead[]>(() => {
-  const points = design.value?.fiducials?.points;
+export const beads = computed<Bead[]>(() => beadsOf(design.value));
+
+function beadsOf(data: Json): Bead[] {
+  const points = data?.fiducials?.points;
   if (!Array.isArray(points)) return [];
   return points.flatMap((point: Json, index: number) => {
     const p = point?.position_mm;
     const sound = Array.isArray(p) && p.length === 3 && p.every((v: unknown) => typeof v === "number" && Number.isFinite(v));
     return sound ? [{ index, label: String(point.label ?? `F${index + 1}`), position: p as Vector }] : [];
   });
-});
+}
 
 export const ghost = signal<string | null>(null); // name of the variant that is drawn below
 const ghosts = computed<Bead[]>(() => {
   const variant = variants.value.find((v) => v.name === ghost.value);
   const points = variant && parse(variant.text).data?.fiducials?.points;
   return (Array.isArray(points) ? points : []).map((p: Json, index: number) => ({ index, label: p.label, position: p.position_mm }));
+});
+
+/** Where beads were that a change has moved: at the grab while one is dragged, then in the step before. */
+const moved = computed<Bead[]>(() => {
+  const source = gesture.value.length ? text.value : steps.value[position.value - 1]?.text;
+  if (source === undefined) return [];
+  const now = new Map(beads.value.map((bead) => [bead.label, bead.position]));
+  return beadsOf(gesture.value.length ? settled.value : parse(source).data).filter(({ label, position: was }) => now.has(label) && now.get(label)!.some((v, k) => v !== was[k]));
 });
 
 const targets = computed<{ name: string; position: Vector }[]>(() =>
@@ -183,6 +193,10 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
           const at = plane.to(old.position);
           return at && <circle key={`old ${old.index}`} class="ghost" cx={at[0]} cy={at[1]} r={5 * scale} />;
         })}
+        {moved.value.map((old) => {
+          const was = plane.to(old.position), bead = beads.value.find(({ label }) => label === old.label), now = bead && plane.to(bead.position);
+          return was && now && <g key={`was ${old.label}`} class="was">{moved.value.length < 4 && <path d={`M${was[0]} ${was[1]}L${now[0]} ${now[1]}`} />}<circle cx={was[0]} cy={was[1]} r={5 * scale} /></g>;
+        })}
         {targets.value.slice(0, 200).map((target) => {
           const at = plane.target(target.position), r = 6 * scale;
           return at && (
@@ -276,16 +290,19 @@ export function Images() {
         return (
           <div key={view.view}>
             <Picture plane={plane} words={`Image of view ${view.view}.`} />
-            <p class="note">
-              <button type="button" class="small" aria-pressed={close} onClick={() => toggle(view.view)}>{close ? "Whole image" : "Enlarge"}</button>{" "}
-              {check && !refused.value && (
-                <span class={late.value ? "old" : ""}>
-                  {margin == null ? "" : `nearest to the edge ${brief(margin)} px; `}
-                  {`closest pair ${check.closest_pair.join(" and ")}, ${brief(check.closest_pair_px)} px`}
-                </span>
-              )}
-            </p>
-            <Remarks at={`/views/${k}`} />
+            <div class="steady">
+              <p class="note">
+                <button type="button" class="small" aria-pressed={close} onClick={() => toggle(view.view)}>{close ? "Whole image" : "Enlarge"}</button>{" "}
+                {check && !refused.value && (
+                  <span class={late.value ? "old" : ""}>
+                    {margin == null ? "" : `nearest to the edge ${brief(margin)} px; `}
+                    {`closest pair ${check.closest_pair.join(" and ")}, ${brief(check.closest_pair_px)} px`}
+                    {check.closest_pair_needs_px > 0 && (check.closest_pair_px < check.closest_pair_needs_px ? <strong class="bad">{` (to be told apart they need ${brief(check.closest_pair_needs_px)})`}</strong> : ` (needs ${brief(check.closest_pair_needs_px)})`)}
+                  </span>
+                )}
+              </p>
+              <Remarks at={`/views/${k}`} />
+            </div>
           </div>
         );
       })}

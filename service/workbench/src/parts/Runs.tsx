@@ -4,6 +4,7 @@ import { signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
 import { key, placeInWords, pointerOf, send } from "../api";
+import { START } from "../advice";
 import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, startProblem, unfinished } from "../jobs";
 import { design, differences, edit, gesture, type Json, open, parse, text } from "../state";
 import { brief, duration, mm, percent, readNumber, VERDICTS } from "../words";
@@ -21,12 +22,13 @@ function numericPaths(part: Json, path: string[] = []): string[] {
 }
 
 export function Runs() {
-  const ready = Boolean(design.value);
+  const ready = Boolean(design.value), unstated = !design.value?.optimise && !design.value?.requirements?.length;
   return (
     <>
       <div class="controls" role="group" aria-label="Run">
         <button type="button" disabled={!ready} onClick={verify}>Verify by Monte Carlo, with report</button>
-        <button type="button" disabled={!ready || !design.value?.optimise} title={design.value?.optimise ? "" : "the design has no optimise section: add one under all fields"} onClick={optimise}>Optimise</button>
+        <button type="button" disabled={!ready || unstated} title={unstated ? "the design states no requirement: add one under all fields" : ""} onClick={optimise}>Optimise</button>
+        {!design.value?.optimise && !unstated && <span class="note">{START}; under all fields, optimise says otherwise</span>}
       </div>
       <details>
         <summary>Sweep one number</summary>
@@ -173,11 +175,12 @@ function Verified({ result }: { result: Json }) {
   );
 }
 
+export function takeOptimum(result: Json): void {
+  gesture.value = [];
+  edit(differences(parse(text.value).data, result.design), "Accept the optimum");
+}
+
 function Optimum({ result }: { result: Json }) {
-  const accept = () => {
-    gesture.value = [];
-    edit(differences(parse(text.value).data, result.design), "Accept the optimum");
-  };
   return (
     <>
       <p>{`${result.status}: P95 ${mm(result.p95_before_mm)} → ${mm(result.p95_after_mm)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</p>
@@ -191,7 +194,7 @@ function Optimum({ result }: { result: Json }) {
           </tbody>
         </table>
       </div>
-      {result.design && <p><button type="button" onClick={accept}>Take this design (undo brings yours back)</button></p>}
+      {result.design && <p><button type="button" onClick={() => takeOptimum(result)}>Take this design (undo brings yours back)</button></p>}
     </>
   );
 }
@@ -217,19 +220,19 @@ function Swept({ result }: { result: Json }) {
   );
 }
 
-/** Reports are links; with a key they are fetched with it and saved. */
 function Reports({ path }: { path: string }) {
-  const fetched = async (event: Event, form: string) => {
+  return <>{["html", "pdf", "xlsx", "json"].map((form) => <ReportLink key={form} path={path} form={form} words={form.toUpperCase()} />).flatMap((link, k) => (k ? [" · ", link] : [link]))}</>;
+}
+
+/** Reports are links; with a key they are fetched with it and saved. */
+export function ReportLink({ path, form, words, button = false }: { path: string; form: string; words: string; button?: boolean }) {
+  const fetched = async (event: Event) => {
     if (!key.value) return;
     event.preventDefault();
     const response = await send("GET", `${path}?format=${form}`);
     if (response.ok) save(await response.blob(), `report.${form}`);
   };
-  return (
-    <>{["html", "pdf", "xlsx", "json"].map((form) => (
-      <a key={form} href={`${path.slice(1)}?format=${form}`} target={form === "html" ? "_blank" : undefined} rel="noopener" download={form === "html" ? undefined : `report.${form}`} onClick={(event) => fetched(event, form)}>{form.toUpperCase()}</a>
-    )).flatMap((link, k) => (k ? [" · ", link] : [link]))}</>
-  );
+  return <a class={button ? "button" : undefined} href={`${path.slice(1)}?format=${form}`} target={form === "html" ? "_blank" : undefined} rel="noopener" download={form === "html" ? undefined : `report.${form}`} onClick={fetched}>{words}</a>;
 }
 
 export function save(content: Blob, name: string): void {

@@ -4,10 +4,13 @@ import { signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { answer, busy, current, late, refused, type Score, send, trouble } from "../api";
 import { loadResult, results, runs, start, unfinished } from "../jobs";
-import { design, gesture, text } from "../state";
-import { type Check, decisive, verified } from "../verdicts";
-import { duration, mm, percent, trust, VERDICTS } from "../words";
+import { advice, START, startOf } from "../advice";
+import { design, edit, gesture, goTo, position, steps, text } from "../state";
+import { change, type Check, decisive, seen, verified } from "../verdicts";
+import { brief, changed, duration, mm, percent, trust, VERDICTS } from "../words";
 import { Problems } from "./Problems";
+import { ReportLink, takeOptimum } from "./Runs";
+import { Term } from "./Words";
 
 const warming = signal(false); // the service says that it is not ready yet
 const PATIENCE = 700; // ms without a first score, after which the page asks why
@@ -37,46 +40,57 @@ export function Verdict() {
   }, [runs.value, text.value]);
   const shade = old ? "old" : "";
   return (
-    <section class={`verdict ${old && !problem ? "waiting" : status.replace(" ", "-")}`} aria-label="Verdict" data-current={String(current.value && !problem)} data-basis={simulated ? "simulation" : "estimate"}>
+    <section id="verdict" tabIndex={-1} class={`verdict steady ${old && !problem ? "waiting" : status.replace(" ", "-")}`} aria-label="Verdict" data-current={String(current.value && !problem)} data-basis={simulated ? "simulation" : "estimate"}>
       <div class="head">
         <p class={`badge ${old && !problem ? "old" : ""}`}>
           {waits ? (warming.value ? "Warming up" : "…") : problem ? "No answer" : word}
-          {score && !problem && <span class="basis">{simulated ? "verified by simulation" : "by estimate"}</span>}
+          {score && !problem && <span class="basis"><Term word={simulated ? "verification" : "estimate"} quiet>{simulated ? "verified by simulation" : "by estimate"}</Term></span>}
         </p>
         {target && (
           <dl class={`numbers ${shade}`} data-testid="numbers">
             <div>
-              <dt>{worst ? `${worst.headline} of the error ${worst.error === "tcp" ? "at the tool" : "as located"}, target ${worst.target}` : `P95 of the error at the tool, target ${target.name}`}</dt>
-              <dd><output id="p95" aria-live="off">{mm(worst?.value_mm ?? target.p95_mm)}</output> mm</dd>
+              <dt><Term word={!worst || worst.headline === "P95" ? "P95" : "requirement"} quiet>{worst?.headline ?? "P95"}</Term>{` of the error ${!worst || worst.error === "tcp" ? "at the tool" : "as located"}, target ${worst?.target ?? target.name}`}</dt>
+              <dd>
+                {change.value && <span class="was">{`${mm(change.value.from)} → `}</span>}
+                <output id="p95" aria-live="off">{mm(worst?.value_mm ?? target.p95_mm)}</output> mm
+                {change.value && <span class={change.value.by < 0 ? "delta less" : "delta more"}>{` (${changed(change.value.by)})`}</span>}
+              </dd>
             </div>
             {worst && <div><dt>Between</dt><dd>{interval(worst.interval_mm)}</dd></div>}
-            {worst && <div><dt>Limit</dt><dd>{mm(worst.limit_mm)} mm</dd></div>}
+            {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{mm(worst.limit_mm)} mm</dd></div>}
             {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
-            <div><dt>Known bias</dt><dd>{mm(Math.hypot(...target.bias_mm))} mm</dd></div>
+            <div><dt><Term word="bias" quiet>Known bias</Term></dt><dd>{mm(Math.hypot(...target.bias_mm))} mm</dd></div>
             <div><dt>Mean error</dt><dd>{mm(target.mean_norm_mm)} mm</dd></div>
           </dl>
         )}
+        <Trail />
       </div>
+      <Acts />
       <div class="sentence">
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
-        {!waits && !trouble.value && score && <div class={shade}><Findings score={score} /></div>}
+        {!waits && !trouble.value && score && <div class={`findings ${shade}`}><Findings score={score} /></div>}
       </div>
-      <Acts />
-      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : target ? `P95 ${mm(worst?.value_mm ?? target.p95_mm)} mm, ${word}, ${simulated ? "verified" : "estimated"}` : ""}</p>
+      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : target ? `P95 ${mm(worst?.value_mm ?? target.p95_mm)} mm, ${word}, ${simulated ? "verified" : "estimated"}${change.value ? `; ${mm(Math.abs(change.value.by))} mm ${change.value.by < 0 ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>
   );
 }
 
 const interval = (ends: readonly (number | null)[]) => (ends[1] === null ? `${mm(ends[0])}, no upper end known` : `${mm(ends[0])} to ${mm(ends[1])}`);
 
-/** What is done about the verdict, and how far it is. */
+/** What is done about the verdict, what to do next, and how far it is. */
 function Acts() {
   const run = runs.value[0], ready = Boolean(design.value) && !gesture.value.length && !refused.value, runs_ = run && unfinished(run);
+  const own = runs.value.filter((each) => each.text === text.value && each.state === "succeeded"), reported = own.find((each) => each.kind === "report" && each.report);
+  const unstated = !design.value?.optimise && !design.value?.requirements?.length;
   return (
     <div class="acts" role="group" aria-label="What to do">
       {!verified.value && <button type="button" aria-label="Verify this design" disabled={!ready || runs_} title="simulate many shots, each with its own installation and noise, and make the report" onClick={verify}>Verify</button>}
-      <button type="button" aria-label="Optimise this design" disabled={!ready || runs_ || !design.value?.optimise} title={design.value?.optimise ? "" : "the design has no optimise section: add one under all fields"} onClick={optimise}>Optimise</button>
+      <button type="button" aria-label="Optimise this design" disabled={!ready || runs_ || unstated} title={unstated ? "the design states no requirement: add one under all fields" : design.value?.optimise ? "as the design states under optimise" : START} onClick={optimise}>Optimise</button>
+      {reported
+        ? <ReportLink path={reported.report!} form="html" words="Report" button />
+        : <button type="button" aria-label="Report of this design" disabled={!ready || runs_} title="budget, requirements and slack as a document; with a simulation where the design is verified" onClick={() => (verified.value ? verify() : start("Report", "/v1/reports", { parts: ["score"] }))}>Report</button>}
+      {ready && !runs_ && <Next />}
       {run && (runs_ || run.text === text.value) && (
         <button type="button" class="small quiet" onClick={() => document.querySelector(".runs")?.scrollIntoView({ block: "center" })}>
           {runs_ ? `${run.title}: ${percent(run.fraction, 0)}${run.eta !== null ? `, about ${duration(run.eta)} left` : ""}` : `${run.title}: ${run.state === "succeeded" ? "done" : run.state}`}
@@ -86,13 +100,50 @@ function Acts() {
   );
 }
 
+/** What to do next, with what it would come to. */
+function Next() {
+  const score = answer.value?.score, verdict = verified.value?.verdict ?? score?.verdict;
+  const optimum = runs.value.map((run) => run.kind === "optimisation" && run.text === text.value && run.result ? results.value[run.result] : null).find((result) => result?.design);
+  if (!score || !current.value) return null;
+  if (optimum) return <button type="button" class="next" onClick={() => takeOptimum(optimum)}>{`Take the optimum: ${optimum.cost_before != null && optimum.cost_after != null && optimum.cost_before !== optimum.cost_after ? `cost ${brief(optimum.cost_before)} → ${brief(optimum.cost_after)}, ` : ""}P95 ${mm(optimum.p95_before_mm)} → ${mm(optimum.p95_after_mm)} mm`}</button>;
+  if (!verdict || !["fail", "inconclusive", "pass"].includes(verdict.status)) return null;
+  if (verdict.status !== "fail") return verified.value ? null : <button type="button" class="next" onClick={verify}>{verdict.status === "pass" ? "Next: verify that it passes" : "Next: verify, the estimate cannot say"}</button>;
+  const found = advice.value?.design === design.value ? advice.value : null;
+  return found && <button type="button" class="next" onClick={() => edit(found.paths.map((path) => ({ path, value: found.value })), `Tighten ${found.words}`)}>{`Tighten ${found.words} → ${mm(found.found)} mm${found.passes ? ", pass" : ""}`}</button>;
+}
+
+/** What the last states came to, by estimate; a press goes back to one. */
+function Trail() {
+  const first = Math.max(0, steps.value.length - 16);
+  const known = steps.value.slice(first).flatMap((step, k) => {
+    const value = seen.value.get(step.text)?.value;
+    return value === undefined ? [] : [{ step, at: first + k, value }];
+  });
+  if (known.length < 2) return null;
+  const values = known.map(({ value }) => value), low = Math.min(...values), high = Math.max(...values), wide = 14 * known.length;
+  const x = (k: number) => 14 * k + 7, y = (value: number) => 28 - (22 * (value - low)) / Math.max(high - low, 1e-9);
+  return (
+    <svg class="trail" viewBox={`0 0 ${wide} 34`} width={wide} height="34" role="img" aria-label={`The last states, mm: ${values.map((value) => mm(value)).join(", ")}; undo and redo go through them`}>
+      <path d={known.map(({ value }, k) => `${k ? "L" : "M"}${x(k)} ${y(value)}`).join("")} />
+      {known.map(({ step, at, value }, k) => (
+        <g key={at} class={at === position.value ? "state now" : "state"} data-step={at} onClick={() => goTo(at)}>
+          <title>{`${step.what}: ${mm(value)} mm${at === position.value ? "" : "; press to go there"}`}</title>
+          <rect x={x(k) - 7} y="0" width="14" height="34" /><circle cx={x(k)} cy={y(value)} r={at === position.value ? 4 : 3} />
+        </g>
+      ))}
+    </svg>
+  );
+}
+
 const TRIALS = 4_194_304; // that a check to a precision may draw, unless the operator allows fewer
 
 export async function verify(): Promise<void> {
   const about = await send("GET", "/version").then((response) => response.json()).catch(() => ({})), most = Math.min(about.max_trials ?? TRIALS, TRIALS);
   await start("Verification and report", "/v1/reports", { precision: 0.005, ...(most < TRIALS ? { max_trials: most } : {}) });
 }
-export const optimise = () => start("Optimisation", "/v1/optimisations", {});
+export const optimise = () => design.value?.optimise
+  ? start("Optimisation", "/v1/optimisations", {})
+  : start(`Optimisation ${START}`, "/v1/optimisations", { design: { ...design.value, optimise: startOf(design.value, answer.value?.score ?? null) } });
 
 const STATED = ["requirement-failed", "requirement-inconclusive"]; // the numbers and the rows of requirements say it
 
@@ -158,7 +209,7 @@ export function Checks({ checks, label }: { checks: readonly Check[]; label: str
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={label}>
       <table class="checks">
-        <thead><tr><th>Requirement</th><th>Status</th><th class="number">Found, mm</th><th class="number">Between, mm</th><th class="number">Limit, mm</th>{units && <th class="number">Units within it (asked for)</th>}</tr></thead>
+        <thead><tr><th><Term word="requirement">Requirement</Term></th><th>Status</th><th class="number">Found, mm</th><th class="number">Between, mm</th><th class="number">Limit, mm</th>{units && <th class="number">Units within it (asked for)</th>}</tr></thead>
         <tbody>
           {checks.slice(0, 400).map((check) => (
             <tr key={check.requirement + check.target}>
@@ -185,7 +236,7 @@ export function Requirements() {
       <div class="scroll" tabIndex={0} role="region" aria-label="Pooled and per unit">
         <table>
           <caption>Two readings of the risk at the tool</caption>
-          <thead><tr><th>Target</th><th class="number">Pooled: 95 % of all shots within, mm</th><th class="number">Per unit: P95 that 95 % of units keep, mm</th><th class="number">Units whose own quantile keeps the limit</th></tr></thead>
+          <thead><tr><th>Target</th><th class="number"><Term word="pooled">Pooled</Term>: 95 % of all <Term word="shot">shots</Term> within, mm</th><th class="number"><Term word="per-unit">Per unit</Term>: P95 that 95 % of <Term word="unit">units</Term> keep, mm</th><th class="number">Units whose own quantile keeps the limit</th></tr></thead>
           <tbody>
             {score.targets.slice(0, 50).map((target) => (
               <tr key={target.name}><th>{target.name}</th><td class="number">{mm(target.p95_mm)}</td><td class="number">{mm(target.per_unit.p95_of_units_mm)}</td><td class="number">{percent(target.per_unit.yield_fraction)}</td></tr>
