@@ -142,27 +142,28 @@ def render_markdown(record: GateRecord) -> str:
         "",
     ]
     judged = [row for design in record.designs for row in choose_numbers(design)]
+    lines += [*_write_markdown(designs_table(record), len(record.designs)), ""]
     for title, table in (
-        ("", designs_table(record)),
         ("Requirements", numbers_table(judged)),
         ("Findings", findings_table("", "", counted)),
         ("Accepted by waivers", findings_table("", "", accepted)),
     ):
         if table.rows:
-            lines += [*([f"### {title}", ""] if title else []), *_write_markdown(table.on(On.NOTEBOOK)), ""]
+            lines += [f"### {title}", "", *_write_markdown(table, MOST_ROWS), ""]
     return "\n".join(lines)
 
 
-def _write_markdown(table: Table) -> Iterator[str]:
-    """The table as GitHub and GitLab read it."""
+def _write_markdown(table: Table, most: int) -> Iterator[str]:
+    """The table as GitHub and GitLab read it, so many rows of it."""
+    table = table.on(On.NOTEBOOK)
     heads = (f"{column.title}, {column.unit}" if column.unit else column.title for column in table.columns)
     yield f"| {' | '.join(heads)} |"
     yield f"|{'|'.join('---:' if column.numeric else '---' for column in table.columns)}|"
-    for row in table.rows[:MOST_ROWS]:
+    for row in table.rows[:most]:
         cells = zip(row.cells, table.columns, strict=True)
         yield f"| {' | '.join(_write_markdown_cell(cell, column) for cell, column in cells)} |"
-    if len(table.rows) > MOST_ROWS:
-        yield f"| {len(table.rows) - MOST_ROWS} more are in the record |{' |' * (len(table.columns) - 1)}"
+    if len(table.rows) > most:
+        yield f"| {len(table.rows) - most} more are in the record |{' |' * (len(table.columns) - 1)}"
 
 
 def _write_markdown_cell(cell: Cell, column: Column) -> str:
