@@ -45,6 +45,11 @@ MEASUREMENTS: dict[str, Measurement] = {
     "designs-memory": Measurement(scores.designs_memory, (
         Target("memory of a million scored designs, streamed", 300, 150, "MB", "<"),
     ), timed=False),
+    "people-tables": Measurement(scores.people_tables, (
+        Target("a million rows of people's tables, cells as texts: against csv.reader", 5, 3, "×", "<"),
+        Target("the same, three cells of each as numbers: against csv.reader and float()", 5, 3, "×", "<"),
+        Target("memory of the first beyond the file", 10, 3, "MB", "<"),
+    )),
     "fiducials": Measurement(engine.fiducials, (
         Target("N = 100 fiducials against N = 12, cost per trial", 6, 4, "×", "<"),
     )),

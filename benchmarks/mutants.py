@@ -5,9 +5,10 @@
 
 A fault is one changed operator, comparison, number or condition of one file of ``solver`` or ``service``, drawn at
 random (no two in one file).  A clone of the last commit runs the tests of the short tier that reach the file by
-imports, the nearest first, until one fails; where none does, the long ones.  A fault that nobody notices may change
-nothing that can be seen.  Each line: who noticed, the place, what stood there and what stands there now; at the end the
-share of the faults noticed by anybody that the short tier notices.
+imports, the nearest first, until one fails, up to four minutes of CPU by what they cost at the last ``./run test
+--costs``; where none does, the long ones, up to ten.  A fault that nobody notices may change nothing that can be seen,
+or be one that farther tests notice.  Each line: who noticed, the place, what stood there and what stands there now; at
+the end the share of the faults noticed by anybody that the short tier notices.
 """
 
 from __future__ import annotations
@@ -106,8 +107,10 @@ def noticed_by(room: Path, mutant: Mutant) -> str:
     lines[mutant.line - 1] = mutant.after + "\n"
     file.write_text("".join(lines), encoding="utf-8")
     try:
-        tests = [name for name in tiers.files_by_distance([mutant.file]) if Path(name).name.startswith("test_")]
-        for tier, options in (("short", ["--short"]), ("long", ["-m", "long"])):
+        for tier, options, seconds in (("short", ["--short"], 240.0), ("long", ["-m", "long"], 600.0)):
+            tests, _ = tiers.choose_tests([mutant.file], seconds, seconds, long=tier == "long")
+            if not tests:
+                continue
             command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "2", "--dist", "loadfile",
                        "--no-loadscope-reorder", *options, *tests]  # fmt: skip
             code = subprocess.run(command, cwd=room, stdout=subprocess.DEVNULL, check=False).returncode

@@ -1,7 +1,8 @@
 """The page of the Python interface, made from docstrings: ``python docs/python_api.py`` writes docs/python.md.
 
-What a page says of a name stands beside the name in the sources: a docstring, the text below a field of a record, the
-comment beside a field of a compiled design.  ``--check`` writes nothing and fails when the page differs.
+Of each public name the page has the signature, the first sentence of the docstring and what is raised; of the records
+that are read most the fields with the first clause of the text below or beside them, of the others their names.
+The rest is for ``help`` and ``tailstack schema``.  ``--check`` writes nothing and fails when the page differs.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import Any
 import tailstack
 import tailstack.design
 import tailstack.results
-from tailstack import batch, errors, sweeping, system
+from tailstack import batch, errors, sweeping
 from tailstack.results.record import Result
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -51,14 +52,15 @@ print(grid.to_frame()[["p95_mm", "verdict"]])  # pandas, where it is installed
 grid.plot()  # matplotlib: the extra report
 ```
 
-In a notebook a result as the last line of a cell is shown with its verdict, the errors at its targets and the budget;
-`.plot()` draws it, `.to_frame()` gives a table, `.to_dict()` the same as its JSON.
+In a notebook a result as the last line of a cell shows its verdict, the errors at its targets and the budget; `.plot()`
+draws it, `.to_frame()` makes a table, `.to_dict()` the same as its JSON.
 
-Lengths are in mm and angles in degrees wherever a name says so; only the [compiled design](#the-compiled-design) is in
-rad. Frames are those of the [conventions](conventions.md): `con` (connector), `flange`, `tcp`. What is refused is an
-exception of [tailstack.errors](#what-is-refused), whose text says where, what arrived and what to do.
+Lengths are in mm, angles in degrees; only the compiled design (`help(tailstack.system)`) is in rad. Frames are those of
+the [conventions](conventions.md). What is refused is an [exception](#exceptions) that says where, what arrived and what
+to do.
 
-The modules below these names are not part of the interface; they may change with every version.
+This page is an index: `help(tailstack.score)` says what every parameter does, `tailstack schema score` what every field
+of a record means. Modules below these names are [not stable](stability.md).
 """
 
 DESIGN_NAMES = (
@@ -67,9 +69,9 @@ DESIGN_NAMES = (
     "Limits", "read_step", "StepSelection", "StepReading", "StepBody",
     "StepContact",
 )  # fmt: skip
+READ_MOST = ("Score", "Verification", "Sweep", "TargetScore", "TargetEstimate", "Check", "Problem")
+NAMED_ONLY = ("tailstack.results", "tailstack.integrations.step", "tailstack.design.reading")
 VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
-COMPILED = ("System", "View", "Target", "Requirement", "DirectEffect", "Sources", "Law", "Reading", "RotationForm",
-            "Triangulation")  # fmt: skip
 
 
 def page() -> str:
@@ -81,16 +83,14 @@ def page() -> str:
     parts.append("## Records\n")
     parts.append(
         wrapped(
-            "Frozen dataclasses; the names of their fields are a contract, and the same as in the JSON of `--json` and "
-            "of the service. Vectors are tuples `(x, y, z)`, matrices tuples of three rows, intervals `(low, high)`."
+            "Frozen dataclasses; their fields are those of the JSON of `--json` and of the service. Vectors are tuples "
+            "`(x, y, z)`, matrices tuples of three rows, intervals `(low, high)`. Where only names stand here, "
+            "`tailstack schema` with the record around it has types and meanings."
         )
     )
     parts += [describe(kind, 3) for kind in records()]
-    parts += ["## What is refused\n", describe(errors.Problem, 3)]
+    parts += ["## Exceptions\n", describe(errors.Problem, 3)]
     parts += [describe(kind, 3) for kind in refusals()]
-    parts.append("## The compiled design\n")
-    parts.append(wrapped(doc_of(system, sections=False)))
-    parts += [describe(getattr(system, name), 3) for name in COMPILED]
     return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
 
 
@@ -113,51 +113,53 @@ def refusals() -> list[type]:
 def describe(thing: Any, level: int) -> str:
     """A function, a class or an exception, from its source."""
     if inspect.isfunction(thing):
-        return "\n".join([f"{'#' * level} {thing.__name__}\n", signature_of(node_of(thing)), wrapped(doc_of(thing))])
-    parts = [f"{'#' * level} {thing.__name__}\n", wrapped(doc_of(thing))]
+        return function(node_of(thing), thing.__name__, level)
+    parts = [f"{'#' * level} {thing.__name__}\n", wrapped(first_sentence(doc_of(thing)))]
     if issubclass(thing, errors.TailstackError):
-        parts.append(f"`slug`: `{thing.slug}`, exit code of the command: {thing.exit_code}.\n")
-    if rows := list(fields_of(thing)):
-        parts.append(table(rows))
+        parts.append(f"`slug`: `{thing.slug}`, exit code {thing.exit_code}.\n")
+    rows = list(fields_of(thing))
+    with_meaning = thing.__name__ in READ_MOST or not thing.__module__.startswith(NAMED_ONLY)
+    parts += [listing(rows) if with_meaning else names(rows)] * bool(rows)
     methods = members_of(thing, level + 1) if Result not in thing.__mro__ else ""
     return "\n".join(part for part in (*parts, methods) if part)
 
 
+def function(node: ast.FunctionDef, name: str, level: int) -> str:
+    """Its signature, its first sentence and what it raises."""
+    words = ast.get_docstring(node) or ""
+    raised = re.search(r"\bRaises [A-Z].*?(?=\n\n|\Z)", words, re.DOTALL)
+    said = " ".join([first_sentence(words), *([without_brackets(raised[0])] if raised else [])])
+    return "\n".join([f"{'#' * level} {name}\n", signature_of(node), wrapped(said)])
+
+
 def members_of(kind: type, level: int) -> str:
-    """The public methods of a class that are written in it."""
-    parts = []
+    """The public methods of a class that are written in it, and the properties that have a text."""
+    parts, properties = [], list[tuple[str, str, str]]()
     for node in node_of(kind).body:
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
-            words = wrapped(ast.get_docstring(node) or "")
             if any(isinstance(entry, ast.Name) and entry.id == "property" for entry in node.decorator_list):
-                parts.append(f"{'#' * level} {kind.__name__}.{node.name}\n\n{words}" if words else "")
+                words, returns = ast.get_docstring(node) or "", node.returns
+                properties += [(node.name, ast.unparse(returns) if returns else "", words)] * bool(words)
             else:
-                parts.append("\n".join([f"{'#' * level} {kind.__name__}.{node.name}\n", signature_of(node), words]))
-    return "\n".join(part for part in parts if part)
+                parts.append(function(node, f"{kind.__name__}.{node.name}", level))
+    return "\n".join([*([listing(properties)] if properties else []), *parts])
 
 
 def fields_of(kind: type) -> Iterator[tuple[str, str, str]]:
-    """Name, type and meaning of each field: the text below it, or the comment beside it."""
+    """Name, type and meaning of each field but ``schema``: the text below it, or the comment beside it."""
     node, lines = node_of(kind), source_of(kind)
     for entry, below in pairwise([*node.body, ast.Pass()]):
-        if isinstance(entry, ast.AnnAssign) and isinstance(entry.target, ast.Name):
+        if isinstance(entry, ast.AnnAssign) and isinstance(entry.target, ast.Name) and entry.target.id != "schema":
             words = comment_beside(lines, entry)
             if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
                 words = str(below.value.value)
             yield entry.target.id, ast.unparse(entry.annotation), words
-        elif isinstance(entry, ast.Assign) and isinstance(entry.value, ast.Constant) and is_enumeration(kind):
-            assert isinstance(entry.targets[0], ast.Name)
-            yield entry.targets[0].id, repr(entry.value.value), comment_beside(lines, entry)
 
 
 def comment_beside(lines: list[str], entry: ast.stmt) -> str:
     """The comment at the end of a field's last line."""
     line = lines[(entry.end_lineno or entry.lineno) - 1][entry.end_col_offset or 0 :]
     return line.partition("#")[2].strip()
-
-
-def is_enumeration(kind: type) -> bool:
-    return any(base.__name__ == "Enum" for base in kind.__mro__)
 
 
 def line_of(kind: type) -> int:
@@ -190,10 +192,24 @@ def signature_of(node: ast.FunctionDef) -> str:
 # --- words --------------------------------------------------------------------------------------------
 
 
-def doc_of(thing: Any, *, sections: bool = True) -> str:
-    node = ast.parse(inspect.getsource(thing)) if inspect.ismodule(thing) else node_of(thing)
-    words = ast.get_docstring(node) or ""
-    return words if sections else words.partition("\n\n")[2]
+def doc_of(thing: Any) -> str:
+    return ast.get_docstring(node_of(thing)) or ""
+
+
+def first_sentence(words: str) -> str:
+    """The docstring's first sentence, brackets kept."""
+    return re.split(r"(?<=[^.]\.)\s+(?=[^a-z])|\n\n", words, maxsplit=1)[0]
+
+
+def first_clause(words: str) -> str:
+    """What a field is, without remarks; what ``None`` and named values mean stays."""
+    sentence = first_sentence(" ".join(words.split()))
+    head, *rest = sentence.rstrip(".").split("; ")
+    return "; ".join([head, *(part for part in rest if re.match(r"null|None|empty|\w+: ", part))])
+
+
+def without_brackets(words: str) -> str:
+    return re.sub(r"\s+\([^()]*\)", "", words)
 
 
 def wrapped(words: str) -> str:
@@ -209,12 +225,16 @@ def plain(words: str) -> str:
     return words.replace("``", "`").replace(".  ", ". ")
 
 
-def table(rows: list[tuple[str, str, str]]) -> str:
-    """Fields with their types and meanings."""
-    cells = [(f"`{name}`", f"`{kind}`", plain(" ".join(words.split()))) for name, kind, words in rows]
-    lines = [" | ".join(("field", "type", "meaning")), "---|---|---"]
-    lines += [" | ".join(cell.replace("|", "\\|") for cell in row) for row in cells]
-    return "\n".join(f"| {line} |" if "---|" not in line else f"|{line}|" for line in lines) + "\n"
+def listing(rows: list[tuple[str, str, str]]) -> str:
+    """Fields with their types and meanings, one a line or more."""
+    lines = [f"- `{name}` `{kind}`: {first_clause(plain(words))}".removesuffix(": ") for name, kind, words in rows]
+    return "\n".join(textwrap.fill(line, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+                     for line in lines) + "\n"  # fmt: skip
+
+
+def names(rows: list[tuple[str, str, str]]) -> str:
+    """Names of fields, in a row."""
+    return wrapped("Fields: " + ", ".join(f"`{name}`" for name, _, _ in rows) + ".")
 
 
 def main(arguments: list[str]) -> int:

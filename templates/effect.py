@@ -1,8 +1,8 @@
 """What it is, in a sentence, and what it does to whom.
 
 This text is what ``./run new effect NAME`` writes, and runs as it is: beads that sag along z with the square of their
-distance from the z axis, at every shot.  Replace the numbers of the section, ``act`` and the words; CONTRIBUTING.md,
-"a source of error", says what finishes it.
+distance from the z axis, at every shot.  Replace the numbers of the section, ``act`` and the words;
+docs/adding/effect.md says what finishes it.
 """
 
 from __future__ import annotations

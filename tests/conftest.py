@@ -117,10 +117,9 @@ def leaves_the_process_as_it_was() -> Iterator[None]:
         changes += [f"sys.path was {path}, is {sys.path}"]
         sys.path[:] = path
     known = {name: logging.NOTSET for name in _log_levels() if name.split(".")[0] in OUR_LOGGERS} | levels
-    # What is imported here for the first time in this process may set levels: distributed its own, our engine its
-    imported = {name.split(".")[0] for name in sys.modules.keys() - modules}
-    kept = {"root", *OUR_LOGGERS} if imported & {*OUR_LOGGERS} else known.keys() - imported
-    known = {name: level for name, level in known.items() if name in kept or name.split(".")[0] in kept}
+    # A package that this test is the first to import may set its own levels: distributed does
+    first = {name for name in sys.modules.keys() - modules if "." not in name} - {*OUR_LOGGERS}
+    known = {name: level for name, level in known.items() if name.split(".")[0] not in first}
     now_levels = {name: logging.getLogger(name).level for name in known}
     if now_levels != known:
         changes += _differences("log level of", known, now_levels)

@@ -9,7 +9,9 @@ import io
 import re
 import sys
 from collections.abc import Callable, Sequence
+from datetime import date
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +135,11 @@ HABITS: dict[str, tuple[Callable[[str], bytes], bytes | None]] = {  # of a table
                              step(lambda text: text.replace("\n", "\r\n"))),
     "line ends of old Macs": (lambda r: join(rows_of(r)).replace("\n", "\r").encode(),
                               step(lambda text: text.replace("\n", "\r"))),
+    "no line ends (`curl -d @FILE`)": (lambda r: join(rows_of(r)).replace("\n", "").encode(),
+                                      step(lambda text: text.replace("\n", ""))),
+    "line ends written out, as `\\n`": (lambda r: join(rows_of(r)).replace("\n", "\\n").encode(), None),
+    "line ends of Unicode, U+2028": (lambda r: join(rows_of(r)).replace("\n", "\u2028").encode(),
+                                    step(lambda text: text.replace("\n", "\u2028"))),
     "a delimiter at the end of every row": (lambda r: join(rows_of(r)).replace("\n", ",\n").encode(), None),
     "a delimiter at the end of one row": (lambda r: spoil(r, "0.25\n", "0.25,\n"), None),
     "an empty row": (lambda r: insert(r, ",,,"), None),
@@ -153,6 +160,7 @@ HABITS: dict[str, tuple[Callable[[str], bytes], bytes | None]] = {  # of a table
     "thousands: 1 234.5": (lambda r: spoil(r, "28.5", "1 234.5"), None),
     "a zone: +0.1/-0": (lambda r: spoil(r, "28.5", "+0.1/-0"), None),
     "a zone: ±0.05": (lambda r: spoil(r, "28.5", "±0.05"), None),
+    "a value and its zone: 28.5 ± 0.05": (lambda r: spoil(r, "28.5", "28.5 ± 0.05"), None),
     "NDI's −3.697314e28": (lambda r: insert(r, "A9," + ",".join(["-3.697314E+028"] * 3)), None),
     "a cell too many": (lambda r: spoil(r, "28.5", "28.5,1"), None),
     "a cell too few": (lambda r: spoil(r, "28.5,", ""), None),
@@ -164,7 +172,7 @@ HABITS: dict[str, tuple[Callable[[str], bytes], bytes | None]] = {  # of a table
 }  # fmt: skip
 
 
-def workbook(change: Callable[[Any], None]) -> bytes:
+def workbook(change: Callable[[Any], object]) -> bytes:
     book = openpyxl.Workbook()
     sheet = book.active
     assert sheet is not None
@@ -188,6 +196,11 @@ def decimals() -> bytes:
 
 BINARY: dict[str, tuple[bytes, Format]] = {  # of tables of designs alone
     "XLSX": (workbook(lambda sheet: None), "xlsx"),
+    "XLSX: a title above the header": (workbook(lambda sheet: (sheet.insert_rows(1), sheet.__setitem__("A1", "May"))),
+                                       "xlsx"),
+    "XLSX: another sheet": (workbook(lambda sheet: sheet.parent.create_sheet("more").append([1.0])), "xlsx"),
+    "XLSX: an empty sheet before it": (workbook(lambda sheet: sheet.parent.create_sheet("more", 0)), "xlsx"),
+    "XLSX: a number that became a date": (workbook(lambda sheet: sheet.__setitem__("C3", date(2026, 3, 5))), "xlsx"),
     "XLSX: an empty row": (workbook(lambda sheet: sheet.insert_rows(3)), "xlsx"),
     "XLSX: a formula without its value": (workbook(lambda sheet: sheet.__setitem__("C3", "=B3*2")), "xlsx"),
     "XLSX: a cell beside the columns": (workbook(lambda sheet: sheet.__setitem__("F3", 0.5)), "xlsx"),
@@ -212,18 +225,22 @@ def outcome(reader: str, content: bytes, form: Format = "csv") -> str:
 
 
 def make_table() -> str:
-    """Habit by reader, in Markdown."""
-    lines = ["| habit | fiducials | measurements | table of designs | STEP |", "|---|---|---|---|---|"]
+    """Habits by reader, in Markdown; those of which the same comes share a row."""
+    rows: dict[tuple[str, ...], list[str]] = {}
     for habit, (write, of_step) in HABITS.items():
         cells = [outcome(reader, write(reader)) for reader in HEADERS]
-        lines.append(_row(habit, [*cells, "" if of_step is None else outcome(STEP, of_step)]))
+        rows.setdefault((*cells, "" if of_step is None else outcome(STEP, of_step)), []).append(habit)
     for habit, (content, form) in BINARY.items():
-        lines.append(_row(habit, ["", "", outcome("table of designs", content, form), ""]))
-    return "\n".join(lines) + "\n"
+        rows.setdefault(("", "", outcome("table of designs", content, form), ""), []).append(habit)
+    lines = ["| habit | fiducials | measurements | table of designs | STEP |", "|---|---|---|---|---|"]
+    return "\n".join([*lines, *(_row("; ".join(habits), cells) for cells, habits in rows.items())]) + "\n"
 
 
 def _row(habit: str, cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in (habit, *cells)) + " |"
+    """A row, refusals by the first part of their cure; one like that in the cell to the left is a ditto mark."""
+    first = [re.split(r"(?<!refused)[:;] ", cell)[0] for cell in cells]
+    shown = ["″" if cell == left and ":" in cell else cell for left, cell in pairwise(("", *first))]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in (habit, *shown)) + " |"
 
 
 PAGE = Path(__file__).parents[1] / "docs" / "integrations" / "tables.md"

@@ -193,16 +193,21 @@ def types_of(changed: list[str]) -> list[tuple[str, ...]]:
     return [CHECKS[2]] * bool(rooms & {"solver", "service"}) + [CHECKS[3]] * ("tests" in rooms)
 
 
-def choose_tests(changed: list[str]) -> tuple[list[str], int]:
-    """Node ids of test functions, nearest by imports first, and how many more the change reaches."""
+def choose_tests(
+    changed: list[str], each: float = CHEAP_SECONDS, together: float = QUICK_SECONDS, *, long: bool = False
+) -> tuple[list[str], int]:
+    """Node ids of test functions, nearest by imports first, and how many more the change reaches.
+
+    each, together: the most CPU seconds of one of them, and of all.  long: of those that are marked.
+    """
     costs = read_costs()
     chosen, spent, left_out = [], 0.0, 0
     for file in files_by_distance(changed):
         if not Path(file).name.startswith("test_"):
             continue
-        for name, long in functions_of(file):
+        for name, marked in functions_of(file):
             cost = costs.get(f"{file}::{name}", UNMEASURED_SECONDS)
-            if long or cost >= CHEAP_SECONDS or spent + cost > QUICK_SECONDS:
+            if marked != long or cost >= each or spent + cost > together:
                 left_out += 1
             else:
                 chosen.append(f"{file}::{name}")
@@ -316,11 +321,12 @@ def measure(*arguments: str) -> tuple[int, dict[str, float]]:
 
 
 def write_costs(costs: dict[str, float]) -> None:
+    """What was measured, and what is known of the tests that were not."""
     functions: dict[str, float] = {}
     for test, seconds in costs.items():
         name = test.partition("[")[0]
         functions[name] = functions.get(name, 0.0) + seconds
-    kept = sorted((name, seconds) for name, seconds in functions.items() if seconds >= RECORDED_SECONDS)
+    kept = sorted((test, cost) for test, cost in (read_costs() | functions).items() if cost >= RECORDED_SECONDS)
     with COSTS.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["test", "cpu_seconds"])

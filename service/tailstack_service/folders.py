@@ -66,7 +66,8 @@ def lent_directory() -> Path:
         raise _refuse_lent(folder, error.strerror or str(error)) from None
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != user or found.st_mode & 0o077:
         raise _refuse_lent(folder, "others may write or read it")
-    log.warning("this user has no home: jobs and results are kept in %s, which may be emptied; %s", folder, CURE)
+    words = "this user has no home: jobs and results are kept in %s, which may be emptied; %s"
+    log.warning(words, folder, CURE, extra={"action": "home-lent"})
     return folder
 
 

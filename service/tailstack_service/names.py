@@ -5,10 +5,11 @@ from __future__ import annotations
 PREFIX = "TAILSTACK_"
 COMMAND = "TAILSTACK_COMMAND"  # what the command is called where it was started; ./run says it
 KEY = "TAILSTACK_KEY"  # the credential that commands send
+PLAIN_PROCESSES = "TAILSTACK_PLAIN_PROCESSES"  # 1: computing processes as on a system that is not Linux
 TRACEBACK = "TAILSTACK_TRACEBACK"  # anything: a defect shows where it happened
 URL = "TAILSTACK_URL"  # the service that commands ask
-OTHERS = (COMMAND, KEY, TRACEBACK, URL)
-OF_PROCESSES = (COMMAND, TRACEBACK)  # that children are told; they have no use for a credential
+OTHERS = (COMMAND, KEY, PLAIN_PROCESSES, TRACEBACK, URL)
+OF_PROCESSES = (COMMAND, PLAIN_PROCESSES, TRACEBACK)  # that children are told; they have no use for a credential
 OF_TESTS = "TAILSTACK_TESTS_"  # and whatever follows
 
 

@@ -25,6 +25,7 @@ from tailstack.errors import (
 
 from .folders import FolderError
 from .jobs.store.errors import IdempotencyConflict, QueueFull, StoreError, StoreUnavailable, UnitLost
+from .names import variable
 
 
 class RequestError(TailstackError):
@@ -408,3 +409,10 @@ def problem_document(
         request_id=request_id,
         errors=entries,
     )
+
+
+def memory_error() -> LimitError:
+    """What is said of a request that would take more memory than a computing process may."""
+    detail = "what was asked for needs more memory than a computing process may take"
+    hint = f"ask for less, or start the service with a higher {variable('max_process_bytes')}"
+    return LimitError(Problem("", "too-much-memory", detail, hint))

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from datetime import datetime
+from datetime import date, datetime, time
 from decimal import Decimal
 from functools import partial
 from itertools import chain, islice
@@ -23,7 +23,18 @@ from typing import IO, Any, Literal, get_args
 from tailstack.cures import cure_text
 from tailstack.errors import LimitError, Problem
 from tailstack.json_text import write_json
-from tailstack.people_tables import PeopleTable, Rows, is_missing, read_people_table, read_plain_number, split_heading
+from tailstack.people_tables import (
+    KEPT_ENDS,
+    PREVIEW,
+    PeopleTable,
+    Rows,
+    TextLine,
+    find_header,
+    is_missing,
+    read_people_table,
+    read_plain_number,
+    split_heading,
+)
 
 from .problems import RequestError
 from .unpacking import MOST_SHEET_ROWS, Column, ColumnBlock, TableLimits
@@ -59,6 +70,8 @@ class TableReader:
     rows: int = 0  # about how many there are, for the time that is left; 0: nobody knows
     text: PeopleTable | None = None  # of CSV
     counts: Rows = field(default_factory=Rows)  # rows that were left out so far
+    header_line: int = 1
+    remarks: tuple[str, ...] = ()  # what of the file was not read
 
     def refuse(
         self, code: str, detail: str, hint: str = "", line: int | None = None, column: int | None = None
@@ -68,7 +81,7 @@ class TableReader:
 
     def describe(self) -> tuple[str, ...]:
         """What was left out, and what was read in another way than it is written, of the blocks so far."""
-        return tuple(self.counts.describe()) if self.text is None else self.text.describe()
+        return (*self.counts.describe(), *self.remarks) if self.text is None else self.text.describe()
 
     def with_numbers(self, block: ColumnBlock, places: Sequence[int]) -> tuple[ColumnBlock, list[list[float]]]:
         """Columns of a block as numbers, and the block with numbers where a cell is one in its own way of writing.
@@ -125,6 +138,8 @@ class TableReader:
             raise self.refuse("missing-value", detail, "leave the row out", line, column + 1)
         said = "is empty" if cell is None or cell == "" else f"is no number: {str(cell)[:40]!r}"
         hint = cure_text(cell, self.header[column]) if isinstance(cell, str) and cell else ""
+        if isinstance(cell, date | time):
+            hint = "a spreadsheet took a number for a date: format the cells as numbers, and type it again"
         raise self.refuse("wrong-type", f"{place} {said}", hint or "every row has a number here", line, column + 1)
 
 
@@ -164,7 +179,8 @@ def read_table(stream: IO[bytes], form: Format, file: str | None = None, most_by
     for k, name in enumerate(header):
         if not name or name in header[:k]:
             what = f"two columns are called {name!r}" if name else "a column has no name"
-            raise table.refuse("wrong-header", what, "the first row names every column, each once", 1, k + 1)
+            hint = "the first row names every column, each once"
+            raise table.refuse("wrong-header", what, hint, table.header_line, k + 1)
     return replace(table, blocks=bounds.check(header, table.blocks))
 
 
@@ -204,6 +220,9 @@ def _check_units(text: PeopleTable) -> None:
             raise text.refuse("wrong-header", detail, hint, text.header_line, place + 1)
 
 
+LINES = 'each line is one object, {"name": "A", "views.AP.fiducial_noise_px": 0.2}, in UTF-8'
+
+
 def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     def parse(line: int, text: bytes) -> dict[str, Any]:
         try:
@@ -211,10 +230,12 @@ def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         except (ValueError, RecursionError) as error:
             place = f" from column {error.colno} on" if isinstance(error, json.JSONDecodeError) else ""
             detail = f"line {line} is not JSON{place}; got {text.decode(errors='replace').strip()[:60]!r}"
-            hint = 'each line is one object, {"name": "A", "views.AP.fiducial_noise_px": 0.2}, in UTF-8'
+            hint = LINES
+            if isinstance(error, json.JSONDecodeError) and error.msg == "Extra data":
+                hint = f"end each object with LF; {KEPT_ENDS}"
             raise RequestError(Problem("", "json-syntax", detail, hint, bounds.file, line)) from None
         if not isinstance(row, dict):
-            raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", file=bounds.file, line=line))
+            raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", LINES, bounds.file, line))
         return row
 
     count = _count_lines(stream)
@@ -257,13 +278,23 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
         sheet = book.worksheets[0]
         sheet.reset_dimensions()  # what the file says of its size is not always so, and rows beyond it would be lost
-        first = next(sheet.iter_rows(max_row=1, max_col=MOST_COLUMNS + 1, values_only=True), ())
-        header = tuple("" if cell is None else str(cell).strip() for cell in first)
-        while header and not header[-1]:
+        first = enumerate(sheet.iter_rows(max_row=PREVIEW, max_col=MOST_COLUMNS + 1, values_only=True), 1)
+        held = [TextLine(line, "", ["" if cell is None else str(cell).strip() for cell in row]) for line, row in first]
+        others = [each.title for each in book.worksheets[1:] if _holds_something(each)]
+        if not any(each.filled for each in held):
+            hint = f"the table is on the first sheet: move {others[0]!r} there" if others else "its first row has names"
+            detail = f"sheet {sheet.title!r} begins empty"
+            raise RequestError(Problem("", "empty-document", detail, hint, bounds.file, 1))
+        line, titles = find_header([each for each in held if each.filled])
+        header, at = tuple(line.cells), line.number
+        while not header[-1]:
             header = header[:-1]
-        rows = enumerate(sheet.iter_rows(2, values_only=True), 2)
-        formulas = _list_formulas(stream, bounds) if _has_formulas(stream, book) else None
+        rows = enumerate(sheet.iter_rows(at + 1, values_only=True), at + 1)
+        formulas = _list_formulas(stream, bounds, at) if _has_formulas(stream, book) else None
     counts, width = Rows(), len(header)
+    for title in titles:
+        counts.leave_out("title", title.number)
+    said = [f"sheet {sheet.title!r} was read, and not {', '.join(map(repr, others))}"] if others else []
 
     def filled() -> Iterator[tuple[int, Column]]:
         """Each row and its line; empty ones are left out, and counted where more come below them."""
@@ -301,8 +332,14 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
                 lines, cells = zip(*block, strict=True)
                 yield ColumnBlock(lines, tuple(zip(*cells, strict=True)))
 
-    table = TableReader(header, blocks(), bounds.file, counts=counts)
+    table = TableReader(header, blocks(), bounds.file, counts=counts, header_line=at, remarks=tuple(said))
     return table
+
+
+def _holds_something(sheet: Any) -> bool:
+    """Whether one of the first cells of a sheet is filled."""
+    sheet.reset_dimensions()
+    return any(any(map(_is_filled, row)) for row in sheet.iter_rows(max_row=PREVIEW, values_only=True))
 
 
 def _is_filled(cell: Any) -> bool:
@@ -330,14 +367,14 @@ def _has_formulas(stream: IO[bytes], book: Any) -> bool:
     return False
 
 
-def _list_formulas(stream: IO[bytes], bounds: TableLimits) -> Iterator[Sequence[Any]]:
+def _list_formulas(stream: IO[bytes], bounds: TableLimits, header_line: int) -> Iterator[Sequence[Any]]:
     """The rows below the header with formulas instead of what they come to."""
     import openpyxl
 
     with _refusing("XLSX", "save it as .xlsx, the table on the first sheet", bounds.file):
         sheet = openpyxl.load_workbook(stream, read_only=True).worksheets[0]
         sheet.reset_dimensions()
-        return iter(sheet.iter_rows(2, values_only=True))
+        return iter(sheet.iter_rows(header_line + 1, values_only=True))
 
 
 def _refuse_not_computed(table: TableReader, line: int, row: Sequence[Any], formulas: Sequence[Any]) -> None:

@@ -40,8 +40,10 @@ _SYNONYMS = {
 }
 _COMMA = re.compile(r"\s*([-+]?\d+),(\d+)\s*")
 _THOUSANDS = re.compile(r"\s*([-+]?[0-9]{1,3})((?:[ .,'\u2019\u00a0\u202f][0-9]{3})+)(?:([.,])([0-9]+))?\s*")
-_ZONE = re.compile(r"\s*\+?([0-9.,]+)\s*(?:mm|deg|°|px)?\s*[/;| ]\s*-\s*([0-9.,]+)\s*(?:mm|deg|°|px)?\s*")
-_EITHER_WAY = re.compile(r"\s*(?:±|\+/?-)\s*([0-9.,]+)\s*(?:mm|deg|°|px)?\s*")
+_ZONE = re.compile(r"\s*([-+]?[0-9.,]+)\s*(?:mm|deg|°|px)?\s*[/;| ]\s*([-+]\s*[0-9.,]+|0)\s*(?:mm|deg|°|px)?\s*")
+_EITHER_WAY = re.compile(  # value, half-width, unit
+    r"\s*([-+]?[0-9.,]+)?\s*(?:mm|deg|°|px)?\s*(?:±|∓|\+ ?/? ?-|- ?/? ?\+)\s*([0-9.,]+)?\s*(mm|deg|°|px)?\s*"
+)
 _PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*%\s*")
 _LARGEST_PERCENT = 100.0
 
@@ -71,24 +73,44 @@ def ask_meant(name: str, known: Iterable[str], otherwise: str = "") -> str:
 def cure_zone(upper: float, lower: float) -> str:
     """A zone between two limits as what a tolerance is here: where its middle is, and half of its width."""
     middle, half = (upper + lower) / 2, abs(upper - lower) / 2
-    return f"the middle of the zone into bias, half of it into the half-width: bias {middle:.6g}, half-width {half:.6g}"
+    numbers = f"bias {middle:.12g}, half-width {half:.12g}"
+    return f"the middle of the zone into bias, half of it into the half-width: {numbers}"
 
 
 def _read_decimal(text: str) -> float | None:
+    if re.fullmatch(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}", text):  # thousands, or decimals
+        return None
     try:
         return float(text.replace(",", "."))
     except ValueError:
         return None
 
 
-def _cure_zone_text(text: str) -> str:
-    """``+0.1/-0`` and ``±0.05`` as a tolerance is written here; empty for other texts."""
+def _cure_zone_text(text: str, field: str) -> str:
+    """``+0.1/-0`` and ``±0.05`` as a tolerance is written here; empty for other texts, and for another unit."""
     if found := _EITHER_WAY.fullmatch(text):
-        half = _read_decimal(found[1])
-        return "" if half is None else f"the half-width is a number without a sign: {half:g}"
+        before, after, unit = found.groups()
+        value, half = (None if each is None else _read_decimal(each) for each in (before, after))
+        if after is None:  # 0.05 ±
+            value, half = None, value
+        own = re.search("_(mm|deg|px)$", field)
+        if half is None or half < 0 or (after and before and value is None):
+            return ""
+        if own and unit and own[1] != unit.replace("°", "deg"):
+            return ""
+        if "half_width" in field:
+            return f"a half-width stands alone: write {half:.12g}"
+        if re.search(r"noise|(^|_)sd(_|$)|std", field):
+            return f"if ±{half:.12g} is one standard deviation, write {half:.12g}"
+        said = f"±{half:.12g} is a tolerance, whose place is a half-width: {half:.12g}"
+        return (
+            f"the value alone: write {value:.12g}; {said}"
+            if value is not None
+            else f"{said}; the value itself goes here"
+        )
     if found := _ZONE.fullmatch(text):
-        upper, lower = map(_read_decimal, found.groups())
-        return "" if upper is None or lower is None else cure_zone(upper, -lower)
+        one, other = (_read_decimal(each.replace(" ", "")) for each in found.groups())
+        return "" if one is None or other is None else cure_zone(max(one, other), min(one, other))
     return ""
 
 
@@ -107,7 +129,7 @@ def _cure_thousands(text: str) -> str:
 
 def cure_text(text: str, field: str) -> str:
     """What to write instead of a text where a number is wanted; empty where the text tells nothing."""
-    if cure := _cure_zone_text(text) or _cure_thousands(text):
+    if cure := _cure_zone_text(text, field) or _cure_thousands(text):
         return cure
     if found := _COMMA.fullmatch(text):
         whole, decimals = found.groups()

@@ -28,6 +28,10 @@ NUMBERINGS = ("no", "no.", "nr", "nr.", "#", "index", "idx", "row", "lfd. nr.", 
 PREVIEW = 12  # rows that are looked at for the delimiter and the header
 MOST_REMARKS = 200  # lines above the header
 CHUNK = 1 << 20
+SUMMARIES = (  # what the first cell of a row says that sums up those above it
+    "average", "avg", "count", "max", "maximum", "mean", "median", "min", "minimum", "mittelwert", "moyenne", "range",
+    "rms", "sd", "std", "std.dev", "stddev", "stdev", "sum", "summe", "total", "standardabweichung",
+)  # fmt: skip
 
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _COMMA_NUMBER = re.compile(r"[-+]?[0-9]+,[0-9]+([eE][-+]?[0-9]+)?")
@@ -52,7 +56,12 @@ _KINDS = {  # of rows that are left out
 _HEADING = re.compile(
     r"(.+?)(?:\s*[_/]\s*(U)|\s*\[\s*(U)\s*\]|\s*\(\s*(U)\s*\)|\s+(U))".replace("U", r"[^\s_/\[\]()]+")
 )
+KEPT_ENDS = "curl -d @FILE drops line ends, --data-binary @FILE keeps them"
 _LINE_BREAK = "a cell goes on over several lines"
+_OTHER_ENDS = {  # of lines, which nothing here takes for one
+    "\\n": "a backslash and an n", "\u2028": "U+2028", "\u2029": "U+2029", "\x85": "U+0085", "\x0b": "U+000B",
+    "\x0c": "U+000C", "\x1e": "U+001E",
+}  # fmt: skip
 
 
 def read_plain_number(text: str) -> float | None:
@@ -176,6 +185,12 @@ class PeopleTable:
             return None
         return value
 
+    def refuse_summary(self, label: str, line: int, what: str) -> None:
+        """Raises ``error`` for a row whose label says that it sums up the others."""
+        if re.sub(r"[\s_:-]", "", label).lower().rstrip(".") in SUMMARIES:
+            detail = f"{quote(label)} says that this row sums up others, and it would count as {what}"
+            raise self.refuse("summary-row", detail, "delete the row, or call it otherwise", line, 1)
+
     def cure(self, cell: str, what: str) -> str:
         """What to write instead of a cell that is no number."""
         if not cell.strip():
@@ -279,7 +294,9 @@ def list_lines(stream: IO[bytes], encoding: str) -> Iterator[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class _TextLine:
+class TextLine:
+    """A row by its line, before it is known what it is."""
+
     number: int
     text: str
     cells: list[str]
@@ -336,39 +353,47 @@ def _open_table(
     start = 0 if said is None or told is None else told + 1
     texts = [(k + 1, text.rstrip("\r\n")) for k, text in enumerate(held) if k >= start and text.strip()]
     data = [(number, text) for number, text in texts if not text.lstrip().startswith("#")]
+    if len(texts) == 1 and (found := _find_lost_ends(texts[0][1])):
+        raise refuse("line-ends", *found, texts[0][0])
     if not data:
         raise refuse("empty-document", "the file holds no line of a table")
     if said is not None and said[1] not in (*DELIMITERS, "|"):
         raise refuse("csv-header", f"cells are separated by {said[1]!r}", "separate them by commas or semicolons", 1)
     delimiter = said[1] if said else _find_delimiter([text for _, text in data])
 
-    def split(number: int, text: str) -> _TextLine:
+    def split(number: int, text: str) -> TextLine:
         try:
             cells = next(csv.reader([text], delimiter=delimiter, strict=True), [])
         except csv.Error as found:
             detail = _LINE_BREAK if "unexpected end" in str(found) else str(found)
             hint = "take line breaks out of cells; a quote inside a quoted cell is doubled"
             raise refuse("csv-syntax", f"this line is not CSV: {detail}", hint, number) from None
-        return _TextLine(number, text, [cell.strip() for cell in cells])
+        return TextLine(number, text, [cell.strip() for cell in cells])
 
     # the header, and nothing above it that could be a row; rows below are split only as far as they are needed
     contents_of = [split(*each) for each in data[:PREVIEW] if not _goes_on(each[1])] or [split(*data[0])]
     above = [(number, text) for number, text in texts if text.lstrip().startswith("#")]
     counts = Rows()
-    header, titles = _find_header(contents_of, above, split, knows_header)
+    header, titles = find_header(contents_of, above, split, knows_header)
+    for number, text in data:
+        if number < header.number and _goes_on(text):
+            split(number, text)  # which refuses it
     if knows_header is None and not header.text.lstrip().startswith("#"):
         numbers = [cell for cell in header.cells if looks_like_number(cell)]
         if any(not cell.isdecimal() for cell in numbers) or len(numbers) == len(header.cells):
             detail = f"the first row names the columns; here it holds {quote(numbers[0])}"
             raise refuse("csv-header", detail, "put a row with the names of the columns above it", header.number)
+    for number, text in above:  # one with the cells of a row may be one that somebody took out
+        if number < header.number and text.count(delimiter) == header.text.count(delimiter) > 0:
+            titles.append(split(number, text))
     for title in titles:
         if title.filled >= max(2, sum(map(bool, header.cells))) and any(map(looks_like_number, title.cells)):
             detail = f"a row stands above the header (line {header.number}): {quote(title.text)}"
             raise refuse("csv-header", detail, "put it below, or delete it", title.number)
-        counts.leave_out("title", title.number)
+        counts.leave_out("remark" if title.text.lstrip().startswith("#") else "title", title.number)
     if len(header.cells) == 1 and delimiter not in header.text:
         _refuse_spaces(contents_of, header, refuse)
-    begins = header.number if not header.text.lstrip().startswith("#") else contents_of[0].number - 1
+    begins = header.number
     cells = header.cells
     while len(cells) > 1 and not cells[-1]:
         cells = cells[:-1]
@@ -387,6 +412,19 @@ def _open_table(
     return table
 
 
+def _find_lost_ends(text: str) -> tuple[str, str] | None:
+    """What is wrong with the only line of a text, and its cure, if it holds more than names of columns."""
+    for mark, name in _OTHER_ENDS.items():
+        if mark in text.strip():
+            return f"the table is one line, with {name} where lines end", "end lines with LF, or CR LF"
+    cells = [cell.strip() for cell in re.split(f"[{DELIMITERS}]", text)]
+    numbers = [looks_like_number(cell) for cell in cells]
+    if all(numbers) or not (any(numbers) or any(re.search(r"[0-9]\.[0-9]", cell) for cell in cells)):
+        return None
+    detail = "the table is one line, with numbers in it: it has no header, or its line ends are lost"
+    return detail, f"put the names of the columns into a line above the rows; {KEPT_ENDS}"
+
+
 def _goes_on(text: str) -> bool:
     """Whether a line ends inside of quotes; the row it begins is refused when it is reached."""
     return text.count('"') % 2 == 1
@@ -401,25 +439,25 @@ def _find_delimiter(texts: Sequence[str]) -> str:
     return next((mark for mark in DELIMITERS if mark in bare[0]), ",")
 
 
-def _find_header(
-    contents: list[_TextLine],
-    above: list[tuple[int, str]],
-    split: Callable[[int, str], _TextLine],
-    knows_header: Callable[[Sequence[str]], bool] | None,
-) -> tuple[_TextLine, list[_TextLine]]:
-    """The header, and the titles above it."""
+def find_header(
+    contents: list[TextLine],
+    above: Sequence[tuple[int, str]] = (),
+    split: Callable[[int, str], TextLine] | None = None,
+    knows_header: Callable[[Sequence[str]], bool] | None = None,
+) -> tuple[TextLine, list[TextLine]]:
+    """The header, and the titles above it.  ``above``: remarks, one of which may be the header; ``split`` parts it."""
     if knows_header is not None:
         at = next((k for k, line in enumerate(contents) if knows_header(line.cells)), None)
         if at is not None:
             return contents[at], contents[:at]
     first = contents[0]
     marked = [each for each in above if each[0] < first.number]
-    if marked and any(map(looks_like_number, first.cells)):  # numpy.savetxt puts its header into a remark
+    if split and marked and any(map(looks_like_number, first.cells)):  # numpy.savetxt puts its header into a remark
         number, text = marked[-1]
         cells = text.lstrip()
         line = split(number, cells if re.match(r"#\s*[\t;,]", cells) else cells.lstrip("#").lstrip())
         if len(line.cells) == len(first.cells) and not any(map(looks_like_number, line.cells)) and all(line.cells):
-            return _TextLine(number, text, line.cells), []
+            return TextLine(number, text, line.cells), []
     at = 0
     while (
         at + 1 < len(contents)
@@ -432,7 +470,7 @@ def _find_header(
     return contents[at], contents[:at]
 
 
-def _refuse_spaces(contents: list[_TextLine], header: _TextLine, refuse: Callable[..., TailstackError]) -> None:
+def _refuse_spaces(contents: list[TextLine], header: TextLine, refuse: Callable[..., TailstackError]) -> None:
     """Cells that only spaces separate: a name may hold a space, so nothing is guessed."""
     for line in contents[:2]:
         words = line.text.split()

@@ -116,7 +116,7 @@ def numbers_in(line: str, delimiter: str) -> list[float] | None:
     while len(cells) > 4 and not cells[-1]:
         cells.pop()
     plain = [each.replace(",", ".") if delimiter == ";" else each for each in cells[1:]]
-    if len(cells) == 4 and all(re.fullmatch(r"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?", each) for each in plain):
+    if len(cells) == 4 and all(re.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?", each) for each in plain):
         return [float(each) for each in plain]
     return None
 
@@ -131,7 +131,9 @@ def check(reader: str, lines: list[str], delimiter: str, content: bytes) -> bool
     rows = [numbers for line in filled if (numbers := numbers_in(line, delimiter)) is not None]
     missing = [row for row in rows if any(number < -3.6e28 for number in row)]
     assert found == [row for row in rows if row not in missing], (lines, content)
-    others = len(filled) - len(found) - 1  # the header
+    header = next((k for k, line in enumerate(filled) if "_mm" in line or "_px" in line), 0)
+    remarks = sum(1 for line in filled[:header] if line.startswith("#") and line.count(delimiter) != 3)
+    others = len(filled) - len(found) - 1 - remarks  # remarks above the header are where they belong
     assert not others or "left out" in said, (lines, said)
     return True
 

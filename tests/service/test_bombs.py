@@ -129,7 +129,7 @@ def test_what_takes_too_much_memory_is_refused_and_the_process_goes_on() -> None
 from functools import partial
 from tailstack_service.http.computations import perform
 from tailstack_service.operations.perform import perform as perform_unit
-from tailstack_service.processes.memory import limit_memory, memory_within
+from tailstack_service.processes.linux import limit_memory, memory_within
 from tailstack_service.task import Task
 limit_memory(600_000_000)
 refused = perform(partial(bytearray, 900_000_000))

@@ -19,6 +19,7 @@ from service_scenes import check_problem, small_design
 from store_scenes import submit
 from worker_scenes import Stops
 
+from family import die_with_parent
 from tailstack_service.http import events
 from tailstack_service.http.app import create_app
 from tailstack_service.http.posting import FIRST_LOOK
@@ -102,7 +103,7 @@ def test_a_process_that_ends_again_and_again_is_started_more_and_more_slowly() -
     clock, started = TurnedClock(), []
 
     def start() -> subprocess.Popen[bytes]:
-        started.append(subprocess.Popen(["sleep", "3600"], stdin=subprocess.PIPE))
+        started.append(subprocess.Popen(["sleep", "3600"], stdin=subprocess.PIPE, preexec_fn=die_with_parent))
         return started[-1]
 
     kept = RestartedProcess("worker", start, clock=clock)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -185,6 +186,23 @@ def test_without_a_connection_tasks_are_given_back_at_once(dask_cluster: Cluster
         assert engine.capacity == 0
         with pytest.raises(GivenBack):
             engine.submit(task(), "x").result(LIMIT_SECONDS)
+
+
+def test_only_while_an_engine_is_there_the_client_keeps_its_tracebacks_to_itself(
+    dask_cluster: Cluster, engine: DaskEngine
+) -> None:
+    from tailstack_service.jobs.engines.dask import DaskEngine
+
+    client = logging.getLogger("distributed.client")
+    record = client.makeRecord(client.name, logging.ERROR, __file__, 1, "Traceback", (), None)
+    before, level = len(client.filters), client.level
+    with closing(DaskEngine(Settings(**dask_cluster.settings))):
+        until(lambda: len(client.filters) == before + 1)
+        engine.close()
+        until(lambda: len(client.filters) == before)
+        assert not client.filter(record)
+    until(lambda: client.filter(record))
+    assert client.level == level
 
 
 def test_another_version_on_the_dask_workers_computes_nothing(

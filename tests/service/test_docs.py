@@ -175,7 +175,7 @@ def find_spec_of(name: str) -> object:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["score", "optimise"])
+@pytest.mark.parametrize("name", ["score", "command"])
 def test_architecture_draws_the_walk_that_the_code_takes(name: str) -> None:
     done = subprocess.run(
         [sys.executable, ROOT / "docs" / "walks.py", "--check", name],

@@ -16,11 +16,12 @@ from postgres import required
 from service_scenes import ROOT, check_problem, client_with
 
 from tailstack_service.settings import Settings
+from waiting import LIMIT_SECONDS
 
 __all__ = ["browser"]
 
 TRY = """(async () => {
-  const until = async (found) => { for (let k = 0; k < 400; k++) { const it = found(); if (it) return it;
+  const until = async (found) => { for (let k = 0; k < 20 * LIMIT; k++) { const it = found(); if (it) return it;
     await new Promise((done) => setTimeout(done, 50)); } throw new Error("never: " + found); };
   const part = await until(() => document.querySelector("#operations-computations-create_score"));
   part.querySelector("button").click();
@@ -28,7 +29,7 @@ TRY = """(async () => {
   (await until(() => part.querySelector("button.execute"))).click();
   const status = await until(() => part.querySelector(".live-responses-table tbody .response-col_status"));
   return status.textContent.trim() + " " + part.querySelector(".request-url pre").textContent.trim();
-})()"""
+})()""".replace("LIMIT", f"{LIMIT_SECONDS:g}")
 
 
 @pytest.fixture(scope="module")

@@ -401,7 +401,9 @@ def test_the_summary_of_a_step_is_appended_and_never_too_long(
     assert f"::error file={folder.name}/bad.yaml,line=" in capsys.readouterr().out
     text = summary.read_text(encoding="utf-8")
     assert text.startswith("# before\n## ❌ Gate: fail")
-    assert f"| {folder.name.replace('_', chr(92) + '_')}/bad.yaml | ❌ fail |" in text
+    row = next(line for line in text.splitlines() if "/bad.yaml |" in line)
+    assert row.startswith(f"| {folder.name.replace('_', chr(92) + '_')}/bad.yaml |")
+    assert row.endswith("| ❌ fail |")
     assert main(["gate", "good.yaml", "--mode", "analytic"]) == 0
     assert summary.read_text(encoding="utf-8") == text, "only format github writes it"
     summary.write_bytes(b"x" * (2**20 - 10))

@@ -192,6 +192,9 @@ def test_tables_are_refused_before_the_first_byte(client: httpx.Client, body: An
         (f"a,{NOISE}\nx,1\ny\n", 3, "1 cells"),
         ("noise\n1\n", 1, "like a number of the design"),
         (f"{NOISE}\n", None, "no rows"),
+        (f"a,{NOISE}x,0.3y,0.4", 1, "--data-binary @FILE keeps them"),
+        (f"{NOISE}0.30.4", 1, "--data-binary @FILE keeps them"),
+        (f"a,{NOISE}\\nx,0.3\\n", 1, "end lines with LF, or CR LF"),
     ],
 )
 def test_a_file_is_refused_with_its_line(client: httpx.Client, sha256: str, text: str, line: Any, said: str) -> None:
@@ -200,6 +203,13 @@ def test_a_file_is_refused_with_its_line(client: httpx.Client, sha256: str, text
     problem = check_problem(answer, 422, "invalid-request")
     assert said in problem["errors"][0]["detail"] + problem["errors"][0]["hint"]
     assert problem["errors"][0].get("line") == line
+
+
+def test_objects_without_line_ends_between_are_told_what_drops_them(client: httpx.Client, sha256: str) -> None:
+    header = {"Content-Type": MEDIA_TYPES["ndjson"]}
+    content = f'{{"{NOISE}": 0.3}}{{"{NOISE}": 0.4}}'
+    answer = client.post(PATH, params={"design_sha256": sha256}, content=content, headers=header)
+    assert "--data-binary @FILE" in check_problem(answer, 422, "invalid-request")["errors"][0]["hint"]
 
 
 def test_a_table_alone_says_which_design_it_is_about(client: httpx.Client) -> None:

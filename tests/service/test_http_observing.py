@@ -148,7 +148,6 @@ def test_what_a_stranger_sends_makes_no_long_line(client: httpx.Client, told: io
 LOGGING = [f"log.{level}" for level in ("debug", "info", "warning", "error", "exception")]
 
 
-@pytest.mark.long
 def test_every_line_that_the_service_logs_is_a_sentence_with_an_action() -> None:
     """Read from the sources: most lines are about what a test can hardly bring about."""
     wrong = []

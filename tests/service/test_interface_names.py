@@ -15,8 +15,8 @@ from tailstack.scoring import score
 from tailstack_service.audit import audit
 from tailstack_service.audit.verify import values
 from tailstack_service.documents import plain, to_json
+from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
-from tailstack_service.rendering.score import score_text
 from tailstack_service.report.assembling import compute_report, options_of
 from tailstack_service.schemas import record_of
 
@@ -67,7 +67,7 @@ def test_an_interface_without_a_label_is_called_by_its_name() -> None:
 
 
 def test_people_read_the_name_of_the_design_and_the_label() -> None:
-    text = " ".join(score_text(score(load_design(ROOT / "examples" / "demo.yaml"))).split())
+    text = " ".join(OPERATIONS["score"].write(score(load_design(ROOT / "examples" / "demo.yaml"))).split())
     assert f"{FLANGE}: " in text
     for word in " ".join(LABEL.values()).split():
         assert word in text

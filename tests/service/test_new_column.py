@@ -23,12 +23,12 @@ from tailstack import load_design, score
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render_all
 from tailstack_service.rendering.page import Page, write_on
-from tailstack_service.rendering.score import score_text
+from tailstack_service.operations.registry import OPERATIONS
 
 found = score(load_design(sys.argv[1]))
-told = {"terminal": score_text(found), "notebook": found._repr_html_()}
+told = {"terminal": OPERATIONS["score"].write(found), "notebook": found._repr_html_()}
 with write_on(Page(160, details=True)):
-    told["details"] = score_text(found)
+    told["details"] = OPERATIONS["score"].write(found)
 made = dict(render_all("score", to_json(found), ("html", "pdf", "xlsx")))
 told["html"] = made["html"].decode()
 told["pdf"] = "\\n".join(page.extract_text() for page in PdfReader(io.BytesIO(made["pdf"])).pages)

@@ -36,6 +36,9 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copyfile(ROOT / name, root / name)
     made = write_effect(root, "bending")
     assert made.returncode == 0, made.stderr
+    last = made.stdout.splitlines()[-1].split()[0]
+    assert last == "docs/adding/effect.md"
+    assert (ROOT / last).is_file()
     again = write_effect(root, "bending")
     assert (again.returncode, "is there already" in again.stderr) == (1, True)
     assert "run: new effect NAME" in write_effect(root, "Bending!").stderr

@@ -109,7 +109,7 @@ def test_a_sweep_is_a_row_for_each_point_and_target_refused_points_too() -> None
 
 
 def test_an_unknown_table_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ValueError, match="Score has the tables targets, budget, checks; got 'budgets'"):
+    with pytest.raises(ValueError, match="Score has the tables targets, checks, budget; got 'budgets'"):
         published(Score).to_frame("budgets")
 
 
@@ -284,7 +284,7 @@ def test_a_notebook_runs(tmp_path: Path) -> None:
     assert "variance_share" in "".join(frame[0]["data"]["text/html"])
     assert sum("image/png" in output.get("data", {}) for output in titled) == 1, titled
     assert wrong[0]["output_type"] == "error"
-    assert "targets, budget, checks" in wrong[0]["evalue"]
+    assert "targets, checks, budget" in wrong[0]["evalue"]
 
 
 @pytest.mark.long
@@ -337,7 +337,7 @@ def test_the_repr_of_a_score_is_its_verdict() -> None:
     said = repr(record)
     assert record.provenance.design_name in said
     assert f"{record.verdict.status}: " in said
-    assert "targets, budget, checks" in said
+    assert "targets, checks, budget" in said
 
 
 @pytest.mark.parametrize("package", ["tailstack", "tailstack.results", "tailstack.design", "tailstack.optimisation"])

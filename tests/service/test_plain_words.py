@@ -113,13 +113,16 @@ def test_the_study_of_the_paper_is_plain(printed: Any) -> None:
     assert met_in(text, names) == []
 
 
-@pytest.mark.long("optimise -KKT residual lower bound: ")
+@pytest.mark.long("optimise -Residual of the optimality conditions Lower bound: ")
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("score", DEMO), ("first order", "linearisation: good to 1 %. nu = ", "(Eq 16)", "dP95/dh", "sha256")),
         (("verify", DEMO, "--trials", "20000"), ("eight lanes", "redone by SVD", "estimate /", "normalised")),
-        (("optimise", DEMO, "--starts", "1"), ("KKT residual", "lower bound: ", "closed form", "tightening")),
+        (
+            ("optimise", DEMO, "--starts", "1"),
+            ("Residual of the optimality conditions", "Lower bound: ", "closed form", "tightening"),
+        ),
         (("sweep", DEMO, "--set", HALF_WIDTH), ("first order", "|bias|")),
         (("study", "coupling", DEMO, "--trials", "16384"), ("sectioning", "noise gain", "nu = ")),
     ],

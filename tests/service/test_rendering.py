@@ -21,13 +21,13 @@ from tailstack.results import Check, Contributor, CountTried, Finding, Verdict
 from tailstack.results.digits import number, percent
 from tailstack.results.optimisation import changes_table, moved_table
 from tailstack.results.score import group
+from tailstack.results.verdicts import requirements_table
 from tailstack.scoring import score
+from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.rendering.demo import before_after_text
-from tailstack_service.rendering.optimisation import optimisation_text
+from tailstack_service.rendering.document import findings_text
 from tailstack_service.rendering.page import WIDTH, Page, write_on
-from tailstack_service.rendering.score import score_text
 from tailstack_service.rendering.tables import columns, draw_table, fold, visible, wrap, write_table
-from tailstack_service.rendering.verdict import findings_text, requirements_text, verdict_text
 
 
 @pytest.mark.parametrize(
@@ -189,6 +189,13 @@ def judged(*checks: Check) -> Verdict:
     return Verdict("pass", "Monte Carlo", checks, ())
 
 
+def requirements_text(verdict: Verdict) -> str:
+    """What a terminal shows of the requirements."""
+    table = requirements_table(verdict)
+    assert table is not None
+    return write_table(table, above=True)
+
+
 def test_checks_show_value_interval_limit_and_status() -> None:
     last = requirements_text(judged(check("pass"))).split("\n")[-1].split()
     assert last == ["tip", "entry", "P95", "1.25", "1.20", "1.30", "1.50", "+0.20", "pass"]
@@ -219,14 +226,15 @@ def test_the_verdict_comes_last_and_findings_before_it() -> None:
     finding = Finding("requirement-failed", "error", "tip is beyond its limit")
     weak = Finding("flat-structure", "warning", "the structure is flat")
     verdict = Verdict("fail", "Monte Carlo", (check("fail"),), (finding, weak))
-    text = verdict_text(verdict)
-    assert text.endswith("\n\nverdict: fail (Monte Carlo)")
+    record = replace(verification(), verdict=verdict)
+    text = OPERATIONS["verification"].write(record)
+    assert text.endswith("\n\nverdict: fail (Monte Carlo)\n")
     assert "warning: [flat-structure] the structure is flat" in text
     assert "requirement-failed" not in text  # the table says it
     with write_on(Page(details=True)):
-        assert "error: [requirement-failed] tip is beyond its limit" in verdict_text(verdict)
+        assert "error: [requirement-failed] tip is beyond its limit" in OPERATIONS["verification"].write(record)
     with write_on(Page(colour=True)):
-        assert "\x1b[31m" in verdict_text(verdict)
+        assert "\x1b[31m" in OPERATIONS["verification"].write(record)
         assert findings_text(()) == ""
 
 
@@ -241,31 +249,31 @@ def row_of(text: str, name: str) -> list[str]:
 
 def before_after(result: Any) -> str:
     """The part of the text with the values and the cost before and after."""
-    text = optimisation_text(result)
+    text = OPERATIONS["optimisation"].write(result)
     return text[text.index("by estimate,") :]
 
 
 def detailed(result: Any) -> str:
     """The text of an optimisation with details, on a wide page."""
     with write_on(Page(120, details=True)):
-        return optimisation_text(result)
+        return OPERATIONS["optimisation"].write(result)
 
 
 def test_an_optimised_design_has_its_parts_in_order() -> None:
     text = detailed(full_result())
     parts = (
-        "Optimised: least cost", "tip-accuracy  ", "note: [floor] moving fiducials", "by estimate,", "cost: ",
+        "Optimised: least cost", "tip-accuracy  ", "by estimate,", "cost: ",
         "scaling: ", "1.375",
         "places of the fiducials: textbook", "fiducial,", "pivot", "spacing: connector on flange", "tolerance ",
         "what keeps it from being better: P95 at target 'tip'; carrier", "trade-off: 0.1 mm of limit", "fiducials  ",
-        "front: ", "certificate: ", "lower bound: no allocation", "search: all 8 starts were solved",
-        "check: 1,048,576", "not included: ", "warning: [far-target]",
+        "front: ", "Starts: ", "Lower bound: no allocation", "Ending: all 8 starts were solved",
+        "Check: 1,048,576", "not included: ", "note: [floor] moving fiducials", "warning: [far-target]",
     )  # fmt: skip
     places = [text.index(part) for part in parts]
     assert places == sorted(places)
     assert text.endswith("\n\nverdict: pass (Monte Carlo)\n")
     assert max(map(columns, text.splitlines())) <= 120
-    assert max(map(columns, optimisation_text(full_result()).splitlines())) <= WIDTH
+    assert max(map(columns, OPERATIONS["optimisation"].write(full_result()).splitlines())) <= WIDTH
 
 
 def test_before_and_after() -> None:
@@ -283,9 +291,11 @@ def test_before_and_after() -> None:
 
 @pytest.mark.parametrize(("not_asked", "said"), [((), "more freedom"), (("tip-accuracy",), "`optimise.requirement`")])
 def test_an_optimised_design_is_not_told_to_be_optimised(not_asked: tuple[str, ...], said: str) -> None:
-    check = full_result().certificate
-    failing = replace(check, verification=verification("fail", 1.2))
-    text = " ".join(optimisation_text(full_result(certificate=failing, not_asked=not_asked, front=())).split())
+    certificate, failing = full_result().certificate, verification("fail", 1.2)
+    kept = replace(failing.verdict.checks[0], requirement="kept", status="pass")  # something is always asked for
+    failing = replace(failing, verdict=replace(failing.verdict, checks=(*failing.verdict.checks, kept)))
+    result = full_result(certificate=replace(certificate, verification=failing), not_asked=not_asked, front=())
+    text = " ".join(OPERATIONS["optimisation"].write(result).split())
     assert "`tailstack optimise`" not in text
     assert said in text
 
@@ -335,14 +345,16 @@ def test_counts_front_and_optima() -> None:
     assert row_of(text, "0.750") == ["0.750", "2500", "0.748", "0.750", "verified"]
     assert row_of(text, "0.500") == ["0.500", "-", "-", "-", "out of reach"]
     assert "front: 0.5000 mm: the smallest P95 found is 0.61 mm" in text
-    assert row_of(text, "     1130.0") == ["1130.0", "2", "3", "12.25"]
+    assert row_of(text, "   1130.0") == ["1130.0", "2", "3", "12.25"]
 
 
 def test_the_closed_form_is_compared_with_its_like() -> None:
     """closed form: the half-widths alone, 400 + 350 + 250, not the fiducials' 120."""
     text = " ".join(detailed(full_result()).split())
-    assert "cost 1101.5 by the smooth closed form, 1107.2 by the exact law, 1000.0 with the margin" in text
-    assert "grades chosen." in text
+    said = (
+        "1101.5 by the smooth closed form, 1107.2 by the exact law, 1000.0 with the margin of the check, grades chosen"
+    )
+    assert f"Cost of the half-widths: {said}" in text
 
 
 def test_many_optima_are_cut_and_counted() -> None:
@@ -386,7 +398,7 @@ def test_the_chapter_of_the_demo_takes_a_layout_that_had_no_price() -> None:
 def test_an_error_of_hundreds_of_millimetres_is_not_advised_a_tenth_tighter() -> None:
     document = yaml.safe_load((EXAMPLES / "demo.yaml").read_text())
     document["execution"]["repeatability"] = {"half_width_mm": 500, "distribution": "uniform"}
-    text = " ".join(score_text(score(load_design(document), losses=False)).split())
+    text = " ".join(OPERATIONS["score"].write(score(load_design(document), losses=False)).split())
     assert "which is no error of positioning any more; most of it comes from" in text
     assert text.partition("most of it comes from ")[2].startswith("execution")
     assert "tighter by a tenth" not in text

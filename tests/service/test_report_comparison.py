@@ -18,9 +18,9 @@ from work_driver import run_job
 
 from tailstack import load_design, verify
 from tailstack_service.documents import to_json
+from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import document_of, render
 from tailstack_service.problems import RequestError
-from tailstack_service.rendering.verification import verification_text
 from tailstack_service.report.assembling import ReportContents, compute_report
 from tailstack_service.report.changes import MOST, changes_of
 from tailstack_service.report.comparing import FEWEST, compute_comparison, estimate_difference
@@ -358,7 +358,9 @@ def test_a_design_with_missed_beads_is_reported_and_compared() -> None:
     assert apart < 0.03  # of the estimate without losses it is 0.1
     page = render("comparison", to_json(compared), "html")[0].decode()
     assert "of the shots drawn a fiducial or more is missed" in page
-    assert "estimate of such shots, with and without" in " ".join(verification_text(drawn.verification).split())
+    assert "estimate of such shots, with and without" in " ".join(
+        OPERATIONS["verification"].write(drawn.verification).split()
+    )
     alone = render("report", to_json(drawn), "html")[0].decode()
     assert "Trials with a fiducial missed" in alone
 

@@ -14,12 +14,10 @@ from tailstack.design import load_design
 from tailstack.scoring import score
 from tailstack.sweeping import read_axes, sweep
 from tailstack.verification import verify
+from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.validation import validate, validation_text
 from tailstack_service.rendering.jobs import jobs_text
 from tailstack_service.rendering.page import WIDTH
-from tailstack_service.rendering.score import score_text
-from tailstack_service.rendering.sweep import sweep_text
-from tailstack_service.rendering.verification import verification_text
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -80,13 +78,13 @@ def missing(names: list[str], text: str) -> list[str]:
 
 
 def test_score(named: dict[str, Any]) -> None:
-    text = score_text(score(load_design(named)))
+    text = OPERATIONS["score"].write(score(load_design(named)))
     assert missing([NAME, *VIEWS, *TARGETS, *REQUIREMENTS, *LABELS], text) == []
     assert max(map(len, text.split("\n"))) <= WIDTH
 
 
 def test_verify(named: dict[str, Any]) -> None:
-    text = verification_text(verify(load_design(named), trials=8192))
+    text = OPERATIONS["verification"].write(verify(load_design(named), trials=8192))
     assert missing([NAME, *TARGETS, *REQUIREMENTS], text) == []
     assert max(map(len, text.split("\n"))) <= WIDTH
 
@@ -95,7 +93,7 @@ def test_sweep(named: dict[str, Any]) -> None:
     design = load_design(named)
     path = "/interfaces/structure_connector/tolerances/rz/half_width_deg"
     axes = read_axes(design, [{"pointer": path, "values": [0.05, 0.1]}])
-    text = sweep_text(sweep(design, axes))
+    text = OPERATIONS["sweep"].write(sweep(design, axes))
     worst = max(score(design).targets, key=lambda target: target.p95_mm).name
     assert missing([NAME, worst], text) == []
     assert max(map(len, text.split("\n"))) <= WIDTH
@@ -127,7 +125,7 @@ def test_names_in_wide_letters_are_whole_too(named: dict[str, Any]) -> None:
     data = json.loads(json.dumps(named))
     for target, requirement, name in zip(data["targets"], data["requirements"], names, strict=True):
         target["name"], requirement["targets"] = name, [name]
-    text = score_text(score(load_design(data)))
+    text = OPERATIONS["score"].write(score(load_design(data)))
     wide = [sum(2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in line) for line in text.split("\n")]
     assert max(wide) <= WIDTH
     assert all(name[-1] in text for name in names)

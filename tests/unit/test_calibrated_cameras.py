@@ -109,7 +109,7 @@ def test_what_is_no_such_file_is_refused_with_what_is_wrong(old, new, said):
 
 
 def test_the_unit_is_asked_for_and_a_table_is_no_target():
-    with pytest.raises(DesignError, match="add --xmalab cm"):
+    with pytest.raises(DesignError, match="--xmalab cm"):
         made(cage=None)
     with pytest.raises(DesignError, match="becomes a view of a design"):
         made(target="view.csv")

@@ -230,6 +230,7 @@ COEFFICIENTS = [number / 700.0 for number in FLAT[:11]]
     ("written", "words"),
     [
         (COEFFICIENTS, "eleven DLT coefficients"),
+        ([[number] for number in COEFFICIENTS], "eleven DLT coefficients"),
         (FLAT, "row after row (C, NumPy)"),
         ([row[k] for k in range(4) for row in PROJECTION], "column after column (MATLAB, Fortran)"),
         ([list(column) for column in zip(*PROJECTION, strict=True)], "transposed"),
@@ -243,6 +244,28 @@ def test_a_projection_in_another_shape_is_refused_with_the_rows_to_write(written
     after = problem.hint.partition(words)[2]
     told = json.loads(after[after.index("[[") : after.index("]]") + 2])
     np.testing.assert_allclose(np.array(told) / told[2][3], np.array(PROJECTION) / 700.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_a_camera_matrix_is_refused_with_its_fields(transposed):
+    matrix = np.array([[5200.0, 1.5, 770.0], [0.0, 5190.0, 760.0], [0.0, 0.0, 1.0]])
+    view = {"name": "A", "intrinsics": (matrix.T if transposed else matrix).tolist(), "pose": np.eye(4).tolist(),
+            "fiducial_noise_px": 0.3, "target_noise_px": 0.3}  # fmt: skip
+    (problem,) = problems_of(changed(("views",), [view, view_by_projection(PROJECTION) | {"name": "B"}]))
+    told = yaml.safe_load(problem.hint[problem.hint.index("{") :])
+    assert told == {"focal_px": [5200, 5190], "principal_point_px": [770, 760], "skew_px": 1.5}
+
+
+def test_a_transform_for_rows_on_its_left_is_refused_with_its_transpose():
+    pose = [[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [4, -7, 690, 1]]
+    view = {"name": "A", "intrinsics": {"focal_px": [5200, 5200], "principal_point_px": [768, 768]}, "pose": pose,
+            "fiducial_noise_px": 0.3, "target_noise_px": 0.3}  # fmt: skip
+    with pytest.raises(DesignError) as caught:
+        check_design(load_design(changed(("views",), [view, view_by_projection(PROJECTION) | {"name": "B"}])))
+    (problem,) = caught.value.problems
+    assert problem.pointer == "/views/0/pose/3"
+    told = yaml.safe_load(problem.hint[problem.hint.index("[[") :])
+    assert told == np.array(pose).T.tolist()
 
 
 def view_by_projection(matrix):

@@ -176,6 +176,51 @@ def test_two_diameters_have_to_be_told_apart() -> None:
         read(text_of(data), diameter_mm=5.0)
 
 
+def turned(at: int, axis: Sequence[float] = (0, 0, 1), off: float = 0.0, curve: str = "") -> str:
+    """A solid of radius 1.5 about (10, 20, 30): a circle in the plane of x and z, turned about an axis, #at."""
+    return (
+        f"#{at}=MANIFOLD_SOLID_BREP('',#{at + 1});\n#{at + 1}=CLOSED_SHELL('',(#{at + 2}));\n"
+        f"#{at + 2}=ADVANCED_FACE('',(#{at + 3}),#{at + 4},.T.);\n#{at + 3}=FACE_OUTER_BOUND('',#{at + 5},.T.);\n"
+        f"#{at + 4}=SURFACE_OF_REVOLUTION('',#{at + 19 if curve else at + 9},#{at + 10});\n"
+        f"#{at + 5}=EDGE_LOOP('',(#{at + 6},#{at + 7}));\n#{at + 6}=ORIENTED_EDGE('',*,*,#{at + 8},.T.);\n"
+        f"#{at + 7}=ORIENTED_EDGE('',*,*,#{at + 8},.F.);\n"
+        f"#{at + 8}=EDGE_CURVE('',#{at + 13},#{at + 15},#{at + 9},.T.);\n"
+        f"#{at + 9}=CIRCLE('',#{at + 30},1.5);\n#{at + 10}=AXIS1_PLACEMENT('',#{at + 11},#{at + 12});\n"
+        f"#{at + 11}=CARTESIAN_POINT('',({10.0 + off!r},20.,7.));\n#{at + 12}=DIRECTION('',{(*map(float, axis),)!r});\n"
+        f"#{at + 13}=VERTEX_POINT('',#{at + 14});\n#{at + 14}=CARTESIAN_POINT('',(10.,20.,28.5));\n"
+        f"#{at + 15}=VERTEX_POINT('',#{at + 16});\n#{at + 16}=CARTESIAN_POINT('',(10.,20.,31.5));\n"
+        + (f"#{at + 19}={curve.format(circle=at + 9, low=at + 14, high=at + 16)};\n" if curve else "")
+        + placement(at + 30, (10, 20, 30), (0, -1, 0), (1, 0, 0))
+    )
+
+
+TRIMMED = "TRIMMED_CURVE('',#{circle},(#{low}),(#{high}),.T.,.CARTESIAN.)"
+SPLINE = "BEZIER_CURVE('',2,(#{low},#{high}),.UNSPECIFIED.,.F.,.F.)"
+
+
+@pytest.mark.parametrize("curve", ["", TRIMMED])
+def test_a_circle_turned_about_its_diameter_is_a_ball(curve: str) -> None:
+    reading = read(text_of(product(10, "BEAD1", [100]) + turned(100, curve=curve)))
+    assert reading.fiducials.positions_mm == ((10.0, 20.0, 30.0),)
+    assert [body.diameter_mm for body in reading.bodies] == [3.0]
+
+
+@pytest.mark.parametrize("other", [
+    turned(100, off=0.5), turned(100, axis=(0, 1, 1)), turned(100, curve=SPLINE),
+])  # fmt: skip
+def test_what_is_turned_otherwise_is_left_by_name(other: str) -> None:
+    """A ring, a spindle and a free-form curve, beside a ball."""
+    reading = read(text_of(ONE + product(80, "TURNED", [100]) + other))
+    assert [(body.label, body.reason[:32]) for body in reading.bodies] == [
+        ("BEAD1", ""), ("TURNED", "its faces are free-form (NURBS) ")
+    ]  # fmt: skip
+
+
+def test_half_of_a_turned_circle_does_not_close() -> None:
+    half = product(80, "HALF", [100]) + turned(100).replace("(#106,#107)", "(#106)")
+    assert [body.reason for body in read(text_of(ONE + half)).bodies] == ["", "its faces do not close"]
+
+
 def test_a_ball_given_twice_is_taken_once() -> None:
     data = product(10, "beads", [20, 30]) + ball(20, (0.0, 0.0, 0.0), 1.5) + ball(30, (0.0, 1e-4, 0.0), 1.5)
     reading = read(text_of(data))

@@ -80,7 +80,7 @@ def test_balls_that_were_exported_as_free_form_surfaces_are_named(asked: dict[st
     with pytest.raises(DesignError) as refused:
         read_step((FOLDER / "free_form.step").read_bytes(), "free_form.step", StepSelection(**asked))
     (problem,) = refused.value.problems
-    assert ("2 (BEAD_1, BEAD_2) because its faces are free-form surfaces" in problem.detail) == told
+    assert ("2 (BEAD_1, BEAD_2) because its faces are free-form (NURBS) or revolved" in problem.detail) == told
     assert ("export analytic surfaces, not NURBS" in problem.hint) == told
     assert told or "1 (Plate) because it has no spherical face" in problem.detail
 

@@ -10,6 +10,7 @@ import contextlib
 import html
 import io
 import json
+import textwrap
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -49,10 +50,10 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "effects.md"
 HEAD = """# Effects and who knows of them
 
-A source of error that a design can declare is a file of `solver/tailstack/effects/`, an *effect*. Each cell is a test:
-the demo declares the effect, with what is typical of its numbers, and a consumer has to meet it. The name in a cell is
-what `./run test tests/unit/test_effect_matrix.py -k NAME` takes. That file writes this page, and holds the number of
-cells.
+A source of error that a design can declare is a file of `solver/tailstack/effects/`, an *effect*. Each pair of an
+effect and a consumer is a test: the demo declares the effect, with what is typical of its numbers, and the consumer has
+to meet it. `./run test tests/unit/test_effect_matrix.py -k EFFECT-CONSUMER` runs one. That file writes this page, and
+holds the number of pairs.
 
 """
 CELLS = 102  # of the matrix: it does not shrink
@@ -250,9 +251,9 @@ def test_it_is_met(effect: str, consumer: str, tmp_path: Path) -> None:
 
 def write_page() -> str:
     """The text of docs/effects.md."""
-    rows = [["", *(f"`{effect}`" for effect in KINDS)], ["---"] * (len(KINDS) + 1)]
-    rows += [[consumer, *(f"`{effect}-{consumer}`" for effect in KINDS)] for consumer in CONSUMERS]
-    return HEAD + "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    lists = {"Effects": list(KINDS), "Consumers": list(CONSUMERS)}
+    lines = (f"{title}: {', '.join(f'`{name}`' for name in names)}." for title, names in lists.items())
+    return HEAD + "\n\n".join(textwrap.fill(line, 120) for line in lines) + "\n"
 
 
 def test_the_page_is_the_matrix_and_the_matrix_does_not_shrink() -> None:

@@ -29,7 +29,7 @@ from tailstack.studies.bench.levels import draw_time, share_draws
 from tailstack.studies.coupling import name_sources, remove_biases, study_coupling
 from tailstack.studies.linearity import Grid, study_linearity
 from tailstack.system import Drawn, Law, Sources, System, View, no_sources
-from tailstack_service.rendering.score import shares_of
+from tailstack_service.rendering.sentences import shares_of
 from typical import draw_value
 
 # What is no source of error, known or random: what is seen, from where, where to, and how it is computed.

@@ -8,7 +8,7 @@ from pathlib import Path
 from tailstack import load_design, score
 from tailstack.design import design_to_data
 from tailstack_service.documents import to_json
-from tailstack_service.rendering.score import score_text
+from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.schemas import read_record
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "small_cluster_far_target.yaml"
@@ -28,7 +28,7 @@ def test_an_unknown_upper_end_is_null_and_never_passes() -> None:
     assert [check["interval_mm"][1] for check in document["verdict"]["checks"]] == [None, None]
     assert [check["status"] for check in document["verdict"]["checks"]] == ["inconclusive", "inconclusive"]
     assert read_record("score", to_json(result)) == result
-    text = " ".join(score_text(result).split())
+    text = " ".join(OPERATIONS["score"].write(result).split())
     assert "no upper end is known" in text
     assert "at least 0.000" not in text  # says nothing
     assert "so whether it keeps the limit of 5000 mm is open" in text

@@ -207,6 +207,19 @@ def test_pixels_of_another_pitch_alone_make_another_detector():
     assert remarks(with_detector(pixel_mm=0.194, image_size_px=[1536, 1530])) == ([], "")  # a rim that is not read
 
 
+def test_a_detector_of_another_shape_or_a_larger_one_gets_no_cure_that_is_wrong():
+    """closed_form: 768 rows of 0.194 mm are half as high; pixels of 0.388 mm would make 1536 columns twice as wide."""
+    with pytest.raises(IllPosedError) as caught:
+        remarks(with_detector(image_size_px=[1536, 768]))
+    [said] = {p.detail.partition(": ")[2] for p in caught.value.problems if p.code == "detector-width"}
+    assert "149 mm high" in said
+    assert "pixel_mm:" not in said
+    assert "Of a crop" in said
+    _, sentences = remarks(with_detector(image_size_px=[3072, 3072]))
+    assert "has pixel_mm: 0.097." in sentences
+    assert "crop" not in sentences  # no crop is larger than what it was cut from
+
+
 def test_a_target_at_the_pivot():
     pivot = (*SEAT, "pivot_mm")
     for place, rules in ([0, 0, 68], ["no-lever-arm"]), ([0, 0, 66], []):

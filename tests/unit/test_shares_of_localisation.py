@@ -13,7 +13,7 @@ from tailstack import load_design, score, verify
 from tailstack.results import Score
 from tailstack_service.documents import from_json, to_json
 from tailstack_service.gate.design_rules import name_largest_share
-from tailstack_service.rendering.score import shares_of
+from tailstack_service.rendering.sentences import shares_of
 from tailstack_service.report.headline import headline_of
 
 ROOT = Path(__file__).parents[2]

@@ -28,6 +28,7 @@ import pytest
 
 HERE = os.getcwd()
 logging.getLogger("library").setLevel(logging.ERROR)
+logging.getLogger("loud.part")
 
 def test_sets(): os.environ["NUMBA_CPU_NAME"] = "x86-64-v4"
 def test_after_sets(): assert "NUMBA_CPU_NAME" not in os.environ
@@ -58,10 +59,16 @@ def test_after_silences_root(): assert logging.getLogger().level == logging.WARN
 
 def test_imports_a_library(tmp_path, monkeypatch):
     logging.getLogger("loud").setLevel(logging.NOTSET)
-    (tmp_path / "loud.py").write_text("import logging; logging.getLogger('loud').setLevel(logging.INFO)")
+    (tmp_path / "loud.py").write_text("import logging; logging.getLogger('loud.part').setLevel(logging.INFO)")
     monkeypatch.syspath_prepend(str(tmp_path))
     import loud
-def test_after_imports_a_library(): assert logging.getLogger("loud").level == logging.INFO
+def test_after_imports_a_library(): assert logging.getLogger("loud.part").level == logging.INFO
+
+def test_imports_ours_and_silences(tmp_path, monkeypatch):
+    (tmp_path / "tailstack.py").write_text("import logging; logging.getLogger('library').setLevel(logging.INFO)")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import tailstack
+def test_after_imports_ours_and_silences(): assert logging.getLogger("library").level == logging.ERROR
 
 def test_disables(): logging.disable(logging.ERROR)
 def test_after_disables(): assert logging.root.manager.disable == logging.NOTSET
@@ -197,7 +204,7 @@ def test_what_a_failed_test_started_ends_with_it() -> None:
 def test_every_process_that_a_test_does_not_wait_for_ends_with_it() -> None:
     careless = [
         f"{path.name}:{node.lineno}"
-        for path in CONFTEST.parent.rglob("*.py")
+        for path in {*CONFTEST.parent.rglob("*.py")} - {CONFTEST.with_name("tiers.py")}  # which is no test, and waits
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "Popen"
         if "preexec_fn" not in {keyword.arg for keyword in node.keywords}

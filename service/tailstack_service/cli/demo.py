@@ -7,7 +7,6 @@ import logging
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
-from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from ..clock import SYSTEM_CLOCK, Clock
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_details
 from ..console.editors import write_document
+from ..console.files import writable_directory
 from ..console.program import program
 from ..examples import example_folder
 from ..rendering.jobs import advance_text
@@ -59,16 +59,13 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..console.remote import RemoteService
     from ..http.server import running_service
     from ..logs import log_to_stderr
+    from ..operations.registry import OPERATIONS
     from ..rendering.demo import before_after_text, chapter, summary_text
-    from ..rendering.optimisation import optimisation_text
-    from ..rendering.score import score_text
-    from ..rendering.verification import verification_text
     from ..schemas import read_record
     from ..settings import default_settings
 
     log_to_stderr(level=logging.WARNING)
-    output = Path(arguments.output)
-    output.mkdir(parents=True, exist_ok=True)
+    output = writable_directory(arguments.output, "-o")
 
     progress = Progress("demo")
 
@@ -98,20 +95,20 @@ def run(arguments: argparse.Namespace) -> Answer:
         body = service.ask("POST", "/v1/scores", {"design": design}).content
         score = read_record("score", body)
         save("score.json", body)
-        show("Estimate", score_text(score))
+        show("Estimate", OPERATIONS["score"].write(score))
 
         announce(f"checking the design by simulation: POST /v1/verifications, to {100 * PRECISION:g} %")
         body, _ = run_job(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, announce)
         before = read_record("verification", body)
         save("verification.json", body)
-        show("Check by simulation", verification_text(before))
+        show("Check by simulation", OPERATIONS["verification"].write(before))
 
         announce("looking for a better one: POST /v1/optimisations, a second or two per start")
         body, result = run_job(service, "/v1/optimisations", {"design": design}, announce)
         optimised = read_record("optimisation", body)
         save("optimisation.json", body)
         write_document(output / "optimised.yaml", data_to_yaml(optimised.design), tell=arguments.full)
-        show("Optimised: layout and rotational tolerances", optimisation_text(optimised))
+        show("Optimised: layout and rotational tolerances", OPERATIONS["optimisation"].write(optimised))
 
         announce("checking the better one: POST /v1/scores and /v1/verifications")
         score_after = read_record("score", service.ask("POST", "/v1/scores", {"design": optimised.design}).content)

@@ -79,6 +79,6 @@ def run(operation: Operation, arguments: argparse.Namespace) -> Answer:
         call = Call(designs, options, getattr(arguments, "threads", None), progress.report)
         record = operation.run(call)
     code = operation.exit_code(record)
-    if arguments.json or operation.text is None:
+    if arguments.json:
         return Answer(to_json(record), code)
-    return Answer(operation.text(record), code)
+    return Answer(operation.write(record), code)

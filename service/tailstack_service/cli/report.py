@@ -12,7 +12,7 @@ from tailstack.extras import require_extras
 
 from ..console.answer import FAIL, NOT_EVALUATED, PASS, Answer
 from ..console.arguments import whole
-from ..console.files import replace_file
+from ..console.files import replace_file, writable_directory
 from ..console.flags import add_flags
 from ..console.progress import Progress
 from ..operations.registry import OPERATIONS
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     forms = arguments.format or ("html",) if file is None else (file.suffix[1:].lower(),)
     if set(forms) != {"json"}:  # before the work, and not after it
         require_extras("report", *(["pdf"] if "pdf" in forms else []))
-    output = _directory(arguments.output or ".") if file is None else _directory(str(file.parent))
+    output = writable_directory((arguments.output or ".") if file is None else str(file.parent), "-o")
     given = [_read(name) for name in arguments.sources]
     record: Any
     if len(given) == 2:
@@ -247,12 +247,4 @@ def _file(name: str | None, forms: Sequence[str] | None) -> Path | None:
     if forms and tuple(forms) != (form,):
         _refuse("format-mismatch", f"-o {name} is one file, of {form}; --format asks for {', '.join(forms)}",
                 "give a directory with -o, or leave --format out")  # fmt: skip
-    return path
-
-
-def _directory(name: str) -> Path:
-    path = Path(name)
-    if path.exists() and not path.is_dir():
-        raise RequestError(Problem("", "file-unwritable", f"{name} is not a directory", "give a directory with -o"))
-    path.mkdir(parents=True, exist_ok=True)
     return path

@@ -123,15 +123,20 @@ def write_figure(path: Path, svg: str) -> None:
     print(f"wrote {path}", file=sys.stderr)
 
 
-def writable_directory(name: str) -> Path:
-    """Where several new figures go; made if it is not there.  Raises RequestError, MissingExtraError, OSError."""
-    require_extras("report")
+def writable_directory(name: str, flag: str) -> Path:
+    """Where several new files go; made if it is not there.  ``flag`` names another.  Raises RequestError."""
     if not name:
-        raise RequestError(Problem("", "file-unwritable", "no directory is named", "--figures ."))
-    path = Path(name)
-    if path.exists() and not path.is_dir():
-        raise RequestError(Problem("", "file-unwritable", f"cannot write into {name}: it is not a directory"))
-    path.mkdir(parents=True, exist_ok=True)
-    if not os.access(path, os.W_OK | os.X_OK):
-        raise RequestError(Problem("", "file-unwritable", f"cannot write into {name}: no permission"))
+        raise RequestError(Problem("", "file-unwritable", "no directory is named", f"{flag} ."))
+    path, refused = Path(name), ""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        refused = "it is not a directory"
+    except OSError as error:
+        refused = error.strerror or str(error)
+    if not refused and not os.access(path, os.W_OK | os.X_OK):
+        refused = "no permission"
+    if refused:
+        problem = Problem("", "file-unwritable", f"cannot write into {name}: {refused}", f"{flag} names another place")
+        raise RequestError(problem)
     return path

@@ -16,8 +16,7 @@ from tailstack.results import ERRORS, Score, headline_of
 from tailstack.results.digits import count_decimals, in_percent
 from tailstack.tolerances import Tolerances
 
-from ..rendering.score import sources_of
-from ..rendering.sentences import error_of, trust_sentence
+from ..rendering.sentences import error_of, sources_of, trust_sentence
 from .case import Case, LimitComparison, bound_yield
 from .policy import GatePolicy, Implausible, Process
 from .reading import Remark

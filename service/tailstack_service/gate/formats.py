@@ -27,9 +27,9 @@ from tailstack.json_text import write_json
 
 from ..documents import plain, to_json
 from ..rendering.page import Page, current, write_on
-from .records import GatedDesign, GateFinding, GateRecord, counts, split_findings
+from .records import GatedDesign, GateFinding, GateRecord, counts, name_place, split_findings
 from .rules import RULES, Rule
-from .text import describe_outcome, name_place, render_markdown, render_text
+from .text import describe_outcome, render_markdown, render_text
 
 
 def name_from_root(record: GateRecord, name_file: Callable[[str], str]) -> GateRecord:

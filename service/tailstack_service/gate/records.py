@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
 from tailstack.design import Design
 from tailstack.results import Severity, Vector3
+from tailstack.results.digits import count_decimals
 from tailstack.results.outline import Bar, Bars, Frame, Outline, frame, row_of
 from tailstack.results.record import Result
-from tailstack.results.tables import PAPER, Cell, Column, On, Table, tabulate
+from tailstack.results.tables import IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Table, tabulate
 from tailstack.results.verdicts import name_basis
 
+from ..rendering.sentences import error_of
 from .asked import Fold, Level, Mode
 
 GateVerdict = Literal["pass", "fail", "inconclusive", "not evaluated"]
@@ -265,41 +267,78 @@ MOST_ROWS = 200  # of a page
 
 def designs_table(record: GateRecord) -> Table:
     """Every design with its verdict."""
+    decimals = max((count_number_decimals(design.numbers) for design in record.designs), default=3)
     columns = (
         Column("File", of=lambda design: design.file),
-        Column("Design", of=lambda design: design.name or "could not be read"),
+        Column("Design", of=lambda design: design.name),
         Column("Class", on=PAPER, of=lambda design: design.design_class or ""),
         Column("Basis", of=lambda design: name_basis(design.basis)),
-        Column("Trials", "", "whole", on=PAPER, of=lambda design: design.trials),
-        Column("Largest P95", "mm", "fixed", 4, of=find_largest_p95),
+        Column("Trials", "", "whole", of=lambda design: design.trials),
+        Column("Largest P95", "mm", "fixed", decimals, of=find_largest_p95),
         Column("Verdict", kind="status", of=lambda design: design.verdict),
     )
     return tabulate("Designs", "Designs", columns, record.designs)
 
 
-def numbers_table(record: GateRecord) -> Table:
-    """Numbers that were held against limits."""
+class JudgedNumber(NamedTuple):
+    """What a row of a table of numbers is about."""
 
-    def end(place: int) -> Callable[[Any], Cell]:
-        return lambda row: None if row[1].interval_mm is None else row[1].interval_mm[place]
+    file: str
+    number: GateNumber
+    target: str
 
-    columns = (
-        Column("File", of=lambda row: row[0]),
-        Column("Requirement", of=lambda row: row[1].requirement),
-        Column("Rule", on=On.SHEET, of=lambda row: row[1].rule),
-        Column("Target", of=lambda row: row[1].target),
-        Column("What", of=lambda row: row[1].headline),
-        Column("Value", "mm", "fixed", 4, of=lambda row: row[1].value_mm),
-        Column("From", "mm", "fixed", 4, of=end(0)),
-        Column("To", "mm", "fixed", 4, of=end(1)),
-        Column("Limit", "mm", "significant", 4, of=lambda row: row[1].limit_mm),
-        Column("Margin", "mm", "signed", of=lambda row: row[1].margin_mm),
-        Column("Yield", "%", "percent", 2, of=lambda row: row[1].value if row[1].unit == "fraction" else None),
-        Column("Required", "%", "percent", 2, of=lambda row: row[1].limit if row[1].unit == "fraction" else None),
-        Column("Status", kind="status", of=lambda row: row[1].status),
+
+def choose_numbers(design: GatedDesign) -> list[JudgedNumber]:
+    """Everything that does not pass; of what passes, for each requirement the target nearest to its limit."""
+    rows = [JudgedNumber(design.file, entry, entry.target) for entry in design.numbers if entry.status != "pass"]
+    for name in dict.fromkeys(entry.requirement for entry in design.numbers):
+        passing = [entry for entry in design.numbers if entry.requirement == name and entry.status == "pass"]
+        if passing:
+            nearest = max(passing, key=lambda entry: (entry.value_mm or 0.0) / (entry.limit_mm or 1.0))
+            others = f" (worst of {len(passing)})" if len(passing) > 1 else ""
+            rows.append(JudgedNumber(design.file, nearest, nearest.target + others))
+    return rows
+
+
+def count_number_decimals(numbers: Iterable[GateNumber]) -> int:
+    """Decimals of the lengths of what was judged."""
+    asked = [
+        count_decimals(entry.limit_mm, error_of(entry.value_mm, entry.interval_mm or (0.0, None)))
+        for entry in numbers
+        if entry.limit_mm and entry.value_mm is not None
+    ]
+    return max(asked, default=3)
+
+
+def numbers_table(rows: Sequence[JudgedNumber]) -> Table:
+    """Numbers that were held against limits; of yields the fraction of units beside them."""
+    decimals = count_number_decimals(row.number for row in rows)
+
+    def end(place: int) -> Callable[[JudgedNumber], Cell]:
+        return lambda row: None if row.number.interval_mm is None else row.number.interval_mm[place]
+
+    def of_units(field: str) -> Callable[[JudgedNumber], Cell]:
+        return lambda row: getattr(row.number, field) if row.number.unit == "fraction" else None
+
+    units = (
+        Column("Yield", "%", "percent", 2, IN_DETAIL, "units\nwithin, %", of=of_units("value")),
+        Column("Required", "%", "percent", 2, PAPER, of=of_units("limit")),
     )
-    numbers = [(design.file, number) for design in record.designs for number in design.numbers]
-    return tabulate("Numbers", "Numbers that were held against limits", columns, numbers, most=MOST_ROWS)
+    columns = (
+        Column("File", on=~TERMINAL, of=lambda row: row.file),
+        Column("Requirement", brief="require-\nment", of=lambda row: row.number.requirement),
+        Column("Target", of=lambda row: row.target),
+        Column("Rule", on=TERMINAL | On.SHEET, of=lambda row: row.number.rule),
+        Column("What", on=~TERMINAL, of=lambda row: row.number.headline),
+        Column("Value", "mm", "fixed", decimals, of=lambda row: row.number.value_mm),
+        Column("From", "mm", "fixed", decimals, of=end(0)),
+        Column("To", "mm", "fixed", decimals, of=end(1)),
+        Column("Limit", "mm", "stated", decimals, of=lambda row: row.number.limit_mm),
+        Column("Margin", "mm", "signed", decimals, brief="to spare\nmm", of=lambda row: row.number.margin_mm),
+        *(units if any(row.number.unit == "fraction" for row in rows) else ()),
+        Column("Status", kind="status", of=lambda row: row.number.status),
+    )
+    return tabulate("Numbers", "Numbers that were held against limits", columns, rows, most=MOST_ROWS)
 
 
 def unjudged_table(record: GateRecord) -> Table:
@@ -314,21 +353,24 @@ def unjudged_table(record: GateRecord) -> Table:
     return tabulate("Not judged", "What nothing was held against", columns, unjudged, most=MOST_ROWS)
 
 
+def name_place(finding: GateFinding) -> str:
+    """``file:line:column`` where they are known, else the pointer."""
+    if finding.line is not None:
+        return f"{finding.file}:{finding.line}:{finding.column or 1}"
+    return f"{finding.file}#{finding.pointer}" if finding.pointer else finding.file
+
+
 def findings_table(name: str, caption: str, findings: Sequence[GateFinding]) -> Table:
     """Findings at their places."""
-
-    def place(finding: GateFinding) -> str:
-        at = f":{finding.line}:{finding.column}" if finding.line else f"#{finding.pointer}"
-        return finding.file + at
-
+    accepted = Column("Accepted by", of=lambda finding: finding.suppressed_by or "")
     columns = (
         Column("Severity", kind="status", of=lambda finding: finding.severity),
         Column("Rule", of=lambda finding: finding.rule),
-        Column("Place", of=place),
+        Column("Place", of=name_place),
         Column("Finding", of=lambda finding: finding.message),
         Column("Value", "", "significant", 4, PAPER, of=lambda finding: finding.value),
         Column("Limit", "", "significant", 4, PAPER, of=lambda finding: finding.limit),
-        Column("Accepted by", of=lambda finding: finding.suppressed_by or ""),
+        *((accepted,) if any(finding.suppressed_by for finding in findings) else ()),
     )
     return tabulate(name, caption, columns, findings, most=MOST_ROWS)
 

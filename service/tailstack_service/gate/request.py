@@ -67,10 +67,8 @@ def admit_gate(
         if name in names[:index]:
             detail = f"{name!r} is also the name of design {names.index(name)}: findings could not be told apart"
             raise RequestError(Problem(f"/designs/{index}/file", "given-twice", detail, "name every design once"))
-    complete = request.model_dump(by_alias=True)
-    complete["designs"] = [{k: v for k, v in entry.items() if v is not None} for entry in complete["designs"]]
-    complete["today"] = request.today or today.isoformat()
-    gate = read_gate(complete, limits)
+    request = request.model_copy(update={"today": request.today or today.isoformat()})
+    gate = _make_gate(request, limits)
     trials = gate.policy.document.verification.max_trials
     if max_trials is not None and trials > max_trials:
         detail = f"at most {max_trials} trials are drawn for a design; {trials} were asked for"
@@ -81,6 +79,8 @@ def admit_gate(
             field = "text" if request.designs[index].design is None else "design"
             at = f"/designs/{index}/{field}"
             raise RefusedAt.place(entry.refusal, at)
+    complete = request.model_dump(by_alias=True)
+    complete["designs"] = [{k: v for k, v in entry.items() if v is not None} for entry in complete["designs"]]
     return AdmittedGate({**complete, "seed": gate.seed}, gate)
 
 
@@ -89,7 +89,10 @@ def read_gate(data: dict[str, Any], limits: Limits = WIDEST_LIMITS) -> Gate:
 
     Raises RequestError, GateError.
     """
-    request = _read_request(data, limits)
+    return _make_gate(_read_request(data, limits), limits)
+
+
+def _make_gate(request: GateRequest, limits: Limits) -> Gate:
     policy = read_policy(request.policy, prefix="/policy")
     today = _read_day(request.today)
     waivers = None if request.waivers is None else read_waivers(request.waivers, today, prefix="/waivers")

@@ -6,21 +6,30 @@ Places are named as compilers name them.  What comes from documents cannot becom
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from tailstack.results.digits import count_decimals, decimal, percent, signed_decimal, stated
+from tailstack.results.tables import Cell, Column, On, Table, write_cell
 from tailstack.results.verdicts import name_basis
 
 from ..rendering.alike import gather_alike, list_others, name_field, name_rule
 from ..rendering.page import current, write_on
-from ..rendering.sentences import error_of
-from ..rendering.tables import draw_table, paint, visible, wrap
-from .records import WORST_FIRST, GateFinding, GateNumber, GateRecord, counts, find_largest_p95, split_findings
+from ..rendering.tables import paint, visible, wrap, write_table
+from .records import (
+    WORST_FIRST,
+    GateFinding,
+    GateRecord,
+    choose_numbers,
+    counts,
+    designs_table,
+    findings_table,
+    name_place,
+    numbers_table,
+    split_findings,
+)
 
 _MARKUP = re.compile(r"([\\`*_{}\[\]<>()#+!|~$@&])")
 _COMMAND = re.compile(r"(?m)^([ \t]*)(?=::|##\[)")
-YIELD = "units\nwithin, %"  # title of a column
 MOST_TOLD = 10  # of a kind, in a summary
 MOST_ROWS = 100  # of a table in Markdown
 _ROLE = {"error": "fail", "warning": "warning", "pass": "pass", "fail": "fail", "inconclusive": "inconclusive"}
@@ -72,13 +81,6 @@ def describe_outcome(record: GateRecord) -> str:
     return f"{record.verdict} (exit code {record.exit_code}{waived}{count_not_judged(record)})"
 
 
-def name_place(finding: GateFinding) -> str:
-    """``file:line:column`` where they are known, else the pointer."""
-    if finding.line is not None:
-        return f"{finding.file}:{finding.line}:{finding.column or 1}"
-    return f"{finding.file}#{finding.pointer}" if finding.pointer else finding.file
-
-
 def _list_designs(record: GateRecord) -> str:
     blocks = []
     for design in record.designs:
@@ -94,58 +96,9 @@ def _list_designs(record: GateRecord) -> str:
         blocks.append(wrap(line, first="", indent="  ").replace(f": {design.verdict}", f": {verdict}", 1))
         if design.numbers:
             with write_on(replace(current(), width=current().width - 2)):
-                lines = _write_table(design.numbers).splitlines()
+                lines = write_table(numbers_table(choose_numbers(design)), above=True).splitlines()
             blocks.append("\n".join(f"  {line}".rstrip() for line in lines))
     return "\n".join(blocks)
-
-
-def choose_numbers(numbers: tuple[GateNumber, ...]) -> list[tuple[GateNumber, str]]:
-    """Everything that does not pass, with its target; of what passes, for each requirement the target nearest to its
-    limit."""
-    rows = [(entry, entry.target) for entry in numbers if entry.status != "pass"]
-    for name in dict.fromkeys(entry.requirement for entry in numbers):
-        passing = [entry for entry in numbers if entry.requirement == name and entry.status == "pass"]
-        if passing:
-            nearest = max(passing, key=lambda entry: (entry.value_mm or 0.0) / (entry.limit_mm or 1.0))
-            others = f" (worst of {len(passing)})" if len(passing) > 1 else ""
-            rows.append((nearest, nearest.target + others))
-    return rows
-
-
-def _write_table(numbers: tuple[GateNumber, ...]) -> str:
-    """What decided, in mm, and of a yield the fraction of units beside it."""
-    decimals = _decimals_of(numbers)
-    rows = [_write_row(entry, target, decimals) for entry, target in choose_numbers(numbers)]
-    known = current().details and any(row[YIELD] != "-" for row in rows)
-    titles = [title for title in rows[0] if title != YIELD or known]
-    return draw_table(titles, [[row[title] for title in titles] for row in rows], left=3, above=True)
-
-
-def _decimals_of(numbers: Sequence[GateNumber]) -> int:
-    """Decimals of the lengths of a design that was judged."""
-    asked = [
-        count_decimals(entry.limit_mm, error_of(entry.value_mm, entry.interval_mm or (0.0, None)))
-        for entry in numbers
-        if entry.limit_mm and entry.value_mm is not None
-    ]
-    return max(asked, default=3)
-
-
-def _write_row(entry: GateNumber, target: str, decimals: int) -> dict[str, str]:
-    low_mm, high_mm = entry.interval_mm or (None, None)
-    return {
-        "require-\nment": entry.requirement,
-        "target": target,
-        "rule": entry.rule,
-        "value\nmm": decimal(entry.value_mm, decimals),
-        "between\nmm": "-"
-        if entry.interval_mm is None
-        else f"{decimal(low_mm, decimals)} .. {decimal(high_mm, decimals)}",
-        "limit\nmm": stated(entry.limit_mm, decimals),
-        "to spare\nmm": signed_decimal(entry.margin_mm, decimals),
-        YIELD: percent(entry.value) if entry.unit == "fraction" else "-",
-        "status": entry.status,
-    }
 
 
 def _name_group(finding: GateFinding) -> tuple[str, ...] | None:
@@ -187,56 +140,39 @@ def render_markdown(record: GateRecord) -> str:
         f"{escape_markdown(record.provenance.policy_name)} · tailstack {record.provenance.tailstack_version}"
         + count_not_judged(record).replace(", ", " · "),
         "",
-        "| design | verdict | largest P95, mm | basis |",
-        "|---|---|---:|---|",
     ]
-    for design in record.designs:
-        p95_mm = find_largest_p95(design)
-        largest = "–" if p95_mm is None else decimal(p95_mm, _decimals_of(design.numbers))
-        verdict = f"{_MARK[design.verdict]} {design.verdict}"
-        basis = name_basis(design.basis) + (f", {design.trials:,} trials" if design.trials is not None else "")
-        lines.append(f"| {escape_markdown(design.file)} | {verdict} | {largest} | {basis} |")
-    if any(design.numbers for design in record.designs):
-        lines += ["", "### Requirements", "", *_write_markdown_numbers(record)]
-    if counted:
-        lines += ["", "### Findings", "", *_write_markdown_findings(counted)]
-    if accepted:
-        lines += ["", "### Accepted by waivers", "", *_write_markdown_findings(accepted)]
-    return "\n".join(lines) + "\n"
+    judged = [row for design in record.designs for row in choose_numbers(design)]
+    lines += [*_write_markdown(designs_table(record), len(record.designs)), ""]
+    for title, table in (
+        ("Requirements", numbers_table(judged)),
+        ("Findings", findings_table("", "", counted)),
+        ("Accepted by waivers", findings_table("", "", accepted)),
+    ):
+        if table.rows:
+            lines += [f"### {title}", "", *_write_markdown(table, MOST_ROWS), ""]
+    return "\n".join(lines)
 
 
-def _write_markdown_numbers(record: GateRecord) -> list[str]:
-    """Each requirement at the target that is nearest to its limit, and every one that does not pass."""
-    lines = [
-        "| design | requirement | target | what | value, mm | limit, mm | margin, mm | status |",
-        "|---|---|---|---|---:|---:|---:|---|",
-    ]
-    rows = [(design, *entry) for design in record.designs for entry in choose_numbers(design.numbers)]
-    for design, entry, target in rows[:MOST_ROWS]:
-        texts = " | ".join(escape_markdown(text) for text in (design.file, entry.requirement, target, entry.headline))
-        decimals = _decimals_of(design.numbers)
-        values = " | ".join((
-            decimal(entry.value_mm, decimals), stated(entry.limit_mm, decimals),
-            signed_decimal(entry.margin_mm, decimals),
-        ))  # fmt: skip
-        lines.append(f"| {texts} | {values} | {_MARK[entry.status]} {entry.status} |")
-    if len(rows) > MOST_ROWS:
-        lines.append(f"| | | | {len(rows) - MOST_ROWS} more are in the record | | | | |")
-    return lines
+def _write_markdown(table: Table, most: int) -> Iterator[str]:
+    """The table as GitHub and GitLab read it, so many rows of it."""
+    table = table.on(On.NOTEBOOK)
+    heads = (f"{column.title}, {column.unit}" if column.unit else column.title for column in table.columns)
+    yield f"| {' | '.join(heads)} |"
+    yield f"|{'|'.join('---:' if column.numeric else '---' for column in table.columns)}|"
+    for row in table.rows[:most]:
+        cells = zip(row.cells, table.columns, strict=True)
+        yield f"| {' | '.join(_write_markdown_cell(cell, column) for cell, column in cells)} |"
+    if len(table.rows) > most:
+        yield f"| {len(table.rows) - most} more are in the record |{' |' * (len(table.columns) - 1)}"
+
+
+def _write_markdown_cell(cell: Cell, column: Column) -> str:
+    text = write_cell(cell, column)
+    if column.kind == "status":
+        return f"{_MARK[text]} {text}" if text in _MARK else text
+    return text if column.numeric else escape_markdown(text)
 
 
 def escape_markdown(text: str) -> str:
     """Text that Markdown shows as it stands, on one line."""
     return _MARKUP.sub(r"\\\1", visible(" ".join(text.split())))
-
-
-def _write_markdown_findings(findings: list[GateFinding]) -> list[str]:
-    lines = ["| | rule | place | finding |", "|---|---|---|---|"]
-    for finding in findings[:MOST_ROWS]:
-        message = escape_markdown(finding.message)
-        if finding.suppressed_by is not None:
-            message += f"<br>accepted by {escape_markdown(finding.suppressed_by)}"
-        lines.append(f"| {finding.severity} | {finding.rule} | {escape_markdown(name_place(finding))} | {message} |")
-    if len(findings) > MOST_ROWS:
-        lines.append(f"| | | | {len(findings) - MOST_ROWS} more are in the record |")
-    return lines

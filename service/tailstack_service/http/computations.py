@@ -25,8 +25,7 @@ from ..operations.operation import Call, Done, JobRequest, Operation, Reception
 from ..operations.perform import compute, plan
 from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved, RawRequest, Request, read_request
-from ..problems import RefusedAt
-from ..processes.memory import memory_error
+from ..problems import RefusedAt, memory_error
 from ..settings import Settings
 from ..task import Estimated, UnitResult
 

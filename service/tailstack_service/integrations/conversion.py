@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 from pydantic import Field
 
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
+from tailstack.fields import Name
 from tailstack.results.record import Published
 
 from ..console.answer import Answer
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=str)
 TargetFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
-SourceFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json", "step"]
+SourceFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json", "step", "txt"]
 TARGETS: tuple[TargetFormat, ...] = get_args(TargetFormat)
 SOURCES: tuple[SourceFormat, ...] = get_args(SourceFormat)
 STEP_MEDIA = ("model/step", "application/step")
@@ -72,6 +73,7 @@ DATA;
 ENDSEC;
 END-ISO-10303-21;
 """
+UNNAMED_VIEW = "camera"  # the name of the view that a camera becomes over HTTP, where no file says one
 Pattern = Annotated[str, Field(min_length=1, max_length=200)]
 
 
@@ -104,6 +106,7 @@ XMALAB = Flag(
     "read too; a .txt that is read is a camera (MayaCam 2.0) that was calibrated with a cage in this unit",
     heading=CAGE,
 )  # fmt: skip
+VIEW = Flag("name of the view that a camera becomes (default that of its file)", metavar="NAME", heading=CAGE)
 
 
 class StepOptions(Options):
@@ -145,21 +148,28 @@ class FileOptions(StepOptions):
     """What the files themselves do not say."""
 
     xmalab: Annotated[Literal["mm", "cm"] | None, XMALAB] = Field(
-        None, description="CSV only: it is a frame specification of XMALab, with numbers in this unit: the content, "
-        "or, if that is no CSV, what is made of it.", examples=["cm"],
+        None, description="CSV: it is a frame specification of XMALab, with numbers in this unit: the content, "
+        "or, if that is no CSV, what is made of it. txt: the unit of the cage that the camera was calibrated with.",
+        examples=["cm"],
+    )  # fmt: skip
+    view: Annotated[Name | None, VIEW] = Field(
+        None, description="txt only: name of the view that the camera becomes, in place of the one of its name in "
+        f"base. Absent: {UNNAMED_VIEW}.", examples=["cam1"],
     )  # fmt: skip
 
 
 class ConversionOptions(FileOptions):
     """The content and what to make of it."""
 
-    format: SourceFormat = Field(description="What the content is; yaml and json are designs.")
+    format: SourceFormat = Field(
+        description="What the content is; yaml and json are designs, txt is a camera of XMALab (MayaCam 2.0)."
+    )
     content: Annotated[str, Field(min_length=1)] = Field(
         description="The text of the file.", examples=["label,x_mm,y_mm,z_mm\nF1,0,0,0\n"]
     )
     to: TargetFormat = Field("yaml", description="What to make of it; a design becomes a design, or its fiducials.")
     base: dict[str, Any] | None = Field(
-        None, description="A design whose fiducials are to be replaced by those of the content; the answer holds it."
+        None, description="A design whose fiducials, or one of whose views, the content replaces; the answer holds it."
     )
 
 
@@ -244,7 +254,7 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     made = convert(
         wish.content, wish.source, wish.target, directory=directory, allow_files=directory is not None, limits=limits,
         selection=wish.options.select(), base=begin if begins else wish.base,
-        cage=None if unit is None else CageForm(unit, wish.references),
+        cage=None if unit is None else CageForm(unit, wish.references, wish.options.view),
     )  # fmt: skip
     base, text = (load_design(starts[0], limits=limits), starts[0]) if starts else (wish.base, wish.base_text)
     if base is None or not wish.target.lower().endswith(DOCUMENTS):
@@ -266,8 +276,11 @@ def _refuse_unused(wish: Wish, is_step: bool) -> None:
         detail = f"{unused[0]} is for STEP files; the content is {wish.source.rpartition('.')[2]}"
         raise RequestError(Problem(f"/{unused[0]}", "unused-option", detail, "leave it out"))
     endings = [name.rpartition(".")[2].lower() for name in (wish.source, wish.target)]
+    if wish.options.view is not None and endings[0] != "txt":
+        detail = f"view is for cameras of XMALab (txt); the content is {endings[0]}"
+        raise RequestError(Problem("/view", "unused-option", detail, "leave it out"))
     if wish.options.xmalab is not None and "csv" not in endings and endings[0] != "txt":
-        detail = f"xmalab is for CSV files; {endings[0]} becomes {endings[1]}"
+        detail = f"xmalab is for CSV files and cameras (txt); {endings[0]} becomes {endings[1]}"
         raise RequestError(Problem("/xmalab", "unused-option", detail, "leave it out"))
 
 
@@ -334,11 +347,11 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
         options, place = read_options(ConversionOptions, data, ()), "/content"
         base = None if options.base is None else design_of(data, settings, "base")
         content = options.content.encode("utf-8", "surrogatepass")
-        wish = Wish(content, f"content.{options.format}", f"converted.{options.to}", options, base)
+        wish = Wish(content, _name_of(options.format), f"converted.{options.to}", options, base)
     else:
         refuse_query(sent.query, QUERY_NAMES)
         source, target, place = _source_format(sent), _format(sent.query, "to", TARGETS) or "yaml", ""
-        wish = Wish(sent.body, f"content.{source}", f"converted.{target}", _file_options(sent.query))
+        wish = Wish(sent.body, _name_of(source), f"converted.{target}", _file_options(sent.query))
     try:
         made = convert_wish(wish, limits_of(settings))
     except (DesignError, LimitError) as error:
@@ -357,6 +370,11 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
         ),
     )
     return Reception(answer=to_json(record))
+
+
+def _name_of(source: str) -> str:
+    """What a content is called: refusals name it, and a view is called as the file that it was."""
+    return f"{UNNAMED_VIEW if source == 'txt' else 'content'}.{source}"
 
 
 def _source_format(sent: RawRequest) -> str:
@@ -523,7 +541,7 @@ OPERATION = Operation(
     path="/v1/conversions",
     summary="Convert designs, fiducial files and STEP, by their endings",
     description="In memory: no file is read, nothing is fetched. With text/plain, from says what the text is. Balls of "
-    "a STEP file are fiducials; what was taken and what was left is in bodies.",
+    "a STEP file are fiducials; what was taken and what was left is in bodies. A camera of XMALab is a view.",
     title="answer of convert over HTTP",
     options=ConversionOptions,
     designs={},

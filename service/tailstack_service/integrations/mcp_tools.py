@@ -225,11 +225,10 @@ def _words(operation: Operation, record: Any, target: Path | None) -> str:
     """The record for whoever reads."""
     if isinstance(record, Validation):
         text = validation_text("the design", record)
-    elif operation.text is not None:
-        text = operation.text(record)
-    else:
-        headline = record.headline
+    elif (headline := getattr(record, "headline", None)) is not None:
         text = "\n".join([headline.sentence, *headline.matters]) + "\n"
+    else:
+        text = operation.write(record)
     return text + ("" if target is None else f"written: {target}\n")
 
 

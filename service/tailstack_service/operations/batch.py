@@ -26,8 +26,6 @@ from ..console.flags import NO_FLAG, Flag, add_flags, list_options
 from ..console.progress import Progress
 from ..names import variable
 from ..problems import RequestError
-from ..rendering.tables import draw_table, wrap
-from ..rendering.verdict import heading, join_blocks, provenance_text
 from ..tables import MEDIA_TYPES, WRITERS, CsvWriter, Format, TableReader, format_of, read_table
 from ..task import Estimated
 from ..unpacking import ColumnBlock
@@ -315,7 +313,7 @@ def read_sent(sent: RawRequest, settings: Settings) -> SentTable:
 
     Raises what ``receive`` raises.
     """
-    from ..processes.memory import memory_within
+    from ..processes.linux import memory_within
 
     try:
         with memory_within(READING_BYTES):
@@ -450,25 +448,6 @@ def _run(call: Call) -> ScoredTable:
     return score_whole(json.loads(_content(scores, _read_cells(scores, MOST_ROWS))))
 
 
-def _text(record: ScoredTable) -> str:
-    names = [name for name in record.columns if name not in (*record.pointers, "reason")]
-    shown = [
-        [str(row + 1), *(_cell(record.columns[name][row]) for name in names)] for row in range(min(record.rows, 40))
-    ]
-    more = f"{record.rows - len(shown):,} further rows are in the record (--json)." if record.rows > len(shown) else ""
-    refused = f"{record.refused:,} rows could not be scored; the column reason says why." if record.refused else ""
-    return join_blocks(
-        heading(record.provenance, f"{record.rows:,} designs of a table, each estimated.", "first order"),
-        draw_table(["row", *names], shown),
-        "\n".join(wrap(part) for part in (more, refused) if part),
-        provenance_text(record.provenance),
-    )
-
-
-def _cell(cell: float | str | None) -> str:
-    return f"{cell:.4f}" if isinstance(cell, float) else str(cell or "")
-
-
 OPERATION = Operation(
     name="batch",
     verb="score",
@@ -493,7 +472,6 @@ OPERATION = Operation(
         hint="table and columns go into the body, beside the design",
         at_once="unless Prefer asks for a job",
     ),
-    text=_text,
     document=LateImport("..report.chapters.batch", "batch_document"),
     exit_code=lambda record: NOT_EVALUATED if record.refused else PASS,
 )

@@ -193,18 +193,6 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
-class TextOf:
-    """The text of a record: its document, written for a terminal."""
-
-    document: LateImport
-
-    def __call__(self, record: Any) -> str:
-        from ..rendering.document import document_text
-
-        return document_text(self.document(record, ""))
-
-
-@dataclass(frozen=True, slots=True)
 class Command:
     """A verb that needs more than the flags of its options."""
 
@@ -225,9 +213,8 @@ def pass_always(record: Any) -> int:
 class Operation:
     """One operation, written in one place.
 
-    Whoever imports it gets by without the solver: ``run`` imports what it needs when it is called, ``text``,
-    ``document`` and ``record`` are a :class:`LateImport` where they are at home elsewhere, so that the command line and
-    an API process know every operation and load none.
+    Whoever imports it gets by without the solver: ``run`` imports what it needs when it is called, ``document`` is a
+    :class:`LateImport`, so that the command line and an API process know every operation and load none.
     """
 
     # What it is
@@ -254,8 +241,8 @@ class Operation:
     body: Body | None = None  # None: the designs, and the options beside them or in the query
 
     # What becomes of its record
-    text: Callable[[Any], str] | None = None  # for people, on the page that rendering.page.current() gives
-    document: Callable[[Any, str], Document] | None = None  # its report; the SHA-256 of the record stands in it
+    document: Callable[..., Document] | None = None  # its report; the SHA-256 of the record stands in it
+    text: Callable[[Any], str] | None = None  # in a terminal, of what has no report
     exit_code: Callable[[Any], int] = pass_always
     hold: Callable[[Any], tuple[HeldDesign, ...]] = lambda record: ()
     demand: Callable[[Any], Demand] = lambda record: Demand()
@@ -277,6 +264,18 @@ class Operation:
     def answers(self) -> tuple[str, ...]:
         """Media types of an answer besides JSON, where Accept asks for them: a table comes back in any of its own."""
         return () if self.body is None or self.immediate else self.body.media
+
+    def write(self, record: Any, *choice: Any) -> str:
+        """The record as text for people, on the page that ``rendering.page.current()`` gives.
+
+        choice: what of it, where its document can be of a part.
+        """
+        if self.text is not None:
+            return self.text(record)
+        from ..rendering.document import document_text
+
+        assert self.document is not None, self.name
+        return document_text(self.document(record, "", *choice))
 
     def can_repeat(self, record: Any) -> bool:
         """Whether a record can be computed again from itself and its designs."""

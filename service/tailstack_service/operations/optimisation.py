@@ -25,7 +25,6 @@ from ..console.flags import Flag, add_flags, read_flags
 from ..console.program import program
 from ..console.progress import Progress
 from ..problems import RequestError
-from ..rendering.verdict import findings_text
 from .operation import Again, Call, Command, Demand, HeldDesign, LateImport, Operation, Repetition
 from .options import Count, Options, Seed, within
 from .remaining import RemainingTime
@@ -142,7 +141,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> Answer:
     from ..documents import to_json
-    from ..rendering.optimisation import optimisation_text
     from .revision import keep_result, patch_text, read_last, read_places, write_results
 
     _refuse_mixture(arguments)
@@ -177,7 +175,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
             patch = f"\nwhat to change in {name} (a merge patch, RFC 7396):\n{changes}\n"
         else:
             patch = f"\nnothing to change in {name}: it is what the search came to.\n"
-    return Answer(f"{optimisation_text(result)}{patch}{following}\n", code)
+    return Answer(f"{OPERATION.write(result)}{patch}{following}\n", code)
 
 
 def _refuse_mixture(arguments: argparse.Namespace) -> None:
@@ -195,6 +193,7 @@ def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tu
     from tailstack.optimisation import influence
 
     from ..console.refusals import report_error
+    from ..rendering.document import findings_text
     from .revision import refuse_unasked_points
 
     options = OptimisationOptions.of_flags(arguments)
@@ -319,7 +318,6 @@ OPERATION = Operation(
     run=_optimise,
     cut=True,
     check=_check,
-    text=LateImport("..rendering.optimisation", "optimisation_text"),
     document=LateImport("..report.chapters.optimisation", "optimisation_document"),
     exit_code=lambda record: exit_code_of(record.certificate.verification.verdict),
     hold=_hold,

@@ -11,8 +11,7 @@ from typing import Any
 from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
 
-from ..problems import RefusedAt, problem_document
-from ..processes.memory import memory_error
+from ..problems import RefusedAt, memory_error, problem_document
 from ..task import ADVANCE, Outcome, Task, UnitResult
 from .operation import More, Step
 from .registry import OPERATIONS

@@ -67,14 +67,13 @@ def _run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)  # bad input is refused before the solver is loaded
 
     from ..documents import to_json
-    from ..rendering.score import score_text
 
     record = _score(Call((design,), ScoreOptions.of_flags(arguments)))
     refuse_unknown_target(arguments.target, [target.name for target in record.targets])
     code = exit_code_of(record.verdict)
     if arguments.json:
         return Answer(to_json(record), code)
-    return Answer(score_text(record, target=arguments.target), code)
+    return Answer(OPERATION.write(record, arguments.target), code)
 
 
 OPERATION = Operation(
@@ -91,7 +90,6 @@ OPERATION = Operation(
     record=lambda: Score,
     run=_score,
     immediate=True,
-    text=LateImport("..rendering.score", "score_text"),
     document=LateImport("..report.chapters.score", "score_document"),
     exit_code=lambda record: exit_code_of(record.verdict),
     command=Command(_add_arguments, _run),

@@ -21,7 +21,7 @@ from ..console.arguments import add_design, read_design
 from ..console.files import writable_figure, write_figure
 from ..console.flags import NO_FLAG, Flag, add_flags
 from ..console.progress import Progress
-from .operation import Call, Command, LateImport, Operation, TextOf
+from .operation import Call, Command, LateImport, Operation
 from .options import Options, Seed
 
 if TYPE_CHECKING:
@@ -107,8 +107,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)
 
     from ..documents import to_json
-    from ..rendering.document import document_text
-    from ..report.studies.bench import bench_document, draw_bench
+    from ..report.studies.bench import draw_bench
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     measured = _read(design, Path(arguments.measurements))
@@ -121,10 +120,9 @@ def _run(arguments: argparse.Namespace) -> Answer:
     code = EXIT_CODE[result.verdict]
     if arguments.json:
         return Answer(to_json(result), code)
-    return Answer(document_text(bench_document(result, "")), code)
+    return Answer(OPERATION.write(result), code)
 
 
-DOCUMENT = LateImport("..report.studies.bench", "bench_document")
 OPERATION = Operation(
     name="study-comparison",
     verb="study compare",
@@ -138,8 +136,7 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.bench.compare", "StudyComparison").load,
     run=_study,
     check=_check,
-    text=TextOf(DOCUMENT),
-    document=DOCUMENT,
+    document=LateImport("..report.studies.bench", "bench_document"),
     exit_code=lambda record: EXIT_CODE[record.verdict],
     command=Command(_add_arguments, _run),
     threads=True,

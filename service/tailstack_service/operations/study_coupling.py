@@ -16,7 +16,7 @@ from ..console.arguments import add_design, read_design
 from ..console.files import writable_figure, write_figure
 from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
-from .operation import Call, Command, Demand, LateImport, Operation, TextOf
+from .operation import Call, Command, Demand, LateImport, Operation
 from .options import Options, Seed, check_trials, refuse_unknown_target
 
 if TYPE_CHECKING:
@@ -107,8 +107,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design import compile_design
 
     from ..documents import to_json
-    from ..rendering.document import document_text
-    from ..report.studies.coupling import coupling_document, draw_coupling
+    from ..report.studies.coupling import draw_coupling
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     names = [target.name for target in compile_design(design).targets]
@@ -120,10 +119,9 @@ def _run(arguments: argparse.Namespace) -> Answer:
         write_figure(figure, draw_coupling(result, arguments.target))
     if arguments.json:
         return Answer(to_json(result))
-    return Answer(document_text(coupling_document(result, "", arguments.target)))
+    return Answer(OPERATION.write(result, arguments.target))
 
 
-DOCUMENT = LateImport("..report.studies.coupling", "coupling_document")
 OPERATION = Operation(
     name="study-coupling",
     verb="study coupling",
@@ -137,8 +135,7 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.coupling", "StudyCoupling").load,
     run=_study,
     check=check_trials,
-    text=TextOf(DOCUMENT),
-    document=DOCUMENT,
+    document=LateImport("..report.studies.coupling", "coupling_document"),
     demand=lambda record: Demand.of_cases(record.trials, len(record.cases), "Monte Carlo of every case"),
     command=Command(_add_arguments, _run),
     threads=True,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field
 
-from .operation import Call, Demand, LateImport, Operation, TextOf
+from .operation import Call, Demand, LateImport, Operation
 from .options import Options, Seed, within
 
 if TYPE_CHECKING:
@@ -60,7 +60,6 @@ def _check(request: Request, settings: Settings) -> None:
     request.refuse_by(compile_design)
 
 
-DOCUMENT = LateImport("..report.studies.estimators", "estimators_document")
 OPERATION = Operation(
     name="study-estimators",
     verb="study estimators",
@@ -75,8 +74,7 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.estimators", "StudyEstimators").load,
     run=_study,
     check=_check,
-    text=TextOf(DOCUMENT),
-    document=DOCUMENT,
+    document=LateImport("..report.studies.estimators", "estimators_document"),
     demand=lambda record: Demand.of_cases(record.trials, len(record.cases), "Monte Carlo of every estimator"),
     threads=True,
 )

@@ -16,7 +16,7 @@ from ..console.arguments import add_design, add_figure, add_form, read_design
 from ..console.files import writable_figure, write_figure
 from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
-from .operation import Call, Command, Demand, LateImport, Operation, TextOf
+from .operation import Call, Command, Demand, LateImport, Operation
 from .options import Options, Seed, refuse_unknown_target, within
 
 if TYPE_CHECKING:
@@ -99,8 +99,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     design = read_design(arguments.design)
 
     from ..documents import to_json
-    from ..rendering.document import document_text
-    from ..report.studies.linearity import draw_linearity, linearity_csv, linearity_document
+    from ..report.studies.linearity import draw_linearity, linearity_csv
 
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     options = LinearityOptions.of_flags(arguments)
@@ -111,11 +110,10 @@ def _run(arguments: argparse.Namespace) -> Answer:
     code = exit_code_of_points(study)
     if arguments.json:
         return Answer(to_json(study), code)
-    text = linearity_csv(study) if arguments.csv else document_text(linearity_document(study, ""))
+    text = linearity_csv(study) if arguments.csv else OPERATION.write(study)
     return Answer(text, code)
 
 
-DOCUMENT = LateImport("..report.studies.linearity", "linearity_document")
 OPERATION = Operation(
     name="study-linearity",
     verb="study linearity",
@@ -129,8 +127,7 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.linearity", "StudyLinearity").load,
     run=_study,
     check=_check,
-    text=TextOf(DOCUMENT),
-    document=DOCUMENT,
+    document=LateImport("..report.studies.linearity", "linearity_document"),
     demand=lambda record: Demand.of_cases(record.trials, len(record.points), "Monte Carlo at every point"),
     exit_code=exit_code_of_points,
     command=Command(_add_arguments, _run),

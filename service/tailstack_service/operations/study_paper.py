@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from tailstack.errors import Problem
+from tailstack.extras import require_extras
 
 from ..console.answer import Answer
 from ..console.arguments import add_form, read_design
@@ -22,7 +23,7 @@ from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
 from ..examples import example_folder
 from ..problems import RequestError
-from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition, TextOf
+from .operation import Again, Call, Command, Demand, LateImport, Operation, Repetition
 from .options import Options, Seed, check_trials
 
 if TYPE_CHECKING:
@@ -110,10 +111,12 @@ def _run(arguments: argparse.Namespace) -> Answer:
     other = read_design(arguments.design or str(scenario(C_ARM)))
 
     from ..documents import to_json
-    from ..rendering.document import document_text
-    from ..report.studies.paper import draw_paper, paper_csv, paper_document
+    from ..report.studies.paper import draw_paper, paper_csv
 
-    directory = None if arguments.figures is None else writable_directory(arguments.figures)
+    directory = None
+    if arguments.figures is not None:
+        require_extras("report")
+        directory = writable_directory(arguments.figures, "--figures")
     options = PaperOptions.of_flags(arguments)
     with Progress("study paper") as progress:
         call = Call((), options, threads=arguments.threads, progress=progress.report)
@@ -123,10 +126,9 @@ def _run(arguments: argparse.Namespace) -> Answer:
             write_figure(directory / name, svg)
     if arguments.json:
         return Answer(to_json(study))
-    return Answer(paper_csv(study) if arguments.csv else document_text(paper_document(study, "")))
+    return Answer(paper_csv(study) if arguments.csv else OPERATION.write(study))
 
 
-DOCUMENT = LateImport("..report.studies.paper", "paper_document")
 OPERATION = Operation(
     name="study-paper",
     verb="study paper",
@@ -142,8 +144,7 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.paper.reproduce", "StudyPaper").load,
     run=_study,
     check=check_trials,
-    text=TextOf(DOCUMENT),
-    document=DOCUMENT,
+    document=LateImport("..report.studies.paper", "paper_document"),
     demand=_demand,
     repeat=_repeat,
     command=Command(_add_arguments, _run),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from .operation import Call, LateImport, Operation, TextOf
+from .operation import Call, LateImport, Operation
 from .options import Options
 
 if TYPE_CHECKING:
@@ -47,7 +47,6 @@ def _check(request: Request, settings: Settings) -> None:
     request.refuse_by(check_design)
 
 
-DOCUMENT = LateImport("..report.studies.views", "views_document")
 OPERATION = Operation(
     name="study-views",
     verb="study views",
@@ -61,6 +60,5 @@ OPERATION = Operation(
     record=LateImport("tailstack.studies.views", "StudyViews").load,
     run=_study,
     check=_check,
-    text=TextOf(DOCUMENT),
-    document=DOCUMENT,
+    document=LateImport("..report.studies.views", "views_document"),
 )

@@ -208,7 +208,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from tailstack.sweeping import read_axes
 
     from ..documents import to_json
-    from ..rendering.sweep import sweep_csv, sweep_text
+    from ..report.chapters.sweep import sweep_csv
     from ..report.charts import draw_sweep, refuse_undrawable
 
     options = SweepOptions.of_flags(arguments)
@@ -229,7 +229,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
         return Answer(to_json(result), code)
     if arguments.csv:
         return Answer(sweep_csv(result), code)
-    return Answer(sweep_text(result), code)
+    return Answer(OPERATION.write(result), code)
 
 
 def _elsewhere(arguments: argparse.Namespace, design: Design, kept: dict[str, Any], progress: Progress) -> Sweep:
@@ -291,7 +291,6 @@ OPERATION = Operation(
     run=_sweep,
     cut=True,
     check=_check,
-    text=LateImport("..rendering.sweep", "sweep_text"),
     document=LateImport("..report.chapters.sweep", "sweep_document"),
     exit_code=exit_code_of_points,
     demand=_demand,

@@ -94,7 +94,6 @@ OPERATION = Operation(
     run=_verify,
     cut=True,
     check=_check,
-    text=LateImport("..rendering.verification", "verification_text"),
     document=LateImport("..report.chapters.verification", "verification_document"),
     exit_code=lambda record: exit_code_of(record.verdict),
     demand=_demand,

@@ -27,24 +27,17 @@ from ..operations.example import EXAMPLE_DESIGN
 from ..task import ADVANCE, Estimated, Task, UnitResult
 from .frames import BEGUN, OTHER_CODE, Estimate, receive, send
 from .interpreter import digest_files
-from .memory import limit_memory
+from .linux import die_with_parent, limit_memory, resident_bytes
 
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
 # for leaks that do not show as memory.
 RESIDENT_BYTES = 1_500_000_000
 TASKS = 5_000
-OOM_SCORE = 500  # where memory runs out, the unit that took it ends, and not the worker or the database
-PR_SET_PDEATHSIG = 1
 
 
 def end_with(parent: int) -> None:
     """Be killed when the process ``parent`` ends (Linux); leave at once if it already has."""
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-        with suppress(OSError), open("/proc/self/oom_score_adj", "w") as score:
-            score.write(str(OOM_SCORE))
+    die_with_parent()
     if hasattr(os, "getppid") and os.getppid() != parent and os.name != "nt":
         os._exit(1)
 
@@ -77,7 +70,7 @@ def main(function: str, parent: int, code: str, most_bytes: int) -> None:
                 outcome = outcome.compute() if waiting.get() else None
         except Exception:
             raised = traceback.format_exc()
-        tired = count == TASKS or _resident_bytes() > RESIDENT_BYTES
+        tired = count == TASKS or resident_bytes() > RESIDENT_BYTES
         send(outcomes, (outcome, raised, tired, time.process_time() - begun))
         if tired:
             return
@@ -99,14 +92,6 @@ def _read(tasks: IO[bytes], waiting: queue.SimpleQueue[Any]) -> None:
         while True:
             waiting.put(receive(tasks))
     os._exit(0)
-
-
-def _resident_bytes() -> int:
-    try:
-        with open("/proc/self/statm", "rb") as pages:
-            return int(pages.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        return 0
 
 
 def list_warm_up_steps() -> list[tuple[Callable[[], object], tuple[str, ...]]]:

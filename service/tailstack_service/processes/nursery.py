@@ -29,6 +29,7 @@ from functools import partial
 from select import select
 from typing import NamedTuple
 
+from . import linux
 from .interpreter import digest_code, make_command, make_environment
 
 LARGEST_PACKET = 1 << 20  # an environment is some kilobytes
@@ -245,7 +246,6 @@ class Nursery:
         return True
 
 
-FORKS = sys.platform == "linux"
 # What libraries read when they are loaded: with another of these, processes are forked from another nursery
 READ_AT_START = ("NUMBA_", "OMP_", "OPENBLAS_", "MKL_", "ARROW_", "PYTHON", "LD_", "XDG_CACHE_HOME", "HOME")
 _finding = threading.Lock()
@@ -260,7 +260,7 @@ def start_child(function: str, stdin: int, stdout: int, most_bytes: int = 0) -> 
     started by itself, and ends with the thread that starts it.  stdin, stdout: descriptors, which stay the caller's.
     most_bytes: of memory that it may take; 0: any.
     """
-    if FORKS:
+    if linux.HERE:
         environment = make_environment()
         birth = Birth(0, function, digest_code(), most_bytes, environment)
         return _find_nursery(environment).start(birth, stdin, stdout)
@@ -275,7 +275,7 @@ def prepare_children(function: str, computations: tuple[str, ...]) -> Future[Non
     computations: whose kernels it calls (``tailstack.ahead``).  The failure is a RuntimeError.  Where processes are not
     forked it is done, and nothing has happened.
     """
-    if not FORKS:
+    if not linux.HERE:
         done: Future[None] = Future()
         done.set_result(None)
         return done

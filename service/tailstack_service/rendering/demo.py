@@ -8,8 +8,9 @@ from math import dist
 from tailstack.results import Optimisation, Score, Verification
 from tailstack.results.digits import decimal, decimals_of, number, percent
 
+from .document import write_ending
+from .sentences import ending_of
 from .tables import draw_table, paint, prose_width, visible, wrap
-from .verdict import verdict_line
 
 
 def chapter(title: str) -> str:
@@ -43,7 +44,8 @@ def before_after_text(
         for t in result.tolerances
     ]
     rows.append(("verdict", "", before.verdict.status, after.verdict.status))
-    return draw_table(("", "unit", "before", "after"), rows, left=2) + "\n\n" + verdict_line(after.verdict) + "\n"
+    ending = write_ending(ending_of(after.verdict), after.verdict.status)
+    return draw_table(("", "unit", "before", "after"), rows, left=2) + f"\n\n{ending}\n"
 
 
 def summary_text(before: Verification, after: Verification, result: Optimisation) -> str:

@@ -7,13 +7,12 @@ chapter on the method, and in the pages about it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from tailstack.results import Check, Contributor, Losses, Mixture, TargetScore, Validity
+from tailstack.results import Check, Contributor, Losses, Mixture, Score, TargetScore, Validity, Verdict, ViewCheck
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, percent, saving
-from tailstack.results.score import source_name
-
-from .tables import visible
+from tailstack.results.score import group, single_lines, source_name, tenth_of, width_of
+from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis
 
 
 def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float | None]) -> str:
@@ -27,6 +26,12 @@ def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float
     )
 
 
+def estimate_interval(score: Score, p95_mm: float) -> tuple[float, float | None]:
+    """Where the P95 of a simulation is to be expected."""
+    error = score.validity.expected_error_percent
+    return (0.0, None) if error is None else (p95_mm / (1 + error / 100), p95_mm * (1 + error / 100))
+
+
 def error_of(value_mm: float, interval_mm: tuple[float, float | None]) -> float:
     """Relative error of a value, by its interval."""
     low, high = interval_mm
@@ -36,14 +41,14 @@ def error_of(value_mm: float, interval_mm: tuple[float, float | None]) -> float:
 def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
     """What a requirement comes to without the fiducials whose loss is worst; its quantile is that of its checks."""
     limited = next((f"P{100 * check.quantile:g}" for check in checks if check.requirement == line.requirement), "P95")
-    what = f"{limited} of {visible(line.requirement) if line.requirement else 'the error at the tool'}"
+    what = f"{limited} of {line.requirement or 'the error at the tool'}"
     decimals = decimals_of(checks, line.value_mm)
     said = [f"{what} is {line.value_mm:.{decimals}f} mm with all of them"]
     for worst in (line.single, line.double):
         if worst is None:
             said.append("every pair was not tried, there are too many")
             continue
-        lost = " and ".join(map(visible, worst.lost))
+        lost = " and ".join(worst.lost)
         if worst.value_mm is None:
             said.append(f"without {lost} nothing can be estimated: {worst.reason}")
             continue
@@ -74,6 +79,31 @@ def mixture_sentence(mixture: Mixture, line: Losses, decimals: int) -> str:
         f"with each bead missed in {often} of shots, {found} (estimate; all beads are there in {none} % of shots, and "
         f"{rest} %, with more missed than was looked at or too few left, count as beyond)"
     )
+
+
+def views_sentence(views: Sequence[ViewCheck]) -> str:
+    """What is wrong with what the views see, or that nothing is; the closest pair of fiducials."""
+    parts = []
+    for view in views:
+        name = view.view
+        if view.outside:
+            parts.append(f"{name}: {len(view.outside)} fiducials lie outside the image ({', '.join(view.outside)})")
+        elif not view.checked:
+            parts.append(f"{name}: whether all are in the image is not known, its size is not stated")
+    clear = [view for view in views if view.checked and not view.outside]
+    if clear:
+        nearest = min(clear, key=lambda view: view.smallest_margin_px or 0.0)
+        which = "every view" if len(clear) == len(views) else ", ".join(view.view for view in clear)
+        parts.append(
+            f"{which}: all fiducials are in the image, the nearest to its border by {nearest.smallest_margin_px:.0f} px"
+        )
+    if views:
+        tight = min(views, key=lambda view: view.closest_pair_px - view.closest_pair_needs_px)
+        pair = " and ".join(tight.closest_pair)
+        merged = tight.closest_pair_px < tight.closest_pair_needs_px
+        needs = f"; to be told apart they need {tight.closest_pair_needs_px:.0f} px" if merged else ""
+        parts.append(f"closest images: {pair} in {tight.view}, {tight.closest_pair_px:.0f} px apart{needs}")
+    return "; ".join(parts) + "." if parts else ""
 
 
 def trust_sentence(validity: Validity) -> str:
@@ -137,6 +167,46 @@ def margin_sentence(check: Check, sources: Sequence[ErrorSource], decimals: int)
     return f"{first}; {best.name}, tighter by a tenth, lowers P95{pooled} by {saving(best.tenth_mm, decimals)} mm."
 
 
+def decision_sentence(verdict: Verdict, optimised: Sequence[str] | None = None) -> str:
+    """What is kept, the check that decides, and what to do where it is missed or open; "" without a requirement.
+
+    optimised: of a design that the optimiser made, the requirements that it was not asked to keep.
+    """
+    decisive = decisive_check(verdict.checks)
+    if decisive is None:
+        return ""
+    following = _next_step(decisive, verdict.basis, optimised)
+    return " ".join(part for part in (checks_sentence(verdict.checks), following) if part)
+
+
+def _next_step(check: Check, basis: str, optimised: Sequence[str] | None) -> str:
+    """What to do where a requirement is missed or open."""
+    if check.status == "fail" and optimised is not None:
+        if check.requirement in optimised:
+            return f"It was not asked for: leave `optimise.requirement` out, or name {check.requirement} there."
+        return "The simulation has the last word: give the optimiser more freedom, or change the limit."
+    if check.status == "fail":
+        return "`tailstack optimise` looks for the cheapest design that keeps it."
+    if check.status == "pass":
+        return ""
+    if basis == "first order":
+        return "Run `tailstack verify`, which simulates, to decide."
+    if check.risk == "per_unit":
+        return "The number of units drawn is fixed: change the limit or the design."
+    return "Simulate more shots to decide: a tighter --precision or more --trials."
+
+
+def ending_of(verdict: Verdict) -> str:
+    """The last line of every answer."""
+    return f"verdict: {verdict.status} ({name_basis(verdict.basis)})"
+
+
+LOCATED = (
+    "as located: the error of the target found in the X-ray images, before flange, hand-eye and robot add theirs; "
+    "P95: 95 % of shots are within it"
+)
+
+
 @dataclass(frozen=True, slots=True)
 class ErrorSource:
     """A source of error as a whole: what is bought, made and mounted as one thing, with all its components."""
@@ -149,6 +219,33 @@ class ErrorSource:
     def name(self) -> str:
         """In words, with its half-width where one number says it."""
         return budget_line(self.line)
+
+
+def shares_of(target: TargetScore, error: str) -> list[tuple[Contributor, float]]:
+    """Single lines with their shares of the variance of ``error`` (tcp or localisation), largest share first; of the
+    localisation error those that act on it.
+    """
+    lines = single_lines(target.contributors)
+    if error == "tcp":
+        return [(line, line.variance_share) for line in lines]
+    shares = [(line, line.localisation_share) for line in lines if line.localisation_share > 0]
+    return sorted(shares, key=lambda pair: pair[1], reverse=True)
+
+
+def sources_of(target: TargetScore, error: str) -> list[ErrorSource]:
+    """Whole sources with their shares of the variance of ``error`` (tcp or localisation), largest share first."""
+    shares: dict[tuple[str, bool], float] = {}
+    for line, share in shares_of(target, error):
+        key = (line.name, line.law == "known")
+        shares[key] = shares.get(key, 0.0) + share
+    found = []
+    for total, components in group(target.contributors):
+        if (key := (total.name, total.law == "known")) in shares:
+            width, unit = width_of(total, components)
+            whole = replace(total, half_width=width, unit=unit)
+            share = total.variance_share if error == "tcp" else shares[key]
+            found.append(ErrorSource(whole, share, tenth_of(components or (total,))))
+    return sorted(found, key=lambda source: source.share, reverse=True)
 
 
 def budget_line(line: Contributor) -> str:

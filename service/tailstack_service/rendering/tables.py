@@ -13,7 +13,7 @@ from .page import NARROWEST, WIDEST_PROSE, current, write_on
 
 def spell_count(count: int, what: str) -> str:
     """A number of things: 1 design, 2 designs."""
-    return f"{count} {what}" + ("" if count == 1 else "s")
+    return f"{count:,} {what}" + ("" if count == 1 else "s")
 
 
 def visible(text: str) -> str:
@@ -196,11 +196,14 @@ def _draw_above(header: Sequence[str], rows: Sequence[Sequence[str]], left: int)
 
 
 def wrap(text: str, *, indent: str = "", first: str | None = None, width: int | None = None) -> str:
-    """Words wrapped at the width, by default the page's; ``first`` opens the first line, ``indent`` the others."""
+    """Words wrapped at the width, by default the page's, control characters replaced.
+
+    first: opens the first line, as it stands; indent: opens the others.
+    """
     width = prose_width() if width is None else width
     lines, line = [], indent if first is None else first
     empty = True
-    for word in _keep_units(text.split(), width - columns(indent)):
+    for word in _keep_units([*map(visible, text.split())], width - columns(indent)):
         here = columns(line) + (0 if empty else 1)
         fits = here + columns(word) <= width
         for part, piece in enumerate([word] if fits else _pieces(word, max(width - columns(indent), 1))):

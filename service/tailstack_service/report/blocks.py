@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
 from tailstack.results import Finding, Provenance
-from tailstack.results.tables import EVERYWHERE, On, Table
+from tailstack.results.tables import EVERYWHERE, TERMINAL, On, Table
 
 Tone = Literal["pass", "fail", "inconclusive", "neutral"]
 
@@ -20,7 +20,7 @@ class Figure:
     name: str  # kebab-case, unique in the report
     drawn: str | Callable[[], str]
     caption: str  # stands above; what it is of comes before its first colon
-    narrow: str = ""  # the same for a narrow screen, SVG; empty: there the picture is moved sideways
+    drawn_narrow: str | Callable[[], str] = ""  # for a narrow screen; empty: there the picture is moved sideways
     scene: str = ""  # JSON: on a screen the picture is replaced by a viewer of the same scene, which can be turned
 
     @cached_property
@@ -28,10 +28,16 @@ class Figure:
         """The picture."""
         return self.drawn if isinstance(self.drawn, str) else self.drawn()
 
+    @cached_property
+    def narrow(self) -> str:
+        """The picture of a narrow screen, if it has one."""
+        return self.drawn_narrow if isinstance(self.drawn_narrow, str) else self.drawn_narrow()
+
 
 @dataclass(frozen=True, slots=True)
 class Paragraph:
     text: str
+    strong: str = ""  # words that it begins with, before the text
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +62,30 @@ class Listing:
     caption: str = ""
 
 
-Block = Table | Figure | Paragraph | Bullets | Facts | Listing
+@dataclass(frozen=True, slots=True)
+class BlockGroup:
+    """Blocks that belong together: shown at some places only, and in a terminal without blank lines between them."""
+
+    made: tuple[Block, ...] | Callable[[], tuple[Block, ...]]  # a function is called where they are shown
+    on: On
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """What belongs together."""
+        return self.made() if callable(self.made) else self.made
+
+
+Block = Table | Figure | Paragraph | Bullets | Facts | Listing | BlockGroup
+
+
+def group(*blocks: Block, on: On = EVERYWHERE) -> BlockGroup:
+    """These blocks together."""
+    return BlockGroup(blocks, on)
+
+
+def say(word: str, *sentences: str, on: On = TERMINAL) -> BlockGroup:
+    """Sentences that each begin with what they are about; an empty one is none."""
+    return BlockGroup((Facts(word, tuple((word, sentence) for sentence in sentences if sentence)),), on)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,18 +122,33 @@ class Document:
     provenance: Facts
     figures: tuple[Figure, ...] = field(default=())  # on the first page
     requirements: Table | None = None  # on the first page, too: each with its value, limit, margin and status
-    # What a terminal has beside the sections: the question below the design's name, by which method, findings, and a
-    # last line, in the colour of the tone
+    # What a terminal has beside the sections: the question below the design's name, by which method, what decides,
+    # findings, and a last line, its verdict in the colour of the tone
     made: Provenance | None = None
     question: str = ""
     method: str = ""
+    opening: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     ending: str = ""
+    captions: bool = False  # whether a terminal has those of the tables, and their notes
 
     def of(self, place: On) -> Document:
-        """What of it is shown at a place."""
-        shown = tuple(section for section in self.sections if section.on & place and section.blocks)
-        return replace(self, sections=shown)
+        """What of it is shown at a place: no table without rows, and groups in a terminal only."""
+        sections = (
+            replace(section, blocks=tuple(_list_shown(section.blocks, place)))
+            for section in self.sections
+            if section.on & place
+        )
+        return replace(self, sections=tuple(section for section in sections if section.blocks))
+
+
+def _list_shown(blocks: tuple[Block, ...], place: On) -> Iterator[Block]:
+    for block in blocks:
+        if isinstance(block, BlockGroup):
+            shown = tuple(_list_shown(block.blocks, place)) if block.on & place else ()
+            yield from (replace(block, made=shown),) if place & TERMINAL else shown
+        elif not isinstance(block, Table) or block.on(place).rows:
+            yield block
 
 
 def tone_of(status: str) -> Tone:

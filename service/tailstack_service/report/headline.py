@@ -10,8 +10,14 @@ from tailstack.results.digits import decimals_of, in_percent
 from tailstack.results.verdicts import STATED, checks_sentence, decisive_check
 from tailstack.scoring import P95
 
-from ..rendering.score import estimate_interval, sources_of
-from ..rendering.sentences import dominant_sentence, largest_sentence, margin_sentence, trust_sentence
+from ..rendering.sentences import (
+    dominant_sentence,
+    estimate_interval,
+    largest_sentence,
+    margin_sentence,
+    sources_of,
+    trust_sentence,
+)
 from .records import Difference, Headline, Report
 
 

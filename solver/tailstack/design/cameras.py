@@ -134,7 +134,10 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
     else:
         matrix = np.array(value)
         if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0:
-            raise _refuse_not_rigid(f"{pointer}/3", f"the last row is {matrix[3].tolist()}, not [0, 0, 0, 1]")
+            turned = np.array_equal(matrix[:, 3], [0.0, 0.0, 0.0, 1.0])
+            rows = ", ".join(str(row) for row in matrix.T.tolist())
+            hint = f"it is written for rows (x, y, z, 1) on its left; transposed it is [{rows}]" if turned else ""
+            raise _refuse_not_rigid(f"{pointer}/3", f"the last row is {matrix[3].tolist()}, not [0, 0, 0, 1]", hint)
         if np.abs(matrix[:3, 3]).max() > 1e5:
             raise DesignError(Problem(pointer, "out-of-range", "the translation is longer than 100 m"))
         rotation, translation = matrix[:3, :3], matrix[:3, 3]
@@ -152,12 +155,12 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
     return frozen(rigid_transform(rotation, translation)), (rounded,) if defect > 1e-9 else ()
 
 
-def _refuse_not_rigid(pointer: str, detail: str) -> DesignError:
+def _refuse_not_rigid(pointer: str, detail: str, hint: str = "") -> DesignError:
     return DesignError(
         Problem(
             pointer,
             "not-rigid",
             f"a transform is rigid; {detail} (accepted: {RIGID:g})",
-            "give more digits, or use rotation_deg",
+            hint or "give more digits, or use rotation_deg",
         )
     )

@@ -20,6 +20,7 @@ from ..cures import cure_text
 from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
 from ..people_tables import (
+    KEPT_ENDS,
     NUMBERINGS,
     PeopleTable,
     decode_people_text,
@@ -132,7 +133,8 @@ def make_list(table: FiducialTable, content: bytes, name: str, limits: Limits) -
     """The fiducials of a table that was read from a file: in mm and LPS, each with a label.  Raises as reading does."""
     if not table.rows:
         left = f"; left out, position not defined: {', '.join(table.left_out)[:200]}" if table.left_out else ""
-        raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial{left}", file=name))
+        hint = KEPT_ENDS if len(content.split(b"\n")) == 1 else ""
+        raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial{left}", hint, name))
     for count, what in ((len(table.rows), "fiducials"), (len(table.left_out), "points that are not defined")):
         if count > limits.fiducials:
             detail = f"{name} holds {count} {what}; at most {limits.fiducials}"
@@ -277,6 +279,7 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
     left_out: list[str] = []
     for line, cells in table.rows:
         label = "" if at_label is None else cells[at_label].strip()
+        table.refuse_summary(label, line, "one more fiducial")
         state = _state_in_slicer_s_table(table, cells, line, others) if system else "defined"
         if state == "defined":
             xyz = [

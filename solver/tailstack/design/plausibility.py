@@ -178,10 +178,15 @@ def _doubt_detector_widths(subject: Subject) -> Iterator[Doubt]:
         binned = (
             f"binned {known // own} x {known // own}" if own < known and known % own == 0 else "binned or resampled"
         )
+        said = []
+        if abs(ratios[0] / ratios[1] - 1) <= SAME_WIDTH:  # else no pixel makes both sides those of the preset
+            said.append(f"An image of the whole detector, {binned}, has {whole}.")
+        if max(ratios) <= 1 + SAME_WIDTH:
+            said.append("Of a crop the numbers are right as they are.")
         message = (
             f"view {view.name}: its detector is {width:.4g} mm {way} ({own} px of {pixel:.4g} mm), that of "
-            f"{preset.name} {published:.4g} mm ({known} px of {preset.pixel_mm:.4g} mm). An image of the whole "
-            f"detector, {binned}, has {whole}. Of a crop the numbers are right as they are."
+            f"{preset.name} {published:.4g} mm ({known} px of {preset.pixel_mm:.4g} mm). "
+            f"{' '.join(said) or 'Check image_size_px and pixel_mm.'}"
         )
         yield Doubt(f"/views/{index}/{field}", message, width, published)
 
@@ -327,30 +332,31 @@ def _doubt_limits(subject: Subject) -> Iterator[Doubt]:
 # --- noise and lever arms -------------------------------------------------------------------------------
 
 
-def _doubt_noise(subject: Subject) -> Iterator[Doubt]:
+def _list_noises(subject: Subject) -> Iterator[tuple[str, str, float]]:
+    """Each noise of a view: its place, what it is called, and its size in px."""
     for index, view in enumerate(subject.document.views):
         for field in ("fiducial_noise_px", "target_noise_px"):
-            noise = getattr(view, field)
-            if noise < BEST_NOISE_PX:
-                message = (
-                    f"view {view.name}: {field} is {noise:g} px, less than the best that was measured "
-                    f"({BEST_NOISE_PX:g} px): the error comes out too small. Write 0.05 for the best, 0.3 for typical, "
-                    "0.5 for clinical images."
-                )
-                yield Doubt(f"/views/{index}/{field}", message, noise, BEST_NOISE_PX)
+            yield f"/views/{index}/{field}", f"view {view.name}: {field}", getattr(view, field)
+
+
+def _doubt_noise(subject: Subject) -> Iterator[Doubt]:
+    for pointer, name, noise in _list_noises(subject):
+        if noise < BEST_NOISE_PX:
+            message = (
+                f"{name} is {noise:g} px, less than the best that was measured ({BEST_NOISE_PX:g} px): the error comes "
+                "out too small. Write 0.05 for the best, 0.3 for typical, 0.5 for clinical images."
+            )
+            yield Doubt(pointer, message, noise, BEST_NOISE_PX)
 
 
 def _doubt_noise_above(subject: Subject) -> Iterator[Doubt]:
-    for index, view in enumerate(subject.document.views):
-        for field in ("fiducial_noise_px", "target_noise_px"):
-            noise = getattr(view, field)
-            if noise > WORST_NOISE_PX:
-                message = (
-                    f"view {view.name}: {field} is {noise:g} px, more than that of a bead clicked by hand "
-                    f"({WORST_NOISE_PX:g} px at most). It is a standard deviation, in pixels: write 0.3 for typical "
-                    "images, 0.5 for clinical ones."
-                )
-                yield Doubt(f"/views/{index}/{field}", message, noise, WORST_NOISE_PX)
+    for pointer, name, noise in _list_noises(subject):
+        if noise > WORST_NOISE_PX:
+            message = (
+                f"{name} is {noise:g} px, more than that of a bead clicked by hand ({WORST_NOISE_PX:g} px at most). It "
+                "is a standard deviation, in pixels: write 0.3 for typical images, 0.5 for clinical ones."
+            )
+            yield Doubt(pointer, message, noise, WORST_NOISE_PX)
 
 
 # --- what is said in per cent ---------------------------------------------------------------------------

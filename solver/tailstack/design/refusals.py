@@ -157,6 +157,7 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
         owner = _model_at(raw, root)
         if owner is not None and kind.startswith("model"):
             hint = "fields: " + ", ".join(info.alias or name for name, info in owner.model_fields.items())
+            hint = _cure_intrinsics(path[-1], value) or hint
         if kind == "string_type" and isinstance(value, int | float):
             hint = "put it in quotes"
     elif kind in ("too_short", "too_long"):
@@ -227,6 +228,8 @@ def _cure_matrix(field: str, value: Any) -> str:
     if not isinstance(value, list | tuple) or not value:
         return ""
     kind = "transform" if field.startswith("T_") or field == "pose" else field
+    if kind == "projection" and [len(row) if isinstance(row, list | tuple) else 0 for row in value] == [1] * len(value):
+        value = [row[0] for row in value]  # a column
     if not any(isinstance(row, list | tuple) for row in value):
         return _cure_flat_projection(value) if kind == "projection" else _ROWS.get((kind, len(value)), "")
     if kind == "projection" and [len(row) if isinstance(row, list | tuple) else 0 for row in value] == [3] * 4:
@@ -234,6 +237,27 @@ def _cure_matrix(field: str, value: Any) -> str:
         return f"a matrix of 4 x 3 is MATLAB's, for rows (X, Y, Z, 1) on its left: transposed it is {rows}"
     widths = {len(row) if isinstance(row, list | tuple) else 0 for row in value}
     return _SHAPES.get((kind, len(value), widths.pop()), "") if len(widths) == 1 else ""
+
+
+def _cure_intrinsics(field: str | int, value: Any) -> str:
+    """The fields that a camera matrix K is, given row by row, or transposed as MATLAB has it."""
+    if (
+        field != "intrinsics"
+        or not isinstance(value, list)
+        or [len(r) for r in value if isinstance(r, list)] != [3] * 3
+    ):
+        return ""
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) for row in value for each in row):
+        return ""
+    rows = [list(row) for row in zip(*value, strict=True)] if value[0][2] == value[1][2] == 0 else value
+    (fx, skew, cx), (below, fy, cy), last = rows
+    if below or last != [0, 0, 1]:
+        return "a camera matrix is [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]; focal_px is [fx, fy]"
+    more = f", skew_px: {skew:.12g}" if skew else ""
+    return (
+        f"a camera matrix is written as its fields: {{focal_px: [{fx:.12g}, {fy:.12g}], principal_point_px: "
+        f"[{cx:.12g}, {cy:.12g}]{more}}}"
+    )
 
 
 def _cure_flat_projection(value: Sequence[Any]) -> str:

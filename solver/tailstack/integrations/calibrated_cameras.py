@@ -33,7 +33,10 @@ class CalibratedCamera(NamedTuple):
 
 
 def read_camera(content: bytes, name: str, form: CageForm, limits: Limits) -> CalibratedCamera:
-    """The view that a MayaCam 2.0 file is, called as the file is, its frame con.  Raises DesignError, LimitError."""
+    """The view that a MayaCam 2.0 file is, its frame con; called by ``form.view``, or as the file is.
+
+    Raises DesignError, LimitError.
+    """
     if len(content) > limits.fiducial_file_bytes:
         raise LimitError(Problem("", "too-large", f"{name} is longer than {limits.fiducial_file_bytes} bytes"))
     found = _read_sections(decode(content, name).removeprefix("\ufeff").splitlines(), name)
@@ -46,7 +49,7 @@ def read_camera(content: bytes, name: str, form: CageForm, limits: Limits) -> Ca
         raise refuse(name, None, "camera-file", "the camera matrix is of another form", hint)
     translation = UNITS[form.unit] * shift[:, 0]
     view = {
-        "name": PurePath(name).stem,
+        "name": form.view or PurePath(name).stem,
         "intrinsics": {
             "focal_px": [camera[0, 0], camera[1, 1]],
             "principal_point_px": [camera[0, 2], camera[1, 2]],

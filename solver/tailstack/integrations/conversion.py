@@ -172,7 +172,7 @@ def _place_camera(
     """A calibrated camera as a view of a design, or as its section."""
     if cage is None:
         detail = f"{source} does not say in which unit its translation is: that of the cage it was calibrated with"
-        raise DesignError(Problem("", "unit-missing", detail, "add --xmalab cm, or mm", source))
+        raise DesignError(Problem("", "unit-missing", detail, "say it: --xmalab cm (xmalab), or mm", source))
     if not target.lower().endswith(DOCUMENTS):
         detail = f"a camera becomes a view of a design; {target} is none"
         raise DesignError(Problem("", "unknown-format", detail, f"known: {', '.join(DOCUMENTS)}"))

@@ -417,10 +417,10 @@ class Optimisation(Result):
             f"{self._cost_sentence()} {verdict_sentence(verdict)}",
             (
                 frame(ChangedTolerance, "tolerances", self.tolerances, changes_table(self)),
+                checks_frame(verdict),
                 frame(MovedFiducial, "fiducials", self.moved, moved_table(self)),
                 frame(ShadowPrice, "limits", self.shadow_prices, limits_table(self)),
                 frame(FrontPoint, "front", self.front),
-                checks_frame(verdict),
             ),
             chart,
             (*self.influence, *verdict.findings),

@@ -356,8 +356,8 @@ class Score(Result):
             verdict_sentence(self.verdict),
             (
                 frame(TargetScore, "targets", self.targets, targets_table(self)),
-                Frame("budget", tuple(budget), shown=budget_table(worst, decimals)),
                 checks_frame(self.verdict),
+                Frame("budget", tuple(budget), shown=budget_table(worst, decimals)),
             ),
             Bars(
                 f"Budget at target {worst.name}: P95 {worst.p95_mm:.{decimals}f} mm{limit}",

@@ -12,8 +12,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+from collections.abc import Iterator
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -36,7 +37,6 @@ from ...task import Outcome, Task
 from . import remote
 
 log = logging.getLogger("tailstack.worker")
-logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # tracebacks of what is said here in a line
 
 PLUGIN = f"tailstack-{__version__}"
 ANSWER_SECONDS = 10.0  # for the cluster to answer a question, or to hand over a result
@@ -63,6 +63,21 @@ class ChildrenPlugin(WorkerPlugin):
 
     def teardown(self, worker: Worker) -> None:
         remote.close()
+
+
+@contextmanager
+def _only_critical(name: str) -> Iterator[None]:
+    """Meanwhile this logger leaves out what is not critical: engines begin and end it in any order."""
+
+    def is_critical(record: logging.LogRecord) -> bool:
+        return record.levelno >= logging.CRITICAL
+
+    logger = logging.getLogger(name)
+    logger.addFilter(is_critical)
+    try:
+        yield
+    finally:
+        logger.removeFilter(is_critical)
 
 
 class DaskEngine:
@@ -168,6 +183,7 @@ class DaskEngine:
     def _is_connected(self) -> bool:
         return self._client is not None and self._client.status == "running"
 
+    @_only_critical("distributed.client")  # its tracebacks are of what is said here in a line
     def _run(self) -> None:
         """Connect, again and again; count the threads; kill what is to be killed."""
         pause = FIRST_PAUSE

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Literal
+
 from tailstack.results.batch import ScoredTable
-from tailstack.results.tables import Column, Row, Table
+from tailstack.results.tables import EVERYWHERE, PAPER, TERMINAL, Column, Row, Table
 
-from ..blocks import Bullets, Document, KeyNumber, Paragraph, Section
-from .tables import not_included, provenance_facts
+from ..blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
+from .tables import closing_sections, provenance_facts
 
-MOST_ROWS = 400  # of a page; a spreadsheet has all
+MOST_ROWS, SHOWN = 400, 40  # of a page, of a terminal; a spreadsheet has all
 
 
 def batch_document(record: ScoredTable, sha256: str) -> Document:
@@ -36,20 +39,46 @@ def batch_document(record: ScoredTable, sha256: str) -> Document:
         numbers=tuple(numbers),
         matters=matters,
         sections=(
-            Section("Designs", (Paragraph(f"Numbers of the design by column: {given}."), _table(record))),
-            Section("Method and assumptions", (Bullets((how, *record.provenance.notes)),), reader="auditor"),
-            Section("What is not included", (not_included(record.provenance),), reader="auditor"),
+            Section(
+                "Designs",
+                (
+                    group(Paragraph(f"Numbers of the design by column: {given}."), on=PAPER),
+                    _table(record),
+                    group(*(Paragraph(words) for words in _left_out(record)), on=TERMINAL),
+                ),
+            ),
+            Section("Method and assumptions", (Bullets((how, *record.provenance.notes)),), on=PAPER, reader="auditor"),
+            *closing_sections(record.provenance),
         ),
         provenance=provenance_facts(record.provenance, sha256, record.schema),
+        made=record.provenance,
+        question=f"{record.rows:,} designs of a table, each estimated.",
+        method="first order",
     )
+
+
+def _left_out(record: ScoredTable) -> Iterator[str]:
+    """What of the table a terminal does not show."""
+    if record.rows > SHOWN:
+        yield f"{record.rows - SHOWN:,} further rows are in the record (--json)."
+    if record.refused:
+        yield f"{record.refused:,} rows could not be scored; the column reason says why."
 
 
 def _table(record: ScoredTable) -> Table:
     def column(name: str, cells: tuple[object, ...]) -> Column:
         numeric = any(isinstance(cell, float) for cell in cells)
         answer = name.partition(":")[0].endswith("_mm") and name not in record.pointers
-        return Column(name, "mm" if answer else "", ("fixed" if answer else "given") if numeric else "text", 4)
+        on = PAPER if name in record.pointers or name == "reason" else EVERYWHERE
+        written: Literal["fixed", "given"] = "fixed" if answer else "given"
+        return Column(name, "mm" if answer else "", written if numeric else "text", 4, on, brief=name)
 
-    columns = tuple(column(name, cells) for name, cells in record.columns.items())
-    rows = tuple(Row(cells) for cells in zip(*record.columns.values(), strict=True))
+    columns = (
+        Column("row", on=TERMINAL),
+        *(column(name, cells) for name, cells in record.columns.items()),
+    )
+    rows = tuple(
+        Row((str(k + 1), *cells), on=EVERYWHERE if k < SHOWN else PAPER)
+        for k, cells in enumerate(zip(*record.columns.values(), strict=True))
+    )
     return Table("Designs", "Every row of the table", columns, rows, most=MOST_ROWS)

@@ -30,7 +30,7 @@ from ..records import Comparison, Difference, Report
 from .layout import layout_blocks, load_inside
 from .optimisation import design_listing
 from .report import method_chapter
-from .tables import not_included
+from .tables import closing_sections
 
 TOLD = ("First", "Second")
 DESIGNS = ("first design", "second design")
@@ -47,8 +47,7 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
         Section("Budgets side by side", tuple(_budgets(found))),
         Section("Requirements and findings", _verdict_blocks(found)),
         Section("Method and assumptions", _method(found), reader="auditor"),
-        Section("What is not included", (not_included(second.provenance),), reader="auditor"),
-        Section("Reproduction", _reproduction(second), reader="auditor"),
+        *closing_sections(second.provenance, *_reproduction(second)),
     ]
     for which, report in reports:
         listing = design_listing(report.design, f"{which} design, as YAML")

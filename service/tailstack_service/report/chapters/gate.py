@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import shlex
 
-from ...gate.records import GateRecord, designs_table, findings_table, numbers_table, split_findings, unjudged_table
+from ...gate.records import (
+    GateRecord,
+    JudgedNumber,
+    designs_table,
+    findings_table,
+    numbers_table,
+    split_findings,
+    unjudged_table,
+)
 from ...rendering.tables import spell_count
 from ..blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
 
@@ -20,7 +28,8 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
     tables: list[Block] = [findings_table("Findings", "Findings that count", counted)] if counted else []
     if accepted:
         tables.append(findings_table("Accepted", "Findings that a waiver accepts", accepted))
-    designs = [designs_table(record), numbers_table(record)]
+    numbers = [JudgedNumber(design.file, entry, entry.target) for design in record.designs for entry in design.numbers]
+    designs = [designs_table(record), numbers_table(numbers)]
     if any(design.not_judged for design in record.designs):
         designs.append(unjudged_table(record))
     return Document(

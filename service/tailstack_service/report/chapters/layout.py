@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tailstack.design import Design, load_design
-from tailstack.errors import IllPosedError
+from tailstack.errors import TailstackError
 from tailstack.results import Score
 from tailstack.scoring import score
 
@@ -44,10 +44,10 @@ def layout_blocks(
 
 
 def score_if_determined(data: dict[str, object]) -> Known | None:
-    """A design with its score, for its picture; None where its layout does not determine an answer."""
+    """A design with its score, for its picture; None where it has none: its layout may not determine an answer."""
     try:
         return data, score(load_inside(data), losses=False)
-    except IllPosedError:
+    except TailstackError:
         return None
 
 

@@ -2,25 +2,51 @@
 
 from __future__ import annotations
 
-from tailstack.results import Optimisation
-from tailstack.results.digits import decimals_of
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from tailstack.results import Check, Optimisation, SurvivedLoss
+from tailstack.results.digits import count_decimals, decimals_of, number, percent
 from tailstack.results.optimisation import (
+    MOST_OPTIMA,
     aims_table,
     changes_table,
+    counts_table,
+    front_table,
     limits_table,
     moved_table,
     offer_table,
+    optima_table,
     pivots_table,
     spacings_table,
 )
+from tailstack.results.tables import IN_DETAIL, PAPER, Column, On, Table, tabulate
 from tailstack.results.verdicts import decided_by, requirements_table
+from tailstack.results.verification import estimates_table
 
-from ..blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
-from .layout import layout_blocks, score_if_determined
-from .tables import not_included, provenance_facts
-from .verification import sampling_blocks, verification_blocks
+from ...rendering.sentences import decision_sentence, ending_of
+from ...rendering.tables import spell_count
+from ..blocks import (
+    Block,
+    BlockGroup,
+    Bullets,
+    Document,
+    Facts,
+    KeyNumber,
+    Listing,
+    Paragraph,
+    Section,
+    group,
+    say,
+    tone_of,
+)
+from .layout import Known, layout_blocks, score_if_determined
+from .tables import closing_sections, provenance_facts, verdict_blocks
+from .verification import sampling_blocks
 
 MOST_BINDING = 3  # said on the first page
+MOST_LISTED = 4  # said in a terminal without details
+LEAST_GAP = 0.05  # per cent: less is none
 
 REPRODUCTION = (
     "design.yaml is the design that it started from, the field design_before of this record and the last section of "
@@ -37,6 +63,7 @@ def optimise_command(found: Optimisation) -> str:
 def optimisation_document(found: Optimisation, sha256: str) -> Document:
     """An optimisation by itself: what it found, what changed, and what the optimum rests on."""
     check = found.certificate.verification
+    scored = score_if_determined(found.design), score_if_determined(found.design_before)
     more = len(found.binding) - MOST_BINDING
     listed = "; ".join(found.binding[:MOST_BINDING]) + (f"; and {more} more" if more > 0 else "")
     binding = f"What keeps it from being better: {listed}." if found.binding else "Nothing keeps it from being better."
@@ -55,27 +82,36 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
             *(sentence_of(price.sentence) for price in found.shadow_prices[:2]),
         ),
         sections=(
-            Section("What changed", (*optimised_layout(found), *change_blocks(found))),
-            Section("Check of the new design", (*verification_blocks(check), *sampling_blocks(check))),
-            Section("Certificate", certificate_blocks(found), reader="auditor"),
-            Section("What is not included", (not_included(found.provenance),), reader="auditor"),
             Section(
-                "Reproduction",
-                (Listing(f"{optimise_command(found)}\ntailstack report --verify THIS_FILE"), Paragraph(REPRODUCTION)),
-                reader="auditor",
+                "What changed", (BlockGroup(partial(optimised_layout, *scored), PAPER), *change_blocks(found, *scored))
             ),
             Section(
-                "The new design",
-                (design_listing(found.design, "The new design, as YAML"),),
-                reader="auditor",
+                "Check of the new design",
+                (estimates_table(check), *verdict_blocks(check.verdict), *sampling_blocks(check)),
+                on=PAPER,
             ),
-            Section(
-                "The design before",
-                (design_listing(found.design_before, "The design that it started from, as YAML"),),
-                reader="auditor",
+            Section("Certificate", certificate_blocks(found), on=IN_DETAIL, reader="auditor"),
+            Section("How sure", (say("how sure", _confidence_sentence(found)),), on=On.PLAIN),
+            *closing_sections(
+                found.provenance,
+                Listing(f"{optimise_command(found)}\ntailstack report --verify THIS_FILE"),
+                Paragraph(REPRODUCTION),
+            ),
+            *(
+                Section(title, (BlockGroup(partial(_list_design, data, f"{what}, as YAML"), PAPER),), reader="auditor")
+                for title, what, data in (
+                    ("The new design", "The new design", found.design),
+                    ("The design before", "The design that it started from", found.design_before),
+                )
             ),
         ),
         provenance=provenance_facts(found.provenance, sha256, found.schema, "new design"),
+        made=found.provenance,
+        question=f"Optimised: {found.objective}.",
+        method="first order with the exact law",
+        opening=(decision_sentence(check.verdict, found.not_asked), *others_sentences(found)),
+        findings=(*found.influence, *check.verdict.findings),
+        ending=ending_of(check.verdict),
     )
 
 
@@ -121,46 +157,180 @@ def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:
     return (*numbers, KeyNumber("Starts", f"{proof.converged_starts} of {proof.starts}", "converged"))
 
 
-def optimised_layout(found: Optimisation) -> tuple[Block, ...]:
+def optimised_layout(now: Known | None, before: Known | None) -> tuple[Block, ...]:
     """The new layout over the one that it started from."""
-    now, before = score_if_determined(found.design), score_if_determined(found.design_before)
     if now is None:
         return ()
-    title = f"{found.provenance.design_name}: the new layout"
+    title = f"{now[1].provenance.design_name}: the new layout"
     return layout_blocks(now, title, "layout-optimised", before, of="New design. ")
 
 
-def change_blocks(found: Optimisation) -> tuple[Block, ...]:
-    """Tolerances, fiducials, pivots and locators before and after; what a limit is worth."""
-    tables = (
-        changes_table(found) if found.tolerances else None,
-        moved_table(found) if found.moved else None,
-        None if found.view_offer is None else offer_table(found.view_offer),
-        None if found.aimed is None else aims_table(found.aimed),
-        pivots_table(found) if found.pivots else None,
-        spacings_table(found) if found.spacings else None,
-        limits_table(found) if found.shadow_prices else None,
+def change_blocks(found: Optimisation, now: Known | None, before: Known | None) -> tuple[Block, ...]:
+    """Requirements by estimate, fiducials, pivots, locators and tolerances before and after; what a limit is worth."""
+    spread = (f"{one.label}, locators {number(one.scale)} times as far from their centre" for one in found.spacings)
+    more = len(found.binding) - MOST_LISTED
+    first = f"{'; '.join(found.binding[:MOST_LISTED])}; and {more} more (--details)"
+    binding, better = "; ".join(found.binding), "what keeps it from being better"
+    on_paper = [f"Keeps it from being better: {entry}" for entry in found.binding]
+    if found.survived is not None:
+        on_paper.append(f"If fiducials are lost: {survived_sentence(found.survived)}")
+    return (
+        _requirements_table(found, now, before),
+        group(*_costs(found)),
+        moved_table(found),
+        group(pivots_table(found), say("spacing", *spread), group(spacings_table(found), on=PAPER)),
+        changes_table(found),
+        *(() if found.view_offer is None else (group(offer_table(found.view_offer), on=PAPER),)),
+        *(() if found.aimed is None else (group(aims_table(found.aimed), on=PAPER),)),
+        group(limits_table(found), *((Bullets(tuple(on_paper)),) if on_paper else ()), on=PAPER),
+        group(
+            say(better, first if more > 0 else binding, on=On.PLAIN),
+            say(better, binding, on=On.DETAIL),
+            say("trade-off", *(price.sentence for price in found.shadow_prices)),
+        ),
+        counts_table(found),
+        group(front_table(found), *_front_notes(found)),
     )
-    blocks: list[Block] = [table for table in tables if table is not None]
-    if found.binding:
-        blocks.append(Bullets(tuple(f"Keeps it from being better: {entry}" for entry in found.binding)))
-    return tuple(blocks)
+
+
+def _requirements_table(found: Optimisation, now: Known | None, before: Known | None) -> Table:
+    """What each requirement limits, by estimate in the design as it stood and in the new one, at one target."""
+    checks = found.certificate.verification.verdict.checks
+    decimals = max((count_decimals(check.limit_mm) for check in checks), default=3)  # of an estimate
+
+    def estimated(known: Known | None) -> Callable[[tuple[Check, int]], float | None]:
+        of = {} if known is None else {(one.requirement, one.target): one.value_mm for one in known[1].verdict.checks}
+        return lambda row: of.get((row[0].requirement, row[0].target))
+
+    columns = (
+        Column("Requirement", brief="by estimate,\nrequirement", of=lambda row: row[0].requirement),
+        Column("Target", of=lambda row: row[0].target),
+        Column("Before", "mm", "fixed", decimals, of=estimated(before)),
+        Column("After", "mm", "fixed", decimals, of=estimated(now)),
+        Column("Limit", "mm", "stated", decimals, of=lambda row: row[0].limit_mm),
+    )
+    return tabulate("Before and after", "Requirements by estimate, before and after", columns, decided_by(checks))
+
+
+def _costs(found: Optimisation) -> Iterator[BlockGroup]:
+    """Cost and what it is made of, and what else was decided."""
+    if found.cost_before or found.cost_after:
+        change = "" if not found.cost_before else f" ({100 * (found.cost_after / found.cost_before - 1):+.0f} %)"
+        made_of = _cost_in_words(found)
+        words = f"{number(found.cost_after)}, before {number(found.cost_before)}{change}"
+        yield say("cost", words + (f"; {made_of}" if made_of else ""))
+    if found.scaling is not None:
+        yield say("scaling", f"all free half-widths times {number(found.scaling)}")
+    if found.survived is not None:
+        yield say("if fiducials are lost", survived_sentence(found.survived))
+    for word, said in (
+        ("a view more", found.view_offer), ("views", found.aimed), ("places of the fiducials", found.placement_value),
+    ):  # fmt: skip
+        if said is not None:
+            yield say(word, said.sentence)
+
+
+def survived_sentence(worst: SurvivedLoss) -> str:
+    """What the new design comes to without the fiducials whose loss is worst."""
+    low, high = worst.interval_mm
+    decimals = count_decimals(worst.limit_mm)
+    ends = f"{low:.{decimals}f} to {'unknown' if high is None else f'{high:.{decimals}f}'}"
+    lost = " and ".join(worst.lost)
+    return (
+        f"without {lost}, the worst to lose, P95 at {worst.target} is {worst.estimate_mm:.{decimals}f} mm by "
+        f"estimate and {worst.p95_mm:.{decimals}f} mm ({ends}) simulated, within the limit of {worst.limit_mm:g} mm."
+    )
+
+
+def _cost_in_words(found: Optimisation) -> str:
+    """Sums over each interface's half-widths; what is left of the total is the price of the fiducials."""
+    if not found.tolerances:
+        return ""
+    widths: dict[str, list[float]] = {}
+    names: dict[str, str] = {}
+    for entry in found.tolerances:
+        names.setdefault(entry.contributor, entry.label.removesuffix(f" {entry.component}"))
+        widths.setdefault(entry.contributor, []).append(entry.cost_after)
+    parts = [
+        f"{number(sum(costs))} ({names[name]}, {spell_count(len(costs), 'half-width')})"
+        for name, costs in widths.items()
+    ]
+    view = 0.0
+    if found.view_offer is not None and found.view_offer.added:
+        view = found.view_offer.price
+        parts.append(f"{number(view)} (view {found.view_offer.view})")
+    fiducials = found.cost_after - view - sum(map(sum, widths.values()))
+    if abs(fiducials) > 1e-6 * abs(found.cost_after):
+        parts.append(f"{number(fiducials)} (fiducials)")
+    return f"{' + '.join(parts)} = {number(found.cost_after)}"
+
+
+def _front_notes(found: Optimisation) -> tuple[Block, ...]:
+    """What the limits of the front are of, and why points have no design."""
+    if not found.front:
+        return ()
+    checks = found.certificate.verification.verdict.checks
+    first = next(check.requirement for check in checks if check.requirement not in found.not_asked)
+    note = (
+        f"limit, estimate and simulation are of {first}; every other limit is scaled by the same factor. What "
+        "each point's design is stands in the JSON answer (--json)"
+    )
+    if found.not_asked:
+        note += f"; its points are not judged by what was not asked for ({', '.join(found.not_asked)})"
+    refused = (f"{number(point.limit_mm)} mm: {point.note}" for point in found.front if point.note)
+    return (say("front", note, *refused),)
+
+
+def _confidence_sentence(found: Optimisation) -> str:
+    """How the best design was found, what is known of better ones, and how it was checked."""
+    proof = found.certificate
+    check, gap = proof.verification, proof.relaxation.gap_percent
+    ended = f"{proof.converged_starts} of {proof.starts} searches from different layouts came to an end"
+    optima = len(proof.optima)
+    if proof.stopped.startswith("stopped"):
+        ended = f"{proof.stopped}, so a longer search may find better; {ended}"
+    ended += "; all found the same design." if optima == 1 else f" in {optima} different designs; this is the best."
+    if gap is None:
+        better = "That no other is better is likely, not proved."
+    elif gap < LEAST_GAP:
+        better = "It is proved that with this layout none is cheaper."
+    else:
+        better = f"It is proved that with this layout none is more than {gap:.2g} % cheaper."
+    checked = f"Checked by a simulation of {check.trials:,} new shots, to ± {percent(check.precision_reached, 2)} %."
+    return f"{ended} {better} {checked}"
 
 
 def certificate_blocks(found: Optimisation) -> tuple[Block, ...]:
-    proof = found.certificate
+    """Starts, distinct optima, lower bound, why the search ended, and the check."""
+    proof, optima = found.certificate, len(found.certificate.optima)
+    check = proof.verification
+    shown = f"the first {MOST_OPTIMA} of {optima}" if optima > MOST_OPTIMA else f"{optima}"
     pairs = [
         ("Residual of the optimality conditions", f"{proof.kkt_residual:.2g}"),
         ("Starts", f"{proof.converged_starts} of {proof.starts} converged, seed {proof.seed}"),
-        ("Distinct optima", f"{_optima_words(found)}: " + ", ".join(f"{value:.5g}" for value in proof.best_costs[:8])),
+        ("Distinct optima", f"{_optima_words(found)} ({shown})"),
         ("Lower bound", proof.relaxation.statement),
         ("Ending", proof.stopped),
+        ("Check", f"{check.trials:,} fresh trials with seed {check.seed}, to {percent(check.precision_reached, 2)} %"),
         ("Rounds of tightening", str(proof.tightening_rounds)),
     ]
+    if found.cost_closed_form is not None:
+        pairs.append(("Cost of the half-widths", _compare_costs(found, found.cost_closed_form)))
     remarks = tuple(entry.message for entry in found.influence)
     worth = () if found.placement_value is None else (found.placement_value.sentence,)
-    listed = remarks + worth
-    return (Facts("Certificate", tuple(pairs)), *((Bullets(listed),) if listed else ()))
+    return (
+        group(Facts("Certificate", tuple(pairs)), optima_table(found)),
+        group(*((Bullets(listed),) if (listed := remarks + worth) else ()), on=PAPER),
+    )
+
+
+def _compare_costs(found: Optimisation, closed_form: float) -> str:
+    """What the half-widths cost by each of the laws that they were chosen with."""
+    own = sum(entry.cost_after for entry in found.tolerances)
+    others = found.cost_after - own  # fiducials, and a view that was added
+    exact = "" if found.cost_exact_law is None else f"{number(found.cost_exact_law - others, 5)} by the exact law, "
+    said = f"{number(closed_form, 5)} by the smooth closed form, {exact}{number(own, 5)} with the margin of the check"
+    return said + (", grades chosen" if any(entry.grade is not None for entry in found.tolerances) else "")
 
 
 def _optima_words(found: Optimisation) -> str:
@@ -170,6 +340,10 @@ def _optima_words(found: Optimisation) -> str:
     if found.cost_closed_form is None:
         return "largest quantile over its limit, by the closed form that ranks them"
     return "cost, by the closed form that ranks them"
+
+
+def _list_design(design: dict[str, object], caption: str) -> tuple[Block, ...]:
+    return (design_listing(design, caption),)
 
 
 def design_listing(design: dict[str, object], caption: str) -> Listing:

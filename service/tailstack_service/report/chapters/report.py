@@ -12,7 +12,7 @@ from ..charts import draw_convergence, draw_distribution, draw_tolerances
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
 from ..records import Report
-from .layout import layout_blocks, load_inside
+from .layout import layout_blocks, load_inside, score_if_determined
 from .optimisation import (
     certificate_blocks,
     change_blocks,
@@ -30,8 +30,8 @@ from .score import (
     losses_listed,
     method_blocks,
 )
-from .tables import not_included, provenance_facts
-from .verification import sampling_blocks, verification_blocks
+from .tables import closing_sections, provenance_facts
+from .verification import sampling_blocks
 
 
 def report_document(report: Report, sha256: str) -> Document:
@@ -46,14 +46,15 @@ def report_document(report: Report, sha256: str) -> Document:
     if report.optimisation is not None:
         found = report.optimisation
         numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found)[:2])
-        blocks = (Paragraph(f"{optimised_sentence(found)} {numbers}."), *optimised_layout(found), *change_blocks(found))
+        scored = score_if_determined(found.design), score_if_determined(found.design_before)
+        said = Paragraph(f"{optimised_sentence(found)} {numbers}.")
+        blocks = (said, *optimised_layout(*scored), *change_blocks(found, *scored))
         sections.append(Section("The optimised design", blocks))
         check = estimates_table(found.certificate.verification, " of the new design")
         sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(found)), reader="auditor"))
     sections += [
         Section("Method and assumptions", method_chapter(report), reader="auditor"),
-        Section("What is not included", (not_included(report.provenance),), reader="auditor"),
-        Section("Reproduction", reproduction_blocks(report), reader="auditor"),
+        *closing_sections(report.provenance, *reproduction_blocks(report)),
         Section("The design", (design_listing(report.design, "The design document, as YAML"),), reader="auditor"),
     ]
     judged = report.verification or report.score
@@ -108,7 +109,7 @@ def error_chapter(report: Report) -> tuple[Block, ...]:
             )
         )
     if report.verification is not None:
-        blocks += [*verification_blocks(report.verification)[:1]]
+        blocks.append(estimates_table(report.verification))
     blocks.append(targets_table(report.score))
     return tuple(blocks)
 

@@ -2,31 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
+from operator import attrgetter
 
 from tailstack.results import ERRORS, Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
-from tailstack.results.digits import in_percent, signed_decimal
-from tailstack.results.score import source_name, targets_table, views_table
-from tailstack.results.verdicts import checks_table, findings_table, name_basis, requirements_table
+from tailstack.results.digits import decimal, in_percent, percent, signed_decimal
+from tailstack.results.score import budget_table, source_name, targets_table, views_table
+from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill
+from tailstack.results.verdicts import decisive_check, name_basis, requirements_table
 from tailstack.scoring import P95
 
-from ...rendering.sentences import losses_sentence, units_sentence
-from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
+from ...rendering.sentences import (
+    LOCATED,
+    decision_sentence,
+    ending_of,
+    losses_sentence,
+    margin_sentence,
+    sources_of,
+    trust_sentence,
+    units_sentence,
+    views_sentence,
+)
+from ..blocks import (
+    Block,
+    BlockGroup,
+    Bullets,
+    Document,
+    Facts,
+    Figure,
+    KeyNumber,
+    Listing,
+    Paragraph,
+    Section,
+    group,
+    say,
+    tone_of,
+)
 from ..charts import PHONE, Scaled, draw_scale, draw_shares, draw_without
 from ..headline import headline_of
 from ..records import Allowance, Headline
-from .tables import budget_with_slack, not_included, provenance_facts
+from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
 
 LISTED = 4  # tolerances in a sentence
+MOST_LOSSES, MOST_SLIPS = 3, 8  # without details
 AT_BOUND = 1e-6  # relative: a half-width that near its bound is at it
 DETAILED = 3  # targets whose budget has pictures and a table of its own, largest P95 first
 
 
-def score_document(score: Score, sha256: str) -> Document:
-    """A score by itself: no picture of the layout, which is not in its record."""
+def score_document(score: Score, sha256: str, target: str | None = None) -> Document:
+    """A score by itself: no picture of the layout, which is not in its record.
+
+    target: whose budget a terminal has; None: the one with the largest P95.
+    """
     headline = headline_of(score, None)
-    command = "tailstack score design.yaml --json"
+    chosen = score.worst_target if target is None else next(each for each in score.targets if each.name == target)
     return Document(
         kind="Estimated error",
         title=score.provenance.design_name,
@@ -39,17 +70,124 @@ def score_document(score: Score, sha256: str) -> Document:
         requirements=requirements_table(score.verdict),
         sections=(
             Section("Error and requirements", error_blocks(score)),
-            Section("Budget", budget_blocks(score)),
-            Section("Method and assumptions", method_blocks(score), reader="auditor"),
-            Section("What is not included", (not_included(score.provenance),), reader="auditor"),
-            Section(
-                "Reproduction",
-                (Listing(command), Paragraph("With the design of the hash named above.")),
-                reader="auditor",
+            Section("Budget", (group(*budget_blocks(score), on=PAPER), _chosen_budget(score, chosen))),
+            Section("In words", _sentences(score, chosen), on=TERMINAL),
+            Section("Slips of images", reliability_blocks(score)),
+            Section("How good the estimate is", _trust(score, chosen), on=TERMINAL),
+            Section("Method and assumptions", method_blocks(score), on=PAPER, reader="auditor"),
+            *closing_sections(
+                score.provenance,
+                Listing("tailstack score design.yaml --json"),
+                Paragraph("With the design of the hash named above."),
             ),
         ),
         provenance=provenance_facts(score.provenance, sha256, score.schema),
+        made=score.provenance,
+        question="Estimate of the error; `tailstack verify` checks it by simulation.",
+        method="first order",
+        opening=(decision_sentence(score.verdict) or headline.sentence, *_margin(score)),
+        findings=score.verdict.findings,
+        ending=ending_of(score.verdict),
     )
+
+
+def _margin(score: Score) -> tuple[str, ...]:
+    """What is left to the limit of the requirement that decides, and what brings most."""
+    decisive = decisive_check(score.verdict.checks)
+    if decisive is None:
+        return ()
+    found = next(entry for entry in score.targets if entry.name == decisive.target)
+    return (margin_sentence(decisive, sources_of(found, decisive.error), score.decimals),)
+
+
+def _chosen_budget(score: Score, target: TargetScore) -> BlockGroup:
+    """Where the error at one target comes from."""
+    count = len(score.targets)
+    others = f" (of {count} targets; --target NAME shows another)" if count > 1 else ""
+    return group(
+        Paragraph(
+            f", P95 {target.p95_mm:.{score.decimals}f} mm{others}",
+            f"Where the error at target {target.name} comes from",
+        ),
+        budget_table(target, score.decimals),
+        say("without a law, at their worst ends", ", ".join(target.worst_vertex)),
+        on=TERMINAL,
+    )
+
+
+def _sentences(score: Score, target: TargetScore) -> tuple[Block, ...]:
+    """What a terminal says below the budget of a target."""
+    decimals = score.decimals
+    losses = [losses_sentence(line, score.verdict.checks) for line in score.losses]
+    lost = "if fiducials are lost"
+    return (
+        group(Facts("Law", tuple(_law(target, decimals))), on=On.DETAIL),
+        say("unit by unit", units_sentence(target, decimals)),
+        say(lost, *losses[:MOST_LOSSES], on=On.PLAIN),
+        say(lost, *losses, on=On.DETAIL),
+    )
+
+
+def _trust(score: Score, target: TargetScore) -> tuple[Block, ...]:
+    """The second order, and how far first order can be trusted."""
+    validity = score.validity
+    return (
+        say("second order", *second_order(target, score.decimals)),
+        say("how good it is", f"{trust_sentence(validity)}.", on=On.PLAIN),
+        say("linearisation", f"{validity.status}. {validity.statement}", on=On.DETAIL),
+    )
+
+
+def _law(target: TargetScore, decimals: int) -> Iterator[tuple[str, str]]:
+    """The law that the quantile rests on, and what it would be under others."""
+    bounds = target.bounds_mm
+    yield (
+        "law",
+        f"{target.law}. The same mean and covariance allow a P95 of {bounds.gaussian:.{decimals}f} mm if Gaussian, "
+        f"at most {bounds.unimodal:.{decimals}f} mm for any symmetric unimodal law, {bounds.moments:.{decimals}f} mm "
+        "for any law.",
+    )
+    error = target.per_unit.yield_standard_error
+    if error is not None:
+        yield "per unit", f"standard error of the fraction of units {percent(error, 2)} %"
+    whole = bounds.gaussian
+    if whole and abs(target.block_diagonal_p95_mm / whole - 1) > 1e-4:
+        yield (
+            "for comparison",
+            f"as a Gaussian law, P95 would be {target.block_diagonal_p95_mm:.4f} mm with the covariance between views "
+            f"left out (Eq 16) and is {whole:.4f} mm with it.",
+        )
+
+
+def second_order(target: TargetScore, decimals: int) -> tuple[str, ...]:
+    """What the second order adds, where it was asked for."""
+    second = target.second_order
+    if second.status == "not requested":
+        return ()
+    found = "refused" if second.status == "refused" else f"P95 {decimal(second.p95_mm, decimals)} mm"
+    return (f"{found}. {second.reason}",)
+
+
+def reliability_blocks(score: Score) -> tuple[Block, ...]:
+    """The slips of images that do most before they are noticed."""
+    if not score.reliability:
+        return ()
+    columns = (
+        Column("Fiducial that slips", brief="fiducial\nthat slips", of=attrgetter("fiducial")),
+        Column("In view", brief="in view\n", of=attrgetter("view")),
+        Column("Noticed from", "px", "fixed", 2, brief="noticed\nfrom, px", of=attrgetter("slip_px")),
+        Column("Does up to", "mm", "fixed", score.decimals, brief="does up\nto, mm", of=attrgetter("effect_mm")),
+        Column("At target", brief="at target\n", of=attrgetter("target")),
+    )
+    rows = tuple(
+        fill(columns, item, on=EVERYWHERE if k < MOST_SLIPS else ~On.PLAIN) for k, item in enumerate(score.reliability)
+    )
+    said = (
+        "Noticed by a test of the residuals at a level of 0.1 %, in 80 % of cases; a smaller slip does up to as much, "
+        "unseen. - stands for a slip that never is noticed."
+    )
+    caption = "Slips of single images that do most before they are noticed"
+    return (group(Table("Reliability", caption, columns, rows), Paragraph(said)),)
 
 
 def key_numbers(headline: Headline, decimals: int) -> tuple[KeyNumber, ...]:
@@ -83,7 +221,8 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
     )  # fmt: skip
     size = f"Size of {ERRORS[headline.error]}, target {headline.target}"
     caption = f"{size}, by {name_basis(headline.basis)}: the bar is the interval."
-    return Figure("headline", draw_scale(shown, "headline"), caption, draw_scale(shown, "headline-narrow", PHONE))
+    narrow = partial(draw_scale, shown, "headline-narrow", PHONE)
+    return Figure("headline", partial(draw_scale, shown, "headline"), caption, narrow)
 
 
 def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> tuple[tuple[str, float], ...]:
@@ -96,16 +235,14 @@ def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate])
 
 
 def error_blocks(score: Score) -> tuple[Block, ...]:
-    blocks: list[Block] = [targets_table(score)]
-    if score.verdict.checks:
-        blocks.append(checks_table(score.verdict))
-    if score.verdict.findings:
-        blocks.append(findings_table(score.verdict.findings))
-    if score.views:
-        blocks.append(views_table(score.views))
-    if score.losses:
-        blocks.append(losses_listed(score))
-    return tuple(blocks)
+    views = (views_table(score.views),) if score.views else ()
+    return (
+        group(targets_table(score), group(Paragraph(LOCATED), on=On.PLAIN)),
+        group(*verdict_blocks(score.verdict), on=PAPER),
+        group(*views, on=IN_DETAIL),
+        say("fiducials in the images", views_sentence(score.views), on=On.PLAIN),
+        group(*((losses_listed(score),) if score.losses else ()), on=PAPER),
+    )
 
 
 def losses_listed(score: Score) -> Bullets:
@@ -132,14 +269,20 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
         blocks += [
             Figure(
                 f"waterfall{suffix}",
-                draw_shares(target.contributors, target.name, f"waterfall{suffix}"),
+                partial(draw_shares, target.contributors, target.name, f"waterfall{suffix}"),
                 f"Target {target.name}: share of the variance of each contributor, each bar beginning where the one "
                 "above ends.",
             ),
             Figure(
                 f"without{suffix}",
-                draw_without(
-                    target.contributors, target.name, target.p95_mm, limit, f"without{suffix}", score.decimals
+                partial(
+                    draw_without,
+                    target.contributors,
+                    target.name,
+                    target.p95_mm,
+                    limit,
+                    f"without{suffix}",
+                    score.decimals,
                 ),
                 f"Target {target.name}: the estimated P95 if one contributor were perfect and all others as they are.",
             ),
@@ -210,27 +353,26 @@ def allowance_name(entry: Allowance) -> str:
 
 def method_blocks(score: Score) -> tuple[Block, ...]:
     """How first order was computed, how far it holds, and what was assumed."""
-    worst, decimals = score.worst_target, score.decimals
-    gaussian, unimodal, moments = (
-        f"{bound:.{decimals}f} mm"
-        for bound in (worst.bounds_mm.gaussian, worst.bounds_mm.unimodal, worst.bounds_mm.moments)
+    worst, decimals, validity = score.worst_target, score.decimals, score.validity
+    told = (
+        *_law(worst, decimals),
+        ("unit by unit", units_sentence(worst, decimals)),
+        *(("second order", words) for words in second_order(worst, decimals)),
+        ("linearisation", f"{validity.status}. {validity.statement}."),
     )
-    sentences = [
-        f"Law: {worst.law}. With the same mean and covariance, P95 at {worst.name} is {gaussian} if Gaussian, at most "
-        f"{unimodal} for any symmetric unimodal law and {moments} for any law.",
-        f"Per unit: {units_sentence(worst, decimals)}",
-        f"Linearisation: {score.validity.status}. {score.validity.statement}.",
+    sentences = (
+        *(f"{word.capitalize()}: {sentence}" for word, sentence in told),
         "Sensitivities are evaluated at the biased geometry: known displacements are in the mean, tolerances and noise "
         "in the covariance. A tolerance is a half-width with the law named in the budget.",
         *score.provenance.notes,
-    ]
+    )
     return (
         Facts(
             "Method",
             (
                 ("First order", "implicit differentiation of resection, triangulation and the chain to the tool"),
-                ("Validity number", f"nu = {score.validity.nu:.3g}, {score.validity.status}"),
+                ("Validity number", f"nu = {validity.nu:.3g}, {validity.status}"),
             ),
         ),
-        Bullets(tuple(sentences)),
+        Bullets(sentences),
     )

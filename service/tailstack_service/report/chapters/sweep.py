@@ -1,44 +1,38 @@
-"""The chapters of a sweep."""
+"""The chapters of a sweep, and its rows as CSV for spreadsheets."""
 
 from __future__ import annotations
 
-from tailstack.results.sweep import Sweep, SweepAxis, points_table
+from collections.abc import Sequence
+from functools import partial
+
+from tailstack.results.sweep import Sweep, SweepPoint, SweepTarget, points_table
+from tailstack.results.tables import PAPER, TERMINAL
 
 from ...problems import RequestError
-from ..blocks import Block, Bullets, Document, Figure, KeyNumber, Listing, Paragraph, Section
-from ..charts import draw_sweep
-from .tables import not_included, provenance_facts
+from ...rendering.rows import csv_text, list_reasons, plain_text
+from ...rendering.tables import spell_count
+from ..blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
+from ..charts import draw_sweep, refuse_undrawable
+from .tables import closing_sections, provenance_facts
+
+Found = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
 
 
 def sweep_document(sweep: Sweep, sha256: str) -> Document:
     """Every point as a row; with one axis, P95 over it as a picture."""
-    decimals = sweep.decimals
-    found = [(target.p95_mm, point, target) for point in sweep.points for target in point.targets]
+    found = [(max(point.targets, key=lambda target: target.p95_mm), point) for point in sweep.points if point.targets]
     refused = [point for point in sweep.points if point.status == "refused"]
     numbers = [KeyNumber("Points", f"{len(sweep.points):,}", f"{len(refused)} refused")]
-    figures: tuple[Figure, ...] = ()
-    sentence = "No point could be evaluated."
     if found:
-        lowest, best, at = min(found, key=lambda entry: entry[0])
-        highest, worst, there = max(found, key=lambda entry: entry[0])
-        numbers.append(
-            KeyNumber("Smallest P95", f"{lowest:.{decimals}f} mm", f"{at.name}, {_place(sweep, best.values)}")
-        )
-        numbers.append(
-            KeyNumber("Largest P95", f"{highest:.{decimals}f} mm", f"{there.name}, {_place(sweep, worst.values)}")
-        )
-        evaluated = len(sweep.points) - len(refused)
-        over = f"all {evaluated:,} points" if not refused else f"{evaluated:,} of {len(sweep.points):,} points"
-        words = f"goes from {lowest:.{decimals}f} to {highest:.{decimals}f} mm over"
-        if f"{lowest:.{decimals}f}" == f"{highest:.{decimals}f}":
-            words = f"is {lowest:.{decimals}f} mm at"
-        sentence = f"P95 of the TCP error {words} {over}"
-        sentence += "." if not refused else f"; {len(refused):,} could not be evaluated and are not among them."
-        figures = _figure(sweep)
-    how = "by Monte Carlo" if sweep.check == "verification" else "by estimate"
-    blocks: list[Block] = [points_table(sweep)]
-    if refused:
-        blocks.append(Bullets(tuple(f"{_place(sweep, p.values)}: {p.reason}" for p in refused[:20])))
+        for label, (target, point) in zip(("Smallest P95", "Largest P95"), _find_ends(found), strict=True):
+            value = f"{target.p95_mm:.{sweep.decimals}f} mm"
+            numbers.append(KeyNumber(label, value, f"{target.name}, {_place(sweep, point.values)}"))
+    sentence, kept = _range_sentence(sweep, found), _kept_sentence(sweep)
+    scored = sweep.check == "score"
+    reasons = list_reasons([point.reason for point in sweep.points], MOST_REASONS, numbered=True)
+    each = "estimated" if scored else f"simulated with seed {sweep.seed}"
+    how = "by estimate" if scored else "by Monte Carlo"
+    listed = Bullets(tuple(f"{_place(sweep, point.values)}: {point.reason}" for point in refused[:20]))
     axes = ", ".join(f"{axis.called} ({len(axis.values)} values)" for axis in sweep.axes)
     return Document(
         kind="Sweep",
@@ -47,32 +41,84 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
         status="sweep",
         sentence=sentence,
         numbers=tuple(numbers),
-        matters=_matters(sweep),
-        figures=figures,
+        matters=(*kept, *_matters(sweep)),
+        figures=_figure(sweep) if found else (),
         sections=(
-            Section("Points", (Paragraph(f"Varied: {axes}; each point {how}."), *blocks)),
-            Section("Method and assumptions", _method(sweep), reader="auditor"),
-            Section("What is not included", (not_included(sweep.provenance),), reader="auditor"),
-            Section("Reproduction", (Listing(_command(sweep)), Paragraph(REPRODUCTION)), reader="auditor"),
+            Section(
+                "Points",
+                (
+                    group(Paragraph(f"Varied: {axes}; each point {how}."), on=PAPER),
+                    group(_axes(sweep), on=TERMINAL),
+                    points_table(sweep),
+                    say("refused", *reasons),
+                    group(*((listed,) if refused else ()), on=PAPER),
+                ),
+            ),
+            Section("Method and assumptions", (_method(sweep),), on=PAPER, reader="auditor"),
+            *closing_sections(sweep.provenance, Listing(_command(sweep)), Paragraph(REPRODUCTION)),
         ),
         provenance=provenance_facts(sweep.provenance, sha256, sweep.schema),
+        made=sweep.provenance,
+        question=f"Sweep of {spell_count(len(sweep.points), 'point')}, each {each}.",
+        method="first order" if scored else "Monte Carlo",
+        opening=(" ".join((sentence, *kept)),),
     )
 
 
+MOST_REASONS = 12
 REPRODUCTION = (
     "design.yaml is the design of the hash named on the first page; the record of a sweep does not hold it. The same "
     "version of tailstack gives the same digits."
 )
 
 
-def _matters(sweep: Sweep) -> tuple[str, ...]:
-    """How many designs pass, what the design as it stands has, what could not be evaluated."""
-    said = []
+def _axes(sweep: Sweep) -> Facts:
+    """What the letters of the table's columns stand for."""
+    pairs = []
+    for letter, axis in zip(sweep.letters, sweep.axes, strict=True):
+        now = "varies" if axis.base is None else f"{axis.base:g} {axis.unit}".strip()
+        pairs.append((letter, f"{axis.called}: {spell_count(len(axis.values), 'value')}; now {now}"))
+    return Facts("Axes", tuple(pairs))
+
+
+def _find_ends(found: Sequence[Found]) -> tuple[Found, Found]:
+    """The points with the least and the largest P95 at their worst targets."""
+    return min(found, key=lambda entry: entry[0].p95_mm), max(found, key=lambda entry: entry[0].p95_mm)
+
+
+def _range_sentence(sweep: Sweep, found: Sequence[Found]) -> str:
+    """Where the error is least and largest."""
+    if not found:
+        return "No point could be evaluated."
+    ends = _find_ends(found)
+    low, high = (f"{target.p95_mm:.{sweep.decimals}f} mm" for target, _ in ends)
+    at_low, at_high = (_place(sweep, point.values) for _, point in ends)
+    refused = len(sweep.points) - len(found)
+    over = f"{len(found):,} of {len(sweep.points):,} points" if refused else f"all {len(found):,} points"
+    error = "the error at the tool" + (
+        " at the worst target" if any(len(point.targets) > 1 for _, point in found) else ""
+    )
+    if len(sweep.points) == 1:
+        return f"P95 of {error} is {low}."
+    said = f"goes from {low} ({at_low}) to {high} ({at_high}) over {over}"
+    if low == high:
+        alike = len(found) > 1 and f"{ends[0][0].p95_mm:.4f}" == f"{ends[1][0].p95_mm:.4f}"
+        said = f"is {low} at {over}" + (": what is varied here does not matter" if alike else "")
+    more = f"; {refused:,} could not be evaluated and are not among them" if refused else ""
+    return f"P95 of {error} {said}{more}."
+
+
+def _kept_sentence(sweep: Sweep) -> tuple[str, ...]:
+    """How many designs pass; nothing where none is judged."""
     judged = [point for point in sweep.points if point.verdict not in (None, "no requirement")]
-    if judged:
-        passed = sum(point.verdict == "pass" for point in judged)
-        said.append(f"{passed:,} of {len(judged):,} points keep their requirements.")
-    as_it_is = [f"{_short(axis)} = {axis.base:g} {axis.unit}".strip() for axis in sweep.axes if axis.base is not None]
+    passed = sum(point.verdict == "pass" for point in judged)
+    return (f"{passed:,} of {len(judged):,} points keep their requirements.",) if judged else ()
+
+
+def _matters(sweep: Sweep) -> tuple[str, ...]:
+    """What the design as it stands has, what could not be evaluated."""
+    said = []
+    as_it_is = [f"{axis.short} = {axis.base:g} {axis.unit}".strip() for axis in sweep.axes if axis.base is not None]
     if as_it_is:
         said.append(f"The design as it stands has {', '.join(as_it_is)}.")
     refused = [point for point in sweep.points if point.status == "refused"]
@@ -82,7 +128,7 @@ def _matters(sweep: Sweep) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _method(sweep: Sweep) -> tuple[Block, ...]:
+def _method(sweep: Sweep) -> Bullets:
     if sweep.check == "score":
         how = "Each point is estimated, at the geometry that its own numbers give."
     elif sweep.trials is None:
@@ -92,7 +138,7 @@ def _method(sweep: Sweep) -> tuple[Block, ...]:
     else:
         how = f"Each point is checked by {sweep.trials:,} Monte Carlo trials of the full chain, seed {sweep.seed}."
     same = "" if sweep.check == "score" else " One seed serves all points, so that they differ by their designs alone."
-    return (Bullets((how + same, *sweep.provenance.notes)),)
+    return Bullets((how + same, *sweep.provenance.notes))
 
 
 def _command(sweep: Sweep) -> str:
@@ -105,19 +151,35 @@ def _command(sweep: Sweep) -> str:
 
 def _place(sweep: Sweep, values: tuple[float, ...]) -> str:
     return ", ".join(
-        f"{_short(axis)} = {value:g} {axis.unit}".strip() for axis, value in zip(sweep.axes, values, strict=True)
+        f"{axis.short} = {value:g} {axis.unit}".strip() for axis, value in zip(sweep.axes, values, strict=True)
     )
-
-
-def _short(axis: SweepAxis) -> str:
-    return axis.short
 
 
 def _figure(sweep: Sweep) -> tuple[Figure, ...]:
     """P95 over one axis or two, where a picture can show it."""
     try:
-        svg = draw_sweep(sweep, "curve")
+        refuse_undrawable([axis.values for axis in sweep.axes])
     except RequestError:
         return ()
     pointers = " and ".join(axis.called for axis in sweep.axes)
-    return (Figure("curve", svg, f"P95 of the TCP error over {pointers}."),)
+    return (Figure("curve", partial(draw_sweep, sweep, "curve"), f"P95 of the TCP error over {pointers}."),)
+
+
+def sweep_csv(sweep: Sweep) -> str:
+    """One line for each point and target; a refused point has one line without numbers."""
+    rows: list[list[object]] = []
+    for place, point in enumerate(sweep.points):
+        head = [place + 1, *point.values, point.status, point.verdict]
+        if not point.targets:
+            rows.append([*head, *[None] * 7, point.reason])
+        for target in point.targets:
+            interval = target.p95_interval_mm or (None, None)
+            rows.append([
+                *head, plain_text(target.name), target.p95_mm, *interval, target.mean_norm_mm, target.bias_norm_mm,
+                target.localisation_p95_mm, None,
+            ])  # fmt: skip
+    header = (
+        "point", *(axis.pointer for axis in sweep.axes), "status", "verdict", "target", "p95_mm", "p95_low_mm",
+        "p95_high_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "reason",
+    )  # fmt: skip
+    return csv_text(header, rows)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from tailstack.results import (
-    Provenance,
-    TargetScore,
-)
+from tailstack.results import Provenance, TargetScore, Verdict
 from tailstack.results.score import BudgetLine, budget_table
-from tailstack.results.tables import Cell, Column, On, Table
+from tailstack.results.tables import PAPER, Cell, Column, On, Table
+from tailstack.results.verdicts import checks_table, findings_table
 
-from ..blocks import Bullets, Facts
+from ..blocks import Block, Bullets, Facts, Section
 from ..records import Allowance
 
 SLACK_NOTE = (
@@ -66,5 +64,17 @@ def provenance_facts(provenance: Provenance, sha256: str, schema: str, which: st
     )
 
 
-def not_included(provenance: Provenance) -> Bullets:
-    return Bullets(provenance.not_included)
+def closing_sections(provenance: Provenance, *reproduction: Block) -> tuple[Section, ...]:
+    """What a report ends with: errors that no number in it includes, and how to have it again."""
+    return (
+        Section("What is not included", (Bullets(provenance.not_included),), on=PAPER, reader="auditor"),
+        Section("Reproduction", reproduction, on=PAPER, reader="auditor"),
+    )
+
+
+def verdict_blocks(verdict: Verdict) -> tuple[Block, ...]:
+    """Every requirement at every target, and remarks."""
+    return (
+        *((checks_table(verdict),) if verdict.checks else ()),
+        *((findings_table(verdict.findings),) if verdict.findings else ()),
+    )

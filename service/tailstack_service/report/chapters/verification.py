@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from tailstack.precision import MAX_TRIALS
 from tailstack.results import Verification
-from tailstack.results.digits import in_percent
-from tailstack.results.verdicts import checks_table, findings_table, requirements_table
+from tailstack.results.digits import in_percent, number, percent
+from tailstack.results.tables import IN_DETAIL, PAPER, On
+from tailstack.results.verdicts import requirements_table
 from tailstack.results.verification import estimates_table
 
-from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Section, tone_of
+from ...rendering.sentences import LOCATED, decision_sentence, ending_of
+from ..blocks import (
+    Block,
+    Bullets,
+    Document,
+    Facts,
+    Figure,
+    KeyNumber,
+    Listing,
+    Paragraph,
+    Section,
+    group,
+    say,
+    tone_of,
+)
 from ..charts import Scaled, draw_scale
 from ..headline import checked_headline
 from .score import headline_figure, key_numbers
-from .tables import not_included, provenance_facts
+from .tables import closing_sections, provenance_facts, verdict_blocks
 
 
 def verification_document(check: Verification, sha256: str) -> Document:
@@ -24,8 +41,8 @@ def verification_document(check: Verification, sha256: str) -> Document:
         limit = target.exceedance.limit_mm if target.exceedance else None
         others = (("mean", target.mean_norm_mm), ("CVaR95", target.cvar95_mm))
         shown = Scaled(target.name, target.p95_mm, target.p95_interval_mm, limit, others, decimals=decimals)
-        svg = draw_scale(shown, name)
-        figures.append(Figure(name, svg, f"Error at target {target.name}: the bar is the interval of P95."))
+        draw = partial(draw_scale, shown, name)
+        figures.append(Figure(name, draw, f"Error at target {target.name}: the bar is the interval of P95."))
     numbers = [
         *key_numbers(headline, decimals),
         KeyNumber("Trials", f"{check.trials:,}", f"seed {check.seed}"),
@@ -42,14 +59,51 @@ def verification_document(check: Verification, sha256: str) -> Document:
         figures=(headline_figure(headline, check.targets, decimals),),
         requirements=requirements_table(check.verdict),
         sections=(
-            Section("Error and requirements", (*verification_blocks(check), *figures)),
-            Section("Method", sampling_blocks(check), reader="auditor"),
-            Section("What is not included", (not_included(check.provenance),), reader="auditor"),
             Section(
-                "Reproduction", (Listing(f"tailstack verify design.yaml {drawn_by(check)} --json"),), reader="auditor"
+                "Error and requirements",
+                (
+                    group(estimates_table(check), group(Paragraph(LOCATED), on=On.PLAIN)),
+                    group(*verdict_blocks(check.verdict), *figures, on=PAPER),
+                    group(say("how sure", _precision_sentence(check)), say("in the images", _images_sentence(check))),
+                ),
             ),
+            Section("Method", sampling_blocks(check), on=IN_DETAIL, reader="auditor"),
+            *closing_sections(check.provenance, Listing(f"tailstack verify design.yaml {drawn_by(check)} --json")),
         ),
         provenance=provenance_facts(check.provenance, sha256, check.schema),
+        made=check.provenance,
+        question=f"Monte Carlo simulation of {check.trials:,} shots, each with its own installation and image noise.",
+        method=check.method,
+        opening=(decision_sentence(check.verdict) or headline.sentence,),
+        findings=check.verdict.findings,
+        ending=ending_of(check.verdict),
+    )
+
+
+def _precision_sentence(check: Verification) -> str:
+    """How precise the simulation is, the worst that it met, and how far the estimate of a score is from it."""
+    reached, wanted = check.precision_reached, check.precision_requested
+    worst = max((target.worst_mm for target in check.targets), default=0.0)
+    precise = f"P95 is known to ± {percent(reached, 2)} %"
+    if wanted is not None and reached > wanted:
+        precise += (
+            f", not to the ± {percent(wanted, 2)} % that was wanted: {check.max_trials or 0:,} shots were the "
+            "most allowed (--max-trials allows more)"
+        )
+    gap = check.first_order_ratio - 1
+    side = "below" if gap < 0 else "above"
+    estimate = "`tailstack score`" if check.losses is None else "such shots, with and without fiducials missed,"
+    return (
+        f"{precise}; the largest error of all shots is {worst:.{check.decimals}f} mm. The estimate of {estimate} "
+        f"is {percent(abs(gap), 1)} % {side} this P95. The same seed ({check.seed}) gives the same digits."
+    )
+
+
+def _images_sentence(check: Verification) -> str:
+    shots = check.reprojection
+    return (
+        f"what is left at the fiducials after each view is fitted, to compare with real images: mean "
+        f"{number(shots.mean_px, 3)} px, P95 {number(shots.p95_px, 3)} px."
     )
 
 
@@ -64,15 +118,6 @@ def drawn_by(check: Verification) -> str:
         most = "" if check.max_trials in (None, MAX_TRIALS) else f" --max-trials {check.max_trials}"
         return f"--precision {check.precision_requested:g} --seed {check.seed}{most}"
     return f"--trials {check.trials} --seed {check.seed}"
-
-
-def verification_blocks(check: Verification) -> tuple[Block, ...]:
-    blocks: list[Block] = [estimates_table(check)]
-    if check.verdict.checks:
-        blocks.append(checks_table(check.verdict))
-    if check.verdict.findings:
-        blocks.append(findings_table(check.verdict.findings))
-    return tuple(blocks)
 
 
 def sampling_blocks(check: Verification) -> tuple[Block, ...]:
@@ -93,14 +138,14 @@ def sampling_blocks(check: Verification) -> tuple[Block, ...]:
             ("Precision reached", f"{in_percent(check.precision_reached, 2)} of P95"),
             ("Trials redone", f"{flagged:,}"),
             *losses,
+            ("Ending", check.stopping),
             ("Reprojection error", f"mean {shots.mean_px:.3g} px, P95 {shots.p95_px:.3g} px, {shots.trials:,} trials"),
         ),
     )
     sentences = (
-        f"Ending: {check.stopping}",
         "Each trial draws every tolerance and every image noise, runs the estimator itself (resection, triangulation, "
         "chain to the tool) and measures the error; nothing is linearised.",
         "Intervals are order-statistic intervals that assume no law; looks at the running sample are corrected for.",
         *check.provenance.notes,
     )
-    return (facts, Bullets(sentences))
+    return (facts, group(Bullets(sentences), on=PAPER))

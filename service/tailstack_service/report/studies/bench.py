@@ -15,7 +15,7 @@ from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Cel
 from tailstack.results.verdicts import findings_table
 from tailstack.studies.bench.compare import StudyComparison, write_interval
 from tailstack.studies.bench.explain import Explanation
-from tailstack.studies.bench.levels import ComparisonTest, LevelCompared, QuantilePoint
+from tailstack.studies.bench.levels import LevelCompared
 
 from ...rendering.sentences import trust_sentence
 from ...rendering.tables import visible
@@ -163,55 +163,52 @@ def axes_table(study: StudyComparison) -> Table:
     return tabulate("Axes", caption, columns, [_AxisOf(level, axis) for level in known for axis in range(3)])
 
 
-class _TestOf(NamedTuple):
-    """A test of a level."""
+class _PartOf(NamedTuple):
+    """A test of a level, or a quantile."""
 
     level: LevelCompared
-    test: ComparisonTest
+    part: Any
+
+
+_LEVEL_OF_PART = (
+    Column("Level", of=lambda row: row.level.level),
+    Column("Target", of=lambda row: row.level.target),
+)
 
 
 def tests_table(levels: Sequence[LevelCompared]) -> Table:
     """Every test, by itself and all of them together."""
     columns = (
-        Column("Level", of=lambda row: row.level.level),
-        Column("Target", of=lambda row: row.level.target),
-        Column("Test", of=lambda row: row.test.test),
-        Column("p", kind="significant", digits=2, of=lambda row: row.test.p_value),
+        *_LEVEL_OF_PART,
+        Column("Test", of=lambda row: row.part.test),
+        Column("p", kind="significant", digits=2, of=lambda row: row.part.p_value),
         Column("p, all tests together", kind="significant", digits=2, brief="p, all tests\ntogether",
-               of=lambda row: row.test.p_adjusted),
-        Column("Differs", of=lambda row: "yes" if row.test.differs else "no"),
+               of=lambda row: row.part.p_adjusted),
+        Column("Differs", of=lambda row: "yes" if row.part.differs else "no"),
     )  # fmt: skip
-    rows = [_TestOf(level, test) for level in levels for test in level.tests]
+    rows = [_PartOf(level, test) for level in levels for test in level.tests]
     return tabulate("Tests", "Every test, by itself and all of them together", columns, rows)
-
-
-class _PointOf(NamedTuple):
-    """A quantile of a level."""
-
-    level: LevelCompared
-    point: QuantilePoint
 
 
 def tails_table(levels: Sequence[LevelCompared]) -> Table:
     """Ordered errors against the same places in simulated benches; a page has the largest of the first levels."""
     columns = (
-        Column("Level", of=lambda row: row.level.level),
-        Column("Target", of=lambda row: row.level.target),
-        Column("Quantile", "%", "percent", 1, brief="quantile\n%", of=lambda row: row.point.probability),
-        Column("Measured", "mm", "significant", 4, of=lambda row: row.point.measured_mm),
-        Column("Predicted", "mm", "significant", 4, of=lambda row: row.point.predicted_mm),
+        *_LEVEL_OF_PART,
+        Column("Quantile", "%", "percent", 1, brief="quantile\n%", of=lambda row: row.part.probability),
+        Column("Measured", "mm", "significant", 4, of=lambda row: row.part.measured_mm),
+        Column("Predicted", "mm", "significant", 4, of=lambda row: row.part.predicted_mm),
         Column(
-            "Benches from", "mm", "significant", 4, brief="benches\nfrom, mm", of=lambda row: row.point.envelope_mm[0]
+            "Benches from", "mm", "significant", 4, brief="benches\nfrom, mm", of=lambda row: row.part.envelope_mm[0]
         ),
-        Column("Benches to", "mm", "significant", 4, brief="to\nmm", of=lambda row: row.point.envelope_mm[1]),
-        Column("Remark", brief="", of=lambda row: "outside" if row.point.outside else ""),
+        Column("Benches to", "mm", "significant", 4, brief="to\nmm", of=lambda row: row.part.envelope_mm[1]),
+        Column("Remark", brief="", of=lambda row: "outside" if row.part.outside else ""),
     )
     with_tail = [level for level in levels if level.quantiles]
     rows = []
     for place, level in enumerate(with_tail):
         large = len(level.quantiles) - TAIL_ROWS if place < MOST_TAILS else len(level.quantiles)
         for k, point in enumerate(level.quantiles):
-            rows.append(fill(columns, _PointOf(level, point), on=EVERYWHERE if k >= large else On.SHEET))
+            rows.append(fill(columns, _PartOf(level, point), on=EVERYWHERE if k >= large else On.SHEET))
     more = f" ({len(with_tail) - MOST_TAILS} more with --json)" if len(with_tail) > MOST_TAILS else ""
     caption = (
         f"Largest errors against the same places in simulated benches (95 % of them){more}; neighbours move together, "

@@ -120,6 +120,7 @@ def paper_document(study: StudyPaper, sha256: str) -> Document:
             ),
         ),
         question="The paper's tables as printed and as simulated.",
+        captions=True,
     )
 
 

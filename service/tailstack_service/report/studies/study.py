@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from tailstack.results import Provenance
-from tailstack.results.tables import IN_DETAIL, PAPER
+from tailstack.results.tables import IN_DETAIL
 
 from ..blocks import Block, Bullets, Document, Figure, KeyNumber, Listing, Paragraph, Section, Tone
-from ..chapters.tables import not_included, provenance_facts
+from ..chapters.tables import closing_sections, provenance_facts
 
 MOST_ROWS = 400  # of a page
 REPRODUCTION = (
@@ -43,12 +43,12 @@ def compose_study(
             Section("In words", (Bullets(tuple(sentences)),)),
             *sections,
             Section("Method and assumptions", tuple(about), on=IN_DETAIL, reader="auditor"),
-            Section("What is not included", (not_included(made),), on=PAPER, reader="auditor"),
-            Section("Reproduction", (Listing(command), Paragraph(REPRODUCTION)), on=PAPER, reader="auditor"),
+            *closing_sections(made, Listing(command), Paragraph(REPRODUCTION)),
         ),
         provenance=provenance_facts(made, sha256, study.schema),
         made=made,
         question=question,
         method=method,
         ending=ending,
+        captions=True,
     )

@@ -1,9 +1,9 @@
 """Balls in a STEP file (AP203, AP214, AP242): where each is in the assembly, how large it is, and what is none.
 
 A ball is a solid whose only shell has spherical faces about one centre, with one radius, that cover the sphere: every
-edge is used once in each direction.  Everything else with a spherical face is left, and the reason is said.  Placements
-of instances (NEXT_ASSEMBLY_USAGE_OCCURRENCE, MAPPED_ITEM) and units are those of the file; nothing is assumed where
-the file says nothing.
+edge is used once in each direction.  A circle that is turned about its diameter is a sphere, too.  Everything else with
+a spherical face is left, and the reason is said.  Placements of instances (NEXT_ASSEMBLY_USAGE_OCCURRENCE, MAPPED_ITEM)
+and units are those of the file; nothing is assumed where the file says nothing.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .part21 import Part21, decode_text
 from .shapes import invert, unit_vector
 
 TOLERANCE_MM = 0.01  # about a diameter that is asked for without one
-FREE_FORM = "its faces are free-form surfaces (NURBS), of which no sphere is known"
+FREE_FORM = "its faces are free-form (NURBS) or revolved surfaces, of which no sphere is known"
 MOST_LISTED = 500  # bodies that were left
 SAME_PLACE_MM = 1e-3
 

@@ -13,6 +13,8 @@ from ...arrays import Array
 from .part21 import Instance, Part21, Reference
 
 MOST_BALL_FACES = 100
+# Keywords of surfaces as which a sphere may be exported that is not told as one; rational B-splines have several
+_FREE = ("B_SPLINE_SURFACE", "SURFACE_OF_REVOLUTION")
 ON_SPHERE = 5e-3  # of the radius: how far a ball's own vertices may be from it
 
 
@@ -41,7 +43,7 @@ class Shapes:
         self._free_form: set[int] = set()
 
     def is_free_form(self, number: int) -> bool:
-        """Whether a solid has free-form faces only, as a sphere has that was exported as NURBS."""
+        """Whether all faces of a solid are free-form or revolved, as a sphere may be exported, and on no sphere."""
         self.spheres(number)
         return number in self._free_form
 
@@ -99,31 +101,54 @@ class Shapes:
         spheres: list[SphericalSurface] = []
         for shell, flaw in self._shells(solid):
             faces = self._faces(shell)
-            # of the surfaces of STEP only rational B-splines are of several types
-            if faces and all(not face.surface or face.surface.startswith("B_SPLINE_SURFACE") for face in faces):
-                self._free_form.add(solid.number)
+            others: list[_Face] = []
             groups: dict[tuple[float, ...], tuple[Array, float, list[_Face]]] = {}
             for face in faces:
-                if face.surface != "SPHERICAL_SURFACE":
+                sphere = self._sphere_of(face)
+                if sphere is None:
+                    others.append(face)
                     continue
-                _, place, radius = self.file.values(face.geometry, face.surface, 3, face.number)
-                centre, size = self.placement(place, face.geometry)[:3, 3], self.file.number(radius, face.geometry)
-                if size <= 0:
-                    detail = f"the radius of a sphere is positive; #{face.geometry} has {size:g}"
-                    raise self.file.refuse(face.geometry, "out-of-range", detail)
-                groups.setdefault((*np.round(centre, 6), round(size, 6)), (centre, size, []))[2].append(face)
+                groups.setdefault((*np.round(sphere[0], 6), round(sphere[1], 6)), (*sphere, []))[2].append(face)
+            if faces and all(face.surface.startswith(_FREE) or not face.surface for face in others) and not groups:
+                self._free_form.add(solid.number)
             for centre, size, own in groups.values():
-                reason = self._describe_flaw(centre, faces, own) or flaw or self._find_gap(centre, size, own)
+                reason = self._describe_flaw(centre, faces, own, others) or flaw or self._find_gap(centre, size, own)
                 spheres.append(SphericalSurface(centre, size, reason))
         return spheres
 
-    def _describe_flaw(self, centre: Array, faces: list[_Face], own: list[_Face]) -> str:
+    def _sphere_of(self, face: _Face) -> tuple[Array, float] | None:
+        """Centre and radius of the sphere on which a face lies: a stated one, or a circle turned about a diameter."""
+        file, geometry = self.file, face.geometry
+        if face.surface not in ("SPHERICAL_SURFACE", "SURFACE_OF_REVOLUTION"):
+            return None
+        _, place, last = file.values(geometry, face.surface, 3, face.number)
+        if face.surface == "SPHERICAL_SURFACE":
+            centre, size = self.placement(place, geometry)[:3, 3], file.number(last, geometry)
+        else:
+            curve = reference_of(file, place, geometry)
+            if file.keyword_of(curve, geometry) == "TRIMMED_CURVE":
+                curve = reference_of(file, file.values(curve, "TRIMMED_CURVE", 6, geometry)[1], curve)
+            if file.keyword_of(curve, geometry) != "CIRCLE":
+                return None
+            _, plane, radius = file.values(curve, "CIRCLE", 3, geometry)
+            frame, size = self.placement(plane, curve), file.number(radius, curve)
+            _, at, along = file.values(last, "AXIS1_PLACEMENT", 3, geometry)
+            axis = np.eye(4)
+            axis[:3, 2], axis[:3, 3] = self._direction(along, (0.0, 0.0, 1.0), last), self.point(at, last)
+            centre = frame[:3, 3]
+            if abs(float(frame[:3, 2] @ axis[:3, 2])) > 1e-6 or not is_on_axis(axis, centre, axis[:3, 2]):
+                return None
+        if size <= 0:
+            raise file.refuse(geometry, "out-of-range", f"the radius of a sphere is positive; #{geometry} has {size:g}")
+        return centre, size
+
+    def _describe_flaw(self, centre: Array, faces: list[_Face], own: list[_Face], others: list[_Face]) -> str:
         """What else the shell with a sphere consists of, in words; empty: nothing else."""
         if len(own) == len(faces):
             return ""
-        if not any(face.outward for face in own):
+        # which side of a revolved circle is outside hangs on how its edges run: only of a stated sphere it is known
+        if all(face.surface == "SPHERICAL_SURFACE" and not face.outward for face in own):
             return "it is a spherical pocket, such as a seat of a ball"
-        others = [face for face in faces if face.surface != "SPHERICAL_SURFACE"]
         kinds = Counter(face.surface for face in others)
         if not others:
             return "the body is made of several spheres"

@@ -314,6 +314,8 @@ class MeasurementTable:
         values = tuple(scale * self._number(cells, line, axis) for axis in AXES[self.form])
         labels = {name: cells[self.columns[name]] for name in LABELS[self.form] if name in self.columns}
         for label, said in labels.items():
+            if label in ("trial", "installation"):
+                self.text.refuse_summary(said, line, f"one more {label}")
             if not said or len(said) > 120 or not said.isprintable():
                 detail = f"{label} is a name of at most 120 printable characters; got {shown(said)}"
                 raise refusal(self.name, line, "wrong-type", detail, column=label)
