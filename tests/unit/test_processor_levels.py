@@ -53,6 +53,7 @@ def numbers(**variables: str) -> tuple[str, dict[str, Any], dict[str, list[float
     return name, sampled, first_order
 
 
+@pytest.mark.long
 @pytest.mark.skipif("avx512f" not in processor.features_here(), reason="this processor has no wider kernels to compare")
 def test_the_digits_of_a_seed_are_those_of_a_processor_without_avx512() -> None:
     wide, narrow = numbers(), numbers(NUMBA_CPU_NAME="x86-64-v3", NUMBA_CPU_FEATURES="")
