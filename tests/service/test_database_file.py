@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import sqlite3
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,9 +13,13 @@ from pathlib import Path
 import httpx
 import psutil
 import pytest
+import sqlalchemy as sa
 from served import Served, served
 from service_scenes import small_design
 
+from tailstack_service.jobs.store.database import Database, reading, writing
+from tailstack_service.jobs.store.errors import StoreError
+from tailstack_service.jobs.store.schema import open_database
 from waiting import LIMIT_SECONDS, until
 
 BODY = {"design": small_design(), "trials": 1000}
@@ -137,6 +142,33 @@ def test_nothing_is_written_without_the_log_of_the_file(client: httpx.Client, di
         refuse(client, "store-error", path)
     until(lambda: ready(client) == 200)
     assert count(client) == before + 1
+
+
+def test_no_connection_is_opened_beside_another_log_and_used_once_the_log_is_back(
+    migrated_file: Path, tmp_path: Path
+) -> None:
+    path = Path(shutil.copy(migrated_file, tmp_path / "jobs.sqlite3"))
+    db = open_database(f"sqlite:///{path}")
+    with writing(db) as connection:
+        connection.exec_driver_sql("CREATE TABLE kept (x)")
+    with reading(db) as connection:  # the log is copied into the file, and none of it is needed for reading any more
+        connection.exec_driver_sql("COMMIT")
+        connection.exec_driver_sql("PRAGMA wal_checkpoint(FULL)")
+        connection.exec_driver_sql("BEGIN")
+        with without(path.with_name(path.name + "-wal")), pytest.raises(StoreError, match="is another file"):
+            count_kept(db)  # the connection of the pool is in use: this one opens another
+        assert count_kept(db) == 0
+    with writing(db) as connection:
+        connection.exec_driver_sql("INSERT INTO kept VALUES (1)")
+    assert count_kept(db) == 1
+    db.close()
+    with sqlite3.connect(path) as checked:
+        assert checked.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+
+
+def count_kept(db: Database) -> int:
+    with reading(db) as connection:
+        return connection.execute(sa.text("SELECT count(*) FROM kept")).scalar_one()
 
 
 @pytest.mark.long

@@ -220,8 +220,8 @@ def connect(url: str, *, create: bool = False, clock: Clock = SYSTEM_CLOCK, read
     if parsed.get_backend_name() == "sqlite":
         path = Path(str(parsed.database))
         _require_file(path, create)
-        mode = find_reading_mode(path) if read_only else "mode=rw"
-        return Database(_make_sqlite_engine(parsed, mode), "sqlite", clock, Lock(), DatabaseFile(path))
+        mode, file = find_reading_mode(path) if read_only else "mode=rw", DatabaseFile(path)
+        return Database(_make_sqlite_engine(parsed, mode, file), "sqlite", clock, Lock(), file)
     with name_missing_extra():
         engine = _make_postgresql_engine(parsed, read_only=read_only)
     return Database(engine, "postgresql", clock)
@@ -261,7 +261,7 @@ def find_reading_mode(path: Path) -> str:
     return "mode=ro"
 
 
-def _make_sqlite_engine(url: URL, mode: str) -> Engine:
+def _make_sqlite_engine(url: URL, mode: str, file: DatabaseFile) -> Engine:
     engine = sa.create_engine(
         url, connect_args={"timeout": BUSY_SECONDS}, pool_size=8, max_overflow=64, pool_timeout=BUSY_SECONDS
     )
@@ -277,6 +277,13 @@ def _make_sqlite_engine(url: URL, mode: str) -> Engine:
         writes = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "journal_size_limit=67108864")
         for pragma in writes if mode == "mode=rw" else ("query_only=ON",):
             connection.execute(f"PRAGMA {pragma}").close()
+        try:
+            # SQLite makes a log where there is none.  Used once the right one is back, a connection that has such a log
+            # open reads what is not there, and writes what makes the file malformed for all others
+            file.require_same(and_log=mode == "mode=rw")
+        except StoreError:
+            connection.close()
+            raise
 
     @sa.event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
