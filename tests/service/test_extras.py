@@ -135,9 +135,7 @@ def test_the_core_alone_answers_as_the_whole_installation_does(
     assert alone == whole
 
 
-def run_all(
-    commands: tuple[tuple[str, ...], ...], without: tuple[str, ...], folder: Path
-) -> list[tuple[int, str]]:
+def run_all(commands: tuple[tuple[str, ...], ...], without: tuple[str, ...], folder: Path) -> list[tuple[int, str]]:
     """Code and output of each, in one Python that does not have these modules."""
     code = f"""
 import contextlib, io, json, sys
