@@ -374,7 +374,12 @@ def _open_table(
     contents_of = [split(*each) for each in data[:PREVIEW] if not _goes_on(each[1])] or [split(*data[0])]
     above = [(number, text) for number, text in texts if text.lstrip().startswith("#")]
     counts = Rows()
-    header, titles = find_header(contents_of, above, split, knows_header)
+    marked = [each for each in above if each[0] < contents_of[0].number]
+    known = knows_header is not None and any(knows_header(line.cells) for line in contents_of)
+    if not known and marked and (header := _read_marked(split, *marked[-1], contents_of[0])):
+        titles: list[TextLine] = []
+    else:
+        header, titles = find_header(contents_of, knows_header)
     for number, text in data:
         if number < header.number and _goes_on(text):
             split(number, text)  # which refuses it
@@ -439,25 +444,24 @@ def _find_delimiter(texts: Sequence[str]) -> str:
     return next((mark for mark in DELIMITERS if mark in bare[0]), ",")
 
 
+def _read_marked(split: Callable[[int, str], TextLine], number: int, text: str, first: TextLine) -> TextLine | None:
+    """The header in a remark above the first row, where numpy.savetxt puts it."""
+    if not any(map(looks_like_number, first.cells)):
+        return None
+    cells = text.lstrip()
+    line = split(number, cells if re.match(r"#\s*[\t;,]", cells) else cells.lstrip("#").lstrip())
+    named = len(line.cells) == len(first.cells) and not any(map(looks_like_number, line.cells)) and all(line.cells)
+    return TextLine(number, text, line.cells) if named else None
+
+
 def find_header(
-    contents: list[TextLine],
-    above: Sequence[tuple[int, str]] = (),
-    split: Callable[[int, str], TextLine] | None = None,
-    knows_header: Callable[[Sequence[str]], bool] | None = None,
+    contents: list[TextLine], knows_header: Callable[[Sequence[str]], bool] | None = None
 ) -> tuple[TextLine, list[TextLine]]:
-    """The header, and the titles above it.  ``above``: remarks, one of which may be the header; ``split`` parts it."""
+    """The header, and the titles above it."""
     if knows_header is not None:
         at = next((k for k, line in enumerate(contents) if knows_header(line.cells)), None)
         if at is not None:
             return contents[at], contents[:at]
-    first = contents[0]
-    marked = [each for each in above if each[0] < first.number]
-    if split and marked and any(map(looks_like_number, first.cells)):  # numpy.savetxt puts its header into a remark
-        number, text = marked[-1]
-        cells = text.lstrip()
-        line = split(number, cells if re.match(r"#\s*[\t;,]", cells) else cells.lstrip("#").lstrip())
-        if len(line.cells) == len(first.cells) and not any(map(looks_like_number, line.cells)) and all(line.cells):
-            return TextLine(number, text, line.cells), []
     at = 0
     while (
         at + 1 < len(contents)

@@ -65,15 +65,15 @@ def _measure(call: Call) -> Spacing:
 
 
 def _document(record: Spacing, sha256: str) -> Any:
-    from ..report.blocks import Document, KeyNumber, Paragraph, Section
-    from ..report.chapters.tables import not_included, provenance_facts
+    from ..report.blocks import Document, KeyNumber, Paragraph
+    from ..report.chapters.tables import closing_sections, provenance_facts
 
     closest = f"{record.distances_mm[0]:.3f} mm"
     return Document(
         kind="Spacing", title=record.provenance.design_name, tone="neutral", status="spacing",
         sentence=f"The closest two fiducials are {closest} apart.", numbers=(KeyNumber("Closest", closest),),
         matters=(), figures=(), requirements=None,
-        sections=(Section("What is not included", (not_included(record.provenance), Paragraph("Nothing else."))),),
+        sections=closing_sections(record.provenance, Paragraph("Nothing else.")),
         provenance=provenance_facts(record.provenance, sha256, record.schema),
     )
 

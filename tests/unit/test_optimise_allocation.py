@@ -7,7 +7,6 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from math import exp, sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from tailstack import InfeasibleError
 from tailstack.optimisation import allocation
 from tailstack.optimisation.allocation import (
     allocate,
-    allocate_by_trace,
     frobenius_constant,
     frobenius_excess,
     gaussian_bracket,
@@ -30,16 +28,12 @@ CASE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "convex_allo
 NOISE, GAINS, COST = (np.array(CASE[key]) for key in ("Sigma_noise", "G_rows", "cost_coeff"))
 PRICES = [reciprocal(weight) for weight in COST]
 UNIFORM = np.full(COST.size, 1 / sqrt(3))
-BOUNDS: list[Any] = ["fro", "trace", "lmax"]
-ONE, THREE = 3.841458820694124, 7.814727903251179  # 95 % points of chi-square with 1 and 3 degrees of freedom
+ONE = 3.841458820694124  # 95 % point of chi-square with one degree of freedom
 
 
-def bound_squared(covariance, bound):
-    """The three bounds of P95 squared, as the oracle states them."""
-    if bound == "lmax":
-        return THREE * np.linalg.eigvalsh(covariance)[-1]
-    trace = np.trace(covariance)
-    return ONE * trace if bound == "trace" else trace + (ONE - 1) * np.sqrt((covariance**2).sum())
+def bound_squared(covariance):
+    """The bound of P95 squared, as the oracle states it."""
+    return np.trace(covariance) + (ONE - 1) * np.sqrt((covariance**2).sum())
 
 
 def random_problem(rng, k, targets, curves=("power", "exponential")):
@@ -69,61 +63,50 @@ def cost(prices, half_width):
 
 
 @pytest.mark.parametrize("limit", CASE["results"])
-@pytest.mark.parametrize("bound", BOUNDS)
-def test_oracle_costs(limit, bound):
+def test_oracle_costs(limit):
     """oracle: cvxpy, IPOPT and closed form."""
     expected = CASE["results"][limit]
-    found = allocate(NOISE, GAINS, PRICES, UNIFORM, float(limit), lower=0, upper=np.inf, bound=bound)
-    assert found.cost == pytest.approx(expected[f"{bound}_cost"], rel=CASE["tol_rel_cost"])
+    found = allocate(NOISE, GAINS, PRICES, UNIFORM, float(limit), lower=0, upper=np.inf)
+    assert found.cost == pytest.approx(expected["fro_cost"], rel=CASE["tol_rel_cost"])
     assert found.gap < 1e-8
-    if bound == "trace":
-        half_width, closed = allocate_by_trace(NOISE, GAINS, COST, UNIFORM, float(limit))
-        assert half_width == pytest.approx(expected["trace_tau_closed"], rel=1e-9)
-        assert closed == pytest.approx(expected["trace_cost_closed"], rel=1e-9)
-        assert found.half_width == pytest.approx(half_width, rel=1e-5)
-    if bound == "fro":
-        covariance = NOISE + (GAINS.T * found.half_width**2 / 3) @ GAINS
-        assert norm_quantile(0.95, np.zeros(3), covariance) == pytest.approx(expected["P95_gauss_at_fro"], rel=1e-5)
-        assert found.half_width == pytest.approx(expected["fro_tau_rad"], rel=1e-3)
+    covariance = NOISE + (GAINS.T * found.half_width**2 / 3) @ GAINS
+    assert norm_quantile(0.95, np.zeros(3), covariance) == pytest.approx(expected["P95_gauss_at_fro"], rel=1e-5)
+    assert found.half_width == pytest.approx(expected["fro_tau_rad"], rel=1e-3)
 
 
 @pytest.mark.parametrize("p", [0.5, 0.8, 0.9, 0.95, 0.99, 0.999])
 def test_bounds_over_spectra(p):
-    """independent: over a grid of spectra each bound is at least the exact square, fro by at most its excess."""
+    """independent: over a grid of spectra the bound is at least the exact square, and by at most its excess."""
     spectra = [np.array([1.0, a, b]) for a in np.linspace(0, 1, 13) for b in np.linspace(0, a, 7)]
     exact = np.array([norm_quantile(p, np.zeros(3), np.diag(s)) for s in spectra]) ** 2
     covariances = np.array([np.diag(s) for s in spectra])
-    for bound in BOUNDS:
-        assert (squared_bound(covariances, p, bound) / exact).min() > 1 - 1e-9
-    assert (squared_bound(covariances, p, "fro") / exact).max() <= frobenius_excess(p)
+    ratios = squared_bound(covariances, p) / exact
+    assert ratios.min() > 1 - 1e-9
+    assert ratios.max() <= frobenius_excess(p)
     if p == 0.95:
-        assert (squared_bound(covariances, p, "fro") / exact).max() > 1.018  # the excess is not larger than it must be
+        assert ratios.max() > 1.018  # the excess is not larger than it must be
 
 
 def test_constants_of_p95():
     """published: chi-square tables; and the plain constant q_1 - 1 is too small at p = 0.9, so it is not used there."""
     assert frobenius_constant(0.95) == pytest.approx(ONE - 1, rel=1e-12)
-    assert squared_bound(np.eye(3)[None], 0.95, "lmax")[0] == pytest.approx(THREE, rel=1e-12)
-    assert squared_bound(np.eye(3)[None], 0.95, "trace")[0] == pytest.approx(3 * ONE, rel=1e-12)
     assert 3 + (chi2.ppf(0.9, 1) - 1) * sqrt(3) < 0.96 * chi2.ppf(0.9, 3)
-    assert squared_bound(np.eye(3)[None], 0.9, "fro")[0] == pytest.approx(chi2.ppf(0.9, 3), rel=1e-12)
+    assert squared_bound(np.eye(3)[None], 0.9)[0] == pytest.approx(chi2.ppf(0.9, 3), rel=1e-12)
 
 
-@pytest.mark.parametrize("bound", BOUNDS)
 @pytest.mark.parametrize("p", [0.8, 0.95, 0.999])
-def test_exact_quantile_is_within_every_limit(bound, p):
+def test_exact_quantile_is_within_every_limit(p):
     """independent: the exact Gaussian law at the allocation, several targets, all curves."""
     rng = np.random.default_rng(3)
     for _ in range(3):
         noise, gains, prices, per, limits, lower, upper = random_problem(rng, 6, 3)
-        found = allocate(noise, gains, prices, per, 1.5 * limits, lower=lower, upper=upper, p=p, bound=bound)
+        found = allocate(noise, gains, prices, per, 1.5 * limits, lower=lower, upper=upper, p=p)
         for covariance, limit in zip(total(noise, gains, per, found.half_width), 1.5 * limits, strict=True):
             assert norm_quantile(p, np.zeros(3), covariance) <= limit * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("bound", BOUNDS)
-def test_one_tolerance_by_hand(bound):
-    """closed form: without noise the law is on a line, and 1.96 (lmax: 2.80) standard deviations are the limit."""
+def test_one_tolerance_by_hand():
+    """closed form: without noise the law is on a line, and 1.96 standard deviations are the limit."""
     for price in (reciprocal(7.0), Price("power", 2.0, 1.7), Price("exponential", 3.0, scale=0.004)):
         found = allocate(
             np.zeros((3, 3)),
@@ -133,26 +116,21 @@ def test_one_tolerance_by_hand(bound):
             2.0,
             lower=0,
             upper=np.inf,
-            bound=bound,
         )
-        expected = 2.0 / (0.5 * 165 * sqrt(THREE if bound == "lmax" else ONE))
+        expected = 2.0 / (0.5 * 165 * sqrt(ONE))
         assert found.half_width[0] == pytest.approx(expected, rel=1e-7)
         slope = (cost_of(price, expected * (1 + 1e-6)) - cost_of(price, expected * (1 - 1e-6))) / (2e-6 * 2.0)
         assert found.limit_prices[0] == pytest.approx(slope, rel=1e-5)
 
 
 def test_three_equal_tolerances_by_symmetry():
-    """closed form: equal tolerances on three axes stay equal, so S = (noise + v) I, where lmax is exact."""
-    cases: list[tuple[Any, float]] = [("fro", 3 + (ONE - 1) * sqrt(3)), ("trace", 3 * ONE), ("lmax", THREE)]
-    for bound, constant in cases:
-        found = allocate(
-            0.01 * np.eye(3), 20 * np.eye(3), [reciprocal()] * 3, np.full(3, 0.5), 1.0, lower=0, upper=1, bound=bound
-        )
-        assert found.half_width == pytest.approx([sqrt(1 / constant - 0.01) / 10] * 3, rel=1e-6)
+    """closed form: equal tolerances on three axes stay equal, so S = (noise + v) I."""
+    noise, gains = 0.01 * np.eye(3), 20 * np.eye(3)
+    found = allocate(noise, gains, [reciprocal()] * 3, np.full(3, 0.5), 1.0, lower=0, upper=1)
+    assert found.half_width == pytest.approx([sqrt(1 / (3 + (ONE - 1) * sqrt(3)) - 0.01) / 10] * 3, rel=1e-6)
 
 
-@pytest.mark.parametrize("bound", ["fro", "trace"])
-def test_known_primal_and_dual(bound):
+def test_known_primal_and_dual():
     """independent: half-widths and multipliers come first, the prices that make them optimal are derived.
 
     Stationarity: -cost'(h_i) = 2 per_i^2 h_i sum_j lambda_j g_ji' M_j g_ji, M the gradient of the bound, which for a
@@ -165,12 +143,10 @@ def test_known_primal_and_dual(bound):
         noise, gains = root @ np.swapaxes(root, 1, 2), rng.normal(size=(targets, k, 3)) * 50
         per, half_width = rng.choice([1 / sqrt(3), 0.5], k), rng.uniform(0.002, 0.01, k)
         covariance = total(noise, gains, per, half_width)
-        squared = np.array([bound_squared(s, bound) for s in covariance])
+        squared = np.array([bound_squared(s) for s in covariance])
         multipliers = np.array([rng.uniform(1, 5), rng.uniform(1, 5), 0.0])
         limits = np.sqrt(squared * np.array([1.0, 1.0, 1.3]))  # the third target has room, and no multiplier
         gradient = np.array([np.eye(3) + (ONE - 1) * s / np.linalg.norm(s) for s in covariance])
-        if bound == "trace":
-            gradient[:] = ONE * np.eye(3)
         charge = 2 * per**2 * half_width * np.einsum("t,tia,tab,tib->i", multipliers, gains, gradient, gains)
         lower, upper = half_width * 0.3, half_width * 3
         upper[0], lower[1] = half_width[0], half_width[1]
@@ -182,27 +158,26 @@ def test_known_primal_and_dual(bound):
             power = i % 2 == 0
             weight = charge[i] * h ** (n + 1) / n if power else charge[i] * s * exp(h / s)
             prices.append(Price("power", weight, n) if power else Price("exponential", weight, scale=s))
-        found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper, bound=bound)
+        found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper)
         assert found.half_width == pytest.approx(half_width, rel=1e-5)
         assert found.limit_prices == pytest.approx(-2 * multipliers * limits, rel=1e-4, abs=1e-5)
         assert found.cost == pytest.approx(cost(prices, half_width), rel=1e-9)
 
 
-@pytest.mark.parametrize("bound", BOUNDS)
 @pytest.mark.parametrize(
     "price",
     [reciprocal(2.0), Price("power", 0.05, 2.0), Price("power", 3.0, 0.7), Price("exponential", 9.0, scale=0.02)],
 )
-def test_two_tolerances_by_brute_force(price, bound):
+def test_two_tolerances_by_brute_force(price):
     """independent: along the boundary of the feasible set, half-width by half-width, the other found by bisection."""
     rng = np.random.default_rng(5)
     noise, gains = 0.02 * np.eye(3), rng.normal(size=(2, 3)) * 20
     prices = [price, Price("power", 1.0, 1.2)]
-    found = allocate(noise, gains, prices, np.full(2, 0.5), 1.0, lower=0, upper=np.inf, bound=bound)
+    found = allocate(noise, gains, prices, np.full(2, 0.5), 1.0, lower=0, upper=np.inf)
 
     def within(first, second):
         root = gains * 0.5 * np.array([[first], [second]])
-        return bound_squared(noise + root.T @ root, bound) <= 1
+        return bound_squared(noise + root.T @ root) <= 1
 
     best = np.inf
     for first in np.linspace(0.9, 1.1, 81) * found.half_width[0]:
@@ -217,28 +192,26 @@ def test_two_tolerances_by_brute_force(price, bound):
     assert found.cost < min(cost(prices, h) for h in itertools.product(*far.T) if within(*h))
 
 
-@pytest.mark.parametrize("bound", BOUNDS)
-def test_lower_bound_is_below_every_feasible_point(bound):
+def test_lower_bound_is_below_every_feasible_point():
     """independent: random feasible half-widths never cost less than the dual bound; the best of them comes near."""
     rng = np.random.default_rng(9)
     for _ in range(3):
         noise, gains, prices, per, limits, lower, upper = random_problem(rng, 3, 2)
-        found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper, bound=bound)
+        found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper)
         assert found.lower_bound_cost <= found.cost * (1 + 1e-12)
         assert found.gap < 1e-7
         costs = []
         for _ in range(1500):
             spread = np.exp(rng.normal(size=3) * rng.choice([0.03, 0.5]))
             trial = np.clip(found.half_width * spread, lower, upper)
-            squared = [bound_squared(s, bound) for s in total(noise, gains, per, trial)]
+            squared = [bound_squared(s) for s in total(noise, gains, per, trial)]
             if (np.array(squared) <= limits**2).all():
                 costs.append(cost(prices, trial))
         assert len(costs) > 100
         assert found.lower_bound_cost <= min(costs) < 1.1 * found.cost
 
 
-@pytest.mark.parametrize("bound", BOUNDS)
-def test_units_do_not_matter(bound):
+def test_units_do_not_matter():
     """closed form: mm to m, half-widths to another unit and the cost's unit scale the answer and nothing else."""
     noise, gains, prices, per, limits, lower, upper = random_problem(np.random.default_rng(2), 6, 2)
     metre, unit, money = 1e-3, 1e3, 1e-4
@@ -246,10 +219,9 @@ def test_units_do_not_matter(bound):
         Price(q.curve, money * q.weight * (unit**q.exponent if q.curve == "power" else 1), q.exponent, q.scale * unit)
         for q in prices
     ]
-    found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper, bound=bound)
+    found = allocate(noise, gains, prices, per, limits, lower=lower, upper=upper)
     other = allocate(
         noise * metre**2, gains * metre / unit, rescaled, per, limits * metre, lower=lower * unit, upper=upper * unit,
-        bound=bound,
     )  # fmt: skip
     assert other.half_width == pytest.approx(found.half_width * unit, rel=1e-6)
     assert other.cost == pytest.approx(found.cost * money, rel=1e-9)
@@ -280,10 +252,9 @@ def test_programmes_are_compiled_once_and_solved_again_as_if_fresh():
         assert a.cost == pytest.approx(c.cost, rel=1e-12)
 
 
-@pytest.mark.parametrize("bound", BOUNDS)
-def test_programme_is_disciplined_and_parametrised(bound):
+def test_programme_is_disciplined_and_parametrised():
     """independent: cvxpy's own rules: convex, and affine in its parameters, so that a re-solve compiles nothing."""
-    problem = allocation._programme(2, bound, (False, True, False)).problem
+    problem = allocation._programme(2, (False, True, False)).problem
     assert problem.is_dcp(dpp=True)
 
 
@@ -343,16 +314,12 @@ def test_bracket_holds_the_optimum_of_the_exact_law():
         assert attained < 1.08 * least
 
 
-@pytest.mark.parametrize("bound", BOUNDS)
-def test_limit_out_of_reach_is_refused(bound):
+def test_limit_out_of_reach_is_refused():
     """closed form: noise alone over the limit, and smallest half-widths over it, by the bound of the second target."""
     with pytest.raises(InfeasibleError, match="smallest the bound of P95"):
-        allocate(np.eye(3), GAINS, PRICES, UNIFORM, 0.5, lower=0, upper=1, bound=bound)
+        allocate(np.eye(3), GAINS, PRICES, UNIFORM, 0.5, lower=0, upper=1)
     noise = np.array([np.zeros((3, 3)), np.diag([0.04, 0, 0])])
-    least = sqrt(THREE if bound == "lmax" else ONE) * 0.5  # standard deviation sqrt(0.04 + 0.21) mm
+    least = sqrt(ONE) * 0.5  # standard deviation sqrt(0.04 + 0.21) mm
     gains = np.array([[[1.0, 0, 0]], [[10.0, 0, 0]]])
     with pytest.raises(InfeasibleError, match=f"is {least:.4g} mm, not below the limit of 0.9 mm"):
-        allocate(noise, gains, [reciprocal()], np.ones(1), np.full(2, 0.9), lower=sqrt(0.0021), upper=1, bound=bound)
-    if bound == "trace":
-        with pytest.raises(InfeasibleError):
-            allocate_by_trace(np.eye(3), GAINS, COST, UNIFORM, 0.5)
+        allocate(noise, gains, [reciprocal()], np.ones(1), np.full(2, 0.9), lower=sqrt(0.0021), upper=1)

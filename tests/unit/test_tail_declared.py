@@ -32,7 +32,6 @@ from tailstack.tail.declared import (
     law_summary,
     linear_law,
     solve_on_axes,
-    without_group,
 )
 from tailstack.tail.gaussian import norm_cdf, norm_mean, norm_quantile, norm_quantile_gradient
 from tailstack.tail.lattice import Accuracy, ball_integral, ball_sums, bessel_j01, build, on_principal_axes
@@ -330,28 +329,6 @@ def test_taking_columns_as_gaussian_is_measured_as_it_is():
     exact = sum((-1) ** k * comb(8, k) * (t - k) ** 8 for k in range(int(t) + 1)) / factorial(8)
     gaussian = norm.cdf((r - 5) / sqrt(folded[0, 0]))
     assert float((inside * weights).mean()) == pytest.approx(exact - gaussian, rel=0.1)
-
-
-def test_without_a_group_is_the_law_of_the_others():
-    everything = range(12)
-    groups = [(None, [0]), (None, range(6)), (NOISE / 4, []), (NOISE / 2, [1, 7])]
-    groups += [(None, everything), (NOISE, everything)]
-    without = [law_quantile(without_group(REFERENCE, *group), 0.95, fine=False) for group in groups]
-    expected = [
-        law_quantile(linear_law(np.zeros(3), NOISE, np.delete(COLUMNS, 0, axis=1)), 0.95),
-        law_quantile(linear_law(np.zeros(3), NOISE, COLUMNS[:, 6:]), 0.95),
-        law_quantile(linear_law(np.zeros(3), NOISE * 0.75, COLUMNS), 0.95),
-        law_quantile(linear_law(np.zeros(3), NOISE * 0.5, np.delete(COLUMNS, [1, 7], axis=1)), 0.95),
-    ]
-    for got, want in zip(without, expected, strict=False):
-        assert got.quantile_mm == pytest.approx(want.quantile_mm, rel=1e-4)
-    assert without[4].quantile_mm == pytest.approx(CUBE["P95"], rel=1e-9)
-    assert without[5].quantile_mm == 0.0
-
-
-def test_block_that_is_not_there_is_refused():
-    with pytest.raises(ValueError, match="not part of the covariance"):
-        without_group(REFERENCE, np.eye(3), [])
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from math import isclose, log2, sqrt
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
-from tailstack.results import ERRORS, Contributor, TargetScore
+from tailstack.results import ERRORS, Contributor, Interval, TargetScore
 from tailstack.results.digits import decimal, number, percent
 from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
 from tailstack.results.score import single_lines, source_name
@@ -242,10 +242,9 @@ def draw_convergence(shown: Convergence, limit_mm: float | None, name: str, deci
         axes.set(xlim=(places[0] - 0.5, places[-1] + 0.5), ylim=(low - pad, high + pad))
         axes.set_xticks(places, [f"{point.trials:,}" for point in points])
         axes.tick_params(axis="x", length=0, pad=7)
-        ends = [[p.p95_mm - p.interval_mm[0] for p in points], [p.interval_mm[1] - p.p95_mm for p in points]]
-        axes.errorbar(
-            places, [p.p95_mm for p in points], ends, fmt="o", color=VALUE_COLOUR, elinewidth=2, markeredgewidth=0.8
-        )
+        values = [point.p95_mm for point in points]
+        ends = _bars(values, [point.interval_mm for point in points])
+        axes.errorbar(places, values, ends, fmt="o", color=VALUE_COLOUR, elinewidth=2, markeredgewidth=0.8)
         if near is not None:
             axes.axhline(near, color=LIMIT_COLOUR, linewidth=1.6, linestyle=DASHED)
             beside(axes, (1.0, near), f"limit {near:g} mm", (0, 5), of="y", ha="right", color=LIMIT_COLOUR)
@@ -253,6 +252,12 @@ def draw_convergence(shown: Convergence, limit_mm: float | None, name: str, deci
         words = f"P95 at target {shown.target} by the number of trials: {settled}; "
         words += f"bars are {confidence} intervals, each by itself."
         return page.svg(f"How P95 settled at target {shown.target}", words)
+
+
+def _bars(values: Sequence[float], intervals: Sequence[Interval]) -> list[list[float]]:
+    """Lengths below and above values; none to an end on the wrong side, as a record that somebody changed may have."""
+    pairs = list(zip(values, intervals, strict=True))
+    return [[max(0.0, at - low) for at, (low, _) in pairs], [max(0.0, high - at) for at, (_, high) in pairs]]
 
 
 # --- the quantile over each half-width ------------------------------------------------------------
@@ -637,9 +642,7 @@ def _draw_curve(axes: Axes, curve: Sequence[tuple[float, SweepTarget, bool]], co
     x, y = [at for at, *_ in curve], [target.p95_mm for _, target, _ in curve]
     ends = [target.p95_interval_mm or (target.p95_mm, target.p95_mm) for _, target, _ in curve]
     if any(low < high for low, high in ends):
-        below = [at - low for at, (low, _) in zip(y, ends, strict=True)]
-        above = [high - at for at, (_, high) in zip(y, ends, strict=True)]
-        axes.errorbar(x, y, [below, above], fmt="none", ecolor=colour, elinewidth=1.2, capsize=3, capthick=1.2)
+        axes.errorbar(x, y, _bars(y, ends), fmt="none", ecolor=colour, elinewidth=1.2, capsize=3, capthick=1.2)
     axes.plot(x, y, "-o", color=colour)
     rings = [(at, target.p95_mm) for at, target, fails in curve if fails]
     if rings:

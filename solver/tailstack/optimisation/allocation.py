@@ -1,8 +1,8 @@
-"""Tolerance allocation at a fixed layout: convex in the variances, under convex bounds of the tail.
+"""Tolerance allocation at a fixed layout: convex in the variances, under a convex bound of the tail.
 
 With the layout fixed and no bias, the covariance at a target is affine in the variances ``v_i = (per_i h_i)^2`` of
 the tolerances, ``S(v) = S_noise + sum_i v_i g_i g_i'``, per_i the standard deviation per half-width (1/sqrt 3
-uniform, 1/sqrt 6 triangular, 1/coverage normal).  The bounds below are convex in S, so in v, and the
+uniform, 1/sqrt 6 triangular, 1/coverage normal).  The bound below is convex in S, so in v, and the
 costs ``w h^-n`` and ``w exp(-h/s)`` are convex in v (powers v^(-n/2), and exp of the convex -sqrt v): a convex
 programme, whose dual bounds its optimum from below.
 
@@ -11,25 +11,17 @@ layout moves.  And its optimum is that of the bound.  It brackets the optimum un
 tolerances (:func:`gaussian_bracket`); for uniform and triangular ones, whose tails are lighter than those of the
 Gaussian law of the same covariance, the true optimum may be cheaper than anything computed here.
 
-*The bounds* of a Gaussian quantile are convex in the covariance, which makes tolerance allocation a convex programme.
+*The bound* of a Gaussian quantile is convex in the covariance, which makes tolerance allocation a convex programme.
 
 With q_k the p-quantile of chi-square with k degrees of freedom, the squared p-quantile of |N(0, S)| is at most
+``tr S + c |S|_F``, c = max(0, (q_k - k) / sqrt k over k = 1, 2, 3), 2.8415 at p = 0.95: exact at one, two or three
+equal eigenvalues from p = 0.61.  It is checked numerically: over grids of spectra and p from 0.05 to 0.999999 no ratio
+to the exact squared quantile fell below 1.  ``c = q_1 - 1`` alone is no bound below p = 0.945: at p = 0.9 it is up to
+4.8 % too small, at equal eigenvalues.  Largest ratios of bound to exact squared quantile (those of the trace, max_k
+(q_k / k) tr S, a theorem from p = 0.785 on, are 1.475 at p = 0.95; of 7.81 times the largest eigenvalue 2.034):
 
-- ``fro``:   ``tr S + c |S|_F``, c = max(0, (q_k - k) / sqrt k over k = 1, 2, 3)  (2.8415 at p = 0.95);
-- ``trace``: ``max_k (q_k / k) tr S``                                            (3.8415 at p = 0.95);
-- ``lmax``:  ``q_3 lambda_max(S)``                                               (7.8147 at p = 0.95).
-
-Each is exact at one, two or three equal eigenvalues and no others (fro from p = 0.61).  lmax is a theorem for every p
-(S <= lambda_max I); trace is one for p >= 0.785, where k = 1 gives the maximum (Szekely and Bakirov 2003, Probab.
-Theory Relat. Fields 126, 184-202).  fro, and trace below, are checked numerically only: over grids of spectra and p
-from 0.05 to 0.999999 no ratio to the exact squared quantile fell below 1.  ``c = q_1 - 1`` alone is no bound below
-p = 0.945: at p = 0.9 it is up to 4.8 % too small, at equal eigenvalues.  Largest ratios of bound to exact squared
-quantile:
-
-    p       0.8     0.9     0.95    0.99    0.999
-    fro     1.186   1.063   1.0187  1.125   1.231
-    trace   1.078   1.298   1.475   1.755   1.997
-    lmax    2.826   2.311   2.034   1.710   1.502
+    p    0.8     0.9     0.95    0.99    0.999
+         1.186   1.063   1.0187  1.125   1.231
 
 *For many layouts* there is a small programme with the image covariances as parameters.  It has the same moments and
 closed form as the large programme, of the half-widths (or their common factor) and the slack alone.  Some half-widths
@@ -42,7 +34,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import exp, sqrt
 from threading import Lock
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -72,7 +64,6 @@ _WEIGHTS = np.array([1.0, 1.0, 1.0, sqrt(2), sqrt(2), sqrt(2)])
 class Allocation:
     """Half-widths, what they cost, and what no allocation under the same bound can undercut."""
 
-    bound: Bound
     half_width: Array  # (k,) native units
     cost: float
     lower_bound_cost: float  # Lagrangian bound, recomputed from the multipliers
@@ -113,7 +104,6 @@ class _Curves:
 class _Case:
     """The tolerances that are to be chosen, in units of each limit; the others are part of the noise."""
 
-    bound: Bound
     p: float
     noise: Array  # (t, 3, 3) over limit^2
     outer: Array  # (t, k, 3, 3): per^2 g g' over limit^2, per squared half-width
@@ -127,7 +117,7 @@ class _Case:
 
     def ratios(self, half_width: Array) -> Array:
         """(t,) the bound over limit^2."""
-        return squared_bound(self.covariance(half_width), self.p, self.bound)
+        return squared_bound(self.covariance(half_width), self.p)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,26 +127,8 @@ class _Programme:
     problem: Any
     scaled_variance: Any
     parameters: dict[str, Any]
-    within: list[Any]
+    within: Any
     lock: Lock
-
-
-def allocate_by_trace(
-    noise: Array, gains: Array, weight: Array, std_per_half_width: Array, limit_mm: float, p: float = 0.95
-) -> tuple[Array, float]:
-    """(half-widths (k,), cost) under the trace bound for costs ``w / h``: ``h_i = s (w_i / (per_i |g_i|)^2)^(1/3)``.
-
-    noise (3, 3) mm^2; gains (k, 3), mm per unit of each tolerance; weight and std_per_half_width (k,).  From
-    stationarity of the Lagrangian, ``w_i / h_i^2 = 2 lambda (per_i |g_i|)^2 h_i``; s makes the bound tight.  Raises
-    InfeasibleError.
-    """
-    room = limit_mm**2 / trace_constant(p) - float(np.trace(noise))
-    if room <= 0:
-        raise _refuse_infeasible(np.array([trace_constant(p) * np.trace(noise)]) / limit_mm**2, np.array([limit_mm]), p)
-    size2 = (gains**2).sum(axis=1) * std_per_half_width**2
-    shape = (weight / size2) ** (1 / 3)
-    half_width = shape * sqrt(room / float((size2 * shape**2).sum()))
-    return half_width, float((weight / half_width).sum())
 
 
 def allocate(
@@ -169,7 +141,6 @@ def allocate(
     lower: Array | float,
     upper: Array | float,
     p: float = 0.95,
-    bound: Bound = "fro",
 ) -> Allocation:
     """Cheapest half-widths between lower and upper with the bound of the p-quantile within the limit at every target.
 
@@ -181,7 +152,7 @@ def allocate(
     gains = np.asarray(gains, dtype=np.float64).reshape(-1, len(prices), 3)
     limits = np.broadcast_to(np.asarray(limits_mm, dtype=np.float64), gains.shape[:1])
     low, high = (np.broadcast_to(np.asarray(b, dtype=np.float64), len(prices)) for b in (lower, upper))
-    case, curves, free, high = _case(noise, gains, prices, np.asarray(std_per_half_width), limits, low, high, p, bound)
+    case, curves, free, high = _case(noise, gains, prices, np.asarray(std_per_half_width), limits, low, high, p)
 
     def answer(chosen: Array, multipliers: Array, dual: float | None) -> Allocation:
         half_width = np.array(np.broadcast_to(high, len(prices)))
@@ -189,9 +160,8 @@ def allocate(
         cost = float(curves.cost(half_width).sum())
         fixed = cost - float(case.curves.cost(chosen).sum())
         least = cost if dual is None else min(fixed + dual, cost)
-        return Allocation(
-            bound, half_width, cost, least, (cost - least) / cost if cost > 0 else 0.0, -2 * multipliers / limits
-        )
+        gap = (cost - least) / cost if cost > 0 else 0.0
+        return Allocation(half_width, cost, least, gap, -2 * multipliers / limits)
 
     tightest = case.ratios(case.lower)
     if tightest.max() >= 1:
@@ -222,8 +192,8 @@ def gaussian_bracket(
 ) -> tuple[float, float]:
     """(least, attained) cost around the optimum under the exact law, for normal tolerances without bias.
 
-    As :func:`allocate`.  The fro bound divided by :func:`frobenius_excess` is nowhere above the exact squared quantile
-    (checked, not proven), so its optimum is not dearer than the true one; the fro bound's own optimum meets the limit.
+    As :func:`allocate`.  The bound divided by :func:`frobenius_excess` is nowhere above the exact squared quantile
+    (checked, not proven), so its optimum is not dearer than the true one; the bound's own optimum meets the limit.
     """
     relaxed = np.asarray(limits_mm, dtype=np.float64) * sqrt(frobenius_excess(p))
     least = allocate(noise, gains, prices, std_per_half_width, relaxed, lower=lower, upper=upper, p=p)
@@ -240,7 +210,6 @@ def _case(
     low: Array,
     high: Array,
     p: float,
-    bound: Bound,
 ) -> tuple[_Case, _Curves, NDArray[np.bool_], Array]:
     """(programme's data, all curves (k,), which are to be chosen (k,), the half-widths of the others (k,))."""
     curves = _Curves(
@@ -251,9 +220,8 @@ def _case(
     )
     scaled = gains * std_per_half_width[:, None] / limits[:, None, None]
     outer = np.einsum("tia,tib->tiab", scaled, scaled)
-    # Alone and without noise a tolerance uses up the limit here: rank one, where fro and trace meet.
-    alone = trace_constant(p) if bound == "trace" else 1 + frobenius_constant(p)
-    size = (maximum_constant(p) if bound == "lmax" else alone) * (scaled**2).sum(axis=2).max(axis=0)
+    # Alone and without noise a tolerance uses up the limit here: rank one
+    size = (1 + frobenius_constant(p)) * (scaled**2).sum(axis=2).max(axis=0)
     seen = size > 0
     free = seen & (high > low)
     reach = np.full(len(prices), np.inf)
@@ -262,7 +230,7 @@ def _case(
     still = seen & ~free
     base = base + np.einsum("tiab,i->tab", outer[:, still], high[still] ** 2)
     top = np.minimum(high, np.maximum(reach, 2 * low))
-    case = _Case(bound, p, base, outer[:, free], curves.only(free), low[free], top[free])
+    case = _Case(p, base, outer[:, free], curves.only(free), low[free], top[free])
     return case, curves, free, high
 
 
@@ -287,12 +255,13 @@ def _refuse_unconverged(detail: str) -> NotConvergedError:
 def _unit(case: _Case) -> Array:
     """(k,) unit of the solver's variables, in which they are near 1 whatever rad, mm and the cost's unit are.
 
-    The optimum under the trace bound with one multiplier for all targets (limits doubled in the square where even the
-    smallest half-widths break it), but not far below the largest: there the solver would see nothing but the box.
+    The optimum under the bound by the trace, max_k (q_k / k) tr S, with one multiplier for all targets (limits doubled
+    in the square where even the smallest half-widths break it), but not far below the largest: there the solver would
+    see nothing but the box.
     """
     size = np.trace(case.outer, axis1=2, axis2=3)  # (t, k)
     noise = np.trace(case.noise, axis1=1, axis2=2)
-    constant = trace_constant(case.p)
+    constant = float((chi_square_quantile(case.p, _MULTIPLICITY) / _MULTIPLICITY).max())
     aim = max(1.0, 2.0 * constant * float((noise + size @ case.lower**2).max()))
 
     def chosen(log_multiplier: float) -> Array:
@@ -319,7 +288,7 @@ def _vectors(symmetric: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _programme(targets: int, bound: Bound, exponential: tuple[bool, ...]) -> _Programme:
+def _programme(targets: int, exponential: tuple[bool, ...]) -> _Programme:
     """The programme of a shape, compiled at its first solve; every number in it is a parameter (DPP).
 
     The cost of tolerance i is ``exp(offset_i - rate_i z_i)``, x its scaled variance, with ``z <= log(x) / 2`` (power
@@ -336,6 +305,8 @@ def _programme(targets: int, bound: Bound, exponential: tuple[bool, ...]) -> _Pr
         "upper": cp.Parameter(k, nonneg=True),
         "trace": cp.Parameter(targets, nonneg=True),
         "traces": cp.Parameter((targets, k), nonneg=True),
+        "matrix": cp.Parameter(6 * targets),
+        "matrices": cp.Parameter((6 * targets, k)),
     }
     powers, falling = [i for i in range(k) if not exponential[i]], [i for i in range(k) if exponential[i]]
     constraints = [x >= parameters["lower"], x <= parameters["upper"]]
@@ -343,20 +314,10 @@ def _programme(targets: int, bound: Bound, exponential: tuple[bool, ...]) -> _Pr
         constraints.append(z[powers] <= cp.log(x[powers]) / 2)
     if falling:
         constraints.append(z[falling] <= cp.sqrt(x[falling]) - 1)
-    within = [parameters["trace"] + parameters["traces"] @ x <= 1]
-    if bound != "trace":
-        parameters["matrix"] = cp.Parameter(6 * targets)
-        parameters["matrices"] = cp.Parameter((6 * targets, k))
-        total = cp.reshape(parameters["matrix"] + parameters["matrices"] @ x, (targets, 6), order="C")
-        if bound == "fro":
-            within = [parameters["trace"] + parameters["traces"] @ x + cp.norm(total, 2, axis=1) <= 1]
-        else:
-            unpack = np.zeros((9, 6))
-            unpack[3 * _ROWS + _COLUMNS, np.arange(6)] = 1 / _WEIGHTS
-            unpack[3 * _COLUMNS + _ROWS, np.arange(6)] = 1 / _WEIGHTS
-            within = [np.eye(3) - cp.reshape(unpack @ total[j], (3, 3), order="C") >> 0 for j in range(targets)]
+    total = cp.reshape(parameters["matrix"] + parameters["matrices"] @ x, (targets, 6), order="C")
+    within = parameters["trace"] + parameters["traces"] @ x + cp.norm(total, 2, axis=1) <= 1
     cost = cp.sum(cp.exp(parameters["offset"] - cp.multiply(parameters["rate"], z)))
-    return _Programme(cp.Problem(cp.Minimize(cost), constraints + within), x, parameters, within, Lock())
+    return _Programme(cp.Problem(cp.Minimize(cost), [*constraints, within]), x, parameters, within, Lock())
 
 
 def _by_cone(case: _Case, unit: Array) -> tuple[Array, Array, Array]:
@@ -369,19 +330,18 @@ def _by_cone(case: _Case, unit: Array) -> tuple[Array, Array, Array]:
     rate = np.where(curves.exponential, unit / curves.scale, curves.exponent)
     targets = case.noise.shape[0]
     outer = case.outer * (unit**2)[:, None, None]
-    constant = trace_constant(case.p) if case.bound == "trace" else 1.0
-    tilt = frobenius_constant(case.p) if case.bound == "fro" else maximum_constant(case.p)
+    tilt = frobenius_constant(case.p)
     values = {
         "offset": curves.log_cost(unit) - log_scale,
         "rate": rate,
         "lower": (case.lower / unit) ** 2,
         "upper": (case.upper / unit) ** 2,
-        "trace": constant * np.trace(case.noise, axis1=1, axis2=2),
-        "traces": constant * np.trace(outer, axis1=2, axis2=3),
+        "trace": np.trace(case.noise, axis1=1, axis2=2),
+        "traces": np.trace(outer, axis1=2, axis2=3),
         "matrix": tilt * _vectors(case.noise).ravel(),
         "matrices": tilt * np.swapaxes(_vectors(outer), 1, 2).reshape(6 * targets, -1),
     }
-    programme = _programme(targets, case.bound, tuple(bool(e) for e in curves.exponential))
+    programme = _programme(targets, tuple(bool(e) for e in curves.exponential))
     with programme.lock:
         for name, parameter in programme.parameters.items():
             parameter.value = values[name]
@@ -392,26 +352,18 @@ def _by_cone(case: _Case, unit: Array) -> tuple[Array, Array, Array]:
             raise _refuse_unconverged(f"the conic solver stopped with status {solution.status!r}")
         programme.problem.unpack(solution)
         scaled = np.asarray(programme.scaled_variance.value, dtype=np.float64)
-        duals = [np.asarray(constraint.dual_value, dtype=np.float64) for constraint in programme.within]
+        multipliers = np.maximum(np.asarray(programme.within.dual_value, dtype=np.float64).reshape(targets), 0.0)
     half_width = np.clip(unit * np.sqrt(np.maximum(scaled, 0.0)), case.lower, case.upper)
-    if case.bound == "lmax":
-        eigenvalues, vectors = np.linalg.eigh(np.array(duals))
-        positive = np.einsum("tai,ti,tbi->tab", vectors, np.maximum(eigenvalues, 0.0), vectors)
-        multipliers = np.trace(positive, axis1=1, axis2=2)
-        return half_width, scale * multipliers, tilt * positive / np.maximum(multipliers, 1e-300)[:, None, None]
-    multipliers = np.maximum(duals[0].reshape(targets), 0.0)
-    matrices = np.broadcast_to(constant * np.eye(3), (targets, 3, 3))
-    if case.bound == "fro":
-        total = case.covariance(half_width)
-        matrices = matrices + tilt * total / np.linalg.norm(total, axis=(1, 2))[:, None, None]
+    total = case.covariance(half_width)
+    matrices = np.eye(3) + tilt * total / np.linalg.norm(total, axis=(1, 2))[:, None, None]
     return half_width, scale * multipliers, matrices
 
 
 def _dual_bound(case: _Case, multipliers: Array, matrices: Array) -> float:
     """Least Lagrangian over the box: a lower bound of the programme for any multipliers >= 0.
 
-    Each bound is at least ``<M, S>`` for its tangent M (I + c Z with |Z|_F <= 1; q_3 Z with Z >= 0, tr Z = 1), and with
-    it in the bound's place the Lagrangian is a sum over the tolerances, minimised one by one.
+    The bound is at least ``<M, S>`` for its tangent M = I + c Z with |Z|_F <= 1, and with it in the
+    bound's place the Lagrangian is a sum over the tolerances, minimised one by one.
     """
     charge = np.einsum("t,tab,tiab->i", multipliers, matrices, case.outer)
     best = case.curves.cheapest(charge, case.lower, case.upper)
@@ -419,7 +371,6 @@ def _dual_bound(case: _Case, multipliers: Array, matrices: Array) -> float:
     return float(case.curves.cost(best).sum() + charge @ best**2 - multipliers @ room)
 
 
-Bound = Literal["fro", "trace", "lmax"]
 _MULTIPLICITY = np.array([1.0, 2.0, 3.0])
 
 
@@ -429,23 +380,13 @@ def chi_square_quantile(p: float, degrees: Array) -> Array:
     return quantiles
 
 
-def trace_constant(p: float) -> float:
-    """Of the trace bound."""
-    return float((chi_square_quantile(p, _MULTIPLICITY) / _MULTIPLICITY).max())
-
-
-def maximum_constant(p: float) -> float:
-    """Of the lmax bound."""
-    return float(chi_square_quantile(p, _MULTIPLICITY[2:])[0])
-
-
 def frobenius_constant(p: float) -> float:
-    """c of the fro bound: exact at the worst of one, two and three equal eigenvalues."""
+    """c of the bound: exact at the worst of one, two and three equal eigenvalues."""
     return max(0.0, float(((chi_square_quantile(p, _MULTIPLICITY) - _MULTIPLICITY) / np.sqrt(_MULTIPLICITY)).max()))
 
 
 def frobenius_excess(p: float) -> float:
-    """At least the largest ratio of the fro bound to the exact squared quantile over all spectra.
+    """At least the largest ratio of the bound to the exact squared quantile over all spectra.
 
     Measured, not proven: 1.01864 at p = 0.95; elsewhere the worst of equal eigenvalues and 1.2 %, the most by which any
     spectrum exceeded them (1.13 %, at p = 0.942).
@@ -456,14 +397,10 @@ def frobenius_excess(p: float) -> float:
     return 1.012 * float(((_MULTIPLICITY + c * np.sqrt(_MULTIPLICITY)) / chi_square_quantile(p, _MULTIPLICITY)).max())
 
 
-def squared_bound(covariance: Array, p: float, bound: Bound) -> Array:
+def squared_bound(covariance: Array, p: float) -> Array:
     """(t,) mm^2, at least the squared p-quantile of |N(0, S)| for each S of covariance (t, 3, 3) mm^2."""
     trace = np.trace(covariance, axis1=1, axis2=2)
-    if bound == "trace":
-        return np.asarray(trace_constant(p) * trace)
-    if bound == "fro":
-        return np.asarray(trace + frobenius_constant(p) * np.linalg.norm(covariance, axis=(1, 2)))
-    return np.asarray(maximum_constant(p) * np.linalg.eigvalsh(covariance)[:, -1])
+    return np.asarray(trace + frobenius_constant(p) * np.linalg.norm(covariance, axis=(1, 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

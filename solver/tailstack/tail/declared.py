@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
 from ..errors import NotConvergedError, Problem
-from ..geometry.symmetric import eigen_symmetric
 from ..kernels import kernel
 from .approximation import pearson_square
 from .contour import cumulant
@@ -68,7 +67,6 @@ _LOG2_POINTS, _LOG2_COARSE = 12, 10
 _FORGIVEN, _END = 30.0, 1e3  # how much coarser integrals over the radius are: threshold, probability beyond
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
 MIXTURE_STEP, LARGEST_MIXTURE = 1.05, 1e12  # of the radius that is tried next; mm at which it is given up
-SLACK, ROUNDING = 1e-9, 1e-13  # of the trace: how negative an eigenvalue may be, and what is 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -403,27 +401,6 @@ def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
     if not law.columns.any() or total.density == 0.0:
         return None if law.columns.any() else np.zeros_like(law.columns)
     return DeclaredLaw(law, accuracy_for(total.p, True)).column_gradient(total)
-
-
-def without_group(law: LinearLaw, block: Array | None, indices: Sequence[int]) -> LinearLaw:
-    """The law without a part of its Gaussian covariance (3, 3) mm^2 and without the columns listed.
-
-    What rounding leaves of a direction that was removed altogether is 0.  Raises ValueError when the block is not a
-    part of the covariance (the difference is not positive semidefinite).
-    """
-    covariance = law.covariance
-    if block is not None:
-        scale = float(np.trace(covariance)) or 1.0
-        values, vectors, _ = eigen_symmetric(covariance - block)
-        if values[2] < -SLACK * scale:
-            raise ValueError(
-                "the block removed is not part of the covariance: "
-                f"eigenvalue {values[2] / scale:.3g} of its trace remains"
-            )
-        covariance = (vectors * np.where(values < ROUNDING * scale, 0.0, values)) @ vectors.T
-    stays = np.ones(law.kinds.size, dtype=bool)
-    stays[list(indices)] = False
-    return LinearLaw(law.mean, covariance, np.ascontiguousarray(law.columns[:, stays]), law.kinds[stays])
 
 
 def differences(law: LinearLaw, total: LawQuantile) -> LawGradient:

@@ -15,6 +15,7 @@ from ...gate.records import (
 )
 from ...rendering.tables import spell_count
 from ..blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
+from .tables import closing_sections
 
 MOST_FILES = 20  # in a command
 
@@ -50,8 +51,7 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
         sections=(
             Section("Designs", tuple(designs)),
             Section("Findings", tuple(tables) or (Bullets(("None.",)),)),
-            Section("What is not included", (Bullets(record.provenance.not_included),), reader="auditor"),
-            Section("Reproduction", (Listing(_command(record)), Paragraph(REPRODUCTION)), reader="auditor"),
+            *closing_sections(record.provenance, Listing(_command(record)), Paragraph(REPRODUCTION)),
         ),
         provenance=Facts(
             "Provenance",

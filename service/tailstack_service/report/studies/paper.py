@@ -515,7 +515,7 @@ def _draw_series(
     printed = [(x, cell) for x, cell in zip(places, cells, strict=True) if cell.printed_mm is not None]
     if printed:
         x, values = [x for x, _ in printed], [cell.printed_mm or 0.0 for _, cell in printed]
-        bands = [(cell.band_mm[1] - cell.band_mm[0]) / 2 for _, cell in printed]
+        bands = [abs(cell.band_mm[1] - cell.band_mm[0]) / 2 for _, cell in printed]
         axes.errorbar(x, values, bands, fmt="none", ecolor=colour, elinewidth=1.2, capsize=3, capthick=1.2)
         axes.plot(x, values, color=colour, **FRAME)
     return cells[-1].value_mm
