@@ -29,6 +29,7 @@ from tailstack.people_tables import (
     PeopleTable,
     Rows,
     TextLine,
+    describe_marked_row,
     find_header,
     is_missing,
     read_people_table,
@@ -290,7 +291,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         while not header[-1]:
             header = header[:-1]
         rows = enumerate(sheet.iter_rows(at + 1, values_only=True), at + 1)
-        formulas = _list_formulas(stream, bounds, at) if _has_formulas(stream, book) else None
+        formulas = _list_formulas(stream, bounds, at) if _check_places(stream, book, bounds) else None
     counts, width = Rows(), len(header)
     for title in titles:
         counts.leave_out("title", title.number)
@@ -322,6 +323,13 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
             for each in range(empty or line, line):
                 counts.leave_out("empty", each)
             empty = 0
+            marked = re.match(r"\s*#(\S?)", cells[0]) if isinstance(cells[0], str) else None
+            if marked and width > 1 and not any(map(_is_filled, cells[1:])):
+                counts.leave_out("remark", line)
+                continue
+            if marked and not marked[1]:
+                said_of_row = describe_marked_row(" ".join(str(cell) for cell in cells if cell is not None))
+                raise table.refuse("csv-row", *said_of_row, line, 1)
             counts.read += 1
             yield line, cells
 
@@ -337,9 +345,9 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
 
 
 def _holds_something(sheet: Any) -> bool:
-    """Whether one of the first cells of a sheet is filled."""
+    """Whether a cell of a sheet is filled."""
     sheet.reset_dimensions()
-    return any(any(map(_is_filled, row)) for row in sheet.iter_rows(max_row=PREVIEW, values_only=True))
+    return any(any(map(_is_filled, row)) for row in sheet.iter_rows(values_only=True))
 
 
 def _is_filled(cell: Any) -> bool:
@@ -353,18 +361,35 @@ def _cell_name(line: int, column: int) -> str:
     return f"{get_column_letter(column + 1)}{line}"
 
 
-def _has_formulas(stream: IO[bytes], book: Any) -> bool:
-    """Whether the first sheet holds a formula."""
+_PLACES = re.compile(rb"""<(?:\w+:)?(row|c)(?=[\s/>])(?:[^>]*?\sr=["']([A-Z]*)(\d+)["'])?""")
+
+
+def _check_places(stream: IO[bytes], book: Any, bounds: TableLimits) -> bool:
+    """Whether the first sheet holds a formula.
+
+    Raises RequestError for rows or cells that do not stand in their order, some of which openpyxl passes over.
+    """
     from zipfile import ZipFile
 
     path = book.worksheets[0]._worksheet_path  # noqa: SLF001
-    tail = b""
+    rest, formulas, row, cell = b"", False, 0, (0, b"")
     with ZipFile(stream) as archive, archive.open(path) as content:
-        for part in iter(partial(content.read, 1 << 16), b""):
-            if re.search(rb"<(\w+:)?f[\s/>]", tail + part):
-                return True
-            tail = part[-100:]
-    return False
+        for part in chain(iter(partial(content.read, 1 << 16), b""), [b"<"]):
+            whole, mark, rest = (rest + part).rpartition(b"<")
+            rest = mark + rest
+            formulas = formulas or re.search(rb"<(\w+:)?f[\s/>]", whole) is not None
+            for tag, letters, digits in _PLACES.findall(whole):
+                before = (row, cell)
+                if tag == b"row":
+                    row, cell = int(digits) if digits else row + 1, (0, b"")
+                elif letters:
+                    cell = (len(letters), letters)
+                if digits and (row, cell) <= before:
+                    place = f"cell {(letters + digits).decode()}" if letters else f"row {row}"
+                    detail = f"{place} stands in the file behind others that come after it"
+                    hint = "open and save the file with a spreadsheet, which puts rows and cells into their order"
+                    raise RequestError(Problem("", "bad-table", detail, hint, bounds.file, int(digits)))
+    return formulas
 
 
 def _list_formulas(stream: IO[bytes], bounds: TableLimits, header_line: int) -> Iterator[Sequence[Any]]:

@@ -222,6 +222,12 @@ def quote(cell: str, length: int = 60) -> str:
     return repr(clean if len(clean) <= length else clean[: length - 3] + "...")
 
 
+def describe_marked_row(text: str) -> tuple[str, str]:
+    """What is wrong with a row of cells behind a #, which may be a remark or one that somebody took out; its cure."""
+    detail = f"this begins with # and has the cells of a row: {quote(text)}"
+    return detail, "delete the line if it is a remark, the # if it is none"
+
+
 # --- bytes to lines ---------------------------------------------------------------------------------------
 
 
@@ -515,9 +521,7 @@ def _list_rows(table: PeopleTable, lines: Iterable[str], begins: int, trailing: 
                     table.remarks.append((line, table.delimiter.join(row)))
                 continue
             if width == 1 or not re.match(r"\s*#\S", row[0]):
-                detail = f"this begins with # and has the cells of a row: {quote(table.delimiter.join(row))}"
-                hint = "delete the line if it is a remark, the # if it is none"
-                raise table.refuse("csv-row", detail, hint, line, 1)
+                raise table.refuse("csv-row", *describe_marked_row(table.delimiter.join(row)), line, 1)
         if len(row) != width:
             if width < len(row) <= width + trailing and not any(map(str.strip, row[width:])):
                 row = row[:width]

@@ -92,7 +92,24 @@ def test_a_name_may_stand_in_the_id_of_fcsv() -> None:
 
 def test_a_remark_in_fcsv_is_counted() -> None:
     found = read(FCSV + "# measured anew\n1,1,2,3,0,0,0,1,1,1,0,A,,,2,0\n", "b.fcsv")
-    assert any("1 row" in note and "line" in note for note in found.notes)
+    assert any("1 row was left out" in note and "line 4" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("columns", "row", "said"), [
+    ("id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID,positionStatus,autoCreated",
+     "1,1,2,3,0,0,0,1,1,1,0,A,,,2,0\n2,0,0,0,0,0,0,1,1,1,0,B,,,0,0", ""),
+    ("label,x,y,z,sel,vis,positionStatus", "A,1,2,3,1,1,2\nB,0,0,0,1,1,0", "'positionstatus'"),
+    ("label,x,y,z,x", "A,1,2,3,4", "repeated column 'x'"),
+])  # fmt: skip
+def test_columns_that_fcsv_names_are_known_or_refused(columns: str, row: str, said: str) -> None:
+    """A column of states that was passed over made points that are not placed beads."""
+    text = f"# CoordinateSystem = LPS\n# columns = {columns}\n{row}\n"
+    if said:
+        assert said in refused(text, "b.fcsv")[1]
+        return
+    found = read(text, "b.fcsv")
+    assert found.labels == ("A",)
+    assert any("B" in note for note in found.notes)
 
 
 def test_slicer_s_table_says_its_system_and_what_is_defined() -> None:
@@ -257,6 +274,9 @@ def test_a_tolerance_with_its_sign_is_cured_as_it_is_then_read(text: str) -> Non
     ("3 ± 0.05", "half_width_mm", "write 0.05"), ("±0.0123456789", "half_width_mm", "write 0.0123456789"),
     ("±0.3", "views.AP.fiducial_noise_px", "if ±0.3 is one standard deviation, write 0.3"),
     ("±1,234", "half_width_mm", "no quotes"), ("±0.05°", "half_width_mm", "no quotes"),
+    ("0.05 max", "half_width_mm", "write 0.05"), ("max. 0,05 mm", "half_width_mm", "write 0.05"),
+    ("≤0.05°", "half_width_deg", "write 0.05"), ("≤0.05°", "half_width_mm", "no quotes"),
+    ("Ø0.05", "half_width_mm", "half-width 0.025"), ("0.05 mm", "half_width_mm", "no quotes"),
     ("±0.05°", "half_width_deg", "write 0.05"), ("+0.1234567/-0", "half_width_mm", "bias 0.06172835,"),
 ])  # fmt: skip
 def test_a_value_with_its_tolerance(text: str, field: str, cure: str) -> None:

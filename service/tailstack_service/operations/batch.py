@@ -389,8 +389,8 @@ def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
             raise LimitError(Problem("/table", "too-many", detail, hint))
     if not cells[0]:
         raise table.refuse("too-short", "the table has no rows", "each row is a design")
-    if {"remark", "title"} & table.counts.left_out.keys():  # an answer has no place to say it
-        raise table.refuse("left-out", " ".join(table.describe()), "delete what is no row and no header")
+    if table.remarks or {"remark", "title"} & table.counts.left_out.keys():  # an answer has no place to say it
+        raise table.refuse("left-out", "; ".join(table.describe()), "leave only the header and its rows, on one sheet")
     return cells
 
 

@@ -23,8 +23,11 @@ from ..people_tables import (
     KEPT_ENDS,
     NUMBERINGS,
     PeopleTable,
+    Rows,
     decode_people_text,
+    describe_marked_row,
     is_missing,
+    quote,
     read_people_table,
     read_plain_number,
     split_heading,
@@ -133,7 +136,7 @@ def make_list(table: FiducialTable, content: bytes, name: str, limits: Limits) -
     """The fiducials of a table that was read from a file: in mm and LPS, each with a label.  Raises as reading does."""
     if not table.rows:
         left = f"; left out, position not defined: {', '.join(table.left_out)[:200]}" if table.left_out else ""
-        hint = KEPT_ENDS if len(content.split(b"\n")) == 1 else ""
+        hint = KEPT_ENDS if b"\n" not in content else ""
         raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial{left}", hint, name))
     for count, what in ((len(table.rows), "fiducials"), (len(table.left_out), "points that are not defined")):
         if count > limits.fiducials:
@@ -272,7 +275,7 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
     unknown = [cell for cell in others if cell not in known]
     if unknown or len(others) + 3 != len(table.header):
         repeated = [cell for cell in table.header if [*map(str.lower, table.header)].count(cell.lower()) > 1]
-        said = show([*unknown, *repeated][0])
+        said = quote([*unknown, *repeated][0])
         raise table.refuse("csv-header", f"unknown or repeated column {said}", EXAMPLE, table.header_line)
     at_label = others[(names or numbering)[0]] if names or numbering else None
     rows: list[tuple[str, list[float]]] = []
@@ -366,7 +369,7 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
     rows: list[tuple[str, list[float]]] = []
     left_out: list[str] = []
     remarks = [f"it is no UTF-8 and was read as {encoding}: look at its names"] if encoding else []
-    passed: list[int] = []
+    counts = Rows()
     for number, line in enumerate(re.split(r"\r\n|\n|\r", text.removeprefix("\ufeff")), 1):
         if not line.strip():
             continue
@@ -378,18 +381,17 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
                     name, number, "contradiction", "a row stands above this", "put it to the begin of the file"
                 )
             system = _system(said, name, number) if said else system
-            columns = tuple(cell.strip().lower() for cell in named[1].split(",")) if named else columns
+            columns = _read_fcsv_columns(named[1], name, number) if named else columns
             stated_columns = stated_columns or named is not None
             continue
         cells = _split_fcsv(line, name, number)
         expected = {len(columns), *((15, 16) if columns == _FCSV else ())}
         if line.lstrip().startswith("#") and (len(cells) not in expected or re.match(r"\s*#\s*\w+\s*=", line)):
             if not re.match(r"\s*#\s*(Markups fiducial file|Fiducial List file|\w+\s*=)", line):
-                passed.append(number)
+                counts.leave_out("remark", number)
             continue
         if line.lstrip().startswith("#") and not re.match(r"\s*#\S", line):
-            detail = f"this begins with # and has the cells of a row: {show(line)}"
-            raise refuse(name, number, "csv-row", detail, "delete the line if it is a remark, the # if it is none")
+            raise refuse(name, number, "csv-row", *describe_marked_row(line))
         entry, state = _read_fcsv_row(cells, columns, name, number, stated_columns, expected)
         label = entry.get("label", "").strip()
         own = entry.get("id", "").strip()
@@ -403,10 +405,21 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
             left_out.append(_name_left(label, f"line {number}", "missing"))
         else:
             rows.append((label, xyz))
-    if passed:
-        listed = ", ".join(map(str, passed[:5])) + (", ..." if len(passed) > 5 else "")
-        remarks.append(f"{len(passed)} rows were left out, as they begin with # and are remarks: lines {listed}")
-    return FiducialTable(rows, "mm", system or "RAS", system is not None, left_out, remarks)
+    return FiducialTable(
+        rows, "mm", system or "RAS", system is not None, left_out, [*remarks, *counts.describe()]
+    )
+
+
+def _read_fcsv_columns(text: str, name: str, number: int) -> tuple[str, ...]:
+    """The columns that a file names, without those of the state, which are known by their places."""
+    columns = tuple(cell.strip().lower() for cell in text.split(","))
+    if columns[: len(_FCSV)] == _FCSV:
+        columns = tuple(cell for cell in columns if cell not in ("positionstatus", "autocreated"))
+    for index, cell in enumerate(columns):
+        if cell not in _FCSV or cell in columns[:index]:
+            detail = f"unknown or repeated column {quote(cell)}"
+            raise refuse(name, number, "csv-header", detail, f"columns read here: {', '.join(_FCSV)}")
+    return columns
 
 
 def _split_fcsv(line: str, name: str, number: int) -> list[str]:
