@@ -225,9 +225,15 @@ LINES = 'each line is one object, {"name": "A", "views.AP.fiducial_noise_px": 0.
 
 
 def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
+    def collect(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise KeyError(next(name for k, (name, _) in enumerate(pairs) if name in dict(pairs[:k])))
+        return found
+
     def parse(line: int, text: bytes) -> dict[str, Any]:
         try:
-            row = json.loads(text.rstrip())
+            row = json.loads(text.rstrip(), object_pairs_hook=collect)
         except (ValueError, RecursionError) as error:
             place = f" from column {error.colno} on" if isinstance(error, json.JSONDecodeError) else ""
             detail = f"line {line} is not JSON{place}; got {text.decode(errors='replace').strip()[:60]!r}"
@@ -235,17 +241,20 @@ def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
             if isinstance(error, json.JSONDecodeError) and error.msg == "Extra data":
                 hint = f"end each object with LF; {KEPT_ENDS}"
             raise RequestError(Problem("", "json-syntax", detail, hint, bounds.file, line)) from None
+        except KeyError as error:
+            detail = f"line {line} has the field {error.args[0]!r} twice"
+            raise RequestError(Problem("", "duplicate-key", detail, "leave one", bounds.file, line)) from None
         if not isinstance(row, dict):
             raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", LINES, bounds.file, line))
         return row
 
     count = _count_lines(stream)
-    first = stream.readline()
-    header = tuple(parse(1, first)) if first.strip() else ()
+    at, first = next(((k, text) for k, text in enumerate(stream, 1) if text.strip()), (1, b""))
+    header = tuple(parse(at, first)) if first else ()
 
     def blocks() -> Iterator[ColumnBlock]:
-        lines = enumerate(chain([first], stream), 1)
-        while rows := [(line, parse(line, text)) for line, text in islice(lines, BLOCK) if text.strip()]:
+        lines = ((line, text) for line, text in enumerate(chain([first], stream), at) if text.strip())
+        while rows := [(line, parse(line, text)) for line, text in islice(lines, BLOCK)]:
             for line, row in rows:
                 if row.keys() != set(header):
                     other = min(row.keys() ^ set(header))

@@ -228,6 +228,14 @@ def test_a_row_that_sums_up_the_others_is_no_fiducial_and_no_trial(label: str) -
     assert read_fiducials(b"label,x_mm,y_mm,z_mm\nmean 1,1,2,3\n", "b.csv", DEFAULT_LIMITS).labels == ("mean 1",)
 
 
+def test_units_in_a_row_are_read_alike() -> None:
+    """closed form: an inch is 25.4 mm; - and 1 are what a column without a unit has."""
+    rows = "label;x;y;z\n-;in;in;in\nA;1,5;2;3\n"
+    assert read(rows).positions_mm == ((1.5 * 25.4, 2 * 25.4, 3 * 25.4),)
+    measured = read_measurements(f"{rows.replace('label', 'trial')}B;1;2;3\nC;1;2;4\n".encode(), ("tip",), "b.csv")
+    assert measured.groups[0].values_mm[0].tolist() == [1.5 * 25.4, 2 * 25.4, 3 * 25.4]
+
+
 def test_a_heading_states_its_unit_in_many_ways() -> None:
     assert {split_heading(cell) for cell in ("X_mm", "x [mm]", "x (mm)", "x/mm", "x mm")} == {("x", "mm")}
     assert split_heading("error_x_\N{GREEK SMALL LETTER MU}m") == ("error_x", "µm")

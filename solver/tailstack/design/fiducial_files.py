@@ -21,6 +21,7 @@ from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
 from ..people_tables import (
     KEPT_ENDS,
+    LENGTHS_MM,
     NUMBERINGS,
     PeopleTable,
     Rows,
@@ -39,7 +40,6 @@ System = Literal["LPS", "RAS"]
 
 FORMATS = (".csv", ".fcsv", ".mrk.json")  # that are written
 ENDINGS = (*FORMATS, ".tsv", ".json")  # of files that are read
-_MM = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 _SYSTEMS: dict[str, System] = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS"}
 _AXES: tuple[tuple[str, System | None], ...] = (("xyz", None), ("lps", "LPS"), ("ras", "RAS"))
 _OF_SLICER = ("defined", "selected", "visible", "locked", "description")  # more columns of its table
@@ -99,7 +99,7 @@ def _notes(origin: FiducialOrigin) -> Iterator[str]:
     if origin.coordinate_system == "RAS":
         yield f"{name}: coordinates were RAS; converted to LPS (x and y change sign)"
     if origin.coordinate_unit != "mm":
-        yield f"{name}: coordinates were converted to mm (factor {_MM[origin.coordinate_unit]:g})"
+        yield f"{name}: coordinates were converted to mm (factor {LENGTHS_MM[origin.coordinate_unit]:g})"
     for remark in origin.remarks:
         yield f"{name}: {remark}"
     if origin.changed:
@@ -207,7 +207,7 @@ def read_number(text: Any, name: str, line: int | None, what: str) -> float:
     if isinstance(text, str):
         found = read_plain_number(text)
         if found is None:
-            hint = cure_text(text, what)
+            hint = cure_text(text, what) or "leave out what was not measured"
             raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}", hint)
         return _check_size(found, name, line, what)
     if isinstance(text, bool) or not isinstance(text, int | float):
@@ -229,7 +229,7 @@ def _name_left(label: str, otherwise: str, state: str) -> str:
 
 def _read_position(table: FiducialTable, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
     """Scale to mm, turn RAS into LPS, fill in labels."""
-    scale, flip = _MM[table.unit], -1.0 if table.system == "RAS" else 1.0
+    scale, flip = LENGTHS_MM[table.unit], -1.0 if table.system == "RAS" else 1.0
     labels = tuple(label or f"F{number}" for number, (label, _) in enumerate(table.rows, 1))
     for label in labels:
         if not _is_name(label):
@@ -320,8 +320,8 @@ def _find_columns(table: PeopleTable, axes: str, of_slicer: bool) -> tuple[list[
             units += [unit, below]
             continue
         unit = unit or below or ("mm" if of_slicer else "")
-        if unit not in _MM or index < 0:
-            listed = ", ".join(f"{axis}_{each}" for each in _MM)
+        if unit not in LENGTHS_MM or index < 0:
+            listed = ", ".join(f"{axis}_{each}" for each in LENGTHS_MM)
             got = show(table.delimiter.join(table.header))
             detail = f"the header needs one column for {axis} with its unit ({listed}); got {got}"
             hint = (
@@ -405,9 +405,7 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
             left_out.append(_name_left(label, f"line {number}", "missing"))
         else:
             rows.append((label, xyz))
-    return FiducialTable(
-        rows, "mm", system or "RAS", system is not None, left_out, [*remarks, *counts.describe()]
-    )
+    return FiducialTable(rows, "mm", system or "RAS", system is not None, left_out, [*remarks, *counts.describe()])
 
 
 def _read_fcsv_columns(text: str, name: str, number: int) -> tuple[str, ...]:
@@ -488,7 +486,7 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
     system = _system(str(stated), name, source.locate(("markups", at, "coordinateSystem"))[0])
     unit = markup.get("coordinateUnits", "mm")
     unit = unit[0] if isinstance(unit, list) and unit else unit  # newer schemas: [code, scheme, meaning]
-    if not isinstance(unit, str) or unit not in _MM:
+    if not isinstance(unit, str) or unit not in LENGTHS_MM:
         raise refuse_at(
             ("markups", at, "coordinateUnits"),
             "unknown-value",
