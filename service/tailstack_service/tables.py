@@ -77,7 +77,8 @@ class TableReader:
     def refuse(
         self, code: str, detail: str, hint: str = "", line: int | None = None, column: int | None = None
     ) -> RequestError:
-        """What is wrong with it, and where."""
+        """What is wrong with it, and where; what of the file was not read may be why."""
+        detail = "; ".join(filter(None, (detail, *self.remarks)))
         return RequestError(Problem("", code, detail, hint, self.file, line, column))
 
     def describe(self) -> tuple[str, ...]:
