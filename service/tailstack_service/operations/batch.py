@@ -391,7 +391,9 @@ def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
         said = "; ".join(("the table has no rows", *table.counts.describe()))
         raise table.refuse("too-short", said, "each row is a design")
     if table.remarks or {"remark", "title"} & table.counts.left_out.keys():  # an answer has no place to say it
-        raise table.refuse("left-out", "; ".join(table.counts.describe()), "leave only the header and its rows, on one sheet")
+        raise table.refuse(
+            "left-out", "; ".join(table.counts.describe()), "leave only the header and its rows, on one sheet"
+        )
     return cells
 
 
