@@ -166,6 +166,9 @@ def cure_range(value: Any, field: str, *, least: float | None = None, most: floa
         return f"it is a fraction: {value:g} % is {value / 100:.6g}"
     if least is not None and field.endswith("_mm") and least >= 1 and 0 < value < least:
         return f"it is in mm: {value:g} m is {value * 1000:g} mm"
+    bound = abs(least or 0.0) if most is None else most
+    if field.endswith("_mm") and bound >= 1e4 and bound < abs(value) <= 1000 * bound:
+        return f"it is in mm: {value:g} \N{MICRO SIGN}m is {value / 1000:g} mm"
     return ""
 
 

@@ -6,6 +6,7 @@ What is right was worked out by hand from the files of tests/data/people_tables 
 from __future__ import annotations
 
 import io
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -132,6 +133,19 @@ def test_content_says_what_a_file_is() -> None:
 def test_markups_of_another_type_are_remarked() -> None:
     content = (FILES / "points.json").read_bytes().replace(b'"type": "Fiducial"', b'"type": "ClosedCurve"')
     assert any("ClosedCurve" in note for note in read(content, "points.mrk.json").notes)
+
+
+def test_a_list_without_a_point_is_told_to_place_them() -> None:
+    """And not that curl dropped its line ends: Slicer's files may be one line."""
+    markup = {"type": "Fiducial", "controlPoints": [{"label": "A", "positionStatus": "preview"}]}
+    _, detail, hint = refused(json.dumps({"markups": [markup]}), "b.mrk.json")
+    assert (detail[-11:], hint) == ("A (preview)", "place the points and save the file again")
+
+
+def test_coefficients_of_dltdv_are_told_what_they_are() -> None:
+    _, detail, hint = refused("".join(f"{k},{k / 3}\n" for k in range(11)))
+    assert "a column for each camera as DLTdv has them" in detail
+    assert hint.endswith("[[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 1]]")
 
 
 def test_a_refusal_says_what_was_left_out() -> None:

@@ -35,6 +35,7 @@ from ..people_tables import (
 )
 from .document import FiducialOrigin
 from .reading import Limits, decode, read_text, show
+from .refusals import write_dlt
 
 System = Literal["LPS", "RAS"]
 
@@ -136,7 +137,7 @@ def make_list(table: FiducialTable, content: bytes, name: str, limits: Limits) -
     """The fiducials of a table that was read from a file: in mm and LPS, each with a label.  Raises as reading does."""
     if not table.rows:
         left = f"; left out, position not defined: {', '.join(table.left_out)[:200]}" if table.left_out else ""
-        hint = KEPT_ENDS if b"\n" not in content else ""
+        hint = "place the points and save the file again" if left else "" if b"\n" in content else KEPT_ENDS
         raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial{left}", hint, name))
     for count, what in ((len(table.rows), "fiducials"), (len(table.left_out), "points that are not defined")):
         if count > limits.fiducials:
@@ -320,6 +321,12 @@ def _find_columns(table: PeopleTable, axes: str, of_slicer: bool) -> tuple[list[
             units += [unit, below]
             continue
         unit = unit or below or ("mm" if of_slicer else "")
+        if all(read_plain_number(cell) is not None for cell in table.header):
+            rows = [list(table.header), *(cells for _, cells in table.rows)]
+            if len(rows) == 11:
+                first = [read_plain_number(row[0]) for row in rows]
+                detail = "eleven rows of numbers, a column for each camera as DLTdv has them, are no fiducials"
+                raise table.refuse("csv-header", detail, f"of the first camera, {write_dlt(first)}", 1)
         if unit not in LENGTHS_MM or index < 0:
             listed = ", ".join(f"{axis}_{each}" for each in LENGTHS_MM)
             got = show(table.delimiter.join(table.header))
@@ -523,5 +530,7 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
             rows.append((label, xyz))
     kind, remarks = markup.get("type", "Fiducial"), []
     if kind != "Fiducial":
-        remarks.append(f"it is a {str(kind)[:40]} and no list of points; its control points were read as fiducials")
+        remarks.append(
+            f"its type is {str(kind)[:40]}, which is no list of points; its control points were read as fiducials"
+        )
     return FiducialTable(rows, unit, system, left_out=skipped, remarks=remarks)
