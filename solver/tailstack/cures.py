@@ -91,7 +91,7 @@ def _read_decimal(text: str) -> float | None:
 
 def _cure_zone_text(text: str, field: str) -> str:
     """``+0.1/-0`` and ``±0.05`` as a tolerance is written here; empty for other texts, and for another unit."""
-    own = re.search("_(mm|deg|px)$", field)
+    text, own = text.strip(" ()"), re.search("_(mm|deg|px)$", field)
     if found := _EITHER_WAY.fullmatch(text):
         before, after, unit = found.groups()
         value, half = (None if each is None else _read_decimal(each) for each in (before, after))

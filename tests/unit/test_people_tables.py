@@ -305,10 +305,13 @@ def test_a_value_with_its_tolerance(text: str, field: str, cure: str) -> None:
     assert cure in cure_text(text, field)
 
 
-def test_limits_of_a_zone_are_cured_with_their_numbers() -> None:
+@pytest.mark.parametrize("made", [
+    {"upper_mm": 0.1, "lower_mm": -0.02}, {"plus": 0.1, "minus": 0.02}, {"max": 0.1, "min": -0.02},
+    {"half_width_mm": {"upper": 0.1, "lower": -0.02}}, {"half_width_mm": "(+0.1/-0.02)"},
+])  # fmt: skip
+def test_limits_of_a_zone_are_cured_with_their_numbers(made: dict[str, Any]) -> None:
     """closed form: +0.1 / -0.02 has its middle at 0.04 and is 0.12 wide."""
     points = [{"position_mm": [k, k * k, 3]} for k in range(8)]
-    made = {"upper_mm": 0.1, "lower_mm": -0.02}
     design = {"schema": "tailstack/design/1", "name": "a", "views": [],
               "fiducials": {"points": points, "manufacturing": made}}  # fmt: skip
     with pytest.raises(DesignError) as found:

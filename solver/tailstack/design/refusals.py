@@ -90,13 +90,22 @@ def _cure_limits(problem: Problem, data: Any) -> Problem:
             data = data[int(step)] if step.isdecimal() and int(step) < len(data) else None
         else:
             data = data.get(step.replace("~1", "/").replace("~0", "~")) if isinstance(data, dict) else None
-    if not isinstance(data, dict):
-        return problem
-    given = {re.sub(r"_(mm|deg|px)$", "", str(name)): value for name, value in data.items()}
-    upper, lower = (next((given[name] for name in names if name in given), None) for names in (_UPPER, _LOWER))
-    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (upper, lower)):
-        return problem
-    return replace(problem, hint=cure_zone(float(upper or 0), float(lower or 0)))
+    cure = _cure_zone_of(data) if isinstance(data, dict) else ""
+    return replace(problem, hint=cure) if cure else problem
+
+
+def _cure_zone_of(value: Any) -> str:
+    """Two limits of a zone, by their names or in a list, as bias and half-width; empty for anything else."""
+    if isinstance(value, dict):
+        given = {re.sub(r"_(mm|deg|px)$", "", str(name)): each for name, each in value.items()}
+        value = [next((given[name] for name in names if name in given), None) for names in (_UPPER, _LOWER)]
+        if "minus" in given and isinstance(value[1], int | float):
+            value[1] = -abs(value[1])
+    if not isinstance(value, list) or len(value) != 2 or value[0] == value[1]:
+        return ""
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in value):
+        return ""
+    return cure_zone(*map(float, value))
 
 
 def _merge(problems: list[Problem]) -> list[Problem]:
@@ -162,6 +171,8 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
             hint = "put it in quotes"
         if isinstance(value, str) and (numbers := _list_numbers(value)):
             hint = hint or _cure_matrix(field, numbers)
+        if "half_width" in field:
+            hint = hint or _cure_zone_of(value)
     elif kind in ("too_short", "too_long"):
         most = context.get("max_length")
         hint = _cure_matrix(field, value) or (cure_list(value, most) if kind == "too_long" and most else "")
