@@ -292,6 +292,8 @@ def parse_json(body: bytes, settings: Settings, *, yaml: bool = True) -> dict[st
     except DesignError as error:
         cure = "it looks like YAML: " + ("send Content-Type: application/yaml" if yaml else "this operation takes JSON")
         problems = [replace(p, hint=cure) if p.hint == LOOKS_LIKE_YAML else p for p in error.problems]
+        if not problems[0].hint and body.strip()[:1] not in (b"{", b"["):
+            problems[0] = replace(problems[0], hint="it is no JSON: say in Content-Type what it is")
         raise MalformedError(problems) from None
     if not isinstance(data, dict):
         hint = 'send {"design": {...}}'
