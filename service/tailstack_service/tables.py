@@ -10,6 +10,7 @@ import csv
 import io
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -229,7 +230,7 @@ def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     def collect(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            raise KeyError(next(name for k, (name, _) in enumerate(pairs) if name in dict(pairs[:k])))
+            raise KeyError(Counter(name for name, _ in pairs).most_common(1)[0][0])
         return found
 
     def parse(line: int, text: bytes) -> dict[str, Any]:
@@ -357,7 +358,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
 def _holds_something(sheet: Any) -> bool:
     """Whether a cell of a sheet is filled."""
     sheet.reset_dimensions()
-    return any(any(map(_is_filled, row)) for row in sheet.iter_rows(values_only=True))
+    return any(any(map(_is_filled, row)) for row in sheet.iter_rows(max_row=MOST_SHEET_ROWS, values_only=True))
 
 
 def _is_filled(cell: Any) -> bool:
