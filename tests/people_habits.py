@@ -14,6 +14,7 @@ from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import openpyxl
 import pyarrow
@@ -185,6 +186,19 @@ def workbook(change: Callable[[Any], object]) -> bytes:
     return stream.getvalue()
 
 
+def respelt(pattern: bytes, new: bytes) -> bytes:
+    """A workbook whose sheet has something else where a pattern matches in its XML."""
+    stream = io.BytesIO()
+    with ZipFile(io.BytesIO(workbook(lambda sheet: None))) as plain, ZipFile(stream, "w") as changed:
+        for entry in plain.infolist():
+            content = plain.read(entry)
+            if entry.filename.endswith("sheet1.xml"):
+                content, count = re.subn(pattern, new, content)
+                assert count
+            changed.writestr(entry, content)
+    return stream.getvalue()
+
+
 def decimals() -> bytes:
     columns: dict[str, Any] = {HEADERS["table of designs"][0]: LABELS}
     for k, name in enumerate(HEADERS["table of designs"][1:]):
@@ -204,6 +218,14 @@ BINARY: dict[str, tuple[bytes, Format]] = {  # of tables of designs alone
     "XLSX: an empty row": (workbook(lambda sheet: sheet.insert_rows(3)), "xlsx"),
     "XLSX: a formula without its value": (workbook(lambda sheet: sheet.__setitem__("C3", "=B3*2")), "xlsx"),
     "XLSX: a cell beside the columns": (workbook(lambda sheet: sheet.__setitem__("F3", 0.5)), "xlsx"),
+    "XLSX: a remark (#) between the rows": (
+        workbook(lambda sheet: (sheet.insert_rows(3), sheet.__setitem__("A3", "# x"))), "xlsx"
+    ),
+    "XLSX: a row behind `# `": (workbook(lambda sheet: sheet.__setitem__("A3", "# A2")), "xlsx"),
+    "XLSX: a name that begins with #": (workbook(lambda sheet: sheet.__setitem__("A3", "#9")), "xlsx"),
+    "XLSX: two rows of one number": (respelt(b'<row r="3"', b'<row r="2"'), "xlsx"),
+    "XLSX: rows or cells in another order": (respelt(b'<c r="D3"', b'<c r="A3"'), "xlsx"),
+    "XLSX: rows without numbers": (respelt(rb'<(row|c) r="\w+"', rb"<\1"), "xlsx"),
     "XLSX: a number as text, 0,3": (workbook(lambda sheet: sheet.__setitem__("C3", "0,3")), "xlsx"),
     "Parquet: DECIMAL": (decimals(), "parquet"),
 }  # fmt: skip

@@ -10,6 +10,7 @@ import csv
 import io
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -29,6 +30,7 @@ from tailstack.people_tables import (
     PeopleTable,
     Rows,
     TextLine,
+    describe_marked_row,
     find_header,
     is_missing,
     read_people_table,
@@ -76,7 +78,8 @@ class TableReader:
     def refuse(
         self, code: str, detail: str, hint: str = "", line: int | None = None, column: int | None = None
     ) -> RequestError:
-        """What is wrong with it, and where."""
+        """What is wrong with it, and where; what of the file was not read may be why."""
+        detail = "; ".join(filter(None, (detail, *self.remarks)))
         return RequestError(Problem("", code, detail, hint, self.file, line, column))
 
     def describe(self) -> tuple[str, ...]:
@@ -224,9 +227,15 @@ LINES = 'each line is one object, {"name": "A", "views.AP.fiducial_noise_px": 0.
 
 
 def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
+    def collect(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise KeyError(Counter(name for name, _ in pairs).most_common(1)[0][0])
+        return found
+
     def parse(line: int, text: bytes) -> dict[str, Any]:
         try:
-            row = json.loads(text.rstrip())
+            row = json.loads(text.rstrip(), object_pairs_hook=collect)
         except (ValueError, RecursionError) as error:
             place = f" from column {error.colno} on" if isinstance(error, json.JSONDecodeError) else ""
             detail = f"line {line} is not JSON{place}; got {text.decode(errors='replace').strip()[:60]!r}"
@@ -234,17 +243,20 @@ def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
             if isinstance(error, json.JSONDecodeError) and error.msg == "Extra data":
                 hint = f"end each object with LF; {KEPT_ENDS}"
             raise RequestError(Problem("", "json-syntax", detail, hint, bounds.file, line)) from None
+        except KeyError as error:
+            detail = f"line {line} has the field {error.args[0]!r} twice"
+            raise RequestError(Problem("", "duplicate-key", detail, "leave one", bounds.file, line)) from None
         if not isinstance(row, dict):
             raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", LINES, bounds.file, line))
         return row
 
     count = _count_lines(stream)
-    first = stream.readline()
-    header = tuple(parse(1, first)) if first.strip() else ()
+    at, first = next(((k, text) for k, text in enumerate(stream, 1) if text.strip()), (1, b""))
+    header = tuple(parse(at, first)) if first else ()
 
     def blocks() -> Iterator[ColumnBlock]:
-        lines = enumerate(chain([first], stream), 1)
-        while rows := [(line, parse(line, text)) for line, text in islice(lines, BLOCK) if text.strip()]:
+        lines = ((line, text) for line, text in enumerate(chain([first], stream), at) if text.strip())
+        while rows := [(line, parse(line, text)) for line, text in islice(lines, BLOCK)]:
             for line, row in rows:
                 if row.keys() != set(header):
                     other = min(row.keys() ^ set(header))
@@ -290,7 +302,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         while not header[-1]:
             header = header[:-1]
         rows = enumerate(sheet.iter_rows(at + 1, values_only=True), at + 1)
-        formulas = _list_formulas(stream, bounds, at) if _has_formulas(stream, book) else None
+        formulas = _list_formulas(stream, bounds, at) if _check_places(stream, book, bounds) else None
     counts, width = Rows(), len(header)
     for title in titles:
         counts.leave_out("title", title.number)
@@ -322,6 +334,13 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
             for each in range(empty or line, line):
                 counts.leave_out("empty", each)
             empty = 0
+            marked = re.match(r"\s*#(\S?)", cells[0]) if isinstance(cells[0], str) else None
+            if marked and width > 1 and not any(map(_is_filled, cells[1:])):
+                counts.leave_out("remark", line)
+                continue
+            if marked and not marked[1]:
+                said_of_row = describe_marked_row(" ".join(str(cell) for cell in cells if cell is not None))
+                raise table.refuse("csv-row", *said_of_row, line, 1)
             counts.read += 1
             yield line, cells
 
@@ -337,9 +356,9 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
 
 
 def _holds_something(sheet: Any) -> bool:
-    """Whether one of the first cells of a sheet is filled."""
+    """Whether a cell of a sheet is filled."""
     sheet.reset_dimensions()
-    return any(any(map(_is_filled, row)) for row in sheet.iter_rows(max_row=PREVIEW, values_only=True))
+    return any(any(map(_is_filled, row)) for row in sheet.iter_rows(max_row=MOST_SHEET_ROWS, values_only=True))
 
 
 def _is_filled(cell: Any) -> bool:
@@ -353,18 +372,35 @@ def _cell_name(line: int, column: int) -> str:
     return f"{get_column_letter(column + 1)}{line}"
 
 
-def _has_formulas(stream: IO[bytes], book: Any) -> bool:
-    """Whether the first sheet holds a formula."""
+_PLACES = re.compile(rb"""<(?:\w+:)?(row|c)(?=[\s/>])(?:[^>]*?\sr=["']([A-Z]*)(\d+)["'])?""")
+
+
+def _check_places(stream: IO[bytes], book: Any, bounds: TableLimits) -> bool:
+    """Whether the first sheet holds a formula.
+
+    Raises RequestError for rows or cells that do not stand in their order, some of which openpyxl passes over.
+    """
     from zipfile import ZipFile
 
     path = book.worksheets[0]._worksheet_path  # noqa: SLF001
-    tail = b""
+    rest, formulas, row, cell = b"", False, 0, (0, b"")
     with ZipFile(stream) as archive, archive.open(path) as content:
-        for part in iter(partial(content.read, 1 << 16), b""):
-            if re.search(rb"<(\w+:)?f[\s/>]", tail + part):
-                return True
-            tail = part[-100:]
-    return False
+        for part in chain(iter(partial(content.read, 1 << 16), b""), [b"<"]):
+            whole, mark, rest = (rest + part).rpartition(b"<")
+            rest = mark + rest
+            formulas = formulas or re.search(rb"<(\w+:)?f[\s/>]", whole) is not None
+            for tag, letters, digits in _PLACES.findall(whole):
+                before = (row, cell)
+                if tag == b"row":
+                    row, cell = int(digits) if digits else row + 1, (0, b"")
+                elif letters:
+                    cell = (len(letters), letters)
+                if digits and (row, cell) <= before:
+                    place = f"cell {(letters + digits).decode()}" if letters else f"row {row}"
+                    detail = f"{place} stands in the file behind others that come after it"
+                    hint = "open and save the file with a spreadsheet, which puts rows and cells into their order"
+                    raise RequestError(Problem("", "bad-table", detail, hint, bounds.file, int(digits)))
+    return formulas
 
 
 def _list_formulas(stream: IO[bytes], bounds: TableLimits, header_line: int) -> Iterator[Sequence[Any]]:

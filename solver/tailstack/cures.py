@@ -44,6 +44,9 @@ _ZONE = re.compile(r"\s*([-+]?[0-9.,]+)\s*(?:mm|deg|°|px)?\s*[/;| ]\s*([-+]\s*[
 _EITHER_WAY = re.compile(  # value, half-width, unit
     r"\s*([-+]?[0-9.,]+)?\s*(?:mm|deg|°|px)?\s*(?:±|∓|\+ ?/? ?-|- ?/? ?\+)\s*([0-9.,]+)?\s*(mm|deg|°|px)?\s*"
 )
+_BOUND = re.compile(  # one number of a drawing: sign, value, unit, and a word
+    r"\s*(max\.?|<=?|≤|Ø|⌀)?\s*([0-9.,]+)\s*(mm|deg|°|px)?\s*(max\.?|maximum)?\s*", re.IGNORECASE
+)
 _PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*%\s*")
 _LARGEST_PERCENT = 100.0
 
@@ -88,12 +91,12 @@ def _read_decimal(text: str) -> float | None:
 
 def _cure_zone_text(text: str, field: str) -> str:
     """``+0.1/-0`` and ``±0.05`` as a tolerance is written here; empty for other texts, and for another unit."""
+    text, own = text.strip(" ()"), re.search("_(mm|deg|px)$", field)
     if found := _EITHER_WAY.fullmatch(text):
         before, after, unit = found.groups()
         value, half = (None if each is None else _read_decimal(each) for each in (before, after))
         if after is None:  # 0.05 ±
             value, half = None, value
-        own = re.search("_(mm|deg|px)$", field)
         if half is None or half < 0 or (after and before and value is None):
             return ""
         if own and unit and own[1] != unit.replace("°", "deg"):
@@ -108,6 +111,13 @@ def _cure_zone_text(text: str, field: str) -> str:
             if value is not None
             else f"{said}; the value itself goes here"
         )
+    if "half_width" in field and (found := _BOUND.fullmatch(text)) and (found[1] or found[4]):
+        value, unit = _read_decimal(found[2]), found[3]
+        if value is None or (own and unit and own[1] != unit.replace("°", "deg")):
+            return ""
+        if (found[1] or "").lower() in ("ø", "⌀"):
+            return f"a zone of diameter {value:.12g} has the half-width {value / 2:.12g}"
+        return f"a half-width is the largest deviation to either side: write {value:.12g}"
     if found := _ZONE.fullmatch(text):
         one, other = (_read_decimal(each.replace(" ", "")) for each in found.groups())
         return "" if one is None or other is None else cure_zone(max(one, other), min(one, other))
@@ -156,6 +166,9 @@ def cure_range(value: Any, field: str, *, least: float | None = None, most: floa
         return f"it is a fraction: {value:g} % is {value / 100:.6g}"
     if least is not None and field.endswith("_mm") and least >= 1 and 0 < value < least:
         return f"it is in mm: {value:g} m is {value * 1000:g} mm"
+    bound = abs(least or 0.0) if most is None else most
+    if field.endswith("_mm") and bound >= 1e4 and bound < abs(value) <= 1000 * bound:
+        return f"it is in mm: {value:g} \N{MICRO SIGN}m is {value / 1000:g} mm"
     return ""
 
 

@@ -36,9 +36,8 @@ SUMMARIES = (  # what the first cell of a row says that sums up those above it
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _COMMA_NUMBER = re.compile(r"[-+]?[0-9]+,[0-9]+([eE][-+]?[0-9]+)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}")  # one comma that may be either
-UNITS = frozenset(
-    ("um", "\N{MICRO SIGN}m", "mm", "cm", "m", "in", "deg", "rad", "mrad", "px")
-)  # that a column may state
+LENGTHS_MM = {"um": 1e-3, "\N{MICRO SIGN}m": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+UNITS = frozenset((*LENGTHS_MM, "deg", "rad", "mrad", "px"))  # that a column may state
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),  # before UTF-16 LE, whose mark it begins with
@@ -73,7 +72,7 @@ def read_plain_number(text: str) -> float | None:
 
 def is_missing(value: float) -> bool:
     """Whether a number is what NDI's trackers write for a marker that was not seen, -3.697314e28."""
-    return -3.698e28 < value < -3.697e28
+    return abs(value + 3.697314e28) < 1e25
 
 
 def looks_like_number(cell: str) -> bool:
@@ -94,9 +93,9 @@ def split_heading(cell: str) -> tuple[str, str]:
 
 
 def clean_unit(cell: str) -> str:
-    """A unit by itself, as it is or in brackets; the Greek mu is a micro sign."""
+    """A unit by itself, as it is or in brackets; the Greek mu is a micro sign, and - and 1 are no unit."""
     unit = cell.strip(" []()").lower().replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
-    return "deg" if unit == "°" else unit
+    return {"°": "deg", "-": "", "1": ""}.get(unit, unit)
 
 
 @dataclass(slots=True)
@@ -173,7 +172,11 @@ class PeopleTable:
             value = float(text)
             if not isfinite(value):
                 raise self.refuse(
-                    "out-of-range", f"{self.header[column]} is too large: {quote(cell)}", "", line, column + 1
+                    "out-of-range",
+                    f"{self.header[column]} is too large: {quote(cell)}",
+                    "leave out what was not measured",
+                    line,
+                    column + 1,
                 )
         elif self.delimiter != "," and _COMMA_NUMBER.fullmatch(text):
             if self.delimiter != ";" and _THOUSANDS.fullmatch(text):
@@ -220,6 +223,12 @@ def quote(cell: str, length: int = 60) -> str:
     """A cell as it arrived, short and printable."""
     clean = "".join(each if each.isprintable() else "?" for each in cell)
     return repr(clean if len(clean) <= length else clean[: length - 3] + "...")
+
+
+def describe_marked_row(text: str) -> tuple[str, str]:
+    """What is wrong with a row of cells behind a #, which may be a remark or one that somebody took out; its cure."""
+    detail = f"this begins with # and has the cells of a row: {quote(text)}"
+    return detail, "delete the line if it is a remark, the # if it is none"
 
 
 # --- bytes to lines ---------------------------------------------------------------------------------------
@@ -486,7 +495,7 @@ def _refuse_spaces(contents: list[TextLine], header: TextLine, refuse: Callable[
 def _is_unit_row(cells: Sequence[str], width: int) -> bool:
     units = [clean_unit(cell) for cell in cells]
     return len(cells) == width and any(unit in UNITS for unit in units) and all(
-        unit in UNITS or unit in ("", "-", "1") for unit in units
+        unit in UNITS or not unit for unit in units
     )  # fmt: skip
 
 
@@ -519,9 +528,7 @@ def _list_rows(table: PeopleTable, lines: Iterable[str], begins: int, trailing: 
                     table.remarks.append((line, table.delimiter.join(row)))
                 continue
             if width == 1 or not re.match(r"\s*#\S", row[0]):
-                detail = f"this begins with # and has the cells of a row: {quote(table.delimiter.join(row))}"
-                hint = "delete the line if it is a remark, the # if it is none"
-                raise table.refuse("csv-row", detail, hint, line, 1)
+                raise table.refuse("csv-row", *describe_marked_row(table.delimiter.join(row)), line, 1)
         if len(row) != width:
             if width < len(row) <= width + trailing and not any(map(str.strip, row[width:])):
                 row = row[:width]

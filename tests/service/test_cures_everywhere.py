@@ -183,6 +183,8 @@ def test_a_table_that_lost_its_line_ends_on_the_way(client: httpx.Client) -> Non
     rows = b"label,x_mm,y_mm,z_mm" + b"".join(b"F%d,%d,0,5" % (k, 10 * k) for k in range(8))
     answer = client.post("/v1/conversions?to=yaml", content=rows, headers={"Content-Type": "text/csv"}).json()
     assert "--data-binary @FILE" in answer["errors"][0]["hint"]
+    answer = client.post("/v1/conversions", content=rows, headers=JSON).json()
+    assert answer["errors"][0]["hint"] == "it is no JSON: say in Content-Type what it is"
 
 
 @pytest.mark.parametrize(

@@ -224,6 +224,19 @@ def test_a_link_out_of_a_class_is_judged_where_the_file_is_and_said(tree: Path) 
     assert "a link of that name leads to designs/x.yaml" in finding.message
 
 
+def test_a_folder_that_a_pattern_names_may_be_a_link(tree: Path) -> None:
+    """A class of released/* is that of the files in the folder that released leads to, however one of them is named."""
+    write(tree / "tree" / "store" / "v3" / "x.yaml", limited(PASSING))
+    (tree / "tree" / "latest").symlink_to("store/v3")
+    accepted = write(tree / "tree" / "waivers.yaml", waive("latest/x.yaml"))
+    for pattern in ("latest/*", "./latest/*.yaml", f"{tree}/workspace/latest/*", "../tree/latest/x.yaml"):
+        rules = write(tree / "tree" / "policy.yaml", policy(pattern))
+        for folder, name in ((tree / "tree", "latest/x.yaml"), (tree, "workspace/store/v3/x.yaml")):
+            code, record = gate(folder, name, "--policy", rules)
+            assert (code, record.designs[0].design_class) == (1, "released"), (pattern, name)
+            assert gate(folder, name, "--policy", rules, "--waivers", accepted)[0] == 0
+
+
 def test_beads_lie_beside_the_file_and_not_beside_a_link_to_it(tmp_path: Path) -> None:
     """By the link's folder another file of the same name would be read: other beads, another verdict."""
     points = limited(PASSING)["fiducials"]["points"]

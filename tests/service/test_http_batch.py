@@ -205,6 +205,20 @@ def test_a_file_is_refused_with_its_line(client: httpx.Client, sha256: str, text
     assert problem["errors"][0].get("line") == line
 
 
+def test_what_a_workbook_holds_beside_the_table_is_refused(client: httpx.Client, sha256: str) -> None:
+    """Its answer has no place to say that a sheet was not read, far down as its cells may be."""
+    book = openpyxl.load_workbook(io.BytesIO(table_as("xlsx")))
+    book.create_sheet("empty")
+    book.create_sheet("rev B").cell(40, 3, 0.2)
+    stream = io.BytesIO()
+    book.save(stream)
+    header = {"Content-Type": MEDIA_TYPES["xlsx"]}
+    answer = client.post(PATH, params={"design_sha256": sha256}, content=stream.getvalue(), headers=header)
+    (problem,) = check_problem(answer, 422, "invalid-request")["errors"]
+    assert problem["detail"] == "sheet 'Sheet' was read, and not 'rev B'"
+    assert problem["hint"] == "leave only the header and its rows, on one sheet"
+
+
 def test_objects_without_line_ends_between_are_told_what_drops_them(client: httpx.Client, sha256: str) -> None:
     header = {"Content-Type": MEDIA_TYPES["ndjson"]}
     content = f'{{"{NOISE}": 0.3}}{{"{NOISE}": 0.4}}'

@@ -190,6 +190,23 @@ def test_what_a_workbook_says_of_its_size_hides_no_row() -> None:
     assert [(tuple(block.lines), block.columns) for block in table.blocks] == [((2, 3), (("a", "b"), (0.25, 0.5)))]
 
 
+def test_a_refusal_says_which_sheet_was_not_read(tmp_path: Path, capsys: Any) -> None:
+    book = openpyxl.Workbook()
+    book.create_sheet("designs").append([AP])
+    book.worksheets[0].append(["cover"])
+    book.save(tmp_path / "a.xlsx")
+    assert main(["score", DEMO, "--batch", str(tmp_path / "a.xlsx"), "-o", str(tmp_path / "b.csv")]) == 2
+    assert "sheet 'Sheet' was read, and not 'designs'" in " ".join(capsys.readouterr().err.split())
+
+
+def test_no_line_of_json_is_lost_behind_empty_ones_and_no_field_behind_another() -> None:
+    line = b'{"a": 0.5}\n'
+    table = read_table(io.BytesIO(b"\n" + line + b" \n" * 1500 + line), "ndjson")
+    assert [number for block in table.blocks for number in block.lines] == [2, 1503]
+    with pytest.raises(RequestError, match="line 2 has the field 'a' twice"):
+        list(read_table(io.BytesIO(line + b'{"a": 0.5, "a": 5}\n'), "ndjson").blocks)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

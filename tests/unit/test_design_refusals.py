@@ -234,13 +234,16 @@ COEFFICIENTS = [number / 700.0 for number in FLAT[:11]]
         (FLAT, "row after row (C, NumPy)"),
         ([row[k] for k in range(4) for row in PROJECTION], "column after column (MATLAB, Fortran)"),
         ([list(column) for column in zip(*PROJECTION, strict=True)], "transposed"),
+        (" ".join(map(str, COEFFICIENTS)), "eleven DLT coefficients"),
+        (", ".join(map(str, FLAT)), "row after row (C, NumPy)"),
     ],
 )
 def test_a_projection_in_another_shape_is_refused_with_the_rows_to_write(written, words):
     """closed_form: the matrix that was written otherwise; DLT coefficients are it over its last number."""
     views = [view_by_projection(written), view_by_projection(PROJECTION) | {"name": "B"}]
     (problem,) = problems_of(changed(("views",), views))
-    assert (problem.pointer, problem.detail[:15]) == ("/views/0/projection", "needs 3 entries")
+    detail = "needs 3 entries" if isinstance(written, list) else "expected a list"
+    assert (problem.pointer, problem.detail[:15]) == ("/views/0/projection", detail)
     after = problem.hint.partition(words)[2]
     told = json.loads(after[after.index("[[") : after.index("]]") + 2])
     np.testing.assert_allclose(np.array(told) / told[2][3], np.array(PROJECTION) / 700.0, rtol=1e-9)
@@ -254,6 +257,27 @@ def test_a_camera_matrix_is_refused_with_its_fields(transposed):
     (problem,) = problems_of(changed(("views",), [view, view_by_projection(PROJECTION) | {"name": "B"}]))
     told = yaml.safe_load(problem.hint[problem.hint.index("{") :])
     assert told == {"focal_px": [5200, 5190], "principal_point_px": [770, 760], "skew_px": 1.5}
+
+
+@pytest.mark.parametrize(
+    "written", [lambda pose: pose[:3].ravel(), lambda pose: pose.ravel(), lambda pose: pose.T.ravel()]
+)
+def test_a_pose_in_one_row_is_refused_with_its_rows(written):
+    pose = np.array([[1.0, 0, 0, 4], [0, 0, -1, -7], [0, 1, 0, 690], [0, 0, 0, 1]])
+    view = {"name": "A", "intrinsics": {"focal_px": [5200, 5200], "principal_point_px": [768, 768]},
+            "pose": written(pose).tolist(), "fiducial_noise_px": 0.3, "target_noise_px": 0.3}  # fmt: skip
+    (problem,) = problems_of(changed(("views",), [view, view_by_projection(PROJECTION) | {"name": "B"}]))
+    told = json.loads(problem.hint[problem.hint.index("[[") : problem.hint.index("]]") + 2])
+    np.testing.assert_array_equal(told, pose)
+
+
+def test_a_pose_that_mirrors_is_told_so():
+    view = {"name": "A", "intrinsics": {"focal_px": [5200, 5200], "principal_point_px": [768, 768]},
+            "pose": np.diag([1.0, 1, -1, 1]).tolist(), "fiducial_noise_px": 0.3, "target_noise_px": 0.3}  # fmt: skip
+    data = changed(("views",), [view, view_by_projection(PROJECTION) | {"name": "B"}])
+    with pytest.raises(DesignError, match="a reflection: the determinant is -1") as caught:
+        check_design(load_design(data))
+    assert "reverse its numbers" in caught.value.problems[0].hint
 
 
 def test_a_transform_for_rows_on_its_left_is_refused_with_its_transpose():

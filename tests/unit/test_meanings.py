@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from tailstack.design import check_design, load_design
-from tailstack.errors import IllPosedError
+from tailstack.errors import DesignError, IllPosedError
 from tailstack.scoring import score
 
 FOCAL, CENTRE, AWAY = 5257.73, 767.5, 700.0
@@ -135,6 +135,18 @@ def test_a_translation_in_another_unit(unit, factor):
     hints = hints_of(data)
     assert all(f"its translation in {unit}" in hint and "translation_mm: [0, 0, 700]" in hint for hint in hints)
     check_design(load_design(obey(data, hints)))
+
+
+def test_micrometres_are_named_where_they_are_written():
+    """closed_form: 70 mm are 70,000 µm, which no view shows; a source 700,000 µm away is beyond all fields."""
+    data = document()
+    data["targets"] = [{"name": "tip", "position_mm": [0, 0, 70_000]}]
+    assert all("with the targets in micrometres" in hint and "by 0.001" in hint for hint in hints_of(data))
+    for view in (data := document())["views"]:
+        view["pose"] = {"rotation": np.array(view["pose"])[:3, :3].tolist(), "translation_mm": [0, 0, 700_000]}
+    with pytest.raises(DesignError) as caught:
+        load_design(data)
+    assert caught.value.problems[0].hint == "it is in mm: 700000 µm is 700 mm"
 
 
 def test_where_no_unit_fits_none_is_stated():

@@ -6,6 +6,7 @@ What is right was worked out by hand from the files of tests/data/people_tables 
 from __future__ import annotations
 
 import io
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -92,7 +93,24 @@ def test_a_name_may_stand_in_the_id_of_fcsv() -> None:
 
 def test_a_remark_in_fcsv_is_counted() -> None:
     found = read(FCSV + "# measured anew\n1,1,2,3,0,0,0,1,1,1,0,A,,,2,0\n", "b.fcsv")
-    assert any("1 row" in note and "line" in note for note in found.notes)
+    assert any("1 row was left out" in note and "line 4" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("columns", "row", "said"), [
+    ("id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID,positionStatus,autoCreated",
+     "1,1,2,3,0,0,0,1,1,1,0,A,,,2,0\n2,0,0,0,0,0,0,1,1,1,0,B,,,0,0", ""),
+    ("label,x,y,z,sel,vis,positionStatus", "A,1,2,3,1,1,2\nB,0,0,0,1,1,0", "'positionstatus'"),
+    ("label,x,y,z,x", "A,1,2,3,4", "repeated column 'x'"),
+])  # fmt: skip
+def test_columns_that_fcsv_names_are_known_or_refused(columns: str, row: str, said: str) -> None:
+    """A column of states that was passed over made points that are not placed beads."""
+    text = f"# CoordinateSystem = LPS\n# columns = {columns}\n{row}\n"
+    if said:
+        assert said in refused(text, "b.fcsv")[1]
+        return
+    found = read(text, "b.fcsv")
+    assert found.labels == ("A",)
+    assert any("B" in note for note in found.notes)
 
 
 def test_slicer_s_table_says_its_system_and_what_is_defined() -> None:
@@ -115,6 +133,19 @@ def test_content_says_what_a_file_is() -> None:
 def test_markups_of_another_type_are_remarked() -> None:
     content = (FILES / "points.json").read_bytes().replace(b'"type": "Fiducial"', b'"type": "ClosedCurve"')
     assert any("ClosedCurve" in note for note in read(content, "points.mrk.json").notes)
+
+
+def test_a_list_without_a_point_is_told_to_place_them() -> None:
+    """And not that curl dropped its line ends: Slicer's files may be one line."""
+    markup = {"type": "Fiducial", "controlPoints": [{"label": "A", "positionStatus": "preview"}]}
+    _, detail, hint = refused(json.dumps({"markups": [markup]}), "b.mrk.json")
+    assert (detail[-11:], hint) == ("A (preview)", "place the points and save the file again")
+
+
+def test_coefficients_of_dltdv_are_told_what_they_are() -> None:
+    _, detail, hint = refused("".join(f"{k},{k / 3}\n" for k in range(11)))
+    assert "a column for each camera as DLTdv has them" in detail
+    assert hint.endswith("[[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 1]]")
 
 
 def test_a_refusal_says_what_was_left_out() -> None:
@@ -211,6 +242,14 @@ def test_a_row_that_sums_up_the_others_is_no_fiducial_and_no_trial(label: str) -
     assert read_fiducials(b"label,x_mm,y_mm,z_mm\nmean 1,1,2,3\n", "b.csv", DEFAULT_LIMITS).labels == ("mean 1",)
 
 
+def test_units_in_a_row_are_read_alike() -> None:
+    """closed form: an inch is 25.4 mm; - and 1 are what a column without a unit has."""
+    rows = "label;x;y;z\n-;in;in;in\nA;1,5;2;3\n"
+    assert read(rows).positions_mm == ((1.5 * 25.4, 2 * 25.4, 3 * 25.4),)
+    measured = read_measurements(f"{rows.replace('label', 'trial')}B;1;2;3\nC;1;2;4\n".encode(), ("tip",), "b.csv")
+    assert measured.groups[0].values_mm[0].tolist() == [1.5 * 25.4, 2 * 25.4, 3 * 25.4]
+
+
 def test_a_heading_states_its_unit_in_many_ways() -> None:
     assert {split_heading(cell) for cell in ("X_mm", "x [mm]", "x (mm)", "x/mm", "x mm")} == {("x", "mm")}
     assert split_heading("error_x_\N{GREEK SMALL LETTER MU}m") == ("error_x", "µm")
@@ -257,16 +296,22 @@ def test_a_tolerance_with_its_sign_is_cured_as_it_is_then_read(text: str) -> Non
     ("3 ± 0.05", "half_width_mm", "write 0.05"), ("±0.0123456789", "half_width_mm", "write 0.0123456789"),
     ("±0.3", "views.AP.fiducial_noise_px", "if ±0.3 is one standard deviation, write 0.3"),
     ("±1,234", "half_width_mm", "no quotes"), ("±0.05°", "half_width_mm", "no quotes"),
+    ("0.05 max", "half_width_mm", "write 0.05"), ("max. 0,05 mm", "half_width_mm", "write 0.05"),
+    ("≤0.05°", "half_width_deg", "write 0.05"), ("≤0.05°", "half_width_mm", "no quotes"),
+    ("Ø0.05", "half_width_mm", "half-width 0.025"), ("0.05 mm", "half_width_mm", "no quotes"),
     ("±0.05°", "half_width_deg", "write 0.05"), ("+0.1234567/-0", "half_width_mm", "bias 0.06172835,"),
 ])  # fmt: skip
 def test_a_value_with_its_tolerance(text: str, field: str, cure: str) -> None:
     assert cure in cure_text(text, field)
 
 
-def test_limits_of_a_zone_are_cured_with_their_numbers() -> None:
+@pytest.mark.parametrize("made", [
+    {"upper_mm": 0.1, "lower_mm": -0.02}, {"plus": 0.1, "minus": 0.02}, {"max": 0.1, "min": -0.02},
+    {"half_width_mm": {"upper": 0.1, "lower": -0.02}}, {"half_width_mm": "(+0.1/-0.02)"},
+])  # fmt: skip
+def test_limits_of_a_zone_are_cured_with_their_numbers(made: dict[str, Any]) -> None:
     """closed form: +0.1 / -0.02 has its middle at 0.04 and is 0.12 wide."""
     points = [{"position_mm": [k, k * k, 3]} for k in range(8)]
-    made = {"upper_mm": 0.1, "lower_mm": -0.02}
     design = {"schema": "tailstack/design/1", "name": "a", "views": [],
               "fiducials": {"points": points, "manufacturing": made}}  # fmt: skip
     with pytest.raises(DesignError) as found:

@@ -141,6 +141,16 @@ def test_a_point_list_given_as_a_design(name):
     assert "fiducials.points" in refused(path.read_text()).hint  # it came without a file
 
 
+def test_a_point_list_is_not_sent_in_a_circle_by_its_name(tmp_path):
+    """A fiducial file has one of a few endings; what it is says its content."""
+    (tmp_path / "beads.txt").write_bytes((EXAMPLES / "fiducials" / "phantom.fcsv").read_bytes())
+    hint = refused(tmp_path / "beads.txt").hint
+    assert hint == "name it so and put it under fiducials.file of a design: fiducials: {file: beads.csv}"
+    (tmp_path / "beads.txt").rename(tmp_path / "beads.csv")
+    data = {key: value for key, value in DATA.items() if key != "optimise"} | {"fiducials": {"file": "beads.csv"}}
+    assert load_design(data, base_directory=tmp_path).fiducials.labels
+
+
 @pytest.mark.parametrize("data", ["- [1, 2, 3]\n- [4, 5, 6]\n", "- position_mm: [1, 2, 3]\n", "points:\n- [1, 2, 3]\n"])
 def test_points_that_somebody_wrote(data):
     assert refused(data).code == "point-list"

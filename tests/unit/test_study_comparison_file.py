@@ -123,7 +123,7 @@ BAD = [
     ("trial,x,y,z\n1,1,2,3\n", 1, "csv-header", "states no unit"),
     ("x_mm,y_mm\n1,2\n", 1, "csv-header", "column z_mm is missing"),
     ("x_mm,y_mm,z_m\n1,2,3\n", 1, "mixed-units", "different units: x_mm, y_mm, z_m"),
-    ("x_in,y_in,z_in\n1,2,3\n", 1, "csv-header", "no known unit"),
+    ("x_ft,y_ft,z_ft\n1,2,3\n", 1, "csv-header", "no known unit"),
     ("rx_deg,tx_mm,error_m\n1,1,1\n", 1, "mixed-units", "different units: tx_mm, error_m"),
     ("rx_rad,error_mm\n1,1\n", 1, "csv-header", "rotations are in degrees"),
     ("mean_mm,sd_mm,reprojection_mm\n1,1,1\n", 1, "csv-header", "reprojection is in px"),

@@ -233,6 +233,7 @@ def _read_gate(arguments: argparse.Namespace, files: list[str], anchors: Anchors
     baseline = _read_input(arguments.baseline, read_baseline)
     patterns = [pattern for entry in policy.document.classes for pattern in entry.files or ()]
     patterns += [pattern for entry in (waivers.entries if waivers else ()) for pattern in entry.designs or ()]
+    anchors = anchors.with_patterns(patterns)
     literal = anchors.find_literal(patterns, files)
     of_baseline = Anchors.of_documents([arguments.baseline])
     return Gate(

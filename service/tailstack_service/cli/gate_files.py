@@ -11,8 +11,9 @@ import glob
 import os
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatch
+from itertools import product, takewhile
 from pathlib import Path
 
 from ..gate.file_names import find_literal, is_wild, normalise
@@ -112,12 +113,18 @@ class Anchors:
     """Folders at which patterns may begin."""
 
     folders: tuple[Path, ...] = ()  # of the documents that hold patterns: the policy, the waivers
+    prefixes: tuple[str, ...] = ()  # folders with which patterns begin, which may be links
 
     @classmethod
     def of_documents(cls, names: Iterable[str | None]) -> Anchors:
         """From the files of the documents, of which "-" and None have no folder."""
         given = (name for name in names if name is not None and name != "-" and os.path.isfile(name))
         return cls(tuple(dict.fromkeys(resolve(name).parent for name in given)))
+
+    def with_patterns(self, patterns: Iterable[str]) -> Anchors:
+        """These, when the folders that patterns name are known: a file is also called by links among them."""
+        begins = ("/".join(takewhile(lambda part: not is_wild(part), p.split("/")[:-1])) for p in patterns)
+        return replace(self, prefixes=tuple(dict.fromkeys(begin for begin in begins if begin not in ("", "."))))
 
     def list_folders(self, real: Path) -> list[Path]:
         """Those for one file: the root of its repository and every folder from there to a document that holds patterns.
@@ -154,6 +161,10 @@ class Anchors:
         ways = [os.path.relpath(real, folder) for folder in self.list_folders(real)]
         # ../designs/*, as it is written in a folder for policies
         ways += [os.path.relpath(real, folder) for folder in self.folders if folder.drive == real.drive]
+        for folder, prefix in product((*self.list_folders(real), *self.folders), self.prefixes):
+            inside = resolve(str(folder / prefix))
+            if inside != folder / prefix and real.is_relative_to(inside):
+                ways.append(f"{prefix.removeprefix('./')}/{os.path.relpath(real, inside)}")
         return tuple(dict.fromkeys(_make_readable(way) for way in (*ways, str(real))))
 
     def find_literal(self, patterns: Sequence[str], names: Sequence[str]) -> frozenset[str]:

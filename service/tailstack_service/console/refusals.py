@@ -120,7 +120,8 @@ def _report(error: TailstackError, arguments: argparse.Namespace, code: int) -> 
         document = problem_document(error, instance=f"tailstack {arguments.verb}")
         sys.stderr.write(to_json(document).decode() + "\n")
         return code
-    lines = [f"tailstack {arguments.verb}: {error.title[0].lower()}{error.title[1:]}"]
+    title = error.title if error.title[:2].isupper() else error.title[0].lower() + error.title[1:]  # PDF stays PDF
+    lines = [f"tailstack {arguments.verb}: {title}"]
     lines += problems_text(problems)
     lines.append(next_command(error, arguments))
     print("\n".join(lines), file=sys.stderr)

@@ -333,9 +333,8 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
 
     from ..documents import to_json
     from ..operations.request import (
-        LINE_ENDS,
+        cure_line_ends,
         design_of,
-        has_no_line_ends,
         limits_of,
         parse_json,
         read_options,
@@ -355,8 +354,8 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
     try:
         made = convert_wish(wish, limits_of(settings))
     except (DesignError, LimitError) as error:
-        if not place and isinstance(error, DesignError) and has_no_line_ends(sent.body):
-            error = DesignError([replace(error.problems[0], hint=LINE_ENDS)])
+        if not place and isinstance(error, DesignError):
+            error = cure_line_ends(error, sent.body)
         raise RefusedAt.place(error, place) from None
     record = Conversion(
         schema="tailstack/conversion/1",

@@ -388,9 +388,12 @@ def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
             hint = f"send fewer, or start the service with a higher {variable('max_batch_rows')}"
             raise LimitError(Problem("/table", "too-many", detail, hint))
     if not cells[0]:
-        raise table.refuse("too-short", "the table has no rows", "each row is a design")
-    if {"remark", "title"} & table.counts.left_out.keys():  # an answer has no place to say it
-        raise table.refuse("left-out", " ".join(table.describe()), "delete what is no row and no header")
+        said = "; ".join(("the table has no rows", *table.counts.describe()))
+        raise table.refuse("too-short", said, "each row is a design")
+    if table.remarks or {"remark", "title"} & table.counts.left_out.keys():  # an answer has no place to say it
+        raise table.refuse(
+            "left-out", "; ".join(table.counts.describe()), "leave only the header and its rows, on one sheet"
+        )
     return cells
 
 

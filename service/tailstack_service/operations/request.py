@@ -31,6 +31,7 @@ from tailstack.design.reading import (
 from tailstack.design.refusals import describe_value, pointer
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.json_text import write_json
+from tailstack.people_tables import KEPT_ENDS
 
 from ..console.flags import TypedOption, list_options
 from ..names import variable
@@ -291,6 +292,8 @@ def parse_json(body: bytes, settings: Settings, *, yaml: bool = True) -> dict[st
     except DesignError as error:
         cure = "it looks like YAML: " + ("send Content-Type: application/yaml" if yaml else "this operation takes JSON")
         problems = [replace(p, hint=cure) if p.hint == LOOKS_LIKE_YAML else p for p in error.problems]
+        if not problems[0].hint and body.strip()[:1] not in (b"{", b"["):
+            problems[0] = replace(problems[0], hint="it is no JSON: say in Content-Type what it is")
         raise MalformedError(problems) from None
     if not isinstance(data, dict):
         hint = 'send {"design": {...}}'
@@ -317,13 +320,12 @@ def design_of(
     return load(source, settings, f"/{field}", partial)
 
 
-LINE_ENDS = "the body has no line ends, as curl -d @FILE sends it: send it with --data-binary @FILE"
-
-
-def has_no_line_ends(body: bytes) -> bool:
-    """Whether a body of lines came as one: longer than any line that is a document or a table by itself."""
+def cure_line_ends(error: DesignError, body: bytes) -> DesignError:
+    """A refusal of a text, with how to send it if it came as one line, longer than any that is a text by itself."""
     text = body.strip()
-    return len(text) > LONGEST_LINE and not text.startswith(b"{") and b"\n" not in text and b"\r" not in text
+    if len(text) <= LONGEST_LINE or text.startswith(b"{") or b"\n" in text or b"\r" in text:
+        return error
+    return DesignError([replace(error.problems[0], hint=KEPT_ENDS)])
 
 
 def load(
@@ -337,8 +339,8 @@ def load(
         if isinstance(source, bytes) and b'"design"' in source and error.problems[0].code == "unsupported-schema":
             hint = "the design stands inside this body: send Content-Type: application/json"
             error = DesignError([replace(error.problems[0], hint=hint)])
-        if isinstance(source, bytes) and has_no_line_ends(source):
-            error = DesignError([replace(error.problems[0], hint=LINE_ENDS)])
+        if isinstance(source, bytes):
+            error = cure_line_ends(error, source)
         if isinstance(source, bytes) and all(p.code in SYNTAX for p in error.problems):
             raise MalformedError(error.problems) from None
         raise _place(error, prefix, partial) from None

@@ -143,10 +143,11 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
         rotation, translation = matrix[:3, :3], matrix[:3, 3]
     size = float(np.abs(rotation).max())
     defect = rigidity_defect(rotation) if size < 10 else float("inf")
+    if size < 10 and rigidity_defect(-rotation) <= RIGID:
+        hint = "one axis of one of the two frames, a row or a column, points the other way there: reverse its numbers"
+        raise _refuse_not_rigid(pointer, "its rotation is a reflection: the determinant is -1", hint)
     if not defect <= RIGID:
-        what = (
-            "it is a reflection, or far from a rotation" if defect == float("inf") else f"R'R - I reaches {defect:.2g}"
-        )
+        what = "it is far from a rotation" if defect == float("inf") else f"R'R - I reaches {defect:.2g}"
         raise _refuse_not_rigid(pointer, f"its rotation is not a rotation: {what}")
     if defect > 1e-12:
         left, _, right = np.linalg.svd(rotation)

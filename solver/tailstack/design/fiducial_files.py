@@ -21,22 +21,26 @@ from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
 from ..people_tables import (
     KEPT_ENDS,
+    LENGTHS_MM,
     NUMBERINGS,
     PeopleTable,
+    Rows,
     decode_people_text,
+    describe_marked_row,
     is_missing,
+    quote,
     read_people_table,
     read_plain_number,
     split_heading,
 )
 from .document import FiducialOrigin
 from .reading import Limits, decode, read_text, show
+from .refusals import write_dlt
 
 System = Literal["LPS", "RAS"]
 
 FORMATS = (".csv", ".fcsv", ".mrk.json")  # that are written
 ENDINGS = (*FORMATS, ".tsv", ".json")  # of files that are read
-_MM = {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 _SYSTEMS: dict[str, System] = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS"}
 _AXES: tuple[tuple[str, System | None], ...] = (("xyz", None), ("lps", "LPS"), ("ras", "RAS"))
 _OF_SLICER = ("defined", "selected", "visible", "locked", "description")  # more columns of its table
@@ -96,7 +100,7 @@ def _notes(origin: FiducialOrigin) -> Iterator[str]:
     if origin.coordinate_system == "RAS":
         yield f"{name}: coordinates were RAS; converted to LPS (x and y change sign)"
     if origin.coordinate_unit != "mm":
-        yield f"{name}: coordinates were converted to mm (factor {_MM[origin.coordinate_unit]:g})"
+        yield f"{name}: coordinates were converted to mm (factor {LENGTHS_MM[origin.coordinate_unit]:g})"
     for remark in origin.remarks:
         yield f"{name}: {remark}"
     if origin.changed:
@@ -133,7 +137,7 @@ def make_list(table: FiducialTable, content: bytes, name: str, limits: Limits) -
     """The fiducials of a table that was read from a file: in mm and LPS, each with a label.  Raises as reading does."""
     if not table.rows:
         left = f"; left out, position not defined: {', '.join(table.left_out)[:200]}" if table.left_out else ""
-        hint = KEPT_ENDS if len(content.split(b"\n")) == 1 else ""
+        hint = "place the points and save the file again" if left else "" if b"\n" in content else KEPT_ENDS
         raise DesignError(Problem("", "empty-document", f"{name} holds no fiducial{left}", hint, name))
     for count, what in ((len(table.rows), "fiducials"), (len(table.left_out), "points that are not defined")):
         if count > limits.fiducials:
@@ -204,7 +208,7 @@ def read_number(text: Any, name: str, line: int | None, what: str) -> float:
     if isinstance(text, str):
         found = read_plain_number(text)
         if found is None:
-            hint = cure_text(text, what)
+            hint = cure_text(text, what) or "leave out what was not measured"
             raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}", hint)
         return _check_size(found, name, line, what)
     if isinstance(text, bool) or not isinstance(text, int | float):
@@ -226,7 +230,7 @@ def _name_left(label: str, otherwise: str, state: str) -> str:
 
 def _read_position(table: FiducialTable, name: str) -> tuple[tuple[str, ...], tuple[tuple[float, float, float], ...]]:
     """Scale to mm, turn RAS into LPS, fill in labels."""
-    scale, flip = _MM[table.unit], -1.0 if table.system == "RAS" else 1.0
+    scale, flip = LENGTHS_MM[table.unit], -1.0 if table.system == "RAS" else 1.0
     labels = tuple(label or f"F{number}" for number, (label, _) in enumerate(table.rows, 1))
     for label in labels:
         if not _is_name(label):
@@ -272,7 +276,7 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
     unknown = [cell for cell in others if cell not in known]
     if unknown or len(others) + 3 != len(table.header):
         repeated = [cell for cell in table.header if [*map(str.lower, table.header)].count(cell.lower()) > 1]
-        said = show([*unknown, *repeated][0])
+        said = quote([*unknown, *repeated][0])
         raise table.refuse("csv-header", f"unknown or repeated column {said}", EXAMPLE, table.header_line)
     at_label = others[(names or numbering)[0]] if names or numbering else None
     rows: list[tuple[str, list[float]]] = []
@@ -317,8 +321,14 @@ def _find_columns(table: PeopleTable, axes: str, of_slicer: bool) -> tuple[list[
             units += [unit, below]
             continue
         unit = unit or below or ("mm" if of_slicer else "")
-        if unit not in _MM or index < 0:
-            listed = ", ".join(f"{axis}_{each}" for each in _MM)
+        if all(read_plain_number(cell) is not None for cell in table.header):
+            rows = [list(table.header), *(cells for _, cells in table.rows)]
+            if len(rows) == 11:
+                first = [read_plain_number(row[0]) for row in rows]
+                detail = "eleven rows of numbers, a column for each camera as DLTdv has them, are no fiducials"
+                raise table.refuse("csv-header", detail, f"of the first camera, {write_dlt(first)}", 1)
+        if unit not in LENGTHS_MM or index < 0:
+            listed = ", ".join(f"{axis}_{each}" for each in LENGTHS_MM)
             got = show(table.delimiter.join(table.header))
             detail = f"the header needs one column for {axis} with its unit ({listed}); got {got}"
             hint = (
@@ -366,7 +376,7 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
     rows: list[tuple[str, list[float]]] = []
     left_out: list[str] = []
     remarks = [f"it is no UTF-8 and was read as {encoding}: look at its names"] if encoding else []
-    passed: list[int] = []
+    counts = Rows()
     for number, line in enumerate(re.split(r"\r\n|\n|\r", text.removeprefix("\ufeff")), 1):
         if not line.strip():
             continue
@@ -378,18 +388,17 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
                     name, number, "contradiction", "a row stands above this", "put it to the begin of the file"
                 )
             system = _system(said, name, number) if said else system
-            columns = tuple(cell.strip().lower() for cell in named[1].split(",")) if named else columns
+            columns = _read_fcsv_columns(named[1], name, number) if named else columns
             stated_columns = stated_columns or named is not None
             continue
         cells = _split_fcsv(line, name, number)
         expected = {len(columns), *((15, 16) if columns == _FCSV else ())}
         if line.lstrip().startswith("#") and (len(cells) not in expected or re.match(r"\s*#\s*\w+\s*=", line)):
             if not re.match(r"\s*#\s*(Markups fiducial file|Fiducial List file|\w+\s*=)", line):
-                passed.append(number)
+                counts.leave_out("remark", number)
             continue
         if line.lstrip().startswith("#") and not re.match(r"\s*#\S", line):
-            detail = f"this begins with # and has the cells of a row: {show(line)}"
-            raise refuse(name, number, "csv-row", detail, "delete the line if it is a remark, the # if it is none")
+            raise refuse(name, number, "csv-row", *describe_marked_row(line))
         entry, state = _read_fcsv_row(cells, columns, name, number, stated_columns, expected)
         label = entry.get("label", "").strip()
         own = entry.get("id", "").strip()
@@ -403,10 +412,19 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
             left_out.append(_name_left(label, f"line {number}", "missing"))
         else:
             rows.append((label, xyz))
-    if passed:
-        listed = ", ".join(map(str, passed[:5])) + (", ..." if len(passed) > 5 else "")
-        remarks.append(f"{len(passed)} rows were left out, as they begin with # and are remarks: lines {listed}")
-    return FiducialTable(rows, "mm", system or "RAS", system is not None, left_out, remarks)
+    return FiducialTable(rows, "mm", system or "RAS", system is not None, left_out, [*remarks, *counts.describe()])
+
+
+def _read_fcsv_columns(text: str, name: str, number: int) -> tuple[str, ...]:
+    """The columns that a file names, without those of the state, which are known by their places."""
+    columns = tuple(cell.strip().lower() for cell in text.split(","))
+    if columns[: len(_FCSV)] == _FCSV:
+        columns = tuple(cell for cell in columns if cell not in ("positionstatus", "autocreated"))
+    for index, cell in enumerate(columns):
+        if cell not in _FCSV or cell in columns[:index]:
+            detail = f"unknown or repeated column {quote(cell)}"
+            raise refuse(name, number, "csv-header", detail, f"columns read here: {', '.join(_FCSV)}")
+    return columns
 
 
 def _split_fcsv(line: str, name: str, number: int) -> list[str]:
@@ -475,7 +493,7 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
     system = _system(str(stated), name, source.locate(("markups", at, "coordinateSystem"))[0])
     unit = markup.get("coordinateUnits", "mm")
     unit = unit[0] if isinstance(unit, list) and unit else unit  # newer schemas: [code, scheme, meaning]
-    if not isinstance(unit, str) or unit not in _MM:
+    if not isinstance(unit, str) or unit not in LENGTHS_MM:
         raise refuse_at(
             ("markups", at, "coordinateUnits"),
             "unknown-value",
@@ -512,5 +530,7 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
             rows.append((label, xyz))
     kind, remarks = markup.get("type", "Fiducial"), []
     if kind != "Fiducial":
-        remarks.append(f"it is a {str(kind)[:40]} and no list of points; its control points were read as fiducials")
+        remarks.append(
+            f"its type is {str(kind)[:40]}, which is no list of points; its control points were read as fiducials"
+        )
     return FiducialTable(rows, unit, system, left_out=skipped, remarks=remarks)

@@ -190,6 +190,21 @@ def say_meanings(view: Any, scene: WrittenPoints) -> str:
     return ""
 
 
+def _say_targets(document: DesignDocument, scene: WrittenPoints) -> str:
+    """In which unit the targets would be shown by every view, where the fiducials are; empty: in none, or several."""
+    fitting = [
+        unit
+        for unit, factor in UNITS.items()
+        if all(
+            _shows(view, replace(scene, targets_mm=factor * scene.targets_mm), 100.0, LONGEST_SOURCE_MM)
+            for view in document.views
+        )
+    ]
+    if len(fitting) != 1 or not len(scene.targets_mm):
+        return ""
+    return f"with the targets in {fitting[0]}, every view shows everything: multiply by {UNITS[fitting[0]]:g}"
+
+
 def _states_size(view: Any) -> bool:
     return not isinstance(view, PinholeView | MatrixView) or view.image_size_px is not None
 
@@ -202,7 +217,9 @@ def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Seq
         if problem.code in _PLACED:
             view = document.views[int(problem.pointer.split("/")[2])]
             first = problem.pointer not in said
-            meant = said.setdefault(problem.pointer, say_meanings(view, scene) if first else "")
+            meant = said.setdefault(
+                problem.pointer, (say_meanings(view, scene) or _say_targets(document, scene)) if first else ""
+            )
             problem = replace(
                 problem, hint=(meant if first else "") if meant else _say_nothing_fits(view, problem.code)
             )

@@ -251,7 +251,9 @@ def point_list_problem(file: str | None) -> Problem:
     if file is None:
         hint = "put the points under fiducials.points of a design: [{label: F1, position_mm: [x, y, z]}, ...]"
         return Problem("", "point-list", "this is a list of points, not a design", hint)
-    hint = f"put it under fiducials.file of a design: fiducials: {{file: {Path(file).name}}}"
+    own, known = Path(file), (".csv", ".tsv", ".fcsv", ".json")  # endings that fiducial files have
+    name, first = (own.name, "") if own.name.lower().endswith(known) else (f"{own.stem}.csv", "name it so and ")
+    hint = f"{first}put it under fiducials.file of a design: fiducials: {{file: {name}}}"
     return Problem("", "point-list", "this is a list of points, not a design", hint, file, 1, 1)
 
 

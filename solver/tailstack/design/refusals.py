@@ -90,13 +90,22 @@ def _cure_limits(problem: Problem, data: Any) -> Problem:
             data = data[int(step)] if step.isdecimal() and int(step) < len(data) else None
         else:
             data = data.get(step.replace("~1", "/").replace("~0", "~")) if isinstance(data, dict) else None
-    if not isinstance(data, dict):
-        return problem
-    given = {re.sub(r"_(mm|deg|px)$", "", str(name)): value for name, value in data.items()}
-    upper, lower = (next((given[name] for name in names if name in given), None) for names in (_UPPER, _LOWER))
-    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (upper, lower)):
-        return problem
-    return replace(problem, hint=cure_zone(float(upper or 0), float(lower or 0)))
+    cure = _cure_zone_of(data) if isinstance(data, dict) else ""
+    return replace(problem, hint=cure) if cure else problem
+
+
+def _cure_zone_of(value: Any) -> str:
+    """Two limits of a zone, by their names or in a list, as bias and half-width; empty for anything else."""
+    if isinstance(value, dict):
+        given = {re.sub(r"_(mm|deg|px)$", "", str(name)): each for name, each in value.items()}
+        value = [next((given[name] for name in names if name in given), None) for names in (_UPPER, _LOWER)]
+        if "minus" in given and isinstance(value[1], int | float):
+            value[1] = -abs(value[1])
+    if not isinstance(value, list) or len(value) != 2 or value[0] == value[1]:
+        return ""
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in value):
+        return ""
+    return cure_zone(*map(float, value))
 
 
 def _merge(problems: list[Problem]) -> list[Problem]:
@@ -160,6 +169,10 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
             hint = _cure_intrinsics(path[-1], value) or hint
         if kind == "string_type" and isinstance(value, int | float):
             hint = "put it in quotes"
+        if isinstance(value, str) and (numbers := _list_numbers(value)):
+            hint = hint or _cure_matrix(field, numbers)
+        if "half_width" in field:
+            hint = hint or _cure_zone_of(value)
     elif kind in ("too_short", "too_long"):
         most = context.get("max_length")
         hint = _cure_matrix(field, value) or (cure_list(value, most) if kind == "too_long" and most else "")
@@ -231,7 +244,7 @@ def _cure_matrix(field: str, value: Any) -> str:
     if kind == "projection" and [len(row) if isinstance(row, list | tuple) else 0 for row in value] == [1] * len(value):
         value = [row[0] for row in value]  # a column
     if not any(isinstance(row, list | tuple) for row in value):
-        return _cure_flat_projection(value) if kind == "projection" else _ROWS.get((kind, len(value)), "")
+        return _cure_flat(kind, value)
     if kind == "projection" and [len(row) if isinstance(row, list | tuple) else 0 for row in value] == [3] * 4:
         rows = _write_rows(zip(*value, strict=True))
         return f"a matrix of 4 x 3 is MATLAB's, for rows (X, Y, Z, 1) on its left: transposed it is {rows}"
@@ -260,18 +273,44 @@ def _cure_intrinsics(field: str | int, value: Any) -> str:
     )
 
 
-def _cure_flat_projection(value: Sequence[Any]) -> str:
-    """What to do with a projection that is written as one list, or with a row of one."""
-    if len(value) not in (11, 12):
-        return _ROWS.get(("projection", len(value)), "")
-    if len(value) == 11:
-        rows = _write_rows((value[:4], value[4:8], [*value[8:], 1]))
-        return f"eleven DLT coefficients are three rows of four whose last number is 1: {rows}"
-    across, down = (value[:4], value[4:8], value[8:]), (value[0::3], value[1::3], value[2::3])
-    return (
-        f"a projection has three rows of four: written row after row (C, NumPy) it is {_write_rows(across)}; column "
-        f"after column (MATLAB, Fortran) {_write_rows(down)}"
-    )
+def _cure_flat(kind: str, value: Sequence[Any]) -> str:
+    """What to do with a matrix that is written as one list, or with a row of one."""
+    if kind in ("projection", "transform") and len(value) == 11:
+        return write_dlt(value, "" if kind == "projection" else " and go under projection, without intrinsics")
+    if (kind, len(value)) == ("projection", 16):
+        return _SHAPES["projection", 4, 4]
+    shape, width = {
+        ("projection", 12): ("three rows of four", 4),
+        ("transform", 12): ("four rows of four", 4),
+        ("transform", 16): ("four rows of four", 4),
+        ("rotation", 9): ("three rows of three", 3),
+    }.get((kind, len(value)), ("", 1))
+    if not shape:
+        return _ROWS.get((kind, len(value)), "")
+    count, last = len(value) // width, [0, 0, 0, 1]
+    ways = {
+        "row after row (C, NumPy)": [list(value[width * k : width * (k + 1)]) for k in range(count)],
+        "column after column (MATLAB, Fortran)": [list(value[k::count]) for k in range(count)],
+    }
+    if kind == "transform":
+        whole = {way: rows if count == 4 else [*rows, last] for way, rows in ways.items()}
+        ways = {way: rows for way, rows in whole.items() if rows[3] == last} or whole
+    said = "; ".join(f"{way} it is {_write_rows(rows)}" for way, rows in ways.items())
+    return f"a {kind} has {shape}: written {said}"
+
+
+def write_dlt(coefficients: Sequence[Any], more: str = "") -> str:
+    """Eleven DLT coefficients as the projection that they are."""
+    rows = _write_rows((coefficients[:4], coefficients[4:8], [*coefficients[8:], 1]))
+    return f"eleven DLT coefficients are three rows of four whose last number is 1{more}: {rows}"
+
+
+def _list_numbers(text: str) -> list[float]:
+    """The numbers of a text that holds nothing else."""
+    try:
+        return [float(each) for each in re.split(r"[\s,;\[\]()]+", text.strip(" \n,;[]()"))]
+    except ValueError:
+        return []
 
 
 def _write_rows(rows: Iterable[Sequence[Any]]) -> str:

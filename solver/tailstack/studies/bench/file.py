@@ -17,7 +17,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import Problem, TailstackError
-from ...people_tables import NUMBERINGS, PeopleTable, is_missing, read_people_table, split_heading
+from ...people_tables import LENGTHS_MM, NUMBERINGS, PeopleTable, is_missing, read_people_table, split_heading
 from ...people_tables import quote as shown
 from ...system import TORSOR_COMPONENTS
 
@@ -186,7 +186,7 @@ def _trials_group(table: MeasurementTable, level: str, target: str, rows: Sequen
 def _notes(table: MeasurementTable, rows: Sequence[MeasuredRow]) -> tuple[str, ...]:
     notes = []
     if table.unit != "mm":
-        notes.append(f"lengths were converted from {table.unit} to mm (factor {MM[table.unit]:g})")
+        notes.append(f"lengths were converted from {table.unit} to mm (factor {LENGTHS_MM[table.unit]:g})")
     if table.form != "summary":
         first: dict[tuple[float, ...], int] = {}
         twins = [(first[row.values], row.line) for row in rows if first.setdefault(row.values, row.line) != row.line]
@@ -201,8 +201,7 @@ def _notes(table: MeasurementTable, rows: Sequence[MeasuredRow]) -> tuple[str, .
 
 Form = Literal["points", "vectors", "norms", "summary"]
 
-MM = {"um": 1e-3, "\u00b5m": 1e-3, "\u03bcm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}  # micro sign, Greek mu
-UNITS = "um, mm, cm, m"
+UNITS = ", ".join(LENGTHS_MM)
 MOST_BYTES, MOST_TRIALS, LEAST_TRIALS = 20_000_000, 2_000, 3  # the last two: of one level at one target
 MOST_LINES = 20_000
 FARTHEST_MM = 1e5
@@ -310,7 +309,7 @@ class MeasurementTable:
 
     def _row(self, line: int, raw: Sequence[str]) -> MeasuredRow:
         cells = [cell.strip() for cell in raw]
-        scale = MM[self.unit]
+        scale = LENGTHS_MM[self.unit]
         values = tuple(scale * self._number(cells, line, axis) for axis in AXES[self.form])
         labels = {name: cells[self.columns[name]] for name in LABELS[self.form] if name in self.columns}
         for label, said in labels.items():
@@ -318,7 +317,8 @@ class MeasurementTable:
                 self.text.refuse_summary(said, line, f"one more {label}")
             if not said or len(said) > 120 or not said.isprintable():
                 detail = f"{label} is a name of at most 120 printable characters; got {shown(said)}"
-                raise refusal(self.name, line, "wrong-type", detail, column=label)
+                hint = "every row has one; without it, leave the column out" if not said else "shorten it"
+                raise refusal(self.name, line, "wrong-type", detail, hint, label)
         if max(map(abs, values)) > FARTHEST_MM:
             detail = f"a length of more than {FARTHEST_MM / 1000:g} m: {max(values, key=abs):g} mm"
             raise refusal(self.name, line, "out-of-range", detail, "is the unit in the header the right one?")
@@ -352,7 +352,7 @@ class MeasurementTable:
         found = []
         for component in TORSOR_COMPONENTS:
             value = self._number(cells, line, component) if component in self.columns else 0.0
-            factor = np.pi / 180 if component in ROTATIONS else MM[self.unit]
+            factor = np.pi / 180 if component in ROTATIONS else LENGTHS_MM[self.unit]
             if component in ROTATIONS and abs(value) > 45:
                 head = self.heads[component]
                 raise refusal(self.name, line, "out-of-range", f"{head} is beyond 45 deg: {value:g}", "", head)
@@ -379,10 +379,10 @@ class MeasurementTable:
         value = self._optional(cells, line, column)
         if value is None:
             return None
-        if MM[self.unit] * value > FARTHEST_MM:
+        if LENGTHS_MM[self.unit] * value > FARTHEST_MM:
             hint = "is the unit in the header the right one?"
             raise refusal(self.name, line, "out-of-range", f"{self.heads[column]} is more than 100 m", hint)
-        return MM[self.unit] * value
+        return LENGTHS_MM[self.unit] * value
 
     def _optional(self, cells: Sequence[str], line: int, column: str) -> float | None:
         if column not in self.columns:
@@ -449,7 +449,7 @@ def _columns(name: str, line: int, said: Sequence[str], form: Form, passed: set[
             if unit != "px":
                 raise refusal(name, line, "csv-header", f"reprojection is in px: reprojection_px; got {shown(cell)}")
         elif stem in AXES[form] or stem in TRANSLATIONS or (stem in ("sd", "p95") and form == "summary"):
-            if unit not in MM:
+            if unit not in LENGTHS_MM:
                 detail = f"column {shown(cell)} has no known unit of length"
                 raise refusal(name, line, "csv-header", detail, f"for example {stem}_mm; units: {UNITS}")
             units[cell] = unit
