@@ -166,6 +166,22 @@ def test_no_connection_is_opened_beside_another_log_and_used_once_the_log_is_bac
         assert checked.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
 
 
+def test_a_log_that_went_with_the_last_connection_is_made_anew(migrated_file: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copy(migrated_file, tmp_path / "jobs.sqlite3"))
+    db, log = open_database(f"sqlite:///{path}"), path.with_name(path.name + "-wal")
+    with writing(db) as connection:
+        connection.exec_driver_sql("CREATE TABLE kept (x)")
+    before = log.stat().st_ino
+    db.close()
+    assert not log.exists()
+    (tmp_path / "another").touch()  # which takes the number of its inode, where numbers are given again
+    for number in (1, 2):
+        with writing(db) as connection:
+            connection.exec_driver_sql(f"INSERT INTO kept VALUES ({number})")
+    assert log.stat().st_ino != before
+    assert count_kept(db) == 2
+
+
 def count_kept(db: Database) -> int:
     with reading(db) as connection:
         return connection.execute(sa.text("SELECT count(*) FROM kept")).scalar_one()

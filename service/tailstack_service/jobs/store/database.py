@@ -39,7 +39,8 @@ class DatabaseFile:
     """What ``path`` named when it was first looked at.
 
     A program goes on writing into a file that was deleted, or that another was put in the place of, and all of it is
-    lost with the program's end.  The same holds of SQLite's write-ahead log beside it, ``path``-wal.
+    lost with the program's end.  The same holds of SQLite's write-ahead log beside it, ``path``-wal, which SQLite
+    deletes with the last connection to the file and makes anew with the next.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,6 +48,22 @@ class DatabaseFile:
         self._log = Path(f"{self.path}-wal")
         self._file_seen: tuple[int, int] | None = None
         self._log_seen: tuple[int, int] | None = None
+        self._open: set[int] = set()  # connections of this process
+
+    def admit(self, connection: sqlite3.Connection) -> None:
+        """Count a connection that was just opened.  Raises StoreError where it has another file or log open.
+
+        SQLite makes a log where there is none.  Used once the right one is back, a connection that has such a log open
+        reads what is not there, and writes what makes the file malformed for all others.
+        """
+        self.require_same(and_log=True)
+        self._open.add(id(connection))
+
+    def release(self, connection: sqlite3.Connection) -> None:
+        """Count a connection that is being closed: with the last the log may go."""
+        self._open.discard(id(connection))
+        if not self._open:
+            self._log_seen = None
 
     def require_same(self, *, and_log: bool = False) -> None:
         """Raise StoreError if the path leads to nothing, or to another file than before.
@@ -277,13 +294,16 @@ def _make_sqlite_engine(url: URL, mode: str, file: DatabaseFile) -> Engine:
         writes = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "journal_size_limit=67108864")
         for pragma in writes if mode == "mode=rw" else ("query_only=ON",):
             connection.execute(f"PRAGMA {pragma}").close()
-        try:
-            # SQLite makes a log where there is none.  Used once the right one is back, a connection that has such a log
-            # open reads what is not there, and writes what makes the file malformed for all others
-            file.require_same(and_log=mode == "mode=rw")
-        except StoreError:
-            connection.close()
-            raise
+        if mode == "mode=rw":
+            try:
+                file.admit(connection)
+            except StoreError:
+                connection.close()
+                raise
+
+    @sa.event.listens_for(engine, "close")
+    def _release(connection: Any, record: Any) -> None:
+        file.release(connection)
 
     @sa.event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
