@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import socket
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ import httpx
 import pytest
 from service_scenes import check_problem, client_with, coplanar_design, read_answer, small_design
 
+from tailstack_service.operations.request import RawRequest
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS
@@ -37,6 +39,28 @@ def changed(path: str, value: Any) -> dict[str, Any]:
         node = node[step]
     node[last] = value
     return design
+
+
+def test_nothing_of_a_refused_request_is_kept(client: httpx.Client) -> None:
+    """A body that a cycle of references holds stays until the next full collection, some hundred requests later."""
+    design = small_design()
+    sha256 = client.post("/v1/validations", json={"design": design}).json()["design_sha256"]
+    refused: list[tuple[str, str, Any, int]] = [
+        (f"/v1/scores/batch?design_sha256={sha256}", "text/csv", b"nothing\n1\n", 422),
+        ("/v1/scores", "application/json", {"design_sha256": "0" * 64}, 404),
+        ("/v1/scores", "application/json", {"design": {**design, "views": []}}, 422),
+        ("/v1/scores", "application/yaml", b"a: [1,", 400),
+        ("/v1/verifications", "application/json", {"design": design, "trials": 10**12}, 422),
+    ]
+    gc.collect()
+    gc.disable()
+    try:
+        for path, media, body, status in refused:
+            content = body if isinstance(body, bytes) else json.dumps(body).encode()
+            assert client.post(path, content=content, headers={"Content-Type": media}).status_code == status
+            assert [each.form for each in gc.get_objects() if isinstance(each, RawRequest)] == [], path
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize("path", POSTS)

@@ -214,9 +214,14 @@ class ComputePool:
             outcome = task.result()
         finally:
             task.cancel()
-        if isinstance(outcome, RefusedAt | DesignReferenceUnresolved):
+            # What is raised holds this frame: if the frame held it, the body would stay until cycles are looked for
+            del task
+        if not isinstance(outcome, RefusedAt | DesignReferenceUnresolved):
+            return outcome
+        try:
             raise outcome
-        return outcome
+        finally:
+            del outcome
 
     async def _compute(self, computation: _Computation, request: Request) -> Any:
         while True:
