@@ -148,13 +148,20 @@ def test_the_buttons_of_the_strip_are_a_few_presses_of_tab_away(service: Served)
 
 
 @pytest.mark.long
-def test_all_pictures_are_in_the_first_window_of_a_laptop_and_the_number_stays_in_sight_at_twice_the_size(
+def test_the_page_fills_the_window_of_a_laptop_and_the_number_stays_in_sight_at_twice_the_size(
     service: Served,
 ) -> None:
     found = led(service, "screen")
-    assert found["height"] <= 1600  # one scroll
-    assert max(found["ends"]) <= 900  # but for the foot of the elevations
+    assert found["scrolls"] is False
+    assert max(found["windows"]) <= 2  # one scroll of a column to its end
+    assert max(found["ends"]) <= 800  # all pictures are seen at once
     assert (found["wide"], found["axe"]) == (0, [])
+    first, moved, dragged, again = found["panes"]
+    assert first["panes"] == ["X-ray images", "In space", "Elevations"]
+    assert moved["panes"] == ["In space"]
+    assert moved["split"] == first["split"] - 6
+    assert moved["width"] < first["width"] < dragged["width"] == pytest.approx(moved["width"] + 200, abs=10)
+    assert again == dragged  # it is remembered
     zoomed = found["zoomed"]
     assert (zoomed["top"], zoomed["height"] < 100) == (0, True)
     assert (zoomed["wide"], zoomed["axe"]) == (0, [])

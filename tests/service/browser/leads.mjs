@@ -174,15 +174,30 @@ scenarios.words = async () => {
   return found;
 };
 
-// How much there is to scroll, with what is opened by itself
+// How much there is to scroll, with what is opened by itself; one kind of pictures alone, and how wide they are
 scenarios.screen = async () => {
   const page = await begun(await newContext({ viewport: { width: 1280, height: 800 } }));
   await page.locator(".space canvas").first().waitFor();
   await faded(page);
   const ends = await page.locator(".panes section").evaluateAll((all) => all.map((one) => Math.round(one.getBoundingClientRect().bottom)));
   await shot(page, "top");
-  await shot(page, "whole", { fullPage: true });
-  const found = { height: await page.evaluate(() => document.documentElement.scrollHeight), ends, wide: await wide(page), axe: await axe(page) };
+  const windows = (all) => all.map((one) => one.scrollHeight / one.clientHeight), splitter = page.getByRole("separator");
+  const found = { scrolls: await page.evaluate(() => document.documentElement.scrollHeight > innerHeight), windows: await page.locator(".see, .change").evaluateAll(windows), ends, wide: await wide(page), axe: await axe(page) };
+  const look = async () => ({ panes: await page.locator(".panes section").evaluateAll((all) => all.map((one) => one.ariaLabel)), split: Number(await splitter.getAttribute("aria-valuenow")), width: Math.round((await page.locator(".see").boundingBox()).width) });
+  found.panes = [await look()];
+  await page.getByRole("group", { name: "Pictures" }).getByRole("button", { name: "In space" }).click();
+  await splitter.focus();
+  for (let k = 0; k < 3; k += 1) await page.keyboard.press("ArrowLeft");
+  found.panes.push(await look());
+  const [x, y] = await centre(splitter);
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x + 200, y, { steps: 3 });
+  await page.mouse.up();
+  found.panes.push(await look());
+  await page.reload();
+  await page.locator(".space canvas").first().waitFor();
+  found.panes.push(await look());
   const half = await begun(await newContext({ viewport: { width: 640, height: 400 } })); // as 1280 x 800 at 200 %
   await half.evaluate(() => scrollTo(0, 1200));
   await faded(half);

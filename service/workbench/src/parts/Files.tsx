@@ -316,18 +316,20 @@ export function Variants() {
         <div class="scroll" tabIndex={0} role="region" aria-label="Variants">
           <table>
             <caption>By estimate: the requirement that decides of each</caption>
-            <thead><tr><th>Variant</th><th>Status</th><th class="number">Found, mm</th><th class="number">Limit, mm</th><th>What decides</th><th>Overlay</th><th>Differences</th><th>Take</th><th><span class="hidden">Remove</span></th></tr></thead>
+            <thead><tr><th>Variant</th><th>Status</th><th class="number">Found, mm</th><th class="number">Limit, mm</th><th>What decides</th><th>Use</th></tr></thead>
             <tbody>
-              <tr><th>now</th><Judged numbers={mine} /><td colSpan={4} /></tr>
+              <tr><th>now</th><Judged numbers={mine} /><td /></tr>
               {variants.value.map((variant) => {
                 const numbers = known.value[variant.text];
                 return (
                   <tr key={variant.name}>
                     <th>{variant.name}</th><Judged numbers={numbers} />
-                    <td><input type="checkbox" aria-label={`Draw ${variant.name} below`} checked={ghost.value === variant.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? variant.name : null)} /></td>
-                    <td><button type="button" class="small" aria-pressed={compared === variant.name} onClick={() => compare(compared === variant.name ? null : variant.name)}>compare</button></td>
-                    <td><button type="button" class="small" onClick={() => commit(variant.text, `Variant ${variant.name}`)}>take</button></td>
-                    <td><button type="button" class="small" aria-label={`Remove variant ${variant.name}`} onClick={() => removeVariant(variant.name)}>×</button></td>
+                    <td class="uses">
+                      <label><input type="checkbox" aria-label={`Draw ${variant.name} below`} checked={ghost.value === variant.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? variant.name : null)} />draw</label>
+                      <button type="button" class="small" aria-pressed={compared === variant.name} onClick={() => compare(compared === variant.name ? null : variant.name)}>compare</button>
+                      <button type="button" class="small" onClick={() => commit(variant.text, `Variant ${variant.name}`)}>take</button>
+                      <button type="button" class="small" aria-label={`Remove variant ${variant.name}`} onClick={() => removeVariant(variant.name)}>×</button>
+                    </td>
                   </tr>
                 );
               })}
