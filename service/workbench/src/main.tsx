@@ -9,6 +9,7 @@ import { Contributors } from "./parts/Contributors";
 import { Beads, Geometry } from "./parts/Controls";
 import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, WhichBalls, working } from "./parts/Files";
 import { Form } from "./parts/Form";
+import { Minute } from "./parts/Minute";
 import { Elevations, Images } from "./parts/Pictures";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
@@ -67,7 +68,7 @@ function Welcome() {
       </div>
       <OwnPoints />
       <h2>Begin with a design</h2>
-      <p>Take one of these, open <OpenFile words="a design of yours" />, or drop one here (.yaml, .json). Everything is computed by the service that this page came from; nothing is sent anywhere else.</p>
+      <p>New here? The drill guide shows you how, in a minute. Or take another, open <OpenFile words="a design of yours" />, or drop one here (.yaml, .json). Everything is computed by the service that this page came from; nothing is sent anywhere else.</p>
       <Gallery />
     </main>
   );
@@ -113,6 +114,7 @@ function Workbench() {
       <Verdict />
       <main id="main" class="bench" tabIndex={-1} style={{ "--split": `${split.value}fr`, "--rest": `${100 - split.value}fr` }}>
         <div class="see">
+          <Minute />
           <p class="controls" role="group" aria-label="Pictures">{PICTURES.map((name) => <button type="button" key={name} class="small" aria-pressed={shown.value === name} onClick={() => (shown.value = name)}>{name}</button>)}</p>
           <div class={shown.value === "All" ? "panes all" : "panes"}>
             {pane("X-ray images", Images, "What the X-rays see")}

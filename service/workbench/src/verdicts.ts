@@ -4,6 +4,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { answer, current, type Score } from "./api";
 import { results } from "./jobs";
 import { gesture, type Json, position, steps, text } from "./state";
+import { decimalsOf } from "./words";
 
 export type Check = Score["verdict"]["checks"][number];
 
@@ -26,6 +27,9 @@ export const verified = computed<Json>(() => {
   });
   return found.sort((a, b) => b.trials - a.trials)[0] ?? null;
 });
+
+/** Decimals of the lengths of the score. */
+export const decimals = computed(() => (answer.value ? decimalsOf(answer.value.score) : 3));
 
 // --- what a change has come to ------------------------------------------------------------------------------------------
 
@@ -65,5 +69,5 @@ export const before = computed<Seen | null>(() => {
 export const change = computed<{ from: number; by: number } | null>(() => {
   if (!answer.value || !before.value || verified.value) return null;
   const now = seenOf(answer.value.score);
-  return now.of === before.value.of && Math.abs(now.value - before.value.value) >= 0.0005 ? { from: before.value.value, by: now.value - before.value.value } : null;
+  return now.of === before.value.of && Math.abs(now.value - before.value.value) >= 0.5 * 0.1 ** (decimals.value + 1) ? { from: before.value.value, by: now.value - before.value.value } : null;
 });

@@ -7,7 +7,7 @@ import { type Line, placeOf } from "../advice";
 import { answer, current, late, refused, type Score, type TargetScore } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
 import { cancelGesture, design, edit, finishGesture, type Json, opened, type Path, PRESSES, preview, valueAt } from "../state";
-import { before, decisive, shareKey } from "../verdicts";
+import { before, decimals, decisive, shareKey } from "../verdicts";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
 import { Term } from "./Words";
@@ -188,7 +188,7 @@ export function Contributors() {
           })}
         </table>
       </div>
-      {first && target && <p class="blame">{`At ${target.name}, ${first.name} has most of the variance, ${percent(shareOf(first))}; without it P95 would be ${mm(first.line!.p95_without_mm)} mm instead of ${mm(target.p95_mm)}.`} {turned && <button type="button" class="small" onClick={sort}>Sort by share again</button>}</p>}
+      {first && target && <p class="blame">{`At ${target.name}, ${first.name} has most of the variance, ${percent(shareOf(first))}; without it P95 would be ${mm(first.line!.p95_without_mm, decimals.value)} mm instead of ${mm(target.p95_mm, decimals.value)}.`} {turned && <button type="button" class="small" onClick={sort}>Sort by share again</button>}</p>}
       {target && <Matrix targets={ranked.slice(0, 8)} of={ranked.length} lines={target.contributors} />}
     </div>
   );
@@ -213,7 +213,7 @@ function Entry({ row: { name, line, slide }, target, share, slack, fold, below =
         {share !== undefined && <><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect width={100 * Math.min(1, share)} height="10" /></svg>{percent(share)}</>}
         {Math.abs(by) >= 0.05 && <span class={by < 0 ? "delta less" : "delta more"}>{` ${changed(by, 1)}`}</span>}
       </td>
-      <td class="number">{line && mm(line.p95_without_mm)}</td>
+      <td class="number">{line && mm(line.p95_without_mm, decimals.value)}</td>
     </tr>
   );
 }

@@ -7,7 +7,8 @@ import { canUndo, commit, design, differences, edit, type Json, keepVariant, lin
 import { assumed, cArm, cArms, firstDesign, limit, loadCArms } from "../first";
 import { rounded } from "../geometry";
 import { type Check, decisive } from "../verdicts";
-import { mm, readNumber, VERDICTS } from "../words";
+import { changed, decimalsOf, mm, readNumber, stated, VERDICTS } from "../words";
+import { beginMinute } from "./Minute";
 import { ghost } from "./Pictures";
 import { save } from "./Runs";
 
@@ -210,7 +211,10 @@ export function Gallery() {
   const take = async (name: string) => {
     const response = await send("GET", `/v1/examples/${name}`, undefined, { Accept: "application/yaml" }).catch(() => null);
     if (!response) say(unreachable().title, true);
-    else if (response.ok) begin(await response.text(), `Example ${name}`);
+    else if (response.ok) {
+      begin(await response.text(), `Example ${name}`);
+      if (name === "demo") beginMinute();
+    }
   };
   return (
     <ul class="gallery">
@@ -221,7 +225,7 @@ export function Gallery() {
             <span class="about">
               <strong>{example.title}</strong>
               {glimpses.value[example.name]?.status && <em class={`status ${glimpses.value[example.name].status}`}>{VERDICTS[glimpses.value[example.name].status!] ?? glimpses.value[example.name].status}</em>}
-              <span>{example.description}</span>
+              <span>{/^.*?\.(?= |$)/.exec(example.description.replace(/ \(docs\/.*?\)/, ""))?.[0] ?? example.description}</span>
             </span>
           </button>
         </li>
@@ -290,18 +294,19 @@ async function copy(content: string, words: string): Promise<void> {
 interface Numbers {
   p95: number | null; // of the requirement that decides; without one, the largest P95
   status: string;
+  decimals: number;
   decides?: Check;
 }
 const known = signal<Record<string, Numbers>>({}); // by text
 
 const numbersOf = (score: Score): Numbers => {
   const decides = decisive(score.verdict.checks);
-  return { p95: decides?.value_mm ?? Math.max(...score.targets.map((t) => t.p95_mm)), status: score.verdict.status, decides };
+  return { p95: decides?.value_mm ?? Math.max(...score.targets.map((t) => t.p95_mm)), status: score.verdict.status, decimals: decimalsOf(score), decides };
 };
 
 async function scoreOf(source: string): Promise<void> {
   const response = await send("POST", "/v1/scores", { design: parse(source).data }).catch(() => null);
-  known.value = { ...known.value, [source]: response?.ok ? numbersOf(await response.json()) : { p95: null, status: "not-evaluated" } };
+  known.value = { ...known.value, [source]: response?.ok ? numbersOf(await response.json()) : { p95: null, status: "not-evaluated", decimals: 3 } };
 }
 
 export function Variants() {
@@ -323,7 +328,7 @@ export function Variants() {
                 const numbers = known.value[variant.text];
                 return (
                   <tr key={variant.name}>
-                    <th>{variant.name}</th><Judged numbers={numbers} />
+                    <th>{variant.name}</th><Judged numbers={numbers} now={mine} />
                     <td class="uses">
                       <label><input type="checkbox" aria-label={`Draw ${variant.name} below`} checked={ghost.value === variant.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? variant.name : null)} />draw</label>
                       <button type="button" class="small" aria-pressed={compared === variant.name} onClick={() => compare(compared === variant.name ? null : variant.name)}>compare</button>
@@ -342,12 +347,12 @@ export function Variants() {
   );
 }
 
-function Judged({ numbers }: { numbers: Numbers | null | undefined }) {
-  const decides = numbers?.decides;
+function Judged({ numbers, now }: { numbers: Numbers | null | undefined; now?: Numbers | null }) {
+  const decides = numbers?.decides, d = numbers?.decimals ?? 3, by = now?.p95 != null && numbers?.p95 != null ? numbers.p95 - now.p95 : 0;
   return (
     <>
       <td class={`status ${numbers?.status ?? ""}`}>{numbers ? VERDICTS[numbers.status] ?? numbers.status : ""}</td>
-      <td class="number">{numbers ? mm(numbers.p95) : "…"}</td><td class="number">{mm(decides?.limit_mm)}</td>
+      <td class="number">{numbers ? mm(numbers.p95, d) : "…"}{by !== 0 && <span class={by < 0 ? "delta less" : "delta more"}>{` ${changed(by, d + 1)}`}</span>}</td><td class="number">{decides ? stated(decides.limit_mm, d) : "–"}</td>
       <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : numbers ? "no requirement: the largest P95" : ""}</td>
     </>
   );
