@@ -311,7 +311,7 @@ def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:
     assert found["taken"] == found["first"] != found["moved"]
     assert found["ghosts"] == 12
     assert "F2" in found["differences"]
-    assert "27.25" in found["differences"]
+    assert "7.25" in found["differences"]
     assert re.search(r"1\.14 [▲▼] 0\.\d{3}\b", found["row"])  # and against the design on the page
 
 
@@ -400,7 +400,7 @@ def test_three_states_are_pictured_with_all_their_parts(service: Served, tmp_pat
     assert on_paper["pdf"] > 20_000
     for words in ("Fail", "Limit", "What is to blame", "F12", "sampled shots", "Not in any number"):
         assert words in on_paper["text"], words
-    assert "Take away" not in on_paper["text"]
+    assert "Share and save" not in on_paper["text"]
 
 
 # --- the files in the package -----------------------------------------------------------------------------------------

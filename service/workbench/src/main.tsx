@@ -27,7 +27,7 @@ const dark = () => (theme.value === "auto" ? matchMedia("(prefers-color-scheme: 
 
 // Which pictures are shown, and what part of a wide window they take, percent
 const PICTURES = ["All", "X-ray images", "In space", "Elevations"], FEWEST = 25, MOST = 75;
-const shown = signal(recall("tailstack.workbench.pictures", "All")), split = signal(recall("tailstack.workbench.split", 57));
+const shown = signal(recall("tailstack.workbench.pictures", "All")), split = signal(recall("tailstack.workbench.split", 52));
 effect(() => {
   remember("tailstack.workbench.pictures", shown.value);
   remember("tailstack.workbench.split", split.value);
@@ -130,7 +130,7 @@ function Workbench() {
           <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>
           <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>
           <Part title="Variants"><Variants /></Part>
-          <Part title="Take away"><TakeAway /></Part>
+          <Part title="Share and save"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
           <Part title="As text" summoned={shownPointer.value !== null}><TextPart /></Part>
           <Part title="Other designs"><Gallery /></Part>

@@ -16,9 +16,11 @@ export function decisive(checks: readonly Check[]): Check | undefined {
   return [...checks].sort((a, b) => urgency(a)[0] - urgency(b)[0] || urgency(a)[1] - urgency(b)[1])[0];
 }
 
-/** The verification of the design that the last score is of, with the most shots; null where the page knows of none. */
-export const verified = computed<Json>(() => {
-  const sha = answer.value?.score.provenance.design_sha256;
+/** The verification of the design that the last score is of; null where the page knows of none. */
+export const verified = computed<Json>(() => verificationOf(answer.value?.score.provenance.design_sha256));
+
+/** The verification of a design with the most shots, null where the page knows of none. */
+export function verificationOf(sha: string | null | undefined): Json {
   if (!sha) return null;
   const found = Object.values(results.value).flatMap((record) => {
     if (record.provenance?.design_sha256 !== sha) return [];
@@ -26,7 +28,7 @@ export const verified = computed<Json>(() => {
     return own.trials && own.verdict ? [own] : [];
   });
   return found.sort((a, b) => b.trials - a.trials)[0] ?? null;
-});
+}
 
 /** Decimals of the lengths of the score. */
 export const decimals = computed(() => (answer.value ? decimalsOf(answer.value.score) : 3));

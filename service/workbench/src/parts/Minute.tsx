@@ -22,14 +22,14 @@ export function beginMinute(): void {
 
 effect(() => {
   if (!current.value || gesture.value.length) return;
-  if (step.value === 1 && /^Move /.test(steps.value[position.value]?.what ?? "")) go(2);
-  else if (step.value === 2 && answer.value!.score.verdict.status === "pass") go(3);
-  else if (step.value === 3 && verified.value) go(ENDED);
+  if (step.value < ENDED && step.value && verified.value) go(ENDED);
+  else if (step.value < 3 && step.value && answer.value!.score.verdict.status === "pass") go(3);
+  else if (step.value === 1 && /^Move /.test(steps.value[position.value]?.what ?? "")) go(2);
 });
 
 const WORDS = [
-  `The tool may miss by more than the limit: the strip above says by how much. Take the ringed bead ${BEAD} in one of the pictures (press it, then drag) and watch that number.`,
-  "▲ and ▼ say what the change has done, and the dashed ring is where the bead was. The list says what is to blame: press Tighten in the strip, or slide rx and ry of the connector to the left, until it passes.",
+  `The tool may miss by more than the limit: the strip says by how much. Press the ringed bead ${BEAD} in a picture, drag it, and watch that number.`,
+  "▲ or ▼ says what that did. The list says what is to blame: press Tighten in the strip, or slide rx and ry of the connector to the left, until it passes.",
   "It passes by estimate. Verify simulates it, shot by shot, and makes the report.",
 ];
 
