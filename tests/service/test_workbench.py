@@ -61,7 +61,7 @@ def test_whoever_opens_the_address_is_one_click_from_a_score(service: Served) ->
     assert awaited == ["scores"]  # by a page that is opened again, until its number is there
     record = json.loads(to_json(score(load_design(EXAMPLES / "demo.yaml"))))
     assert found["score"] == record  # to the last digit
-    assert found["p95"] == f"{record['verdict']['checks'][0]['value_mm']:.3f}"
+    assert found["p95"] == f"{record['verdict']['checks'][0]['value_mm']:.2f}"  # good to 1 % of a limit of 1 mm
 
 
 @pytest.mark.long
@@ -73,7 +73,7 @@ def test_a_drag_shows_its_own_numbers_and_sends_one_request_at_a_time(service: S
     assert found["alone"] <= 201
     assert len(found["tops"]) == 1  # whatever is said of the design meanwhile, the picture stays under the pointer
     assert len(found["shown"]) == 200
-    assert len(set(found["shown"])) > 20
+    assert len(set(found["shown"])) > 20  # P95 has two decimals; its change has one more
 
 
 # --- what was done can be undone, and is kept --------------------------------------------------------------------
@@ -107,7 +107,7 @@ def test_the_whole_job_by_mouse(service: Served) -> None:
     assert found["undone"] == found["loosened"]
     assert found["histogram"]["bars"] == 36
     assert re.search(
-        r"bars: share of [\d,]+ sampled shots; line: first order; P95 [\d.]+ mm, limit 1.000 mm",
+        r"bars: share of [\d,]+ sampled shots; line: first order; P95 [\d.]+ mm, limit 1.0+ mm",
         found["histogram"]["words"],
     )
     assert found["status"] in ("pass", "inconclusive")  # at the limit, within what first order is worth
@@ -219,7 +219,7 @@ def test_what_is_copied_runs_as_it_is(service: Served, tmp_path: Path) -> None:
 def test_the_half_width_that_slack_allows_gives_the_limit(service: Served) -> None:
     found = used(service.url, "slack", pointer="interfaces/connector_flange/tolerances/rx/half_width_deg")
     assert re.fullmatch(r"slack −0\.\d+ to (0\.\d+) °", found["slack"])
-    assert float(found["p95"]) == pytest.approx(1.0, abs=0.0006)  # three digits after a half-width of four
+    assert found["value"] == pytest.approx(1.0, abs=0.0006)  # a half-width of four digits
 
 
 @pytest.mark.long
@@ -251,7 +251,7 @@ def test_a_bead_that_is_lost_is_not_among_those_that_a_view_sees_either(service:
     mixture = score(load_design(design)).losses[0].mixture
     assert mixture is not None
     assert mixture.value_mm is not None
-    assert f"of all shots: {mixture.value_mm:.3f} mm" in found["losses"]
+    assert f"of all shots: {mixture.value_mm:.2f} mm" in found["losses"]
     assert found["before"] == found["after"]
 
 
@@ -311,8 +311,8 @@ def test_a_variant_is_drawn_compared_and_taken_back(service: Served) -> None:
     assert found["taken"] == found["first"] != found["moved"]
     assert found["ghosts"] == 12
     assert "F2" in found["differences"]
-    assert "27.25" in found["differences"]
-    assert "1.144" in found["row"]
+    assert "7.25" in found["differences"]
+    assert re.search(r"1\.14 [▲▼] 0\.\d{3}\b", found["row"])  # and against the design on the page
 
 
 @pytest.mark.long
@@ -400,7 +400,7 @@ def test_three_states_are_pictured_with_all_their_parts(service: Served, tmp_pat
     assert on_paper["pdf"] > 20_000
     for words in ("Fail", "Limit", "What is to blame", "F12", "sampled shots", "Not in any number"):
         assert words in on_paper["text"], words
-    assert "Take away" not in on_paper["text"]
+    assert "Share and save" not in on_paper["text"]
 
 
 # --- the files in the package -----------------------------------------------------------------------------------------

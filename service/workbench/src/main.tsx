@@ -9,6 +9,7 @@ import { Contributors } from "./parts/Contributors";
 import { Beads, Geometry } from "./parts/Controls";
 import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, WhichBalls, working } from "./parts/Files";
 import { Form } from "./parts/Form";
+import { Minute } from "./parts/Minute";
 import { Elevations, Images } from "./parts/Pictures";
 import { Problems } from "./parts/Problems";
 import { Runs } from "./parts/Runs";
@@ -24,8 +25,13 @@ effect(() => {
 });
 const dark = () => (theme.value === "auto" ? matchMedia("(prefers-color-scheme: dark)").matches : theme.value === "dark");
 
-const large = signal<boolean>(recall("tailstack.workbench.space", false)); // the drawing in space takes the width of the pictures
-effect(() => void remember("tailstack.workbench.space", large.value));
+// Which pictures are shown, and what part of a wide window they take, percent
+const PICTURES = ["All", "X-ray images", "In space", "Elevations"], FEWEST = 25, MOST = 75;
+const shown = signal(recall("tailstack.workbench.pictures", "All")), split = signal(recall("tailstack.workbench.split", 52));
+effect(() => {
+  remember("tailstack.workbench.pictures", shown.value);
+  remember("tailstack.workbench.split", split.value);
+});
 
 function Page() {
   const name = String(design.value?.name ?? "");
@@ -44,8 +50,7 @@ function Page() {
       {working.value && <p class="working" role="status">{working.value} … <progress aria-label={working.value} /></p>}
       <WhichBalls />
       {keyWanted.value && <KeyWanted />}
-      {steps.value.length === 0 ? <Welcome /> : <Workbench />}
-      <Foot />
+      {steps.value.length === 0 ? <><Welcome /><Foot /></> : <Workbench />}
       <Tip />
       <WordList />
     </>
@@ -63,7 +68,7 @@ function Welcome() {
       </div>
       <OwnPoints />
       <h2>Begin with a design</h2>
-      <p>Take one of these, open <OpenFile words="a design of yours" />, or drop one here (.yaml, .json). Everything is computed by the service that this page came from; nothing is sent anywhere else.</p>
+      <p>New here? The drill guide shows you how, in a minute. Or take another, open <OpenFile words="a design of yours" />, or drop one here (.yaml, .json). Everything is computed by the service that this page came from; nothing is sent anywhere else.</p>
       <Gallery />
     </main>
   );
@@ -101,34 +106,55 @@ function KeyWanted() {
 }
 
 function Workbench() {
+  const pane = (name: string, Content: () => preact.ComponentChild, heading = name) => (shown.value === "All" || shown.value === name) && (
+    <section class={`pane ${name.replace(/\W/g, "-")}`} aria-label={name}><h2 class="hidden">{heading}</h2><Content /></section>
+  );
   return (
     <>
       <Verdict />
-      <main id="main" tabIndex={-1}>
+      <main id="main" class="bench" tabIndex={-1} style={{ "--split": `${split.value}fr`, "--rest": `${100 - split.value}fr` }}>
         <div class="see">
-          <div class="panes">
-            <section class="images" aria-label="X-ray images"><h2>What the X-rays see</h2><Images /></section>
-            <section class={large.value ? "large" : ""} aria-label="In space">
-              <div class="headed"><h2>In space</h2><button type="button" class="small" aria-label={`${large.value ? "Smaller" : "Larger"}: the drawing in space`} aria-pressed={large.value} onClick={() => (large.value = !large.value)}>{large.value ? "Smaller" : "Larger"}</button></div>
-              <Space />
-            </section>
-            <section class="elevations" aria-label="Elevations"><h2>Elevations</h2><Elevations /></section>
+          <Minute />
+          <p class="controls" role="group" aria-label="Pictures">{PICTURES.map((name) => <button type="button" key={name} class="small" aria-pressed={shown.value === name} onClick={() => (shown.value = name)}>{name}</button>)}</p>
+          <div class={shown.value === "All" ? "panes all" : "panes"}>
+            {pane("X-ray images", Images, "What the X-rays see")}
+            {pane("In space", Space)}
+            {pane("Elevations", Elevations)}
           </div>
           <section aria-label="Requirements"><h2>Requirements</h2><Requirements /></section>
           <Part title="Beads" open paper><Beads /></Part>
           <Part title="Run" open={runs.value.length > 0} summoned={runs.value.some(unfinished)} paper><Runs /></Part>
         </div>
+        <Splitter />
         <div class="change">
           <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>
           <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>
           <Part title="Variants"><Variants /></Part>
-          <Part title="Take away"><TakeAway /></Part>
+          <Part title="Share and save"><TakeAway /></Part>
           <Part title="All fields"><Form /></Part>
           <Part title="As text" summoned={shownPointer.value !== null}><TextPart /></Part>
           <Part title="Other designs"><Gallery /></Part>
+          <Foot />
         </div>
       </main>
     </>
+  );
+}
+
+/** Between pictures and list: dragged, or moved with the arrow keys. */
+function Splitter() {
+  const set = (part: number) => (split.value = Math.round(Math.min(MOST, Math.max(FEWEST, part))));
+  return (
+    <div class="splitter" role="separator" tabIndex={0} aria-orientation="vertical" aria-label="Width of the pictures" aria-valuemin={FEWEST} aria-valuemax={MOST} aria-valuenow={split.value}
+      onPointerDown={(event) => event.currentTarget.setPointerCapture(event.pointerId)}
+      onPointerMove={(event) => {
+        const { left, width } = event.currentTarget.parentElement!.getBoundingClientRect();
+        if (event.currentTarget.hasPointerCapture(event.pointerId)) set((100 * (event.clientX - left)) / width);
+      }}
+      onKeyDown={(event) => {
+        const way = { ArrowLeft: -2, ArrowRight: 2 }[event.key];
+        if (way) set(split.value + way);
+      }} />
   );
 }
 
@@ -137,10 +163,7 @@ function Foot() {
   return (
     <footer>
       {steps.value.length > 0 && answer.value && (
-        <>
-          <p>{`Not in any number: ${answer.value.score.provenance.not_included.join("; ")}.`}</p>
-          <p class={current.value ? "" : "old"}>{`Estimate (first order); design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}`}</p>
-        </>
+        <p class={current.value ? "" : "old"}>{`Estimate (first order); design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}. Not in any number: ${answer.value.score.provenance.not_included.join("; ")}.`}</p>
       )}
       <p class="controls">
         <button type="button" onClick={() => (listed.value = true)}>What the words mean</button>

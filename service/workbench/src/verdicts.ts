@@ -4,6 +4,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { answer, current, type Score } from "./api";
 import { results } from "./jobs";
 import { gesture, type Json, position, steps, text } from "./state";
+import { decimalsOf } from "./words";
 
 export type Check = Score["verdict"]["checks"][number];
 
@@ -15,9 +16,11 @@ export function decisive(checks: readonly Check[]): Check | undefined {
   return [...checks].sort((a, b) => urgency(a)[0] - urgency(b)[0] || urgency(a)[1] - urgency(b)[1])[0];
 }
 
-/** The verification of the design that the last score is of, with the most shots; null where the page knows of none. */
-export const verified = computed<Json>(() => {
-  const sha = answer.value?.score.provenance.design_sha256;
+/** The verification of the design that the last score is of; null where the page knows of none. */
+export const verified = computed<Json>(() => verificationOf(answer.value?.score.provenance.design_sha256));
+
+/** The verification of a design with the most shots, null where the page knows of none. */
+export function verificationOf(sha: string | null | undefined): Json {
   if (!sha) return null;
   const found = Object.values(results.value).flatMap((record) => {
     if (record.provenance?.design_sha256 !== sha) return [];
@@ -25,7 +28,10 @@ export const verified = computed<Json>(() => {
     return own.trials && own.verdict ? [own] : [];
   });
   return found.sort((a, b) => b.trials - a.trials)[0] ?? null;
-});
+}
+
+/** Decimals of the lengths of the score. */
+export const decimals = computed(() => (answer.value ? decimalsOf(answer.value.score) : 3));
 
 // --- what a change has come to ------------------------------------------------------------------------------------------
 
@@ -65,5 +71,5 @@ export const before = computed<Seen | null>(() => {
 export const change = computed<{ from: number; by: number } | null>(() => {
   if (!answer.value || !before.value || verified.value) return null;
   const now = seenOf(answer.value.score);
-  return now.of === before.value.of && Math.abs(now.value - before.value.value) >= 0.0005 ? { from: before.value.value, by: now.value - before.value.value } : null;
+  return now.of === before.value.of && Math.abs(now.value - before.value.value) >= 0.5 * 0.1 ** (decimals.value + 1) ? { from: before.value.value, by: now.value - before.value.value } : null;
 });

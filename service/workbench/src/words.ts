@@ -1,11 +1,34 @@
 // Numbers and sentences for people.
 
-/** Millimetres to the micrometre; the service's number, rounded only for the eye. */
-export const mm = (value: number | null | undefined, digits = 3): string =>
-  value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−");
+/** Millimetres with the decimals of their answer. */
+export const mm = (value: number | null | undefined, decimals: number): string =>
+  value === null || value === undefined ? "–" : value.toFixed(decimals).replace("-", "−");
+
+/** What a design states is never rounded: with as many decimals, or with all that it has. */
+export const stated = (value: number, decimals: number): string => (Number(value.toFixed(decimals)) === value ? value.toFixed(decimals) : String(value));
+
+// The rule of every output (solver/tailstack/results/digits.py): the last decimal is of the decade of the error, at the limit
+const ESTIMATE = 0.01, FINEST = 6, ROUNDING = 1.02;
+
+/** Decimals of a length of this size, mm, that is known to a relative error. */
+export function countDecimals(size: number, error = ESTIMATE): number {
+  const worth = ROUNDING * Math.abs(size) * Math.min(error, ESTIMATE);
+  return worth > 0 && Number.isFinite(worth) ? Math.min(Math.max(-Math.floor(Math.log10(worth)), 0), FINEST) : 3;
+}
+
+interface Judged {
+  verdict: { checks: readonly { value_mm: number; interval_mm: readonly (number | null)[]; limit_mm: number }[] };
+  targets: readonly { p95_mm: number }[];
+  precision_reached?: number; // of a simulation
+}
+/** Decimals of every length of an answer: those that its finest requirement asks for. */
+export function decimalsOf({ verdict: { checks }, targets, precision_reached: error }: Judged): number {
+  const wide = ({ value_mm: value, interval_mm: [low, high] }: Judged["verdict"]["checks"][number]) => (high === null || value <= 0 ? 0 : (high - low!) / 2 / value) || ESTIMATE;
+  return checks.length ? Math.max(...checks.map((check) => countDecimals(check.limit_mm, wide(check)))) : countDecimals(Math.max(...targets.map(({ p95_mm: p95 }) => p95)), error);
+}
 
 /** A change, with an arrow for its sign: "▼ 0.046". */
-export const changed = (by: number, digits = 3): string => `${by < 0 ? "▼" : "▲"} ${Math.abs(by).toFixed(digits)}`;
+export const changed = (by: number, digits: number): string => `${by < 0 ? "▼" : "▲"} ${Math.abs(by).toFixed(digits)}`;
 
 export const percent = (share: number | null | undefined, digits = 1): string =>
   share === null || share === undefined ? "–" : `${(100 * share).toFixed(digits)} %`.replace("-", "−");

@@ -1,6 +1,6 @@
 // How the workbench leads: from points of one's own to a first design, to what to do next, and to a verified optimum.
 // See tests/service/test_workbench_leads.py.
-import { asked, axe, begun, bead, centre, current, drawn, faded, newContext, open, play, sha, state, wide } from "./page.mjs";
+import { asked, axe, begun, bead, centre, current, drawn, faded, newContext, open, part, play, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
@@ -84,7 +84,7 @@ scenarios.job = async () => {
 scenarios.next = async () => {
   const page = await begun(await newContext()), found = {}, numbers = async () => (await page.locator('[data-testid="numbers"] dd').first().innerText()).replace(/\s+/g, " ");
   const first = await sha(page), [x, y] = await centre(bead(page, "F2"));
-  const look = async () => ({ numbers: await numbers(), outlines: await page.locator(".picture .was circle").count(), deltas: await page.locator(".budget .delta").count(), states: await page.locator(".trail .state").count() });
+  const look = async () => ({ numbers: await numbers(), value: (await state(page)).score.verdict.checks[0].value_mm, outlines: await page.locator(".picture .was circle").count(), deltas: await page.locator(".budget .delta").count(), states: await page.locator(".trail .state").count() });
   found.begin = await look();
   await page.mouse.move(x, y);
   await page.mouse.down();
@@ -145,6 +145,58 @@ scenarios.tabs = async () => {
   return { stops };
 };
 
+// The drill guide shows itself: step by step, over a reload, to its end, and not again
+scenarios.minute = async () => {
+  const page = await open(await newContext({ viewport: { width: 1280, height: 800 } }), asked.url, false), note = page.getByRole("note", { name: "The first minute" }), words = [];
+  const choose = (name) => page.getByRole("button", { name }).click();
+  await choose(asked.example);
+  words.push(await note.innerText());
+  await current(page);
+  const ringed = await page.locator("g.bead:has(.hint)").evaluateAll((all) => all.map((one) => one.dataset.bead));
+  await faded(page);
+  const found = { ringed, axe: await axe(page), wide: await wide(page) };
+  await shot(page, "first");
+  const [x, y] = await centre(bead(page, ringed[0], "Side (y, z)"));
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x + 20, y + 12, { steps: 4 });
+  await page.mouse.up();
+  await note.filter({ hasText: "2 of 3" }).waitFor();
+  words.push(await note.innerText());
+  await page.reload();
+  await current(page);
+  words.push(await note.innerText());
+  await strip(page).getByRole("button", { name: /^Tighten/ }).click();
+  await note.filter({ hasText: "3 of 3" }).waitFor();
+  words.push(await note.innerText());
+  await strip(page).getByRole("button", { name: "Verify this design" }).click();
+  await page.locator('section.verdict[data-basis="simulation"]').waitFor();
+  await drawn(page);
+  found.ended = await note.count();
+  await part(page, "Other designs");
+  await choose("my first carrier");
+  await current(page);
+  await choose(asked.example);
+  await current(page);
+  return { ...found, words, again: await note.count() };
+};
+
+// The numbers of several designs, as they are written
+scenarios.digits = async () => {
+  const page = await open(await newContext(), asked.url, false), found = [];
+  for (const design of asked.designs) {
+    await take(page, design);
+    await page.waitForFunction((text) => window.workbench.state().text === text, design);
+    await sha(page);
+    const rows = page.getByRole("region", { name: "Table of requirements" }).locator("tbody tr").first().locator("td.number");
+    found.push({
+      p95: await page.locator("#p95").textContent(), mean: (await page.locator(".numbers div", { hasText: "Mean error" }).locator("dd").textContent()).split(" ")[0],
+      row: await rows.allInnerTexts(), without: await page.getByRole("region", { name: "Table of the budget" }).locator("tbody tr").first().locator("td.number").last().allInnerTexts(),
+    });
+  }
+  return { found };
+};
+
 // What the words mean, and an answer that the page does not understand
 scenarios.words = async () => {
   const page = await begun(await newContext()), tip = page.locator("#tip"), found = {};
@@ -174,15 +226,30 @@ scenarios.words = async () => {
   return found;
 };
 
-// How much there is to scroll, with what is opened by itself
+// How much there is to scroll, with what is opened by itself; one kind of pictures alone, and how wide they are
 scenarios.screen = async () => {
   const page = await begun(await newContext({ viewport: { width: 1280, height: 800 } }));
   await page.locator(".space canvas").first().waitFor();
   await faded(page);
   const ends = await page.locator(".panes section").evaluateAll((all) => all.map((one) => Math.round(one.getBoundingClientRect().bottom)));
   await shot(page, "top");
-  await shot(page, "whole", { fullPage: true });
-  const found = { height: await page.evaluate(() => document.documentElement.scrollHeight), ends, wide: await wide(page), axe: await axe(page) };
+  const windows = (all) => all.map((one) => one.scrollHeight / one.clientHeight), splitter = page.getByRole("separator");
+  const found = { scrolls: await page.evaluate(() => document.documentElement.scrollHeight > innerHeight), windows: await page.locator(".see, .change").evaluateAll(windows), ends, wide: await wide(page), axe: await axe(page) };
+  const look = async () => ({ panes: await page.locator(".panes section").evaluateAll((all) => all.map((one) => one.ariaLabel)), split: Number(await splitter.getAttribute("aria-valuenow")), width: Math.round((await page.locator(".see").boundingBox()).width) });
+  found.panes = [await look()];
+  await page.getByRole("group", { name: "Pictures" }).getByRole("button", { name: "In space" }).click();
+  await splitter.focus();
+  for (let k = 0; k < 3; k += 1) await page.keyboard.press("ArrowLeft");
+  found.panes.push(await look());
+  const [x, y] = await centre(splitter);
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x + 200, y, { steps: 3 });
+  await page.mouse.up();
+  found.panes.push(await look());
+  await page.reload();
+  await page.locator(".space canvas").first().waitFor();
+  found.panes.push(await look());
   const half = await begun(await newContext({ viewport: { width: 640, height: 400 } })); // as 1280 x 800 at 200 %
   await half.evaluate(() => scrollTo(0, 1200));
   await faded(half);

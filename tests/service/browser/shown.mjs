@@ -188,7 +188,7 @@ scenarios.near = async () => {
   const context = await newContext(), page = await begun(context), found = {};
   await context.grantPermissions(["clipboard-read", "clipboard-write"]);
   await page.locator(".message").getByRole("button").click();
-  await part(page, "Take away");
+  await part(page, "Share and save");
   const button = page.getByRole("button", { name: "Copy as curl" });
   await button.scrollIntoViewIfNeeded();
   const before = await button.boundingBox();
@@ -345,7 +345,7 @@ scenarios.example = async () => {
   const page = await open(await newContext(), asked.url, false);
   await page.getByRole("button", { name: asked.example }).click();
   await current(page);
-  await part(page, "Take away");
+  await part(page, "Share and save");
   const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Save YAML" }).click()]);
   return { text: readFileSync(await download.path(), "utf8"), sha: await sha(page) };
 };

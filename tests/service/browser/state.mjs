@@ -41,7 +41,7 @@ scenarios.again = async () => {
 scenarios.link = async () => {
   const context = await newContext(), page = await begun(context);
   await context.grantPermissions(["clipboard-read", "clipboard-write"]);
-  await part(page, "Take away");
+  await part(page, "Share and save");
   await page.getByRole("button", { name: "Link to this design" }).click();
   await page.getByText("The link holds the whole design").waitFor();
   const link = page.url(), linked = await sha(page);

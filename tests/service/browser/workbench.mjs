@@ -12,7 +12,7 @@ const scenarios = {
     const sizes = await page.evaluate(() => performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"))
       .filter((entry) => !entry.name.includes("/v1/")).reduce((sum, entry) => sum + entry.transferSize, 0));
     const light = await axe(page);
-    for (const title of ["Views, pivots, targets, limits", "Run", "Variants", "Take away", "All fields", "As text"]) await part(page, title);
+    for (const title of ["Views, pivots, targets, limits", "Run", "Variants", "Share and save", "All fields", "As text"]) await part(page, title);
     await page.locator(".editor").waitFor();
     const opened = await axe(page);
     await page.addInitScript(() => {
@@ -72,7 +72,7 @@ const scenarios = {
     await field.fill("27.25");
     await field.press("Enter");
     const mine = await sha(page);
-    await part(page, "Take away");
+    await part(page, "Share and save");
     await page.getByRole("button", { name: "Link to this design" }).click();
     await page.getByText("The link holds the whole design").waitFor();
     const link = page.url();
@@ -93,7 +93,7 @@ const scenarios = {
     const large = `${asked.design}\n# ${noise.join(" ").replace(/(.{100}) /g, "$1\n# ")}\n`;
     await take(after, large);
     await current(after);
-    await part(after, "Take away");
+    await part(after, "Share and save");
     const [download] = await Promise.all([after.waitForEvent("download"), after.getByRole("button", { name: "Link to this design" }).click()]);
     return { mine, linked, reloaded, inherited, theirs, undisturbed, still, link: link.length, file: download.suggestedFilename(), words: await after.locator(".message").textContent() };
   },
@@ -260,10 +260,11 @@ scenarios.states = async () => {
     await page.screenshot({ path: `${asked.folder}/workbench_${name}.png` });
     found[name] = { text: await page.locator("#page").innerText(), wide: await wide(page), parts: await page.locator("h2:visible, figure:visible figcaption").allInnerTexts() };
   };
-  await page.getByRole("button", { name: asked.example }).waitFor();
+  await page.waitForFunction(() => { const cards = [...document.querySelectorAll(".gallery li")]; return cards.length && cards.every((card) => card.querySelector(".status")); });
   await take("start");
   await page.getByRole("button", { name: asked.example }).click();
   await current(page);
+  await page.getByRole("note", { name: "The first minute" }).getByRole("button", { name: "Skip" }).click();
   const [x, y] = await centre(bead(page, "F10", "AP: X-ray image"));
   await page.mouse.move(x, y);
   await page.mouse.down();
@@ -339,7 +340,7 @@ scenarios.verify = async () => {
 scenarios.copy = async () => {
   const context = await newContext(), page = await begun(context), found = {};
   await context.grantPermissions(["clipboard-read", "clipboard-write"]);
-  await part(page, "Take away");
+  await part(page, "Share and save");
   for (const name of ["curl", "Python", "command", "CI gate"]) {
     await page.getByRole("button", { name: `Copy as ${name}` }).click();
     await page.getByText(`Copied as ${name}`).waitFor();
@@ -357,7 +358,7 @@ scenarios.slack = async () => {
   await field.fill(/to ([\d.]+)/.exec(slack)[1]);
   await field.press("Enter");
   await current(page);
-  return { slack, p95: await page.locator("#p95").textContent() };
+  return { slack, value: (await state(page)).score.verdict.checks[0].value_mm };
 };
 
 // A slider stops at the process grades that the design lists for this tolerance
@@ -380,7 +381,7 @@ scenarios.variants = async () => {
   const context = await newContext(), page = await begun(context), first = await sha(page);
   await part(page, "Variants");
   await page.getByRole("button", { name: "Keep this design as a variant" }).click();
-  await number(page, "F2 x, mm", "27.25");
+  await number(page, "F2 x, mm", "7.25");
   const moved = await sha(page);
   await page.getByLabel("Draw A below").check();
   const ghosts = await page.locator("figure.picture", { hasText: "Top (x, y)" }).locator("circle.ghost").count();
@@ -461,7 +462,7 @@ scenarios.drag = async () => {
     window.settled = () => new Promise((done) => {
       const look = () => {
         const { current } = window.workbench.state();
-        if (window.moved && current && document.querySelector('[data-current="true"]')) done([document.querySelector("#p95").textContent, document.querySelector('svg[aria-label^="Elevation Front"]').getBoundingClientRect().top]);
+        if (window.moved && current && document.querySelector('[data-current="true"]')) done([document.querySelector("#p95").parentElement.textContent, document.querySelector('svg[aria-label^="Elevation Front"]').getBoundingClientRect().top]);
         else requestAnimationFrame(look);
       };
       look();

@@ -7,7 +7,7 @@ import { type Line, placeOf } from "../advice";
 import { answer, current, late, refused, type Score, type TargetScore } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
 import { cancelGesture, design, edit, finishGesture, type Json, opened, type Path, PRESSES, preview, valueAt } from "../state";
-import { before, decisive, shareKey } from "../verdicts";
+import { before, decimals, decisive, shareKey } from "../verdicts";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
 import { Term } from "./Words";
@@ -136,12 +136,12 @@ function slackWords(allowances: Allowance[], target: string, score: Score): stri
   return worst && worst.status !== "pass" && worst.target !== target ? `${words} The design is judged by ${worst.requirement} at ${worst.target}: see the slack there.` : words;
 }
 
-/** "+0.12 to 0.27 °", or why there is no such number. */
+/** "slack +0.12 to 0.27 °", or why there is no such number. */
 function slackOf(allowance: Allowance | undefined): string {
   if (!allowance || allowance.half_width === 0) return "";
   if (allowance.slack === null || allowance.at_limit === null) return allowance.status;
   const sign = allowance.slack < 0 ? "" : "+";
-  return `${sign}${brief(allowance.slack)} to ${brief(allowance.at_limit)} ${unit(allowance.unit)}`;
+  return `slack ${sign}${brief(allowance.slack)} to ${brief(allowance.at_limit)} ${unit(allowance.unit)}`;
 }
 
 export function Contributors() {
@@ -168,8 +168,10 @@ export function Contributors() {
         {!allowances && score && score.verdict.checks.length > 0 && (
           <button type="button" disabled={!current.value || runs.value.some(unfinished)} onClick={() => start(SLACK, "/v1/reports", { parts: ["score"] })}>How far may each be loosened?</button>
         )}
+        {turned && <button type="button" class="small" onClick={sort}>Sort by share again</button>}
         {seeking && <span class="note" role="status">{`being computed: ${percent(seeking.fraction, 0)} `}<progress aria-label={SLACK} max={1} value={seeking.fraction} /></span>}
       </p>
+      {first && target && <p class="blame steady">{`At ${target.name}, ${first.name} has most of the variance, ${percent(shareOf(first))}; without it P95 would be ${mm(first.line!.p95_without_mm, decimals.value)} mm instead of ${mm(target.p95_mm, decimals.value)}.`}</p>}
       {allowances && <p class="note">{slackWords(allowances, target.name, score!)}</p>}
       <div class="scroll" tabIndex={0} role="region" aria-label="Table of the budget">
         <table>
@@ -188,7 +190,6 @@ export function Contributors() {
           })}
         </table>
       </div>
-      {first && target && <p class="blame">{`At ${target.name}, ${first.name} has most of the variance, ${percent(shareOf(first))}; without it P95 would be ${mm(first.line!.p95_without_mm)} mm instead of ${mm(target.p95_mm)}.`} {turned && <button type="button" class="small" onClick={sort}>Sort by share again</button>}</p>}
       {target && <Matrix targets={ranked.slice(0, 8)} of={ranked.length} lines={target.contributors} />}
     </div>
   );
@@ -208,12 +209,12 @@ function Entry({ row: { name, line, slide }, target, share, slack, fold, below =
   return (
     <tr class={`${below ? "below" : ""}${slide ? " slide" : ""}`}>
       <th scope="row" colSpan={fold && !stated ? 2 : 1}>{fold ? <button type="button" class="fold" aria-expanded={fold.open} onClick={fold.turn}>{name}</button> : name}</th>
-      {!(fold && !stated) && <td>{stated}{slack && <span class="slack">{`slack ${slack}`}</span>}</td>}
+      {!(fold && !stated) && <td>{stated}{slack && <span class="slack">{slack}</span>}</td>}
       <td class="number share">
         {share !== undefined && <><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect width={100 * Math.min(1, share)} height="10" /></svg>{percent(share)}</>}
         {Math.abs(by) >= 0.05 && <span class={by < 0 ? "delta less" : "delta more"}>{` ${changed(by, 1)}`}</span>}
       </td>
-      <td class="number">{line && mm(line.p95_without_mm)}</td>
+      <td class="number">{line && mm(line.p95_without_mm, decimals.value)}</td>
     </tr>
   );
 }
@@ -221,15 +222,15 @@ function Entry({ row: { name, line, slide }, target, share, slack, fold, below =
 function Slider({ slide }: { slide: Slide }) {
   const data = design.value, value = valueAt(data, slide.path) as number, range = rangeOf(slide.unit), grades = gradesOf(data, slide.path);
   const marks = `grades ${slide.path.join(" ")}`.replace(/\W+/g, "-");
-  const slideTo = (at: number) => {
-    const near = grades.find((grade) => Math.abs(toSlider(grade, range) - at) < 12);
+  const slideTo = (at: number, width: number) => {
+    const near = grades.find((grade) => Math.abs(toSlider(grade, range) - at) < Math.max(12, 2000 / width)); // two pixels
     preview([{ path: slide.path, value: near ?? fromSlider(at, range) }]);
   };
   return (
     <span class="half">
       <input type="range" min={0} max={1000} step={1} value={toSlider(value, range)} list={grades.length ? marks : undefined}
         aria-label={`${slide.label}: half-width`} aria-valuetext={`${brief(value)} ${slide.unit}`}
-        onInput={(event) => slideTo(event.currentTarget.valueAsNumber)} onChange={() => finishGesture(`${slide.label}`)}
+        onInput={(event) => slideTo(event.currentTarget.valueAsNumber, event.currentTarget.clientWidth)} onChange={() => finishGesture(`${slide.label}`)}
         onKeyDown={(event) => {
           const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 5, PageDown: -5 }[event.key];
           if (event.key === "Escape") cancelGesture();

@@ -6,8 +6,9 @@ import { answer, current, key, pathOf, placeInWords, pointerOf, readRefusal, typ
 import { canUndo, commit, design, differences, edit, type Json, keepVariant, linked, linkOf, LONGEST_LINK, open, parse, removeVariant, say, text, valueAt, variants } from "../state";
 import { assumed, cArm, cArms, firstDesign, limit, loadCArms } from "../first";
 import { rounded } from "../geometry";
-import { type Check, decisive } from "../verdicts";
-import { mm, readNumber, VERDICTS } from "../words";
+import { type Check, decisive, verificationOf } from "../verdicts";
+import { changed, decimalsOf, mm, readNumber, stated, VERDICTS } from "../words";
+import { beginMinute } from "./Minute";
 import { ghost } from "./Pictures";
 import { save } from "./Runs";
 
@@ -210,7 +211,10 @@ export function Gallery() {
   const take = async (name: string) => {
     const response = await send("GET", `/v1/examples/${name}`, undefined, { Accept: "application/yaml" }).catch(() => null);
     if (!response) say(unreachable().title, true);
-    else if (response.ok) begin(await response.text(), `Example ${name}`);
+    else if (response.ok) {
+      begin(await response.text(), `Example ${name}`);
+      if (name === "demo") beginMinute();
+    }
   };
   return (
     <ul class="gallery">
@@ -221,7 +225,7 @@ export function Gallery() {
             <span class="about">
               <strong>{example.title}</strong>
               {glimpses.value[example.name]?.status && <em class={`status ${glimpses.value[example.name].status}`}>{VERDICTS[glimpses.value[example.name].status!] ?? glimpses.value[example.name].status}</em>}
-              <span>{example.description}</span>
+              <span>{/^.*?\.(?= |$)/.exec(example.description.replace(/ \(docs\/.*?\)/, ""))?.[0] ?? example.description}</span>
             </span>
           </button>
         </li>
@@ -267,7 +271,7 @@ export function TakeAway() {
     ["CI gate", () => `# .github/workflows/tolerances.yml; COMMIT is that of your copy of tailstack\nname: tolerances\non: [pull_request]\npermissions: { contents: read }\njobs:\n  gate:\n    runs-on: ubuntu-24.04\n    timeout-minutes: 15\n    steps:\n      - uses: actions/checkout@11bd71901bbe5b1630ceea73d27597364c9af683 # v4.2.2\n      - uses: YOUR-ORGANISATION/tailstack@COMMIT\n        with: { designs: ${fileName()}.yaml, mode: auto }\n`],
   ];
   return (
-    <div class="controls" role="group" aria-label="Take away">
+    <div class="controls" role="group" aria-label="Share and save">
       <button type="button" onClick={() => save(new Blob([text.value], { type: "application/yaml" }), `${fileName()}.yaml`)}>Save YAML</button>
       <button type="button" onClick={() => save(new Blob([JSON.stringify(design.value, null, 2)], { type: "application/json" }), `${fileName()}.json`)}>Save JSON</button>
       <button type="button" onClick={copyLink}>Link to this design</button>
@@ -288,25 +292,29 @@ async function copy(content: string, words: string): Promise<void> {
 // --- variants ---------------------------------------------------------------------------------------------------------------
 
 interface Numbers {
+  sha: string | null | undefined;
+  verified: boolean;
   p95: number | null; // of the requirement that decides; without one, the largest P95
   status: string;
+  decimals: number;
   decides?: Check;
 }
 const known = signal<Record<string, Numbers>>({}); // by text
 
-const numbersOf = (score: Score): Numbers => {
-  const decides = decisive(score.verdict.checks);
-  return { p95: decides?.value_mm ?? Math.max(...score.targets.map((t) => t.p95_mm)), status: score.verdict.status, decides };
+const numbersOf = (judged: Pick<Score, "targets" | "verdict" | "provenance">, verified = false): Numbers => {
+  const decides = decisive(judged.verdict.checks);
+  return { sha: judged.provenance.design_sha256, verified, p95: decides?.value_mm ?? Math.max(...judged.targets.map((t) => t.p95_mm)), status: judged.verdict.status, decimals: decimalsOf(judged), decides };
 };
 
 async function scoreOf(source: string): Promise<void> {
   const response = await send("POST", "/v1/scores", { design: parse(source).data }).catch(() => null);
-  known.value = { ...known.value, [source]: response?.ok ? numbersOf(await response.json()) : { p95: null, status: "not-evaluated" } };
+  known.value = { ...known.value, [source]: response?.ok ? numbersOf(await response.json()) : { sha: null, verified: false, p95: null, status: "not-evaluated", decimals: 3 } };
 }
 
 export function Variants() {
   const [compared, compare] = useState<string | null>(null);
   const now = answer.value, mine = now && current.value ? numbersOf(now.score) : null;
+  const best = (numbers: Numbers | null | undefined) => (numbers && verificationOf(numbers.sha) ? { ...numbersOf(verificationOf(numbers.sha), true), sha: numbers.sha } : numbers);
   for (const variant of variants.value) if (!(variant.text in known.value) && current.value) void once(variant.text); // not beside a score of the design
   const chosen = variants.value.find((v) => v.name === compared);
   return (
@@ -315,19 +323,21 @@ export function Variants() {
       {variants.value.length > 0 && (
         <div class="scroll" tabIndex={0} role="region" aria-label="Variants">
           <table>
-            <caption>By estimate: the requirement that decides of each</caption>
-            <thead><tr><th>Variant</th><th>Status</th><th class="number">Found, mm</th><th class="number">Limit, mm</th><th>What decides</th><th>Overlay</th><th>Differences</th><th>Take</th><th><span class="hidden">Remove</span></th></tr></thead>
+            <caption>The requirement that decides of each; by estimate, but where it says verified</caption>
+            <thead><tr><th>Variant</th><th>Status</th><th class="number">Found, mm</th><th class="number">Limit, mm</th><th>What decides</th><th>Use</th></tr></thead>
             <tbody>
-              <tr><th>now</th><Judged numbers={mine} /><td colSpan={4} /></tr>
+              <tr><th>now</th><Judged numbers={best(mine)} /><td /></tr>
               {variants.value.map((variant) => {
                 const numbers = known.value[variant.text];
                 return (
                   <tr key={variant.name}>
-                    <th>{variant.name}</th><Judged numbers={numbers} />
-                    <td><input type="checkbox" aria-label={`Draw ${variant.name} below`} checked={ghost.value === variant.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? variant.name : null)} /></td>
-                    <td><button type="button" class="small" aria-pressed={compared === variant.name} onClick={() => compare(compared === variant.name ? null : variant.name)}>compare</button></td>
-                    <td><button type="button" class="small" onClick={() => commit(variant.text, `Variant ${variant.name}`)}>take</button></td>
-                    <td><button type="button" class="small" aria-label={`Remove variant ${variant.name}`} onClick={() => removeVariant(variant.name)}>×</button></td>
+                    <th>{variant.name}</th><Judged numbers={best(numbers)} now={best(mine)} />
+                    <td class="uses">
+                      <label><input type="checkbox" aria-label={`Draw ${variant.name} below`} checked={ghost.value === variant.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? variant.name : null)} />draw</label>
+                      <button type="button" class="small" aria-pressed={compared === variant.name} onClick={() => compare(compared === variant.name ? null : variant.name)}>compare</button>
+                      <button type="button" class="small" onClick={() => commit(variant.text, `Variant ${variant.name}`)}>take</button>
+                      <button type="button" class="small" aria-label={`Remove variant ${variant.name}`} onClick={() => removeVariant(variant.name)}>×</button>
+                    </td>
                   </tr>
                 );
               })}
@@ -340,12 +350,12 @@ export function Variants() {
   );
 }
 
-function Judged({ numbers }: { numbers: Numbers | null | undefined }) {
-  const decides = numbers?.decides;
+function Judged({ numbers, now }: { numbers: Numbers | null | undefined; now?: Numbers | null }) {
+  const decides = numbers?.decides, d = numbers?.decimals ?? 3, by = now?.p95 != null && numbers?.p95 != null ? numbers.p95 - now.p95 : 0;
   return (
     <>
-      <td class={`status ${numbers?.status ?? ""}`}>{numbers ? VERDICTS[numbers.status] ?? numbers.status : ""}</td>
-      <td class="number">{numbers ? mm(numbers.p95) : "…"}</td><td class="number">{mm(decides?.limit_mm)}</td>
+      <td class={`status ${numbers?.status ?? ""}`}>{numbers ? VERDICTS[numbers.status] ?? numbers.status : ""}{numbers?.verified && ", verified"}</td>
+      <td class="number">{numbers ? mm(numbers.p95, d) : "…"}{/[1-9]/.test(changed(by, d + 1)) && <span class={by < 0 ? "delta less" : "delta more"}>{` ${changed(by, d + 1)}`}</span>}</td><td class="number">{decides ? stated(decides.limit_mm, d) : "–"}</td>
       <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : numbers ? "no requirement: the largest P95" : ""}</td>
     </>
   );

@@ -6,6 +6,7 @@ import { answer, current, drawn, late, layout, refused } from "../api";
 import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, rounded, roundStep, type Vector } from "../geometry";
 import { cancelGesture, design, edit, finishGesture, gesture, type Json, parse, position, PRESSES, preview, selected, settled, steps, text, variants } from "../state";
 import { brief } from "../words";
+import { hinted } from "./Minute";
 import { Remarks } from "./Problems";
 
 export interface Bead {
@@ -213,6 +214,7 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
           return (
             <g key={bead.index} data-bead={bead.label} class={`bead${isChosen ? " chosen" : ""}${over ? " over" : ""}${outside(at) ? " outside" : ""}${plane.sees && !plane.sees.includes(bead.label) ? " unseen" : ""}`}>
               <circle class="reach" cx={x} cy={y} r={REACH * scale} />
+              {hinted.value === bead.label && <circle class="hint" cx={x} cy={y} r={11 * scale} />}
               <circle class="mark" cx={x} cy={y} r={5 * scale} />
               {(!crowded || isChosen || over) && <text x={x + name.x} y={y + name.y} font-size={12 * scale} text-anchor={name.end ? "end" : "start"}>{clip(bead.label)}</text>}
             </g>

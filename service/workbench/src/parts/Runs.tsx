@@ -7,7 +7,7 @@ import { key, placeInWords, pointerOf, send } from "../api";
 import { START } from "../advice";
 import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, startProblem, unfinished } from "../jobs";
 import { design, differences, edit, gesture, type Json, open, parse, text } from "../state";
-import { brief, duration, mm, percent, readNumber, VERDICTS } from "../words";
+import { brief, countDecimals, decimalsOf, duration, mm, percent, readNumber, stated, VERDICTS } from "../words";
 import { Problems } from "./Problems";
 import { Checks, optimise, verify } from "./Verdict";
 
@@ -123,7 +123,7 @@ function Outcome({ run, result }: { run: Run; result: Json }) {
     <>
       {result.verification && <Verified result={result.verification} />}
       {result.distributions.map((shares: Distribution) => (
-        <Histogram key={shares.target} shares={shares} p95={(result.verification ?? result.score).targets.find((t: Json) => t.name === shares.target).p95_mm}
+        <Histogram key={shares.target} shares={shares} decimals={decimalsOf(result.verification ?? result.score)} p95={(result.verification ?? result.score).targets.find((t: Json) => t.name === shares.target).p95_mm}
           limit={result.score.targets.find((t: Json) => t.name === shares.target).limit_mm} perUnit={result.score.verdict.checks.some((c: Json) => c.target === shares.target && c.risk === "per_unit")} />
       ))}
       {!result.verification && <p class="note">The slack of each half-width stands in the budget.</p>}
@@ -132,13 +132,13 @@ function Outcome({ run, result }: { run: Run; result: Json }) {
 }
 
 /** How often which error occurs: sampled as bars, by first order as a line; where P95 and the limit are. */
-function Histogram({ shares, p95, limit, perUnit }: { shares: Distribution; p95: number; limit: number | null; perUnit: boolean }) {
+function Histogram({ shares, decimals: d, p95, limit, perUnit }: { shares: Distribution; decimals: number; p95: number; limit: number | null; perUnit: boolean }) {
   const { edges_mm: edges, sampled, first_order: law } = shares, width = 360, height = 110, foot = 18;
   const end = edges[edges.length - 1], top = Math.max(...law, ...(sampled ?? []), 1e-9);
   const x = (value: number) => (width * value) / end, y = (share: number) => height - (0.92 * height * share) / top;
   const line = law.map((share, k) => `${k ? "L" : "M"}${x(edges[k])} ${y(share)}H${x(edges[k + 1])}`).join("");
   const marks = [{ name: "P95", at: p95 }, ...(limit === null ? [] : [{ name: "limit", at: limit }])];
-  const words = `Error at the tool, target ${shares.target}: ${sampled ? `bars: share of ${shares.trials!.toLocaleString("en")} sampled shots; line: ` : ""}first order; P95 ${mm(p95)} mm${limit === null ? "" : `, limit ${mm(limit)} mm`}${perUnit ? "; all units together: what is asked of each unit stands in the table" : ""}`;
+  const words = `Error at the tool, target ${shares.target}: ${sampled ? `bars: share of ${shares.trials!.toLocaleString("en")} sampled shots; line: ` : ""}first order; P95 ${mm(p95, d)} mm${limit === null ? "" : `, limit ${stated(limit, d)} mm`}${perUnit ? "; all units together: what is asked of each unit stands in the table" : ""}`;
   return (
     <figure class="histogram">
       <figcaption>{words}</figcaption>
@@ -156,17 +156,18 @@ function Histogram({ shares, p95, limit, perUnit }: { shares: Distribution; p95:
 }
 
 function Verified({ result }: { result: Json }) {
+  const d = decimalsOf(result);
   return (
     <>
       <p><strong class={`status ${result.verdict.status}`}>{VERDICTS[result.verdict.status] ?? result.verdict.status}</strong>{`: ${result.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. `}<span class="note" title={result.stopping}>{`P95 is known to ±${percent(result.precision_reached, 2)}; estimate and simulation differ by ${percent(Math.abs(result.first_order_ratio - 1))}.`}</span></p>
-      <Checks checks={result.verdict.checks} label="Requirements as verified" />
+      <Checks of={result} label="Requirements as verified" />
       <div class="scroll" tabIndex={0} role="region" aria-label="Verification">
       <table>
         <thead><tr><th>Target</th><th class="number">P95, mm</th><th class="number">95 % interval, mm</th><th class="number">First order, mm</th><th class="number">Worst seen, mm</th><th class="number">Over the limit</th></tr></thead>
         <tbody>
           {result.targets.slice(0, 200).map((t: Json) => (
-            <tr key={t.name}><th>{t.name}</th><td class="number">{mm(t.p95_mm)}</td><td class="number">{t.p95_interval_mm.map((v: number) => mm(v)).join(" to ")}</td>
-              <td class="number">{mm(t.first_order_p95_mm)}</td><td class="number">{mm(t.worst_mm)}</td><td class="number">{percent(t.exceedance?.probability ?? null, 2)}</td></tr>
+            <tr key={t.name}><th>{t.name}</th><td class="number">{mm(t.p95_mm, d)}</td><td class="number">{t.p95_interval_mm.map((v: number) => mm(v, d)).join(" to ")}</td>
+              <td class="number">{mm(t.first_order_p95_mm, d)}</td><td class="number">{mm(t.worst_mm, d)}</td><td class="number">{percent(t.exceedance?.probability ?? null, 2)}</td></tr>
           ))}
         </tbody>
       </table>
@@ -181,9 +182,10 @@ export function takeOptimum(result: Json): void {
 }
 
 function Optimum({ result }: { result: Json }) {
+  const d = decimalsOf(result.certificate.verification);
   return (
     <>
-      <p>{`${result.status}: P95 ${mm(result.p95_before_mm)} → ${mm(result.p95_after_mm)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</p>
+      <p>{`${result.status}: P95 ${mm(result.p95_before_mm, d)} → ${mm(result.p95_after_mm, d)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</p>
       {[result.view_offer, result.aimed].filter(Boolean).map((views: Json) => <p key={views.sentence}>{views.sentence}</p>)}
       <div class="scroll" tabIndex={0} role="region" aria-label="What changes">
         <table>
@@ -204,6 +206,7 @@ const point = (p: number[] | null) => (p ? `${p.map((v) => v.toFixed(2)).join(",
 function Swept({ result }: { result: Json }) {
   const points: Json[] = result.points ?? [], values = points.map((p) => p.targets?.map((t: Json) => t.p95_mm)?.[0] ?? null);
   const good = values.filter((v): v is number => v !== null), top = Math.max(...good, 1e-9);
+  const d = Math.max(0, ...points.flatMap((p) => (p.targets ?? []).map((t: Json) => countDecimals(t.limit_mm ?? t.p95_mm))));
   const at = (p: Json, k: number) => (Array.isArray(p.values) ? p.values[0] : Object.values(p.values ?? {})[0] ?? k);
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label="Sweep">
@@ -211,7 +214,7 @@ function Swept({ result }: { result: Json }) {
         <thead><tr><th>{[result.axes?.[0]?.name || "Value", result.axes?.[0]?.unit].filter(Boolean).join(", ")}</th><th class="number">P95, mm</th><th>of the largest</th></tr></thead>
         <tbody>
           {points.slice(0, 200).map((p, k) => (
-            <tr key={k}><th>{String(at(p, k))}</th><td class="number">{mm(values[k])}</td>
+            <tr key={k}><th>{String(at(p, k))}</th><td class="number">{mm(values[k], d)}</td>
               <td>{values[k] !== null && <svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect y="1" width={(100 * values[k]!) / top} height="8" /></svg>}</td></tr>
           ))}
         </tbody>

@@ -6,8 +6,8 @@ import { answer, busy, current, late, refused, type Score, send, trouble } from 
 import { loadResult, results, runs, start, unfinished } from "../jobs";
 import { advice, START, startOf } from "../advice";
 import { canRedo, canUndo, design, edit, gesture, goTo, position, redo, steps, text, undo } from "../state";
-import { change, type Check, decisive, seen, verified } from "../verdicts";
-import { brief, changed, duration, mm, percent, trust, VERDICTS } from "../words";
+import { change, type Check, decimals, decisive, seen, verified } from "../verdicts";
+import { brief, changed, decimalsOf, duration, mm, percent, stated, trust, VERDICTS } from "../words";
 import { Problems } from "./Problems";
 import { ReportLink, takeOptimum } from "./Runs";
 import { Term } from "./Words";
@@ -17,7 +17,7 @@ const PATIENCE = 700; // ms without a first score, after which the page asks why
 
 export function Verdict() {
   const score = answer.value?.score, problem = refused.value, old = late.value || (problem !== null && !current.value);
-  const simulated = verified.value, verdict = simulated?.verdict ?? score?.verdict, checks: Check[] = verdict?.checks ?? [];
+  const simulated = verified.value, verdict = simulated?.verdict ?? score?.verdict, checks: Check[] = verdict?.checks ?? [], d = simulated ? decimalsOf(simulated) : decimals.value;
   const worst = decisive(checks), target = score && (score.targets.find((t) => t.name === worst?.target) ?? score.targets[0]);
   const waits = !score && (problem === null || problem.errors.some(({ rule }) => rule === "warming-up"));
   const status = waits ? "waiting" : problem ? "refused" : verdict?.status ?? "waiting", word = VERDICTS[status] ?? status;
@@ -51,16 +51,16 @@ export function Verdict() {
             <div>
               <dt><Term word={!worst || worst.headline === "P95" ? "P95" : "requirement"} quiet>{worst?.headline ?? "P95"}</Term>{` of the error ${!worst || worst.error === "tcp" ? "at the tool" : "as located"}, target ${worst?.target ?? target.name}`}</dt>
               <dd>
-                {change.value && <span class="was">{`${mm(change.value.from)} → `}</span>}
-                <output id="p95" aria-live="off">{mm(worst?.value_mm ?? target.p95_mm)}</output> mm
-                {change.value && <span class={change.value.by < 0 ? "delta less" : "delta more"}>{` (${changed(change.value.by)})`}</span>}
+                {change.value && <span class="was">{`${mm(change.value.from, d)} → `}</span>}
+                <output id="p95" aria-live="off">{mm(worst?.value_mm ?? target.p95_mm, d)}</output> mm
+                {change.value && <span class={change.value.by < 0 ? "delta less" : "delta more"}>{` (${changed(change.value.by, d + 1)})`}</span>}
               </dd>
             </div>
-            {worst && <div><dt>Between</dt><dd>{interval(worst.interval_mm)}</dd></div>}
-            {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{mm(worst.limit_mm)} mm</dd></div>}
+            {worst && <div><dt>Between</dt><dd>{interval(worst.interval_mm, d)}</dd></div>}
+            {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{stated(worst.limit_mm, d)} mm</dd></div>}
             {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
-            <div><dt><Term word="bias" quiet>Known bias</Term></dt><dd>{mm(Math.hypot(...target.bias_mm))} mm</dd></div>
-            <div><dt>Mean error</dt><dd>{mm(target.mean_norm_mm)} mm</dd></div>
+            <div><dt><Term word="bias" quiet>Known bias</Term></dt><dd>{mm(Math.hypot(...target.bias_mm), d)} mm</dd></div>
+            <div><dt>Mean error</dt><dd>{mm(target.mean_norm_mm, d)} mm</dd></div>
           </dl>
         )}
       </div>
@@ -71,12 +71,12 @@ export function Verdict() {
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
         {!waits && !trouble.value && score && <div class={`findings ${shade}`}><Findings score={score} /></div>}
       </div>
-      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : target ? `P95 ${mm(worst?.value_mm ?? target.p95_mm)} mm, ${word}, ${simulated ? "verified" : "estimated"}${change.value ? `; ${mm(Math.abs(change.value.by))} mm ${change.value.by < 0 ? "less" : "more"} than before` : ""}` : ""}</p>
+      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : target ? `P95 ${mm(worst?.value_mm ?? target.p95_mm, d)} mm, ${word}, ${simulated ? "verified" : "estimated"}${change.value ? `; ${mm(Math.abs(change.value.by), d + 1)} mm ${change.value.by < 0 ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>
   );
 }
 
-const interval = (ends: readonly (number | null)[]) => (ends[1] === null ? `${mm(ends[0])}, no upper end known` : `${mm(ends[0])} to ${mm(ends[1])}`);
+const interval = (ends: readonly (number | null)[], d: number) => (ends[1] === null ? `${mm(ends[0], d)}, no upper end known` : `${mm(ends[0], d)} to ${mm(ends[1], d)}`);
 
 /** What is done about the verdict, what to do next, and how far it is. */
 function Acts() {
@@ -105,11 +105,12 @@ function Next() {
   const score = answer.value?.score, verdict = verified.value?.verdict ?? score?.verdict;
   const optimum = runs.value.map((run) => run.kind === "optimisation" && run.text === text.value && run.result ? results.value[run.result] : null).find((result) => result?.design);
   if (!score || !current.value) return null;
-  if (optimum) return <button type="button" class="next" onClick={() => takeOptimum(optimum)}>{`Take the optimum: ${optimum.cost_before != null && optimum.cost_after != null && optimum.cost_before !== optimum.cost_after ? `cost ${brief(optimum.cost_before)} → ${brief(optimum.cost_after)}, ` : ""}P95 ${mm(optimum.p95_before_mm)} → ${mm(optimum.p95_after_mm)} mm`}</button>;
+  const d = optimum ? decimalsOf(optimum.certificate.verification) : decimals.value;
+  if (optimum) return <button type="button" class="next" onClick={() => takeOptimum(optimum)}>{`Take the optimum: ${optimum.cost_before != null && optimum.cost_after != null && optimum.cost_before !== optimum.cost_after ? `cost ${brief(optimum.cost_before)} → ${brief(optimum.cost_after)}, ` : ""}P95 ${mm(optimum.p95_before_mm, d)} → ${mm(optimum.p95_after_mm, d)} mm`}</button>;
   if (!verdict || !["fail", "inconclusive", "pass"].includes(verdict.status)) return null;
   if (verdict.status !== "fail") return verified.value ? null : <button type="button" class="next" onClick={verify}>{verdict.status === "pass" ? "Next: verify that it passes" : "Next: verify, the estimate cannot say"}</button>;
   const found = advice.value?.design === design.value ? advice.value : null;
-  return found && <button type="button" class="next" onClick={() => edit(found.paths.map((path) => ({ path, value: found.value })), `Tighten ${found.words}`)}>{`Tighten ${found.words} → ${mm(found.found)} mm${found.passes ? ", pass" : ""}`}</button>;
+  return found && <button type="button" class="next" onClick={() => edit(found.paths.map((path) => ({ path, value: found.value })), `Tighten ${found.words}`)}>{`Tighten ${found.words} → ${mm(found.found, d)} mm${found.passes ? ", pass" : ""}`}</button>;
 }
 
 /** Back and on again: the last states, undo and redo. */
@@ -135,11 +136,11 @@ function Trail() {
   const values = known.map(({ value }) => value), low = Math.min(...values), high = Math.max(...values), wide = 14 * known.length;
   const x = (k: number) => 14 * k + 7, y = (value: number) => 28 - (22 * (value - low)) / Math.max(high - low, 1e-9);
   return (
-    <svg class="trail" viewBox={`0 0 ${wide} 34`} width={wide} height="34" role="img" aria-label={`The last states, mm: ${values.map((value) => mm(value)).join(", ")}; undo and redo go through them`}>
+    <svg class="trail" viewBox={`0 0 ${wide} 34`} width={wide} height="34" role="img" aria-label={`The last states, mm: ${values.map((value) => mm(value, decimals.value + 1)).join(", ")}; undo and redo go through them`}>
       <path d={known.map(({ value }, k) => `${k ? "L" : "M"}${x(k)} ${y(value)}`).join("")} />
       {known.map(({ step, at, value }, k) => (
         <g key={at} class={at === position.value ? "state now" : "state"} data-step={at} onClick={() => goTo(at)}>
-          <title>{`${step.what}: ${mm(value)} mm${at === position.value ? "" : "; press to go there"}`}</title>
+          <title>{`${step.what}: ${mm(value, decimals.value + 1)} mm${at === position.value ? "" : "; press to go there"}`}</title>
           <rect x={x(k) - 7} y="0" width="14" height="34" /><circle cx={x(k)} cy={y(value)} r={at === position.value ? 4 : 3} />
         </g>
       ))}
@@ -187,7 +188,7 @@ function Losses({ score }: { score: Score }) {
   useEffect(() => void (last.current = shown), [shown]);
   if (!shown.length) return null;
   const words = (loss: Score["losses"][number]["single"] | null) =>
-    loss === null ? "too many pairs to try" : `${loss.lost.join(" and ")}: ${loss.value_mm === null ? loss.reason : `${mm(loss.value_mm)} mm`}`;
+    loss === null ? "too many pairs to try" : `${loss.lost.join(" and ")}: ${loss.value_mm === null ? loss.reason : `${mm(loss.value_mm, decimals.value)} mm`}`;
   const mixed = shown.some(({ mixture }) => mixture); // the design says how often fiducials are missed
   const verdict = (loss: { value_mm: number | null } | null, limit: number | null) =>
     loss === null || limit === null ? "" : loss.value_mm !== null && loss.value_mm <= limit ? "status pass" : "status fail";
@@ -199,11 +200,11 @@ function Losses({ score }: { score: Score }) {
         <tbody>
           {shown.map((loss) => (
             <tr key={loss.requirement}>
-              <th>{loss.requirement || "P95 at the tool"}</th><td class="number">{mm(loss.value_mm)}</td>
+              <th>{loss.requirement || "P95 at the tool"}</th><td class="number">{mm(loss.value_mm, decimals.value)}</td>
               <td class={verdict(loss.single, loss.limit_mm)}>{words(loss.single)}</td><td class={verdict(loss.double, loss.limit_mm)}>{words(loss.double)}</td>
               {loss.mixture && (
                 <td class={verdict(loss.mixture, loss.limit_mm)}>
-                  {loss.mixture.value_mm === null ? "no bound: too many shots have no answer" : `${percent(loss.mixture.quantile)} of all shots: ${mm(loss.mixture.value_mm)} mm`}
+                  {loss.mixture.value_mm === null ? "no bound: too many shots have no answer" : `${percent(loss.mixture.quantile)} of all shots: ${mm(loss.mixture.value_mm, decimals.value)} mm`}
                 </td>
               )}
             </tr>
@@ -215,7 +216,8 @@ function Losses({ score }: { score: Score }) {
 }
 
 /** Every requirement at every target, as they were judged. */
-export function Checks({ checks, label }: { checks: readonly Check[]; label: string }) {
+export function Checks({ of, label }: { of: Pick<Score, "targets"> & { verdict: { checks: readonly Check[] } }; label: string }) {
+  const checks = of.verdict.checks, d = decimalsOf(of);
   if (!checks.length) return <p class="note">The design states no requirement; add one under all fields.</p>;
   const units = checks.some((check) => check.yield_fraction !== null);
   return (
@@ -227,7 +229,7 @@ export function Checks({ checks, label }: { checks: readonly Check[]; label: str
             <tr key={check.requirement + check.target}>
               <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline}${check.error === "tcp" ? "" : " as located"}; ${check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each by itself"}`}</span></th>
               <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
-              <td class="number">{mm(check.value_mm)}</td><td class="number">{interval(check.interval_mm)}</td><td class="number">{mm(check.limit_mm)}</td>
+              <td class="number">{mm(check.value_mm, d)}</td><td class="number">{interval(check.interval_mm, d)}</td><td class="number">{stated(check.limit_mm, d)}</td>
               {units && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} (${percent(check.min_yield)})`}</td>}
             </tr>
           ))}
@@ -244,14 +246,14 @@ export function Requirements() {
   return (
     <div class={late.value || refused.value ? "old" : ""}>
       {simulated && <p class="note">{`As verified by ${simulated.trials.toLocaleString("en")} simulated shots; the tables below are estimates.`}</p>}
-      <Checks checks={(simulated ?? score).verdict.checks} label="Table of requirements" />
+      <Checks of={simulated ?? score} label="Table of requirements" />
       <div class="scroll" tabIndex={0} role="region" aria-label="Pooled and per unit">
         <table>
           <caption>Two readings of the risk at the tool</caption>
           <thead><tr><th>Target</th><th class="number"><Term word="pooled">Pooled</Term>: 95 % of all <Term word="shot">shots</Term> within, mm</th><th class="number"><Term word="per-unit">Per unit</Term>: P95 that 95 % of <Term word="unit">units</Term> keep, mm</th><th class="number">Units whose own quantile keeps the limit</th></tr></thead>
           <tbody>
             {score.targets.slice(0, 50).map((target) => (
-              <tr key={target.name}><th>{target.name}</th><td class="number">{mm(target.p95_mm)}</td><td class="number">{mm(target.per_unit.p95_of_units_mm)}</td><td class="number">{percent(target.per_unit.yield_fraction)}</td></tr>
+              <tr key={target.name}><th>{target.name}</th><td class="number">{mm(target.p95_mm, decimals.value)}</td><td class="number">{mm(target.per_unit.p95_of_units_mm, decimals.value)}</td><td class="number">{percent(target.per_unit.yield_fraction)}</td></tr>
             ))}
           </tbody>
         </table>
