@@ -457,6 +457,27 @@ def test_what_ends_a_long_check(sign: signal.Signals, code: int) -> None:
         assert "Traceback" not in err
 
 
+def test_an_interrupt_that_a_library_ignores_is_heard_all_the_same(tmp_path: Path) -> None:
+    """LLVM calls Python while a kernel is loaded, and whatever is raised there is lost."""
+    (tmp_path / "ignored.py").write_text(
+        "import ctypes, signal\n"
+        "from tailstack_service.cli import main\n"
+        "called = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))\n"
+        "def run(_):\n"
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "    called()\n"
+        "    signal.pause()\n"
+        "main._run = run\n"
+        "main.command()\n",
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / "ignored.py")], capture_output=True, text=True, timeout=LIMIT_SECONDS,
+        env=environment(), check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (130, "tailstack: interrupted\n")
+
+
 def test_an_interrupt_of_a_text_that_is_executed_ends_with_the_code_too(tmp_path: Path) -> None:
     """Functions are made so while libraries are loaded; under ``python -m`` CPython would end by the signal."""
     (tmp_path / "interrupted.py").write_text(

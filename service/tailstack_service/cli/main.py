@@ -6,9 +6,11 @@ import argparse
 import atexit
 import gc
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from threading import Timer
 from typing import NoReturn
 
 from tailstack.errors import TailstackError
@@ -160,11 +162,21 @@ def _speak_utf8_where_possible() -> None:
 
 def command() -> NoReturn:
     """The program: ``main``, and the end of the process with its code."""
+    sys.unraisablehook = _repeat_interrupt
     gc.set_threshold(10_000)  # the usual 700 searches a start, which makes a quarter of a million objects, 330 times
     code = main()
     if code == INTERRUPTED:
         _forget_interrupt()
     sys.exit(code)
+
+
+def _repeat_interrupt(ignored: sys.UnraisableHookArgs) -> None:
+    """An interrupt that came while LLVM called Python, as it does while a kernel is loaded, is ignored there: CPython
+    has nobody to raise it to.  It is sent again when that call has ended."""
+    if issubclass(ignored.exc_type, KeyboardInterrupt):
+        Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
+    else:
+        sys.__unraisablehook__(ignored)
 
 
 def _forget_interrupt() -> None:
