@@ -10,7 +10,6 @@ import csv
 import io
 import json
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -22,6 +21,7 @@ from math import isfinite
 from typing import IO, Any, Literal, get_args
 
 from tailstack.cures import cure_text
+from tailstack.design.reading import find_repeated
 from tailstack.errors import LimitError, Problem
 from tailstack.json_text import write_json
 from tailstack.people_tables import (
@@ -230,7 +230,7 @@ def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     def collect(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            raise KeyError(Counter(name for name, _ in pairs).most_common(1)[0][0])
+            raise KeyError(find_repeated(pairs))
         return found
 
     def parse(line: int, text: bytes) -> dict[str, Any]:

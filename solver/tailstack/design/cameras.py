@@ -143,7 +143,7 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
         rotation, translation = matrix[:3, :3], matrix[:3, 3]
     size = float(np.abs(rotation).max())
     defect = rigidity_defect(rotation) if size < 10 else float("inf")
-    if size < 10 and rigidity_defect(-rotation) <= RIGID:
+    if not defect <= RIGID and size < 10 and rigidity_defect(-rotation) <= RIGID:
         hint = "one axis of one of the two frames, a row or a column, points the other way there: reverse its numbers"
         raise _refuse_not_rigid(pointer, "its rotation is a reflection: the determinant is -1", hint)
     if not defect <= RIGID:

@@ -367,9 +367,7 @@ def _from_json(text: str, limits: Limits, file: str | None) -> Any:
         result = dict(items)
         mappings.append(result)
         if len(result) < len(items):
-            seen: set[str] = set()
-            twice = next(key for key, _ in items if key in seen or seen.add(key))  # type: ignore[func-returns-value]
-            raise DesignError(_duplicate(twice, text, file))
+            raise DesignError(_duplicate(find_repeated(items), text, file))
         return result
 
     try:
@@ -393,6 +391,12 @@ def _shallow(data: Any, depth: int) -> bool:
         if not level:
             return True
     return False
+
+
+def find_repeated(items: list[tuple[str, Any]]) -> str:
+    """The first name that stands again among the fields of a mapping, of which one does."""
+    seen: set[str] = set()
+    return next(key for key, _ in items if key in seen or seen.add(key))  # type: ignore[func-returns-value]
 
 
 def _duplicate(key: str, text: str, file: str | None) -> Problem:
