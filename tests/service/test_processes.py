@@ -117,26 +117,38 @@ def test_a_stream_that_cannot_be_written_is_not_an_answer(tmp_path: Path) -> Non
 # --- serve ----------------------------------------------------------------------------------------
 
 
+LOG = "serve.log"
+
+
 @contextmanager
 def service(folder: Path, *arguments: str, **changes: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A service process on a free port with a database of its own; it and its family are ended whatever happens."""
+    """A service process on a free port with a database of its own; it and its family are ended whatever happens.
+
+    It logs into a file, for a pipe that nobody reads is full after some hundred looks at it, and then it hangs.
+    """
     own = {
         "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}",
         "TAILSTACK_WORKER_PROCESSES": "1",  # every process more is two seconds of a core before the first request
         "TAILSTACK_SHORT_WORKERS": "1",
         "TAILSTACK_MAX_WAIT_SECONDS": "600",
     }
-    process = subprocess.Popen(
-        [*COMMAND, "serve", "--port", "0", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=environment(**{**own, **changes}),
-            preexec_fn=die_with_parent,
-    )  # fmt: skip
+    with (folder / LOG).open("w") as log:
+        process = subprocess.Popen(
+            [*COMMAND, "serve", "--port", "0", *arguments], stdout=subprocess.PIPE, stderr=log, text=True,
+            env=environment(**{**own, **changes}), preexec_fn=die_with_parent,
+        )  # fmt: skip
     with ended(process):
         assert process.stdout is not None
         line = process.stdout.readline()
         found = re.match(r"serving on (http://\S+)", line)
         assert found, line
         yield process, found.group(1)
+
+
+def said_by(process: subprocess.Popen[str], folder: Path) -> tuple[str, str]:
+    """What a service that ends has printed, and its log."""
+    out, _ = process.communicate(timeout=LIMIT_SECONDS)
+    return out, (folder / LOG).read_text()
 
 
 def family_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
@@ -193,7 +205,7 @@ def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, c
         family = family_of(process)
         assert len(family) >= (1 if api_processes == "1" else 3)
         process.send_signal(sign)
-        out, err = process.communicate(timeout=LIMIT_SECONDS)
+        out, err = said_by(process, tmp_path)
         assert process.returncode == code, err
         check_gone(family)
         assert out == ""
@@ -222,7 +234,7 @@ def test_a_stop_that_comes_during_the_start_is_heard(tmp_path: Path, moment: str
     with service(tmp_path, "--no-worker", TAILSTACK_API_PROCESSES=api_processes) as (process, url):
         until(lambda: MOMENTS[moment](process, url))
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=LIMIT_SECONDS)
+        _, err = said_by(process, tmp_path)
         assert process.returncode == 0, err
         assert "Traceback" not in err
 
@@ -237,7 +249,7 @@ def test_a_service_that_still_compiles_stops_all_the_same(tmp_path: Path) -> Non
         assert (response.status_code, response.json()["kernels"]) == (503, "warming up")
         until(lambda: any(path.is_file() for path in cache.rglob("*")))  # it has compiled one of them
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=LIMIT_SECONDS)
+        _, err = said_by(process, tmp_path)
         assert process.returncode == 0, err
         assert "Traceback" not in err
 
@@ -315,7 +327,8 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def after_a_death(tmp_path_factory: pytest.TempPathFactory) -> tuple[httpx.Response, list[dict[str, Any]]]:
     """The worker of a service is killed and a job is asked for: its answer, and what a log for machines says."""
-    with service(tmp_path_factory.mktemp("death"), TAILSTACK_LOG_FORMAT="json") as (process, url):
+    folder = tmp_path_factory.mktemp("death")
+    with service(folder, TAILSTACK_LOG_FORMAT="json") as (process, url):
         await_ready(url)
         first = running_worker(process)
         first.kill()
@@ -327,7 +340,7 @@ def after_a_death(tmp_path_factory: pytest.TempPathFactory) -> tuple[httpx.Respo
             url + "/v1/verifications", json=body, headers=headers, timeout=LIMIT_SECONDS, trust_env=False
         )
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=LIMIT_SECONDS)
+        _, err = said_by(process, folder)
     return answer, [json.loads(line) for line in err.splitlines() if line.startswith("{")]
 
 
