@@ -21,9 +21,8 @@ from math import isfinite
 from typing import IO, Any, Literal, get_args
 
 from tailstack.cures import cure_text
-from tailstack.design.reading import find_repeated
 from tailstack.errors import LimitError, Problem
-from tailstack.json_text import write_json
+from tailstack.json_text import find_repeated, write_json
 from tailstack.people_tables import (
     KEPT_ENDS,
     PREVIEW,

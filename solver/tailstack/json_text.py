@@ -16,3 +16,9 @@ def write_json(data: Any, *, sort_keys: bool = False, indent: int | None = None)
     return json.dumps(  # noqa: TID251 - this is the one writer
         data, sort_keys=sort_keys, indent=indent, separators=separators, ensure_ascii=False, allow_nan=False
     )
+
+
+def find_repeated(items: list[tuple[str, Any]]) -> str:
+    """The first name that stands again among the fields of a mapping, of which one does."""
+    seen: set[str] = set()
+    return next(key for key, _ in items if key in seen or seen.add(key))  # type: ignore[func-returns-value]

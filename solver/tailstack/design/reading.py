@@ -32,7 +32,7 @@ import yaml
 
 from ..cures import find_nearest
 from ..errors import DesignError, LimitError, Problem
-from ..json_text import write_json
+from ..json_text import find_repeated, write_json
 
 __all__ = [
     "DEFAULT_LIMITS",
@@ -391,12 +391,6 @@ def _shallow(data: Any, depth: int) -> bool:
         if not level:
             return True
     return False
-
-
-def find_repeated(items: list[tuple[str, Any]]) -> str:
-    """The first name that stands again among the fields of a mapping, of which one does."""
-    seen: set[str] = set()
-    return next(key for key, _ in items if key in seen or seen.add(key))  # type: ignore[func-returns-value]
 
 
 def _duplicate(key: str, text: str, file: str | None) -> Problem:
