@@ -1,8 +1,8 @@
-"""openapi.json: the document of the service, and with it examples of answers, a file answers/OPERATION_ID.json each.
+"""openapi.json: the document of the service, and with it an example of every answer.
 
-``python openapi/answers.py`` writes openapi.json anew, of the installed tailstack and those files.  With the URL of a
-service without authentication it asks that one first: every operation, with the examples of requests in its document;
-what came back becomes the files, lists cut short.
+``python openapi/answers.py`` writes openapi.json anew, of the installed tailstack and the examples that it has.  With
+the URL of a service without authentication it asks that one for new ones: every operation, with the examples of
+requests in its document; of what comes back lists are cut short.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import isclose
 from typing import Any
 
@@ -20,7 +20,7 @@ from rules import HERE, ITSELF, METHODS, resolved
 from tailstack.json_text import write_json
 from tailstack_service.http.app import create_app
 
-ANSWERS = HERE / "answers"
+DOCUMENT = HERE / "openapi.json"
 SHOWN_BY = {"get_result": "create_verification", "get_report": "create_verification"}  # answer with another's record
 SUMMARY = "As a service answered the example of the request; of long lists the first two entries"
 WAIT_SECONDS = 60  # what a service waits for at most, unless it was told otherwise
@@ -28,9 +28,18 @@ SHOWN, MOST_PLAIN = 2, 12  # entries that are left of a list, where they are obj
 VARYING = frozenset({"provenance", "execution", "created_at", "python", "tailstack", "numpy", "today"})
 
 
-def text_with_answers(document: dict[str, Any]) -> str:
-    """The text of openapi.json: the document of the service, which is changed, and an example of every answer."""
-    examples = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(ANSWERS.glob("*.json"))}
+def committed_answers() -> dict[str, Any]:
+    """The examples of answers in openapi.json, by the operation that answered so."""
+    examples = json.loads(DOCUMENT.read_text(encoding="utf-8"))["components"]["examples"]
+    return {name: entry["value"] for name, entry in examples.items() if entry.get("summary") == SUMMARY}
+
+
+def text_with_answers(document: dict[str, Any], examples: Mapping[str, Any] | None = None) -> str:
+    """The text of openapi.json: the document of the service, which is changed, and an example of every answer.
+
+    ``examples``: by the operation that answered so; None: those that stand there.
+    """
+    examples = committed_answers() if examples is None else dict(sorted(examples.items()))
     document["components"]["examples"] |= {
         name: {"summary": SUMMARY, "value": value} for name, value in examples.items()
     }
@@ -129,15 +138,8 @@ def differences(fresh: Any, shown: Any, at: str = "") -> Iterator[str]:
 
 
 def main(arguments: list[str]) -> int:
-    if arguments:
-        fresh = dict(answers(arguments[0]))
-        for old in ANSWERS.glob("*.json"):
-            old.unlink()
-        for name, answer in fresh.items():
-            text = json.dumps(shortened(answer), indent=1, ensure_ascii=False) + "\n"
-            (ANSWERS / f"{name}.json").write_text(text, encoding="utf-8")
-    document = create_app(warm_up=False).openapi()
-    (HERE / "openapi.json").write_text(text_with_answers(document), encoding="utf-8")
+    fresh = {name: shortened(answer) for name, answer in answers(arguments[0])} if arguments else None
+    DOCUMENT.write_text(text_with_answers(create_app(warm_up=False).openapi(), fresh), encoding="utf-8")
     return 0
 
 

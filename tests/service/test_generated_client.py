@@ -20,7 +20,7 @@ from typing import Any
 
 import node
 import pytest
-from answers import ANSWERS, answers, differences, shape, shortened
+from answers import answers, committed_answers, differences, shape, shortened
 from openapi_scenes import DOCUMENT, OPENAPI
 from served import Served, served
 
@@ -201,7 +201,7 @@ def test_wrong_typescript_programs_are_refused(types: Path, tmp_path: Path) -> N
 def test_committed_examples_of_answers_have_the_form_of_the_answers(service: Served) -> None:
     """What a service answers today is what the document shows; the optimiser's path is the processor's own."""
     fresh = {name: shortened(answer) for name, answer in answers(service.url)}
-    shown = {path.stem: json.loads(path.read_text("utf-8")) for path in ANSWERS.glob("*.json")}
+    shown = committed_answers()
     again = "repeat: python openapi/answers.py URL"
     assert set(fresh) == set(shown), again
     for name, answer in fresh.items():
@@ -221,7 +221,7 @@ def test_a_shown_answer_is_cut_where_rows_are_many_and_nowhere_else() -> None:
 
 
 def test_an_answer_that_says_something_else_would_be_noticed() -> None:
-    shown = json.loads((ANSWERS / "create_score.json").read_text("utf-8"))
+    shown = committed_answers()["create_score"]
     fresh = json.loads(json.dumps(shown))
     fresh["targets"][0]["p95_mm"] *= 1.0001
     fresh["targets"][0]["bias_mm"][2] += 1e-12

@@ -149,21 +149,6 @@ def test_a_revoked_key_is_refused_once_its_time_is_over(guarded: Guarded, monkey
     check_problem(guarded.client.get("/v1/jobs", headers=bearer(secret)), 401, "unauthenticated")
 
 
-def test_another_tenants_job_is_as_unknown_as_none(guarded: Guarded) -> None:
-    mine, theirs = (bearer(guarded.key("read", "compute", tenant=tenant)) for tenant in ("a", "b"))
-    path = guarded.client.post("/v1/verifications", json=BODY, headers=mine).headers["location"]
-    nobody = "/v1/jobs/" + path.rpartition("/")[2][::-1].translate(str.maketrans("89abcdefghjkmnpqrstvwxyz", "7" * 24))
-    for method, suffix in (("GET", ""), ("GET", "/events"), ("GET", "/result"), ("POST", "/cancel")):
-        answers = []
-        for target in (path, nobody):
-            response = guarded.client.request(method, target + suffix, headers={**theirs, "X-Request-ID": "same"})
-            check_problem(response, 404, "not-found")
-            answers.append(response.text.replace(target.rpartition("/")[2], "ID"))
-        assert answers[0] == answers[1]
-    assert guarded.client.get("/v1/jobs", headers=theirs).json()["jobs"] == []
-    assert guarded.client.get(path, headers=mine).json()["state"] == "queued"
-
-
 def test_no_credential_is_ever_told_again(
     guarded: Guarded, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

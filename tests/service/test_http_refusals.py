@@ -371,11 +371,6 @@ def test_query_parameters_that_mean_nothing_are_refused(client: httpx.Client) ->
     check_problem(client.post("/v1/scores?second_order=maybe", content=b"a: 1", headers=YAML), 422, "invalid-request")
 
 
-@pytest.mark.parametrize("path", ["/v1/schemas/nothing", "/v1/problems/nothing"])
-def test_unknown_names_are_404(client: httpx.Client, path: str) -> None:
-    check_problem(client.get(path), 404, "not-found")
-
-
 def test_every_type_of_problem_has_a_page(client: httpx.Client) -> None:
     for slug, entry in CATALOGUE.items():
         page = client.get(f"/v1/problems/{slug}").json()

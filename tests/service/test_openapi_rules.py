@@ -11,12 +11,10 @@ from typing import Any
 
 import node
 import pytest
-from jsonschema import Draft202012Validator
-from openapi_scenes import DOCUMENT, OPENAPI, needs_node, operations
+from openapi_scenes import DOCUMENT, OPENAPI, needs_node
 from openapi_spec_validator import OpenAPIV31SpecValidator
-from rules import resolved, violations, without_words
+from rules import violations, without_words
 
-from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.schemas import TITLES, json_schema
 
 PROBLEM = {"$ref": "#/components/responses/Problem422"}
@@ -190,23 +188,6 @@ def test_each_rule_finds_what_it_is_for(name: str) -> None:
 def test_every_property_of_a_published_schema_is_described(name: str) -> None:
     """Also of the documents that are not spoken of over HTTP: studies, policies, waivers."""
     assert list(without_words(json_schema(name))) == []
-
-
-COMPUTATIONS = [operation for _, _, operation in operations() if operation["tags"] == ["computations"]]
-
-
-@pytest.mark.parametrize("operation", COMPUTATIONS, ids=lambda operation: operation["operationId"])
-def test_every_computation_shows_a_request_and_its_answer(operation: dict[str, Any]) -> None:
-    """An answer of a service (test_generated_client asks one again), whole and of the schema that is promised."""
-    assert operation["requestBody"]["content"]["application/json"]["examples"]
-    answer = operation["responses"]["200"]["content"]["application/json"]
-    (example,) = answer["examples"].values()
-    value = resolved(DOCUMENT, example)["value"]
-    Draft202012Validator({**answer["schema"], "components": DOCUMENT["components"]}).validate(value)
-
-
-def test_every_computation_is_looked_at() -> None:
-    assert len(COMPUTATIONS) == len(OPERATIONS)
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from answers import ANSWERS, text_with_answers
+from answers import committed_answers, text_with_answers
 from service_scenes import EXAMPLES, ROOT
 
 from waiting import LIMIT_SECONDS
@@ -58,6 +58,13 @@ def test_the_page_of_the_api_is_shipped(unpacked: Path) -> None:
     assert {"index.html", "LICENSE", "NOTICE", "swagger-ui-bundle.js"} <= set(shipped)
 
 
+def test_the_manual_is_shipped_without_its_pictures_and_programs(unpacked: Path) -> None:
+    shipped = unpacked / "tailstack_service" / "manual"
+    pages = {path.relative_to(shipped): path.read_bytes() for path in shipped.rglob("*") if path.is_file()}
+    docs = ROOT / "docs"
+    assert pages == {path.relative_to(docs): path.read_bytes() for path in docs.rglob("*.md")}
+
+
 @pytest.mark.long
 def test_schemas_and_openapi_come_out_of_it(unpacked: Path, document: dict[str, Any]) -> None:
     assert call(unpacked, "schema", "design").returncode == 0
@@ -66,7 +73,7 @@ def test_schemas_and_openapi_come_out_of_it(unpacked: Path, document: dict[str, 
 
 def test_no_example_of_an_answer_is_shipped(unpacked: Path, document: dict[str, Any]) -> None:
     """They are for readers of the committed document: neither a file of them nor their text is in the wheel."""
-    shown = {path.stem for path in ANSWERS.glob("*.json")}
+    shown = set(committed_answers())
     assert "create_score" in shown
     assert not [path for path in unpacked.rglob("*") if path.stem in shown]
     assert not shown & document["components"]["examples"].keys()

@@ -7,6 +7,7 @@ OpenCASCADE's own reader finds in the files is readings.json.
 from __future__ import annotations
 
 import json
+import runpy
 import subprocess
 import sys
 import zipfile
@@ -21,7 +22,8 @@ from tailstack.errors import DesignError
 from waiting import LIMIT_SECONDS
 
 FOLDER = Path(__file__).parents[1] / "data" / "step"
-EXPECTED = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
+SCENES = runpy.run_path(str(FOLDER / "scenes.py"))
+EXPECTED = {scene: SCENES["expect"](scene) for scene in SCENES["SCENES"]}
 READINGS = json.loads((FOLDER / "readings.json").read_text(encoding="utf-8"))
 MICROMETRE = 1e-3  # mm
 

@@ -107,24 +107,12 @@ def test_stopped_early_the_bracket_is_honest():
     assert unproven > 10
 
 
-def test_stop_and_progress():
-    """closed form: a wish to stop is heard before the next evaluation; the bracket reported only narrows."""
-    reports = 0
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        prices, ratio = random_prices(rng, 5, 5), not_separable(rng, 5)
-        if cheapest(prices, ratio) is None:
-            continue
-        assert choose_grades(prices, ratio, stop=lambda: True).evaluations == 1
-        seen: list[Any] = []
-        found = choose_grades(prices, ratio, progress=lambda *state, s=seen: s.append(state))
-        for before, after in itertools.pairwise(seen):
-            assert after[0] >= before[0]
-            assert after[1] <= before[1]
-            assert after[2] >= before[2]
-        assert all(bound <= found.cost * (1 + 1e-9) and found.cost <= cost for _, cost, bound in seen)
-        reports += len(seen)
-    assert reports > 10
+def test_a_wish_to_stop_is_heard_before_the_next_evaluation():
+    """closed form: one evaluation, that of the tightest grades."""
+    rng = np.random.default_rng(0)
+    prices, ratio = random_prices(rng, 5, 5), not_separable(rng, 5)
+    assert cheapest(prices, ratio) is not None
+    assert choose_grades(prices, ratio, stop=lambda: True).evaluations == 1
 
 
 def test_no_assignment_is_evaluated_twice():

@@ -332,14 +332,13 @@ def choose_grades(
     start: Array | None = None,
     max_evaluations: int = 4000,
     stop: Callable[[], bool] | None = None,
-    progress: Callable[[int, float, float], None] | None = None,
 ) -> GradeChoice:
     """The cheapest grade of every tolerance with ``worst_ratio <= 1``, or the best found and how far off it may be.
 
     prices (k,) are tables of grades; worst_ratio takes half-widths (k,), native units, and returns the largest
     quantile over its limit.  start (k,) half-widths, rounded down to grades, gives the first candidate.  Ends early
-    after max_evaluations, or when ``stop()`` is true; progress is told (evaluations, cost, lower bound).  Raises
-    InfeasibleError when the tightest grades are over a limit.
+    after max_evaluations, or when ``stop()`` is true.  Raises InfeasibleError when the tightest grades are over a
+    limit.
     """
     ladders = tuple(drop_dominated(price.grades) for price in prices)
     tightest, loosest = tuple(0 for _ in ladders), tuple(len(ladder) - 1 for ladder in ladders)
@@ -364,8 +363,6 @@ def choose_grades(
             wanted = wanted if wanted > _SMALLEST_SHARE else 0.0
             assignment, bound = _master(search, wanted)
             lower_bound = max(lower_bound, min(bound, search.cost))
-            if progress is not None:
-                progress(search.evaluations, search.cost, lower_bound)
             if _explore(search, assignment) and wanted == 0:
                 break  # the master's optimum itself passes
     except _SpentError:

@@ -2,19 +2,16 @@
 where every ball is.
 
 ``freecadcmd freecad_files.py`` (FreeCAD 0.20) and ``python occ_files.py`` (cadquery-ocp 8.0) build the files from
-these trees; ``python scenes.py`` writes expected.json by multiplying the placements here.  No reader of STEP has a
-part in it.  ``python occ_reading.py`` wrote readings.json: what OpenCASCADE's own reader finds in the files.
+these trees; what is expected is had by multiplying the placements here.  No reader of STEP has a part in it.
+``python occ_reading.py`` wrote readings.json: what OpenCASCADE's own reader finds in the files.
 
 A node is (name, placement, what): what is a list of nodes, the name of a part, or a body.  A placement is
 (translation, axis, angle in degrees).  Lengths are in mm, whatever the unit of the file.
 """
 
-import json
 import math
 import random
-from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
 HOME = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0)
 CORNERS = [(-40.0, -38.0, -72.0), (40.0, -42.0, -66.0), (-44.0, 40.0, -68.0), (38.0, 36.0, -74.0),
            (-38.0, -40.0, 4.0), (42.0, -36.0, 12.0), (-42.0, 38.0, 8.0), (36.0, 42.0, 16.0)]  # fmt: skip
@@ -117,7 +114,6 @@ SCENES = {
         ("Station", HOME, [("Carrier", TILT, [*beads(), *SEATS, *PINS])]), {},
         {"name": "BEAD*", "seats": "REST*", "pins": "PIN*"}),
 }  # fmt: skip
-PROGRAMS = ("freecad", "occ")
 
 
 # --- where everything is -----------------------------------------------------------------------------------
@@ -191,8 +187,3 @@ def expect(scene):
             middle = apply(here, (0.0, 0.0, shape["height"] / 2))
             contacts.append({"name": name, "position_mm": middle, "axis": apply(here, (0.0, 0.0, 1.0), True)})
     return {"selection": selection, "balls": balls, "left": left, "contacts": contacts}
-
-
-if __name__ == "__main__":
-    text = json.dumps({scene: expect(scene) for scene in SCENES}, indent=1, ensure_ascii=False)
-    (HERE / "expected.json").write_text(text + "\n", encoding="utf-8")
