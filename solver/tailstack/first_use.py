@@ -1,4 +1,4 @@
-"""Packages whose names are loaded on first use: who asks for one of them does not wait for the others."""
+"""Lazy imports of packages (PEP 562): each name is loaded when it is first used."""
 
 from __future__ import annotations
 

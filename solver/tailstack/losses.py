@@ -1,4 +1,4 @@
-"""What becomes of a score when fiducials are lost: the worst of all losses of one and of two, by name.
+"""Leave-one-out and leave-two-out analysis of a score: the worst loss of one fiducial and of two, by name.
 
 A fiducial that is lost is missing in every view, as if it had never been there.  What that does to the gains of all
 that acts through the images follows from weights of 0 (``propagation.noise``), for every loss and target at once in one

@@ -1,4 +1,4 @@
-"""What happens before the first kernel is compiled in this process: nothing, unless somebody said so.
+"""A hook that is called once before the first kernel is compiled in this process; none by default.
 
 A command may have kernels compiled in several processes at once, and show how far that is.  It says so here, before it
 knows whether kernels are needed and without loading the compiler; the kernels ask when one of them is missing.
@@ -17,7 +17,7 @@ def prepare_with(prepare: Callable[[], None] | None) -> None:
 
 
 def prepare() -> bool:
-    """Do what was said, once.  Whether something was done, so that it is worth looking for a kernel again."""
+    """Call the hook, once.  Whether something was done, so that it is worth looking for a kernel again."""
     if not _preparations:
         return False
     _preparations.pop()()

@@ -474,7 +474,7 @@ class System:
     hand_eye: DirectEffect  # the mount at ``Place.HAND_EYE``
     execution: DirectEffect  # at ``Place.TOOL``: repeatability and load; known: the deflection under the nominal load
     targets: tuple[Target, ...]  # regions expanded
-    requirements: tuple[Requirement, ...]  # none: nothing is promised
+    requirements: tuple[Requirement, ...]  # none: nothing is judged
     reading: Reading = Reading.PHYSICAL  # of the structure's installation error
     rotation_form: RotationForm = RotationForm.FULL  # of every torsor
     estimator: Estimator = DEFAULT_ESTIMATOR  # of every view

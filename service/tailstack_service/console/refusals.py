@@ -14,7 +14,7 @@ from tailstack.errors import Problem, TailstackError
 
 from ..folders import FolderError, misses_temporary_folder, no_temporary_folder
 from ..names import TRACEBACK
-from ..rendering.alike import gather_alike, list_others, name_field, name_rule
+from ..rendering.finding_groups import group_alike, list_others, name_field, name_rule
 from .answer import BAD_INPUT, NOT_EVALUATED
 from .program import program, spell_commands
 
@@ -57,9 +57,7 @@ def problem_text(problem: Problem) -> str:
 def problems_text(problems: Sequence[Problem]) -> list[str]:
     """Problems one after the other; three and more that say the same of several places are one, with their places."""
     texts = []
-    for first, *others in gather_alike(
-        problems, lambda p: (p.file, p.code, name_rule(p.detail), name_field(p.pointer))
-    ):
+    for first, *others in group_alike(problems, lambda p: (p.file, p.code, name_rule(p.detail), name_field(p.pointer))):
         more = f"\n  {list_others([p.line for p in others], [p.pointer for p in others])}" if others else ""
         texts.append(problem_text(first) + more)
     return texts

@@ -12,7 +12,7 @@ from dataclasses import replace
 from tailstack.results.tables import Cell, Column, On, Table, write_cell
 from tailstack.results.verdicts import name_basis
 
-from ..rendering.alike import gather_alike, list_others, name_field, name_rule
+from ..rendering.finding_groups import group_alike, list_others, name_field, name_rule
 from ..rendering.page import current, write_on
 from ..rendering.tables import paint, visible, wrap, write_table
 from .records import (
@@ -42,7 +42,7 @@ def render_text(record: GateRecord) -> str:
     counted, accepted = split_findings(record)
     for heading, findings in (([], counted), (["accepted by waivers"], accepted)):
         if findings:
-            groups = gather_alike(findings, _name_group)
+            groups = group_alike(findings, _name_group)
             parts.append("\n".join([*heading, *(_write_finding(first, others) for first, *others in groups)]))
     circumstances = (
         f"Mode {record.mode}, seed {record.seed}, policy {record.provenance.policy_name}; waivers are those of "

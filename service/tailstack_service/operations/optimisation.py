@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from ..settings import Settings
     from .request import Request
-    from .revision import Places
+    from .revision import OutputFiles
 
 # What the steps of a stage are called, where its own name says too little
 STAGES = {"view": "aim of the views", "layout": "starting layout", "point": "starting point", "polish": "polishing",
@@ -141,25 +141,25 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> Answer:
     from ..documents import to_json
-    from .revision import keep_result, patch_text, read_last, read_places, write_results
+    from .revision import keep_result, patch_text, read_last, read_output_files, write_results
 
     _refuse_mixture(arguments)
-    places = read_places(arguments)
+    files = read_output_files(arguments)
     kept, stopped = "", False
     if arguments.last:
         design, result = read_last()
     else:
         design = read_design(arguments.design)
-        found = _search(design, arguments, places)
+        found = _search(design, arguments, files)
         if found is None:
             return Answer("", INTERRUPTED)
         result, stopped = found
-        if places.design is None:
+        if files.design is None:
             kept = keep_result(design, result)
-    write_results(design, result, places)
+    write_results(design, result, files)
     code = INTERRUPTED if stopped else exit_code_of(result.certificate.verification.verdict)
-    if places.design is not None:
-        following = f"next: {program()} verify {quote(str(places.design))}"
+    if files.design is not None:
+        following = f"next: {program()} verify {quote(str(files.design))}"
     elif kept:
         print(f"note: the result is not kept for --last: {kept}", file=sys.stderr)
         following = f"next: {program()} optimise {quote(str(arguments.design))} -o NEW.yaml   (writes the new design)"
@@ -169,7 +169,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
         print(following, file=sys.stderr)
         return Answer(to_json(result), code)
     patch = ""
-    if places.design is None:
+    if files.design is None:
         name = design.source.file or "the design"
         if changes := patch_text(design, result):
             patch = f"\nwhat to change in {name} (a merge patch, RFC 7396):\n{changes}\n"
@@ -187,7 +187,7 @@ def _refuse_mixture(arguments: argparse.Namespace) -> None:
         raise RequestError(Problem("", "one-of", detail, "tailstack optimise --last -o NEW.yaml"))
 
 
-def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tuple[Optimisation, bool] | None:
+def _search(design: Design, arguments: argparse.Namespace, files: OutputFiles) -> tuple[Optimisation, bool] | None:
     """The result, and whether the search was stopped; None if it was stopped before it had found anything."""
     from tailstack import optimise
     from tailstack.optimisation import influence
@@ -202,7 +202,7 @@ def _search(design: Design, arguments: argparse.Namespace, places: Places) -> tu
         print(known, file=sys.stderr, flush=True)
     wanted = design.document.optimise
     assert wanted is not None  # or influence had refused the design
-    refuse_unasked_points(places, moves_fiducials=bool(wanted.box or wanted.region or wanted.regions))
+    refuse_unasked_points(files, moves_fiducials=bool(wanted.box or wanted.region or wanted.regions))
     with Progress("optimise") as progress, stopped_by_signals() as stop:
         try:
             result = optimise(

@@ -1,5 +1,5 @@
 """What an optimisation leaves behind: the new design in its author's own text, fiducials in a file beside it, a patch,
-and the last result, kept until somebody says where it goes."""
+and the last result, saved by itself until it is written to a file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ KEPT = "tailstack/kept-optimisation/1"
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class OutputFiles:
     """Where the new design, its fiducials and the picture are to be written; None: nowhere."""
 
     design: Path | None
@@ -40,12 +40,12 @@ class Places:
     picture: Path | None
 
 
-def read_places(arguments: argparse.Namespace) -> Places:
+def read_output_files(arguments: argparse.Namespace) -> OutputFiles:
     """Raises RequestError for a file that cannot be written, before any work."""
     design = None if arguments.output is None else writable(arguments.output, DOCUMENTS)
     picture = None if arguments.picture is None else writable(arguments.picture, PICTURES)
     if (name := arguments.fiducials_out) is None:
-        return Places(design, None, picture)
+        return OutputFiles(design, None, picture)
     if not name.lower().endswith(FIDUCIALS):
         raise RequestError(
             Problem("", "unknown-format", f"{name!r} is no file of fiducials", f"known: {', '.join(FIDUCIALS)}")
@@ -56,19 +56,19 @@ def read_places(arguments: argparse.Namespace) -> Places:
     if not fiducials.parent.resolve().is_relative_to(design.parent.resolve()):
         detail = f"a design refers to files in or below its own folder; {name} is not below that of {design}"
         raise RequestError(Problem("", "file-refused", detail, f"--fiducials-out {design.parent / fiducials.name}"))
-    return Places(design, fiducials, picture)
+    return OutputFiles(design, fiducials, picture)
 
 
-def refuse_unasked_points(places: Places, moves_fiducials: bool) -> None:
+def refuse_unasked_points(files: OutputFiles, moves_fiducials: bool) -> None:
     """A design on the disk that has its fiducials in a file would lose the file.  Raises RequestError."""
-    if places.design is None or places.fiducials is not None or not moves_fiducials:
+    if files.design is None or files.fiducials is not None or not moves_fiducials:
         return
-    there = _read_design(places.design)
+    there = _read_design(files.design)
     if there is None or (name := there.document.fiducials.file) is None:
         return
-    detail = f"{places.design} has its fiducials in {name}, and they are to move"
+    detail = f"{files.design} has its fiducials in {name}, and they are to move"
     hint = (
-        f"--fiducials-out {places.design.parent / 'NEW.csv'} writes them there (or .mrk.json), or give -o a new name: "
+        f"--fiducials-out {files.design.parent / 'NEW.csv'} writes them there (or .mrk.json), or give -o a new name: "
         "the points are then written into the design"
     )
     raise RequestError(Problem("", "fiducials-elsewhere", detail, hint))
@@ -77,33 +77,33 @@ def refuse_unasked_points(places: Places, moves_fiducials: bool) -> None:
 # --- files ----------------------------------------------------------------------------------------------
 
 
-def write_results(design: Design, result: Optimisation, places: Places) -> None:
+def write_results(design: Design, result: Optimisation, files: OutputFiles) -> None:
     """Write each whole or not at all, and say so on stderr.  Raises OSError."""
-    drawn = None if places.picture is None else picture_text(design, result)
-    if places.design is not None:
-        text, note = design_text(design, result, places)
-        if places.fiducials is not None:  # first what the design refers to
-            replace_file(places.fiducials, _fiducials_text(result, places.fiducials))
-            print(f"wrote {places.fiducials}", file=sys.stderr)
+    drawn = None if files.picture is None else picture_text(design, result)
+    if files.design is not None:
+        text, note = design_text(design, result, files)
+        if files.fiducials is not None:  # first what the design refers to
+            replace_file(files.fiducials, _fiducials_text(result, files.fiducials))
+            print(f"wrote {files.fiducials}", file=sys.stderr)
         if note:
             print(f"note: {note}", file=sys.stderr)
-        write_document(places.design, text)
-        print(f"wrote {places.design}", file=sys.stderr)
-    if places.picture is not None and drawn is not None:
-        replace_file(places.picture, drawn)
-        print(f"wrote {places.picture}", file=sys.stderr)
+        write_document(files.design, text)
+        print(f"wrote {files.design}", file=sys.stderr)
+    if files.picture is not None and drawn is not None:
+        replace_file(files.picture, drawn)
+        print(f"wrote {files.picture}", file=sys.stderr)
 
 
-def design_text(design: Design, result: Optimisation, places: Places) -> tuple[str, str]:
+def design_text(design: Design, result: Optimisation, files: OutputFiles) -> tuple[str, str]:
     """The new design as its file's ending asks for, and why its author's text could not be kept, if so."""
     from tailstack.design.write import data_to_yaml, to_json
     from tailstack.design.yaml_text import revise_yaml
 
-    path = places.design
+    path = files.design
     assert path is not None
     there = _read_design(path)
     base = there if there is not None and there.name == result.design["name"] else None
-    wanted = _with_file(result, places, base)
+    wanted = _with_file(result, files, base)
     if path.suffix.lower() == ".json":
         return to_json(wanted), ""
     base = base or design
@@ -117,12 +117,12 @@ def design_text(design: Design, result: Optimisation, places: Places) -> tuple[s
     return data_to_yaml(wanted), f"{path} is written anew, without its comments: they could not be kept"
 
 
-def _with_file(result: Optimisation, places: Places, there: Design | None) -> dict[str, Any]:
+def _with_file(result: Optimisation, files: OutputFiles, there: Design | None) -> dict[str, Any]:
     """The new design, its fiducials in the file that is written beside it, or that it has and that still holds them."""
     data: dict[str, Any] = result.design
     name = None
-    if places.fiducials is not None and places.design is not None:
-        name = os.path.relpath(places.fiducials.resolve(), places.design.parent.resolve()).replace(os.sep, "/")
+    if files.fiducials is not None and files.design is not None:
+        name = os.path.relpath(files.fiducials.resolve(), files.design.parent.resolve()).replace(os.sep, "/")
     elif there is not None and there.document.fiducials.file is not None:
         points = _points_of(result)
         if points == dict(zip(there.fiducials.labels, there.fiducials.positions_mm, strict=True)):

@@ -14,7 +14,7 @@ from tailstack.results.record import Published
 
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_design
-from ..rendering.alike import join_findings
+from ..rendering.finding_groups import group_findings
 from ..rendering.tables import visible, wrap
 from .effort import Size
 from .operation import Command, Operation
@@ -88,7 +88,7 @@ def validation_text(file: str, validation: Validation) -> str:
     lines = [wrap(f"{file}: valid, {visible(validation.name)}"), wrap(counts, first="  ", indent="  ")]
     lines += [
         wrap(sentence, first=f"  {finding.severity}: ", indent="    ")
-        for finding, sentence in join_findings(validation.findings)
+        for finding, sentence in group_findings(validation.findings)
     ]
     lines += [
         wrap(f"view {view.view}: outside the image: {', '.join(view.outside)}", first="  warning: ", indent="    ")

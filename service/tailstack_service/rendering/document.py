@@ -9,7 +9,7 @@ from tailstack.results.tables import On, Table
 from tailstack.results.verdicts import STATED
 
 from ..report.blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragraph
-from .alike import join_findings
+from .finding_groups import group_findings
 from .page import current
 from .tables import columns, fold, paint, prose_width, wrap, write_table
 
@@ -66,9 +66,9 @@ def _is_default(estimator: str) -> bool:
 
 
 def findings_text(findings: Sequence[Finding]) -> str:
-    """A sentence each; those that say the same of many places are one."""
+    """A sentence each; findings that are alike are one."""
     lines = []
-    for finding, sentence in join_findings(findings):
+    for finding, sentence in group_findings(findings):
         mark = paint(finding.severity, "fail" if finding.severity == "error" else "warning")
         lines.append(wrap(f"[{finding.rule}] {sentence}", first=f"{mark}: ", indent="  "))
     return "\n".join(lines)

@@ -77,7 +77,7 @@ def mixture_sentence(mixture: Mixture, line: Losses, decimals: int) -> str:
     none, rest = percent(mixture.probability_of_none, 2), percent(mixture.probability_unaccounted, 4)
     return (
         f"with each bead missed in {often} of shots, {found} (estimate; all beads are there in {none} % of shots, and "
-        f"{rest} %, with more missed than was looked at or too few left, count as beyond)"
+        f"{rest} %, with more missed than were enumerated or too few left, are counted as failures)"
     )
 
 

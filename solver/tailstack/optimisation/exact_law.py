@@ -131,7 +131,7 @@ def _unit_quantile(
 
 
 def closed_form_at(problem: PlacementProblem, terms: DemandTerms, evaluation: Evaluation, choice: Choice) -> float:
-    """The closed form, mm, at the choice of a promise and with its ends."""
+    """The closed form, mm, at the choice of a constraint and with its ends."""
     mechanics = mechanics_of(problem, choice)
     return closed_form_mm(terms, evaluation.images, choice.half_width, mechanics, evaluation.signs)
 

@@ -85,13 +85,13 @@ class QuantileConstraint:
     ends: tuple[float, ...] = ()  # -1 or 1: where each bounded source of ``count_ends`` stands; (): wherever is worst
 
     @property
-    def promise(self) -> tuple[str, ...]:
-        """What is promised, wherever bounded sources stand."""
+    def subject(self) -> tuple[str, ...]:
+        """What has the limit, wherever bounded sources stand."""
         return self.requirement.name, self.target.name, *self.lost
 
     @property
     def key(self) -> tuple[str, ...]:
-        return *self.promise, *map(str, self.ends)
+        return *self.subject, *map(str, self.ends)
 
     @property
     def text(self) -> str:

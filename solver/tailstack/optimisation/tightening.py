@@ -95,13 +95,13 @@ def tighten(
         survived: SurvivedLoss | None = None
         if problem.survival is not None:
             check, survived = _check_loss(problem.survival, search, optimum, system, fresh, trials, control)
-            checks |= {term.demand.promise: check for term in search.terms if term.demand.lost}
+            checks |= {term.demand.subject: check for term in search.terms if term.demand.lost}
         if all(check.status == "pass" for check in checks.values()):
             return VerifiedOptimum(search, optimum, design, verification, attempt, survived=survived)
         if problem.objective == "quantile":
             raise _explain_miss(optimum, checks, problem)
         aims = np.minimum(aims, optimum.ratios)
-        aims = aims * np.array([_tightening(checks[term.demand.promise], attempt) for term in search.terms])
+        aims = aims * np.array([_tightening(checks[term.demand.subject], attempt) for term in search.terms])
     failures = conclude(tuple(checks.values()), (), "Monte Carlo").findings[:2]
     raise NotConvergedError(
         Problem(

@@ -1,4 +1,4 @@
-"""Findings that say the same of many places, put together: one sentence with its cure, and where else it holds."""
+"""Findings in groups: those that are alike become one sentence with its cure, and where else it holds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FEWEST = 3  # two are still read one by one
 MOST_PLACES = 8
 
 
-def gather_alike(items: Sequence[T], key: Callable[[T], Hashable | None]) -> list[list[T]]:
+def group_alike(items: Sequence[T], key: Callable[[T], Hashable | None]) -> list[list[T]]:
     """Items of one key together, where the first of them stands; those with the key None, and pairs, by themselves."""
     groups: dict[Hashable, list[T]] = {}
     for number, item in enumerate(items):
@@ -48,10 +48,10 @@ def list_others(lines: Sequence[int | None], pointers: Sequence[str]) -> str:
     return f"and {len(lines)} more like it: {word} {', '.join(places[:MOST_PLACES])}{more}"
 
 
-def join_findings(findings: Sequence[Finding]) -> list[tuple[Finding, str]]:
+def group_findings(findings: Sequence[Finding]) -> list[tuple[Finding, str]]:
     """Findings with their sentences; three and more of the same words, each about another thing, are one."""
     told = []
-    for first, *others in gather_alike(findings, _name_remark):
+    for first, *others in group_alike(findings, _name_remark):
         names = ", ".join(other.message.partition(": ")[0] for other in others)
         told.append((first, first.message + (f" The same holds for {names}." if names else "")))
     return told
