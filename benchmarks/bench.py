@@ -1,12 +1,14 @@
 """./run bench [NAMES...]: what tailstack costs against what was aimed at, each figure a ratio of interleaved runs.
 
 Absolute times are printed for people and bind nobody.  The load of the machine by others is measured while a row is
-measured; above 5 % the row is marked, and --strict does not hold it against us.
+measured; above 5 % the row is marked, and --strict does not hold it against us.  --save keeps the ratios as JSON: one
+file for each release stands in benchmarks/history/, and docs/images/make_history.py draws them.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import platform
 import resource
@@ -14,14 +16,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
 
 import psutil
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "service")]
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "service"), str(ROOT / "openapi")]
 
 ROUNDS = 7
 LOADED = 0.05  # of the machine's processors, above which a figure is marked
@@ -193,6 +195,18 @@ def write_row(row: Row) -> str:
     return f"{row.target.what:78} {value:>12} {bars[0]:>8} {bars[1]:>8} {foreign:>7}  {row.verdict}".rstrip()
 
 
+def write_history(rows: list[tuple[str, Row]]) -> str:
+    """What was measured of which version, as JSON; a row comes with the name of its measurement."""
+    from tailstack import __version__
+
+    measured = [
+        {"name": name, **asdict(row.target), "value": row.value and float(f"{row.value:.4g}"), "loaded": row.loaded}
+        for name, row in rows
+    ]
+    machine = {"python": platform.python_version(), "cores": os.cpu_count(), "machine": platform.machine()}
+    return json.dumps({"version": __version__, **machine, "rows": measured}, indent=1, ensure_ascii=False) + "\n"
+
+
 def must_fail(rows: list[Row]) -> bool:
     """Whether a must is missed where others did not load the machine."""
     return any(row.missed and not row.loaded for row in rows)
@@ -213,29 +227,33 @@ def main() -> int:
     )  # fmt: skip
     parser.add_argument("names", nargs="*", metavar="NAME", help="what to measure, default all")
     parser.add_argument("--strict", action="store_true", help="exit 1 when a must is missed in a row without the mark")
+    parser.add_argument("--save", type=Path, metavar="FILE", help="write what was measured there, as JSON")
     arguments = parser.parse_args()
     unknown = [name for name in arguments.names if name not in MEASUREMENTS]
     if unknown:
         parser.error(f"nothing is called {', '.join(unknown)}; choose from {', '.join(MEASUREMENTS)}")
     print(f"tailstack benchmarks · Python {platform.python_version()} · {os.cpu_count()} cores · {platform.machine()}")
     print(f"{'what':78} {'measured':>12} {'must':>8} {'aim':>8} {'foreign':>7}  verdict")
-    rows: list[Row] = []
+    named: list[tuple[str, Row]] = []
     for name, measurement in MEASUREMENTS.items():
         if arguments.names and name not in arguments.names:
             continue
         findings = measurement.measure()
-        rows += measurement.rows(findings)
         for row in measurement.rows(findings):
+            named.append((name, row))
             print(write_row(row))
         for figure in findings.figures:
             print(f"    {figure.what:74} {figure.value:10.4g} {figure.unit}".rstrip())
         if not measurement.targets:
             print(f"    {'foreign load of these':74} {100 * findings.foreign:10.0f} %")
         sys.stdout.flush()
+    rows = [row for _, row in named]
     missed = [row for row in rows if row.missed]
     print(f"{len(missed)} of {sum(row.target.must is not None for row in rows)} musts missed, "
           f"{sum(row.loaded for row in missed)} of them under foreign load; "
           f"{sum(row.value is None for row in rows)} rows not built")  # fmt: skip
+    if arguments.save:
+        arguments.save.write_text(write_history(named), encoding="utf-8")
     return 1 if arguments.strict and must_fail(rows) else 0
 
 

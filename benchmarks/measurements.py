@@ -59,6 +59,10 @@ MEASUREMENTS: dict[str, Measurement] = {
     "post": Measurement(service.post, (
         Target("POST of a score, p50 on one connection, against the same score() in process", 2, 1.3, "×", "<"),
     )),
+    "drag": Measurement(service.drag, (
+        Target("a move of a bead on the page, p95, against its request alone", 2, 1.3, "×", "<"),
+        Target("frames of a steady drag with numbers of the design", 80, 95, "%"),
+    )),
     "api-processes": Measurement(service.api_processes, (
         Target("requests a second, two API processes against one, on two cores", 1.5, 1.8),
     )),

@@ -26,9 +26,10 @@ from typing import Any
 
 import psutil
 import strange_units
+from browsing import used
 from worker_scenes import finished, prepared_database, submit, working
 
-from bench import ROOT, Figure, Findings, interleave
+from bench import ROOT, Figure, Findings, interleave, watch_load
 from tailstack.design import design_to_data, load_design
 from tailstack.scoring import score
 
@@ -39,6 +40,7 @@ BODIES = 200
 SCORES = 400  # of a burst
 UNITS = 200  # of a job
 SYNCS = 100
+MOVES = 150
 
 
 @contextmanager
@@ -135,6 +137,24 @@ def post() -> Findings:
         Figure("p50 in process, wall", 1e3 * median(own), "ms"),
     ]
     return Findings([median(took) / median(own)], rounds.foreign, figures)
+
+
+def drag() -> Findings:
+    """A bead dragged on the page in Chromium: each move until its number is drawn, in turn with its request alone."""
+    with (
+        tempfile.TemporaryDirectory(prefix="tailstack-bench-") as folder, serving(folder) as (host, port),
+        watch_load() as load,
+    ):  # fmt: skip
+        found = used(f"http://{host}:{port}", "pace", moves=MOVES)
+    moves, alone = sorted(found["moves"]), sorted(found["alone"])
+    late = int(0.95 * MOVES)
+    figures = [
+        Figure("p50 of a move, wall", median(moves), "ms"),
+        Figure("p95 of a move, wall", moves[late], "ms"),
+        Figure("p50 of the request alone, wall", median(alone), "ms"),
+        Figure("p95 of the request alone, wall", alone[late], "ms"),
+    ]
+    return Findings([moves[late] / alone[late], 100 * found["current"]], load.foreign, figures)
 
 
 def burst(host: str, port: int, asked: list[bytes]) -> int:

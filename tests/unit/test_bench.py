@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ import pytest
 
 from family import die_with_parent, ended
 from scenes import system_of
+from tailstack import __version__
 from tailstack.montecarlo import compile_plan, run_indices
 from waiting import LIMIT_SECONDS
 
@@ -85,6 +87,18 @@ def test_a_line_holds_what_was_measured_the_bars_and_the_load(bench: ModuleType)
     assert bench.write_row(bench.Row(bench.Target("a million designs"), None)).endswith("not built")
 
 
+def test_what_is_saved_can_be_read_back_row_by_row(bench: ModuleType) -> None:
+    target = bench.Target("something against another", 10, 20)
+    rows = [("one", bench.Row(target, 12.34567, foreign=0.2)), ("two", bench.Row(target, None))]
+    kept = json.loads(bench.write_history(rows))
+    assert kept["version"] == __version__
+    same = {"what": target.what, "must": 10, "aim": 20, "unit": "×", "better": ">"}
+    assert kept["rows"] == [
+        {"name": "one", "value": 12.35, "loaded": True, **same},
+        {"name": "two", "value": None, "loaded": False, **same},
+    ]
+
+
 def test_a_round_gives_seconds_an_item_and_ratios_within_rounds(bench: ModuleType) -> None:
     calls: list[str] = []
 
@@ -108,7 +122,7 @@ def test_every_row_has_a_name_and_can_be_measured_by_the_modules_there_are() -> 
     assert list(dict.fromkeys(names)) == [
         "trials", "pose", "pose-with-prior", "reprojection", "agreement", "threads", "precision", "first-order",
         "losses", "designs", "memory", "designs-memory", "people-tables", "fiducials", "optimiser", "post",
-        "api-processes", "unit", "first-score", "start", "gate", "growth", "report",
+        "drag", "api-processes", "unit", "first-score", "start", "gate", "growth", "report",
     ]  # fmt: skip
     refused = call("trails")
     assert refused.returncode == 2

@@ -451,6 +451,45 @@ scenarios.keys = async () => {
   return { found };
 };
 
+// How long moves take to their numbers, in turn with the same request alone; then in how many frames of a steady drag the
+// numbers are of the design.  For benchmarks/service.py, not for a test.
+scenarios.pace = async () => {
+  const context = await newContext(), page = await begun(context), [x, y] = await centre(bead(page, "F1")), moves = [], alone = [];
+  let last;
+  page.on("request", (request) => { if (request.url().endsWith("/v1/scores")) last = request; });
+  await page.evaluate(() => {
+    document.addEventListener("pointermove", () => { window.moved = performance.now(); }, { capture: true });
+    window.isCurrent = () => window.workbench.state().current && document.querySelector('[data-current="true"]');
+  });
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  for (let k = 0; k < asked.moves; k += 1) {
+    await page.evaluate(() => { window.moved = 0; });
+    await page.mouse.move(x + 2 + 36 * Math.sin(k / 7), y + 24 * Math.cos(k / 5));
+    moves.push(await page.evaluate(() => new Promise((done) => {
+      const look = () => window.moved && window.isCurrent() ? done(performance.now() - window.moved) : requestAnimationFrame(look);
+      look();
+    })));
+    alone.push(await page.evaluate(async ([body, type]) => {
+      const begun = performance.now();
+      await (await fetch("/v1/scores", { method: "POST", headers: { "Content-Type": type }, body })).json();
+      return performance.now() - begun;
+    }, [last.postData(), last.headers()["content-type"]]));
+  }
+  await page.evaluate(() => {
+    window.counted = { all: 0, current: 0 };
+    const count = () => { window.counted.all += 1; window.counted.current += Number(Boolean(document.querySelector('[data-current="true"]'))); requestAnimationFrame(count); };
+    requestAnimationFrame(count);
+  });
+  for (let k = 0; k < asked.moves; k += 1) {
+    await page.mouse.move(x + 2 + 36 * Math.sin(k / 7), y + 24 * Math.cos(k / 5));
+    await page.waitForTimeout(50);
+  }
+  const { all, current } = await page.evaluate(() => window.counted);
+  await page.mouse.up();
+  return { moves, alone, current: current / all };
+};
+
 // Moves of the pointer, each to its own number on the page; then many at once.
 scenarios.drag = async () => {
   const context = await newContext(), page = await begun(context);
