@@ -35,5 +35,5 @@ export default defineConfig({
     target: "es2022",
     reportCompressedSize: true,
   },
-  server: { proxy: { "/v1": toService, "/version": toService, "/docs": toService } },
+  server: { proxy: { "/v1": toService, "/version": toService, "/docs": toService, "/manual": toService } },
 });

@@ -50,10 +50,9 @@ def repository(folder: Path) -> Path:
 def shipped(folder: Path) -> tuple[str, str]:
     """(address, commit) of a repository that holds what pipelines install of this checkout."""
     folder.mkdir()
-    for name in ("pyproject.toml", "README.md", "LICENSE", "requirements-core.lock", "docs/glossary.md"):
-        (folder / name).parent.mkdir(exist_ok=True)
+    for name in ("pyproject.toml", "README.md", "LICENSE", "requirements-core.lock"):
         shutil.copy(ROOT / name, folder / name)
-    for name in ("solver", "service", "examples"):
+    for name in ("solver", "service", "examples", "docs"):
         ignored = shutil.ignore_patterns("__pycache__", "node_modules")
         shutil.copytree(ROOT / name, folder / name, ignore=ignored)
     git(folder, "init", "-q")

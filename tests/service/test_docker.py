@@ -76,7 +76,7 @@ def test_everything_that_a_wheel_is_made_of_is_copied_before_it_is_built() -> No
     """An image could not be built for as long as a wheel asked for a page that was not among what is copied."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
-    asked = [*wheel["packages"], *wheel["force-include"], wheel["hooks"]["custom"]["path"]]
+    asked = [*(one.lstrip("/").partition("*")[0] for one in wheel["include"]), wheel["hooks"]["custom"]["path"]]
     copied = [word for _, rest in instructions("COPY") if "--from=" not in rest for word in rest.split()[:-1]]
     missing = [one for one in asked if not any(Path(one).is_relative_to(given) for given in copied)]
     assert missing == []

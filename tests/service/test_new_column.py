@@ -1,4 +1,7 @@
-"""A column of the budget is one entry of its list: terminal, notebook, HTML, PDF and spreadsheet have it."""
+"""A column of the budget is one entry of its list, and a field of a record stands in two files.
+
+A column is put into a copy of the sources, and a field is renamed there: every writer and the schema follow.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from waiting import LIMIT_SECONDS
 
 BEFORE = '        Column("dP95/dh", "mm/unit", "significant", on=IN_DETAIL, of=lambda row: row.line.dp95_per_unit),\n'
 TOY = '        Column("Toyness", "toys", "fixed", 1, of=lambda row: 1000 * row.line.variance_share),\n'
+FIELD, RENAMED = "dp95_per_unit", "toy_slope"
 PROGRAM = """
 import io, json, sys
 import openpyxl
@@ -24,6 +28,7 @@ from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render_all
 from tailstack_service.rendering.page import Page, write_on
 from tailstack_service.operations.registry import OPERATIONS
+from tailstack_service.schemas import json_schema
 
 found = score(load_design(sys.argv[1]))
 told = {"terminal": OPERATIONS["score"].write(found), "notebook": found._repr_html_()}
@@ -35,6 +40,7 @@ told["pdf"] = "\\n".join(page.extract_text() for page in PdfReader(io.BytesIO(ma
 sheet = openpyxl.load_workbook(io.BytesIO(made["xlsx"]))["Budget"]
 told["xlsx"] = "\\n".join(" ".join(str(cell) for cell in row) for row in sheet.iter_rows(values_only=True))
 largest = max(line.variance_share for line in found.worst_target.contributors)
+told["record"], told["schema"] = to_json(found).decode(), json.dumps(json_schema("score"))
 print(json.dumps({"told": told, "largest": 1000 * largest}))
 """
 
@@ -48,7 +54,11 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], flo
     text = file.read_text(encoding="utf-8")
     assert text.count(BEFORE) == 1
     file.write_text(text.replace(BEFORE, TOY + BEFORE), encoding="utf-8")
-    path = os.pathsep.join(str(each) for each in (folder, ROOT / "service"))
+    for each in (file, folder / "tailstack" / "budget.py"):
+        text = each.read_text(encoding="utf-8")
+        assert FIELD in text
+        each.write_text(text.replace(FIELD, RENAMED), encoding="utf-8")
+    path = os.pathsep.join(str(place) for place in (folder, ROOT / "service"))
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(EXAMPLES / "demo.yaml")],
         env={**os.environ, "PYTHONPATH": path},
@@ -70,3 +80,14 @@ def test_every_writer_has_the_column(shown: tuple[dict[str, str], float], writer
     assert "toyness" in words
     assert "toys" in words
     assert (f"{largest:.1f}" if writer != "xlsx" else f"{largest:.4f}"[:-2]) in words
+
+
+def test_a_field_that_is_renamed_where_it_is_declared_and_computed_is_renamed_in_what_is_published(
+    shown: tuple[dict[str, str], float],
+) -> None:
+    told, _ = shown
+    for document in ("record", "schema"):
+        assert RENAMED in told[document]
+        assert FIELD not in told[document]
+    for writer in ("details", "html"):
+        assert "dp95/dh" in told[writer].lower()

@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 import pytest
 from browsing import awaited, browser, look
-from service_scenes import check_problem, client_with
+from service_scenes import ROOT, check_problem, client_with
 
 from tailstack_service.http import pages
 from tailstack_service.settings import Settings
@@ -92,6 +92,16 @@ def test_the_page_needs_no_key_and_what_it_asks_for_does(workbench: Path, tmp_pa
         assert client.get("/", headers={"Accept": BROWSER}).text == INDEX
         assert client.get("/assets/page-4f1c2a.js").status_code == 200
         check_problem(client.get("/v1/jobs"), 401, "unauthenticated")
+
+
+def test_the_manual_is_given_to_everybody_as_it_lies_in_the_repository(tmp_path: Path) -> None:
+    with client_with(Settings(auth="required", database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")) as client:
+        for name in ("README.md", "integrations/step.md"):
+            page = client.get(f"/manual/{name}")
+            assert page.headers["content-type"] == "text/markdown; charset=utf-8"
+            assert page.text == (ROOT / "docs" / name).read_text(encoding="utf-8")
+        for name in ("mkdocs.yml", "nothing.md", "..%2FREADME.md", "%2e%2e/README.md", ""):
+            check_problem(client.get(f"/manual/{name}"), 404, "not-found")
 
 
 def test_without_a_page_a_browser_is_led_to_that_of_the_api(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+import httpx
 import pytest
 import yaml
 from browsing import DEMO, browser, used
@@ -221,6 +222,8 @@ def test_words_are_explained_by_mouse_and_by_keyboard_and_an_answer_of_another_v
     assert "half the width of a tolerance zone" in found["focused"]
     assert found["left"] == 0
     assert "trace of the covariance" in found["list"]
-    assert found["axe"] == []
+    assert (found["axe"], found["manual"], found["closed"]) == ([], [], 0)
+    assert len(found["pages"]) > 40
+    assert {httpx.get(page).status_code for page in found["pages"]} == {200}
     assert "another version" in found["strip"]
     assert "reload" in found["strip"]

@@ -8,17 +8,15 @@ from __future__ import annotations
 import argparse
 import re
 from dataclasses import dataclass
-from importlib.resources import files
-from pathlib import Path
 
 from tailstack.errors import Problem
 
 from ..console.answer import Answer
+from ..manual import manual_folder
 from ..problems import RequestError
 from ..rendering.tables import wrap
 
 HELP = "what the words of results mean: P95, TCP, connector, unit, shot, ..."
-NAME = "glossary.md"
 FIRST = "First words"  # heading of the section that is printed by itself
 
 
@@ -61,12 +59,8 @@ def _find(words: list[GlossaryTerm], name: str) -> GlossaryTerm:
 
 
 def read_glossary() -> list[GlossaryTerm]:
-    """Its words in their order: from the installed wheel, or from ``docs/`` in a checkout."""
-    shipped = files("tailstack_service.cli").joinpath(NAME)
-    if shipped.is_file():
-        text = shipped.read_text(encoding="utf-8")
-    else:
-        text = (Path(__file__).resolve().parents[3] / "docs" / NAME).read_text(encoding="utf-8")
+    """Its words in their order."""
+    text = (manual_folder() / "glossary.md").read_text(encoding="utf-8")
     words = []
     for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
         title, _, body = section.partition("\n")

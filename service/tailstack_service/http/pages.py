@@ -18,6 +18,7 @@ from fastapi import APIRouter, Depends, Request, Response
 from tailstack import __version__
 from tailstack.errors import Problem
 
+from ..manual import manual_folder
 from ..problems import TransportError
 from .answers import JSON, matches_tag, record_response, takes
 from .dependencies import query
@@ -34,12 +35,13 @@ MEDIA_TYPES = {
     ".ico": "image/x-icon",
     ".js": "text/javascript; charset=utf-8",
     ".json": JSON,
+    ".md": "text/markdown; charset=utf-8",
     ".png": "image/png",
     ".svg": "image/svg+xml",
     ".txt": "text/plain; charset=utf-8",
     ".woff2": "font/woff2",
 }
-PACKED = frozenset({".css", ".html", ".js", ".json", ".svg", ".txt"})  # what becomes smaller by compressing
+PACKED = frozenset({".css", ".html", ".js", ".json", ".md", ".svg", ".txt"})  # what becomes smaller by compressing
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; font-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -87,9 +89,9 @@ class File:
 
 
 @cache
-def read_files(folder: Path) -> dict[str, File]:
+def read_files(folder: Path, pattern: str = "*") -> dict[str, File]:
     """The files of a folder of the package, read and compressed once; none where there is no such folder."""
-    return {path.name: _read_file(path) for path in folder.glob("*") if path.is_file()}
+    return {path.relative_to(folder).as_posix(): _read_file(path) for path in folder.glob(pattern) if path.is_file()}
 
 
 def _read_file(path: Path) -> File:
@@ -99,9 +101,11 @@ def _read_file(path: Path) -> File:
     return File(body, packed, media_type, hashlib.sha256(body).hexdigest()[:32])
 
 
-async def send_file(request: Request, folder: Path, name: str, caching: str, policy: str | None = None) -> Response:
+async def send_file(
+    request: Request, folder: Path, name: str, caching: str, policy: str | None = None, pattern: str = "*"
+) -> Response:
     """A file of a folder of the package.  Raises TransportError 404 for any name that is not that of a file in it."""
-    file = (await asyncio.to_thread(read_files, folder)).get(name)
+    file = (await asyncio.to_thread(read_files, folder, pattern)).get(name)
     if file is None:
         problem = Problem("", "not-found", f"there is no file {name[:80]!r}", "GET / leads to the page that is there")
         raise TransportError("not-found", problem)
@@ -164,3 +168,8 @@ async def docs(request: Request) -> Response:
 @router.get("/docs/{name}", include_in_schema=False)
 async def docs_file(request: Request) -> Response:
     return await send_file(request, DOCS_PAGE, request.path_params["name"], CURRENT)
+
+
+@router.get("/manual/{name:path}", include_in_schema=False)
+async def manual(request: Request) -> Response:
+    return await send_file(request, manual_folder(), request.path_params["name"], CURRENT, pattern="**/*.md")

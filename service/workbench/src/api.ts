@@ -230,5 +230,5 @@ export const unreachable = (): Refusal => ({
   status: 0,
   title: "The service does not answer",
   type: "",
-  errors: [{ pointer: "", detail: "The design is kept in this browser; the page asks again by itself.", hint: "start it again with tailstack serve", rule: "unreachable" }],
+  errors: [{ pointer: "", detail: "The design is kept in this browser; the page asks again by itself.", hint: "start it again where it was started", rule: "unreachable" }],
 });

@@ -2,7 +2,7 @@
 
 export const GLOSSARY: Record<string, string> = {
   P95: "the size of the error (the length of its vector) that 95 % of shots do not exceed.",
-  estimate: "the fast answer of tailstack score, which takes every effect as proportional to its cause (first order); tailstack verify simulates instead.",
+  estimate: "the fast answer of a score, which takes every effect as proportional to its cause (first order); a verification simulates instead.",
   shot: "one use of an installed unit: an exposure in each view and the move that follows.",
   unit: "one robot with its structure mounted, an installed unit; of a job, a part computed by itself.",
   pooled: "read over all units and all their shots together.",

@@ -53,6 +53,7 @@ function Page() {
       {steps.value.length === 0 ? <><Welcome /><Foot /></> : <Workbench />}
       <Tip />
       <WordList />
+      {manual.value && <manual.value onClose={() => (manual.value = null)} />}
     </>
   );
 }
@@ -166,6 +167,7 @@ function Foot() {
         <p class={current.value ? "" : "old"}>{`Estimate (first order); design ${answer.value.score.provenance.design_sha256?.slice(0, 12)}; tailstack ${answer.value.score.provenance.tailstack_version}. Not in any number: ${answer.value.score.provenance.not_included.join("; ")}.`}</p>
       )}
       <p class="controls">
+        <button type="button" onClick={() => void import("./parts/Manual").then((module) => (manual.value = module.Manual))}>The manual</button>
         <button type="button" onClick={() => (listed.value = true)}>What the words mean</button>
         <button type="button" onClick={() => (theme.value = dark() ? "light" : "dark")}>{dark() ? "Light" : "Dark"}</button>
         <a href="docs">The service's API</a>
@@ -175,7 +177,8 @@ function Foot() {
   );
 }
 
-/** The editor is fetched when it is opened: the first score does not wait for it. */
+// The editor and the manual are fetched when they are opened: the first score does not wait for them
+const manual = signal<preact.ComponentType<{ onClose: () => void }> | null>(null);
 const editor = signal<preact.ComponentType | null>(null);
 function TextPart() {
   const Editor = editor.value;

@@ -215,6 +215,20 @@ scenarios.words = async () => {
   found.axe = await axe(page);
   await shot(page, "list");
   await page.keyboard.press("Escape");
+  const manual = page.getByRole("dialog", { name: "The manual" }), heading = (name) => manual.getByRole("heading", { name, level: 1 }).waitFor();
+  await page.getByRole("button", { name: "The manual" }).click();
+  await heading("The workbench");
+  await manual.getByRole("link", { name: "STEP file" }).click();
+  await heading("STEP");
+  found.manual = await axe(page);
+  await shot(page, "manual");
+  await manual.getByRole("button", { name: "All pages" }).click();
+  await heading("All pages");
+  found.pages = await manual.getByRole("link").evaluateAll((links) => links.map((link) => link.href));
+  await manual.getByRole("button", { name: "Back" }).click();
+  await heading("STEP");
+  await page.keyboard.press("Escape");
+  found.closed = await manual.count();
   await page.route("**/v1/scores", async (route) => {
     const response = await route.fetch(), score = await response.json();
     await route.fulfill({ response, json: { ...score, schema: "tailstack/score/2", verdict: { status: "pass" } } });
