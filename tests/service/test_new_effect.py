@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,26 @@ import yaml
 from browsing import browser, used
 from service_scenes import ROOT
 
+from family import die_with_parent, ended
 from waiting import LIMIT_SECONDS
 
 __all__ = ["browser"]
 
 SAG = {"half_width_mm": 0.6, "distribution": "uniform"}
 TIP = "bending of the structure"
+COMMANDS = """
+import contextlib, io, json, os, sys
+from tailstack_service.cli.main import main
+answers = os.fdopen(os.dup(1), "w")
+for line in sys.stdin:
+    folder, arguments = json.loads(line)
+    os.chdir(folder)
+    out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()) as err:
+        code = main(arguments)
+    out.flush()
+    print(json.dumps([code, out.buffer.getvalue().decode(), err.getvalue()]), file=answers, flush=True)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -126,27 +141,44 @@ def run(variables: dict[str, str], folder: Path, *arguments: str, codes: tuple[i
     return done.stdout
 
 
-def tailstack(variables: dict[str, str], folder: Path, *arguments: str, codes: tuple[int, ...] = (0, 1)) -> str:
-    return run(variables, folder, "-m", "tailstack_service.cli.main", *arguments, codes=codes)
+@pytest.fixture(scope="module")
+def copy(variables: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
+    """A process that has the copy of the sources loaded and runs one command after the other."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", COMMANDS], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=variables,
+        preexec_fn=die_with_parent,
+    )  # fmt: skip
+    with ended(process):
+        yield process
 
 
-def test_it_is_declared_checked_and_doubted(variables: dict[str, str], tmp_path: Path) -> None:
-    schema = json.loads(tailstack(variables, tmp_path, "schema", "design"))
+def tailstack(copy: subprocess.Popen[str], folder: Path, *arguments: str, codes: tuple[int, ...] = (0, 1)) -> str:
+    assert copy.stdin is not None
+    assert copy.stdout is not None
+    copy.stdin.write(json.dumps([str(folder), arguments]) + "\n")
+    copy.stdin.flush()
+    code, out, err = json.loads(copy.stdout.readline())
+    assert code in codes, err
+    return str(out)
+
+
+def test_it_is_declared_checked_and_doubted(copy: subprocess.Popen[str], tmp_path: Path) -> None:
+    schema = json.loads(tailstack(copy, tmp_path, "schema", "design"))
     assert "bending" in schema["properties"]
-    assert "No such field" not in tailstack(variables, tmp_path, "validate", str(designed(tmp_path)))
-    doubtful = tailstack(variables, tmp_path, "validate", str(designed(tmp_path, half_width_mm=9.0)))
+    assert "No such field" not in tailstack(copy, tmp_path, "validate", str(designed(tmp_path)))
+    doubtful = tailstack(copy, tmp_path, "validate", str(designed(tmp_path, half_width_mm=9.0)))
     assert "a structure that sags by more than 5 mm is none" in " ".join(doubtful.split())
     gate = ("gate", str(designed(tmp_path, half_width_mm=9.0)), "--mode", "analytic", "--format", "json")
-    assert "bending-too-large" in tailstack(variables, tmp_path, *gate, codes=(0, 1, 4))
-    refused = tailstack(variables, tmp_path, "validate", str(designed(tmp_path, coverage_factor=2)), codes=(2,))
+    assert "bending-too-large" in tailstack(copy, tmp_path, *gate, codes=(0, 1, 4))
+    refused = tailstack(copy, tmp_path, "validate", str(designed(tmp_path, coverage_factor=2)), codes=(2,))
     assert "not valid, 1 problem" in refused
 
 
-def test_it_counts_in_the_estimate_and_the_simulation_alike(variables: dict[str, str], tmp_path: Path) -> None:
+def test_it_counts_in_the_estimate_and_the_simulation_alike(copy: subprocess.Popen[str], tmp_path: Path) -> None:
     """sampled: an interval of 99.9 % about P95 of the full chain, widened by the 1 % that the estimate promises."""
     file = designed(tmp_path)
-    score = json.loads(tailstack(variables, tmp_path, "score", str(file), "--json"))
-    plain = json.loads(tailstack(variables, tmp_path, "score", str(ROOT / "examples" / "demo.yaml"), "--json"))
+    score = json.loads(tailstack(copy, tmp_path, "score", str(file), "--json"))
+    plain = json.loads(tailstack(copy, tmp_path, "score", str(ROOT / "examples" / "demo.yaml"), "--json"))
     assert TIP not in score["provenance"]["not_included"]
     assert TIP in plain["provenance"]["not_included"]
     (target,), (without,) = score["targets"], plain["targets"]
@@ -155,20 +187,22 @@ def test_it_counts_in_the_estimate_and_the_simulation_alike(variables: dict[str,
     assert line["p95_without_mm"] == pytest.approx(without["p95_mm"], rel=1e-3)
     assert target["p95_mm"] > 1.02 * without["p95_mm"]
     checked = ("verify", str(file), "--trials", "60000", "--seed", "1", "--json")
-    simulated = json.loads(tailstack(variables, tmp_path, *checked, codes=(0, 1, 4)))["targets"][0]
+    simulated = json.loads(tailstack(copy, tmp_path, *checked, codes=(0, 1, 4)))["targets"][0]
     low, high = simulated["p95_interval_mm"]
     spread = (high - low) * (3.29 / 1.96 - 1) / 2 + 0.01 * target["p95_mm"]
     assert low - spread < target["p95_mm"] < high + spread
     large = json.loads(
-        tailstack(variables, tmp_path, "score", str(designed(tmp_path, half_width_mm=9.0)), "--json", codes=(0, 1, 4))
+        tailstack(copy, tmp_path, "score", str(designed(tmp_path, half_width_mm=9.0)), "--json", codes=(0, 1, 4))
     )
     assert "a sag of more than 5 mm" in large["validity"]["statement"]
 
 
-def test_tables_sweeps_and_derivatives_know_its_numbers(variables: dict[str, str], tmp_path: Path) -> None:
+def test_tables_sweeps_and_derivatives_know_its_numbers(
+    copy: subprocess.Popen[str], variables: dict[str, str], tmp_path: Path
+) -> None:
     file = designed(tmp_path)
     found = json.loads(
-        tailstack(variables, tmp_path, "sweep", str(file), "--set", "bending.half_width_mm=0.6,1.2", "--json")
+        tailstack(copy, tmp_path, "sweep", str(file), "--set", "bending.half_width_mm=0.6,1.2", "--json")
     )
     swept = [point["targets"][0]["p95_mm"] for point in found["points"]]
     assert swept[1] > 1.05 * swept[0]
@@ -194,27 +228,25 @@ print(json.dumps([list(column), slope, (values[1] - values[0]) / (2 * step)]))
     assert slope == pytest.approx(difference, rel=1e-4)
 
 
-def test_what_judges_optimises_and_reports_names_it(variables: dict[str, str], tmp_path: Path) -> None:
+def test_what_judges_optimises_and_reports_names_it(copy: subprocess.Popen[str], tmp_path: Path) -> None:
     file = designed(tmp_path)
-    gate = json.loads(tailstack(variables, tmp_path, "gate", str(file), "--mode", "analytic", "--format", "json"))
+    gate = json.loads(tailstack(copy, tmp_path, "gate", str(file), "--mode", "analytic", "--format", "json"))
     assert gate["verdict"] == "fail"
-    tailstack(variables, tmp_path, "report", str(file), "--parts", "score", "--format", "html", "-o", "out")
+    tailstack(copy, tmp_path, "report", str(file), "--parts", "score", "--format", "html", "-o", "out")
     (page,) = (tmp_path / "out").glob("*.html")
     assert TIP in page.read_text(encoding="utf-8")
     coupling = json.loads(
-        tailstack(variables, tmp_path, "study", "coupling", str(file), "--trials", "8192", "--json", codes=(0, 1, 2, 4))
+        tailstack(copy, tmp_path, "study", "coupling", str(file), "--trials", "8192", "--json", codes=(0, 1, 2, 4))
     )
     assert "bending" in coupling["noise"]
-    optimised = json.loads(
-        tailstack(variables, tmp_path, "optimise", str(file), "--starts", "1", "--json", codes=(0, 1, 4))
-    )
+    optimised = json.loads(tailstack(copy, tmp_path, "optimise", str(file), "--starts", "1", "--json", codes=(0, 1, 4)))
     assert optimised["design"]["bending"] == SAG
     (tmp_path / "best.json").write_text(json.dumps(optimised["design"]), encoding="utf-8")
-    best = json.loads(tailstack(variables, tmp_path, "score", "best.json", "--json", codes=(0, 1, 4)))["targets"][0]
+    best = json.loads(tailstack(copy, tmp_path, "score", "best.json", "--json", codes=(0, 1, 4)))["targets"][0]
     assert best["p95_mm"] <= 1.0005 * best["limit_mm"]
     bench = ROOT / "examples" / "measurements" / "bench_as_designed.csv"
     compared = tailstack(
-        variables, tmp_path, "study", "compare", str(file), "--measurements", str(bench), "--details", codes=(0, 1, 4)
+        copy, tmp_path, "study", "compare", str(file), "--measurements", str(bench), "--details", codes=(0, 1, 4)
     )
     assert TIP in " ".join(compared.split())
 
