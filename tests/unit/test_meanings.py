@@ -149,6 +149,13 @@ def test_micrometres_are_named_where_they_are_written():
     assert caught.value.problems[0].hint == "it is in mm: 700000 µm is 700 mm"
 
 
+def test_a_target_a_little_outside_is_not_said_to_be_in_micrometres():
+    """closed_form: a thousandth of any place is in sight of everything, and says nothing about its unit."""
+    data = document()
+    data["targets"] = [{"name": "tip", "position_mm": [0, 0, 150]}]
+    assert all("unit" not in hint and "micrometres" not in hint for hint in hints_of(data))
+
+
 def test_where_no_unit_fits_none_is_stated():
     hints = hints_of(document(scaled_shift(0.01)))  # decimetres
     assert all("do not show everything either" in hint and "write" not in hint for hint in hints)

@@ -191,11 +191,16 @@ def say_meanings(view: Any, scene: WrittenPoints) -> str:
 
 
 def _say_targets(document: DesignDocument, scene: WrittenPoints) -> str:
-    """In which unit the targets would be shown by every view, where the fiducials are; empty: in none, or several."""
+    """In which unit the targets would be shown by every view, where the fiducials are; empty: in none, or several.
+
+    Any point is shown where it is moved to the origin: a unit is made smaller only of what lies beyond all sources.
+    """
+    beyond = bool(np.any(np.abs(scene.targets_mm) > USUAL_SOURCE_MM[1]))
     fitting = [
         unit
         for unit, factor in UNITS.items()
-        if all(
+        if (factor > 1 or beyond)
+        and all(
             _shows(view, replace(scene, targets_mm=factor * scene.targets_mm), 100.0, LONGEST_SOURCE_MM)
             for view in document.views
         )
