@@ -12,9 +12,11 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from shlex import quote
 
 import pytest
 from served import PATH
+from service_scenes import ROOT
 
 from family import die_with_parent
 from tailstack.kernels import writable_directory
@@ -24,7 +26,15 @@ _AS_USER = [
     "setpriv", f"--reuid={USER}", f"--regid={USER}", "--clear-groups", "--inh-caps=+dac_read_search",
     "--ambient-caps=+dac_read_search", "--",
 ]  # fmt: skip
-_READ_ONLY = 'for place in /tmp /var/tmp /dev/shm; do mount -t tmpfs -o ro tmpfs "$place"; done; exec "$@"'
+# A checkout that lies in one of these stays where it is, read-only
+_READ_ONLY = f"""
+mount --bind {quote(str(ROOT))} /mnt
+for place in /tmp /var/tmp /dev/shm; do mount -t tmpfs tmpfs "$place"; done
+[ -d {quote(str(ROOT))} ] || {{ mkdir -p {quote(str(ROOT))} && mount --bind -o ro /mnt {quote(str(ROOT))}; }}
+for place in /tmp /var/tmp /dev/shm; do mount -o remount,ro "$place"; done
+umount /mnt
+exec "$@"
+"""
 
 
 @cache

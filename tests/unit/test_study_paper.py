@@ -417,7 +417,7 @@ def test_the_shipped_geometries_give_s1_and_the_counts_that_the_page_states():
     ]
     other = compile_design(load_design(ROOT / "examples" / "paper" / "c_arm.yaml"))
     *both, arm = study_paper([*fitted, PaperGeometry(other, False)]).geometries
-    page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    page = " ".join((ROOT / "docs" / "paper.md").read_text(encoding="utf-8").split())
     columns = [{one.name: one.std_mm for one in geometry.factor.propagations} for geometry in both]
     assert " / ".join(f"{value:.3g}" for value in columns[0]["without matrix 2"]) in page
     assert " / ".join(f"{value:.1f}" for value in columns[0]["full"]) in page
