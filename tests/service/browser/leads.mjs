@@ -1,17 +1,9 @@
 // How the workbench leads: from points of one's own to a first design, to what to do next, and to a verified optimum.
 // See tests/service/test_workbench_leads.py.
-import { asked, axe, begun, bead, centre, current, drawn, faded, newContext, open, part, play, sha, state, take, wide } from "./page.mjs";
+import { asked, axe, begun, bead, centre, current, drawn, drop, faded, newContext, open, part, play, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
-const drop = async (page, { name, text }) => {
-  const dropped = await page.evaluateHandle(([called, content]) => {
-    const transfer = new DataTransfer();
-    transfer.items.add(new File([content], called));
-    return transfer;
-  }, [name, text]);
-  await page.dispatchEvent("body", "drop", { dataTransfer: dropped });
-};
 const shot = async (page, name, more = {}) => { if (asked.shot) { await faded(page); await page.screenshot({ path: asked.shot.replace(/\.png$/, `_${name}.png`), ...more }); } };
 
 // Files of points on a page without a design
@@ -22,7 +14,7 @@ scenarios.doors = async () => {
     await page.waitForFunction(() => document.querySelectorAll(".own option").length > 1);
     if (arm) await arms.selectOption(arm);
     await page.getByLabel("95 % of all errors within, mm").fill("1,5");
-    await drop(page, file);
+    await drop(page, file.name, file.text);
     await current(page);
     const { text, score } = await state(page);
     found.push({ text, status: score.verdict.status, words: await page.locator(".message").innerText(), arms: arm });

@@ -56,6 +56,16 @@ export const sha = async (page) => {
 export const take = (page, text, name = "design.yaml") =>
   page.setInputFiles("header input[type=file]", { name, mimeType: "application/yaml", buffer: Buffer.from(text) });
 
+/** A file from elsewhere: text, or bytes, which are not passed to a page as they are. */
+export async function drop(page, name, content) {
+  const dropped = await page.evaluateHandle(([called, letters]) => {
+    const transfer = new DataTransfer();
+    transfer.items.add(new File([Uint8Array.from(atob(letters), (letter) => letter.charCodeAt(0))], called));
+    return transfer;
+  }, [name, Buffer.from(content).toString("base64")]);
+  await page.dispatchEvent("body", "drop", { dataTransfer: dropped });
+}
+
 export async function begun(context) {
   const page = await open(context, asked.url, false);
   await take(page, asked.design);

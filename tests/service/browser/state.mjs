@@ -1,18 +1,10 @@
 // What becomes of the design on the workbench: opened, linked, saved, undone, read and written as YAML.
 // See tests/service/test_workbench_state.py.
-import { asked, begun, bead, centre, current, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
+import { asked, begun, bead, centre, current, drop, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
 
 const scenarios = {};
 const settled = (page) => page.waitForFunction(() => !window.workbench.state().busy && (window.workbench.state().current || window.workbench.state().refused));
 const words = async (page) => (await page.locator(".message").allInnerTexts()).join("\n");
-const drop = async (page, name, bytes) => {
-  const dropped = await page.evaluateHandle(([called, content]) => {
-    const transfer = new DataTransfer();
-    transfer.items.add(new File([Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0))], called));
-    return transfer;
-  }, [name, Buffer.from(bytes).toString("base64")]);
-  await page.dispatchEvent("body", "drop", { dataTransfer: dropped });
-};
 
 // The design that is open is opened again: as an example, and as a file
 scenarios.again = async () => {

@@ -1,6 +1,6 @@
 // Uses the workbench in Chromium as a designer does: one scenario of those below.  See tests/service/test_workbench.py.
 import { readFileSync } from "node:fs";
-import { asked, axe, bead, begun, centre, current, drawn, faded, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
+import { asked, axe, bead, begun, centre, current, drawn, drop, faded, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {
   // From nothing: the gallery, the first score, what it shows, how much was fetched
@@ -422,12 +422,7 @@ scenarios.offer = async () => {
 scenarios.drop = async () => {
   const context = await newContext(), page = asked.empty ? await open(context, asked.url, false) : await begun(context), found = [];
   for (const { name, text } of asked.files) {
-    const dropped = await page.evaluateHandle(([called, content]) => {
-      const transfer = new DataTransfer();
-      transfer.items.add(new File([content], called));
-      return transfer;
-    }, [name, text]);
-    await page.dispatchEvent("body", "drop", { dataTransfer: dropped });
+    await drop(page, name, text);
     if (asked.balls) await page.getByRole("button", { name: asked.balls }).click();
     await page.locator(".message", { hasText: name }).waitFor();
     await page.waitForFunction(() => !window.workbench.state().busy);
@@ -452,7 +447,7 @@ scenarios.keys = async () => {
 };
 
 // How long moves take to their numbers, in turn with the same request alone; then in how many frames of a steady drag the
-// numbers are of the design.  For benchmarks/service.py, not for a test.
+// numbers are black, and in how many they are of the design of that moment.  For benchmarks/service.py, not for a test.
 scenarios.pace = async () => {
   const context = await newContext(), page = await begun(context), [x, y] = await centre(bead(page, "F1")), moves = [], alone = [];
   let last;
@@ -477,17 +472,22 @@ scenarios.pace = async () => {
     }, [last.postData(), last.headers()["content-type"]]));
   }
   await page.evaluate(() => {
-    window.counted = { all: 0, current: 0 };
-    const count = () => { window.counted.all += 1; window.counted.current += Number(Boolean(document.querySelector('[data-current="true"]'))); requestAnimationFrame(count); };
+    window.counted = { all: 0, black: 0, current: 0 };
+    const count = () => {
+      window.counted.all += 1;
+      window.counted.black += Number(!document.querySelector(".budget.outdated"));
+      window.counted.current += Number(Boolean(document.querySelector('[data-current="true"]')));
+      requestAnimationFrame(count);
+    };
     requestAnimationFrame(count);
   });
   for (let k = 0; k < asked.moves; k += 1) {
     await page.mouse.move(x + 2 + 36 * Math.sin(k / 7), y + 24 * Math.cos(k / 5));
     await page.waitForTimeout(50);
   }
-  const { all, current } = await page.evaluate(() => window.counted);
+  const { all, black, current: exact } = await page.evaluate(() => window.counted);
   await page.mouse.up();
-  return { moves, alone, current: current / all };
+  return { moves, alone, black: black / all, current: exact / all };
 };
 
 // Moves of the pointer, each to its own number on the page; then many at once.
