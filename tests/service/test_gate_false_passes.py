@@ -74,10 +74,11 @@ def test_the_interval_of_a_score_holds_what_an_independent_chain_found(name: str
 
 
 @pytest.mark.long("plate_two_views")
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [*CASES, *MISSED])
 def test_mode_auto_fails_what_verify_fails(name: str) -> None:
-    document = limited(name, between(name))
-    quick = policy({}, verification={"max_trials": 2**15})
+    """MISSED: at the limits at which ``gate --mode auto`` passed the design and ``verify`` failed it."""
+    document, trials = (limited(name, between(name)), 2**15) if name in CASES else (document_of(name), 2**17)
+    quick = policy({}, verification={"max_trials": trials})
     records = {mode: gate(document, mode=mode, policy=quick) for mode in ("auto", "verify", "analytic")}
     assert records["verify"].exit_code == records["auto"].exit_code == 1
     assert records["auto"].designs[0].basis == "Monte Carlo"
@@ -102,13 +103,3 @@ def test_the_interval_of_a_score_holds_what_motion_and_turns_do(name: str) -> No
     assert low <= most
     assert high is None or high >= least
     assert found.validity.status in ("good to 20 %", "not valid")
-
-
-@pytest.mark.parametrize("name", MISSED)
-def test_mode_auto_fails_what_verify_fails_for_motion_and_turns(name: str) -> None:
-    """The limits are those at which ``gate --mode auto`` passed the design and ``verify`` failed it."""
-    quick = policy({}, verification={"max_trials": 2**17})
-    records = {mode: gate(document_of(name), mode=mode, policy=quick) for mode in ("auto", "verify", "analytic")}
-    assert records["verify"].exit_code == records["auto"].exit_code == 1
-    assert records["auto"].designs[0].basis == "Monte Carlo"
-    assert records["analytic"].exit_code != 0

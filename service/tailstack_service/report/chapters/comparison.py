@@ -47,7 +47,7 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
         Section("Budgets side by side", tuple(_budgets(found))),
         Section("Requirements and findings", _verdict_blocks(found)),
         Section("Method and assumptions", _method(found), reader="auditor"),
-        *closing_sections(second.provenance, *_reproduction(second)),
+        *closing_sections(second.provenance.not_included, *_reproduction(second)),
     ]
     for which, report in reports:
         listing = design_listing(report.design, f"{which} design, as YAML")

@@ -93,7 +93,7 @@ def optimisation_document(found: Optimisation, sha256: str) -> Document:
             Section("Certificate", certificate_blocks(found), on=IN_DETAIL, reader="auditor"),
             Section("How sure", (say("how sure", _confidence_sentence(found)),), on=On.PLAIN),
             *closing_sections(
-                found.provenance,
+                found.provenance.not_included,
                 Listing(f"{optimise_command(found)}\ntailstack report --verify THIS_FILE"),
                 Paragraph(REPRODUCTION),
             ),

@@ -54,7 +54,7 @@ def report_document(report: Report, sha256: str) -> Document:
         sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(found)), reader="auditor"))
     sections += [
         Section("Method and assumptions", method_chapter(report), reader="auditor"),
-        *closing_sections(report.provenance, *reproduction_blocks(report)),
+        *closing_sections(report.provenance.not_included, *reproduction_blocks(report)),
         Section("The design", (design_listing(report.design, "The design document, as YAML"),), reader="auditor"),
     ]
     judged = report.verification or report.score

@@ -76,7 +76,7 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
             Section("How good the estimate is", _trust(score, chosen), on=TERMINAL),
             Section("Method and assumptions", method_blocks(score), on=PAPER, reader="auditor"),
             *closing_sections(
-                score.provenance,
+                score.provenance.not_included,
                 Listing("tailstack score design.yaml --json"),
                 Paragraph("With the design of the hash named above."),
             ),

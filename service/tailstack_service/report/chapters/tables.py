@@ -9,7 +9,6 @@ from tailstack.results.score import BudgetLine, budget_table
 from tailstack.results.tables import PAPER, Cell, Column, On, Table
 from tailstack.results.verdicts import checks_table, findings_table
 
-from ...gate.records import GateProvenance
 from ..blocks import Block, Bullets, Facts, Section
 from ..records import Allowance
 
@@ -65,10 +64,10 @@ def provenance_facts(provenance: Provenance, sha256: str, schema: str, which: st
     )
 
 
-def closing_sections(provenance: Provenance | GateProvenance, *reproduction: Block) -> tuple[Section, ...]:
+def closing_sections(not_included: Sequence[str], *reproduction: Block) -> tuple[Section, ...]:
     """What a report ends with: errors that no number in it includes, and how to have it again."""
     return (
-        Section("What is not included", (Bullets(provenance.not_included),), on=PAPER, reader="auditor"),
+        Section("What is not included", (Bullets(tuple(not_included)),), on=PAPER, reader="auditor"),
         Section("Reproduction", reproduction, on=PAPER, reader="auditor"),
     )
 
