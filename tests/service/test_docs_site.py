@@ -136,7 +136,7 @@ def test_the_index_of_integrations_links_to_every_page_of_one() -> None:
 
 
 @pytest.mark.long("demo", "gallery")
-@pytest.mark.parametrize("name", ["overview", "demo", "gallery"])
+@pytest.mark.parametrize("name", ["overview", "demo", "gallery", "history"])
 def test_the_figures_are_what_their_scripts_draw(name: str) -> None:
     done = run(f"docs/images/make_{name}.py", "--check")
     assert done.returncode == 0, done.stderr
