@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
+
+from .shipped import find_shipped
 
 ELSEWHERE = ("fiducials",)  # folders that hold parts of designs
 LINE = 60  # characters about a folder
@@ -17,8 +18,7 @@ OF_DESIGNS = ("", "gallery", "paper")  # folders whose designs stand for themsel
 
 def example_folder() -> Path:
     """Where they are."""
-    shipped = Path(str(files("tailstack_service"))) / "example_files"  # as pyproject.toml puts them into the wheel
-    return shipped if shipped.is_dir() else Path(__file__).resolve().parents[2] / "examples"
+    return find_shipped("example_files", "examples")
 
 
 def list_examples() -> dict[str, str]:

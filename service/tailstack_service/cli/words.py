@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from tailstack.errors import Problem
 
 from ..console.answer import Answer
-from ..manual import manual_folder
 from ..problems import RequestError
 from ..rendering.tables import wrap
+from ..shipped import find_manual
 
 HELP = "what the words of results mean: P95, TCP, connector, unit, shot, ..."
 FIRST = "First words"  # heading of the section that is printed by itself
@@ -60,7 +60,7 @@ def _find(words: list[GlossaryTerm], name: str) -> GlossaryTerm:
 
 def read_glossary() -> list[GlossaryTerm]:
     """Its words in their order."""
-    text = (manual_folder() / "glossary.md").read_text(encoding="utf-8")
+    text = (find_manual() / "glossary.md").read_text(encoding="utf-8")
     words = []
     for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
         title, _, body = section.partition("\n")

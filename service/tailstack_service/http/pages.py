@@ -18,8 +18,8 @@ from fastapi import APIRouter, Depends, Request, Response
 from tailstack import __version__
 from tailstack.errors import Problem
 
-from ..manual import manual_folder
 from ..problems import TransportError
+from ..shipped import find_manual
 from .answers import JSON, matches_tag, record_response, takes
 from .dependencies import query
 from .openapi import extra, media_types, reference, response_of
@@ -28,6 +28,7 @@ from .prefix import place
 router = APIRouter(tags=["information"], default_response_class=Response)
 WORKBENCH = Path(__file__).parents[1] / "workbench"  # index.html, and assets/ whose names hold a hash of their content
 DOCS_PAGE = Path(__file__).parents[1] / "docs_page"  # Swagger UI (openapi/docs_page.py), and what starts it
+MANUAL = find_manual()
 HTML = "text/html; charset=utf-8"
 MEDIA_TYPES = {
     ".css": "text/css; charset=utf-8",
@@ -172,4 +173,4 @@ async def docs_file(request: Request) -> Response:
 
 @router.get("/manual/{name:path}", include_in_schema=False)
 async def manual(request: Request) -> Response:
-    return await send_file(request, manual_folder(), request.path_params["name"], CURRENT, pattern="**/*.md")
+    return await send_file(request, MANUAL, request.path_params["name"], CURRENT, pattern="**/*.md")
