@@ -35,7 +35,7 @@ HEAD = """\
 <!-- made by docs/python_api.py from the docstrings: change those -->
 
 ```python
-from tailstack import load_design, score, sweep, verify
+from tailstack import load_design, score, score_batch, sweep, verify
 
 design = load_design("examples/demo.yaml")
 found = score(design)  # a few milliseconds
@@ -50,6 +50,9 @@ print(score(sharper).targets[0].p95_mm)
 grid = sweep(design, {"interfaces.connector_flange.tolerances.rx.half_width_deg": [0.05, 0.1, 0.2]})
 print(grid.to_frame()[["p95_mm", "verdict"]])  # pandas, where it is installed
 grid.plot()  # matplotlib: the extra report
+
+scores = score_batch(design, {"views.*.fiducial_noise_px": [0.1, 0.2, 0.3]})  # a row each; a million takes minutes
+print(scores.to_frame()[["p95_mm:tip"]])
 ```
 
 In a notebook a result as the last line of a cell shows its verdict, the errors at its targets and the budget; `.plot()`

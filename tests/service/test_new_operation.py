@@ -73,8 +73,8 @@ def _document(record: Spacing, sha256: str) -> Any:
         kind="Spacing", title=record.provenance.design_name, tone="neutral", status="spacing",
         sentence=f"The closest two fiducials are {closest} apart.", numbers=(KeyNumber("Closest", closest),),
         matters=(), figures=(), requirements=None,
-        sections=closing_sections(record.provenance, Paragraph("Nothing else.")),
-        provenance=provenance_facts(record.provenance, sha256, record.schema),
+        sections=closing_sections(record.provenance.not_included, Paragraph("Nothing else.")),
+        provenance=provenance_facts(record.provenance, sha256, record.schema), opening=(f"closest: {closest}",),
     )
 
 
@@ -89,7 +89,6 @@ OPERATION = Operation(
     example={"neighbours": 2},
     record=lambda: Spacing,
     run=_measure,
-    text=lambda record: f"closest: {record.distances_mm[0]:.3f} mm\\n",
     document=_document,
 )
 '''
@@ -136,7 +135,7 @@ def test_it_is_a_verb_with_a_flag_for_each_option(variables: dict[str, str]) -> 
     helped = tailstack(variables, "spacing", "--help")
     assert "--neighbours N" in helped
     assert "pairs that are listed, closest first (default 1)" in " ".join(helped.split())
-    assert tailstack(variables, "spacing", str(DESIGN)).startswith("closest: ")
+    assert "\nclosest: " in tailstack(variables, "spacing", str(DESIGN))
 
 
 @pytest.mark.long

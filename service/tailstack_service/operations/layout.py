@@ -11,11 +11,9 @@ from pydantic import Field
 
 from tailstack.errors import IllPosedError
 from tailstack.results import Provenance
-from tailstack.results.digits import decimal
 from tailstack.results.record import Published
 
-from ..rendering.tables import draw_table, visible
-from .operation import Operation
+from .operation import LateImport, Operation
 from .options import Options
 
 if TYPE_CHECKING:
@@ -187,25 +185,6 @@ def _numbers(values: Iterable[float]) -> Any:
     return tuple(float(value) for value in values)
 
 
-# --- for people -------------------------------------------------------------------------------------------
-
-
-def _text(record: Layout) -> str:
-    """Where every fiducial and target is imaged, view by view."""
-    lines = [
-        f"{visible(record.provenance.design_name)}: {len(record.fiducials)} fiducials in {len(record.views)} views"
-    ]
-    for view in record.views:
-        size = "size not stated" if view.image_size_px is None else "{:.0f} x {:.0f} px".format(*view.image_size_px)
-        rows = [
-            [visible(point.label), *([decimal(v, 1) for v in point.image_px] if point.image_px else ["-", "-"]),
-             "not used" if not point.used else "" if point.inside else "outside"]
-            for point in (*view.fiducials, *view.targets)
-        ]  # fmt: skip
-        lines += ["", draw_table([f"view {visible(view.view)}, {size}", "u, px", "v, px", ""], rows)]
-    return "\n".join(lines) + "\n"
-
-
 OPERATION = Operation(
     name="layout",
     verb="layout",
@@ -218,5 +197,5 @@ OPERATION = Operation(
     record=lambda: Layout,
     run=lambda call: lay_out(call.design, scene=call.options.scene),
     immediate=True,
-    text=_text,
+    document=LateImport("..report.chapters.layout", "layout_document"),
 )

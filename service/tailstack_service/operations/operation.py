@@ -242,7 +242,6 @@ class Operation:
 
     # What becomes of its record
     document: Callable[..., Document] | None = None  # its report; the SHA-256 of the record stands in it
-    text: Callable[[Any], str] | None = None  # in a terminal, of what has no report
     exit_code: Callable[[Any], int] = pass_always
     hold: Callable[[Any], tuple[HeldDesign, ...]] = lambda record: ()
     demand: Callable[[Any], Demand] = lambda record: Demand()
@@ -270,8 +269,6 @@ class Operation:
 
         choice: what of it, where its document can be of a part.
         """
-        if self.text is not None:
-            return self.text(record)
         from ..rendering.document import document_text
 
         assert self.document is not None, self.name

@@ -5,19 +5,19 @@ import { marked } from "marked";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { send } from "../api";
 
-const FIRST = "workbench.md", ALL = "README.md";
+const FIRST = "workbench.md", ALL = "README.md", TOP = new URL("manual/", new URL(".", location.href));
 const trail = signal<string[]>([FIRST]); // addresses of pages below manual/, the one that is shown at the end
 const page = signal<{ address: string; content: DocumentFragment } | null>(null);
 
 /** A page of the manual with links that lead to the others; what lies outside of it keeps its words only. */
 function toFragment(text: string, address: string): DocumentFragment {
-  const { body } = new DOMParser().parseFromString(marked.parse(text, { async: false }), "text/html"), top = new URL("manual/", new URL(".", location.href));
+  const { body } = new DOMParser().parseFromString(marked.parse(text, { async: false }), "text/html");
   for (const heading of body.querySelectorAll("h1, h2, h3")) heading.id = heading.textContent!.toLowerCase().replace(/[^\w\s-]/g, "").trim().replace(/\s/g, "-");
   for (const picture of body.querySelectorAll("img")) picture.replaceWith(Object.assign(document.createElement("em"), { textContent: picture.alt }));
   for (const link of body.querySelectorAll("a")) {
-    const to = new URL(link.getAttribute("href")!, new URL(address, top));
-    if (to.origin !== top.origin) Object.assign(link, { target: "_blank", rel: "noopener" });
-    else if (to.pathname.startsWith(top.pathname) && to.pathname.endsWith(".md")) link.href = to.href;
+    const to = new URL(link.getAttribute("href")!, new URL(address, TOP));
+    if (to.origin !== TOP.origin) Object.assign(link, { target: "_blank", rel: "noopener" });
+    else if (to.pathname.startsWith(TOP.pathname) && to.pathname.endsWith(".md")) link.href = to.href;
     else link.replaceWith(...link.childNodes);
   }
   for (const block of body.querySelectorAll("pre")) block.tabIndex = 0; // it may scroll
@@ -60,7 +60,7 @@ export function Manual({ onClose }: { onClose: () => void }) {
     const link = (event.target as Element).closest("a");
     if (!link || link.target) return;
     event.preventDefault();
-    trail.value = [...trail.value, link.href.slice(new URL("manual/", new URL(".", location.href)).href.length)];
+    trail.value = [...trail.value, link.href.slice(TOP.href.length)];
   };
   return (
     <dialog ref={dialog} class="words manual" aria-label="The manual" onClose={onClose}>
