@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from tailstack.design import Design, load_design
@@ -17,7 +18,7 @@ from ..scene_picture import draw_scene
 from .tables import closing_sections, provenance_facts
 
 if TYPE_CHECKING:
-    from ...operations.layout import ImagedPoint, ImagedView, Layout
+    from ...operations.layout import ImagedPoint, ImagedView, Layout, PlacedPoint
 
 Known = tuple[dict[str, object], Score]  # a design document and what was computed of it
 
@@ -109,10 +110,14 @@ def layout_document(layout: Layout, sha256: str) -> Document:
 def _places_table(layout: Layout) -> Table:
     columns = (
         Column("Fiducial or target", of=lambda point: point.label),
-        *(Column(axis, "mm", "fixed", of=lambda point, k=k: point.position_mm[k]) for k, axis in enumerate("xyz")),
+        *(Column(axis, "mm", "fixed", of=partial(_coordinate, k)) for k, axis in enumerate("xyz")),
     )
     caption = "Nominal positions in the connector frame con"
     return tabulate("Positions", caption, columns, (*layout.fiducials, *layout.targets), most=MOST_POINTS)
+
+
+def _coordinate(axis: int, point: PlacedPoint) -> float:
+    return point.position_mm[axis]
 
 
 def _image_table(view: ImagedView) -> Table:
