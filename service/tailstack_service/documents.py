@@ -93,14 +93,14 @@ class _DescribedSchema(GenerateJsonSchema):
 @cache
 def _texts_below_fields(module: str) -> dict[str, dict[str, str]]:
     """By class and field, the string literals that stand below the fields of a module's classes."""
-    found: dict[str, dict[str, str]] = {}
+    texts: dict[str, dict[str, str]] = {}
     tree = ast.parse(inspect.getsource(sys.modules[module]))
     for kind in (node for node in tree.body if isinstance(node, ast.ClassDef)):
         for field, below in pairwise(kind.body):
             match field, below:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
-                    found.setdefault(kind.name, {})[name] = " ".join(words.split())
-    return found
+                    texts.setdefault(kind.name, {})[name] = " ".join(words.split())
+    return texts
 
 
 def _require_all(schema: dict[str, Any]) -> None:

@@ -23,11 +23,11 @@ def example_folder() -> Path:
 
 def list_examples() -> dict[str, str]:
     """Names of designs and folders, each with one line about it."""
-    found = {name: example.title for name, example in list_example_designs().items()}
+    descriptions = {name: example.title for name, example in list_example_designs().items()}
     for below in sorted(path for path in example_folder().iterdir() if path.is_dir() and path.name not in ELSEWHERE):
         contents = sorted(path.name for path in below.iterdir() if re.fullmatch(r"\w+(\.(yaml|csv))?", path.name))
-        found[below.name] = shorten(f"a folder: {', '.join(contents)}", LINE, placeholder=" ...")
-    return found
+        descriptions[below.name] = shorten(f"a folder: {', '.join(contents)}", LINE, placeholder=" ...")
+    return descriptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +43,14 @@ class ExampleDesign:
 @cache
 def list_example_designs() -> dict[str, ExampleDesign]:
     """Every example that is one design, by its name."""
-    found = {}
+    examples = {}
     for folder in OF_DESIGNS:
         for path in sorted((example_folder() / folder).glob("*.yaml")):
             name = f"{folder}-{path.stem}" if folder else path.stem
             text = path.read_text(encoding="utf-8")
             title = re.search(r"^name: (.+)$", text, re.MULTILINE)
-            found[name] = ExampleDesign(name, title[1] if title else name, _first_paragraph(text), path)
-    return found
+            examples[name] = ExampleDesign(name, title[1] if title else name, _first_paragraph(text), path)
+    return examples
 
 
 def _first_paragraph(text: str) -> str:

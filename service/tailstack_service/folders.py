@@ -49,9 +49,9 @@ def _find_home() -> Path | None:
         home = Path.home()
     except RuntimeError:  # neither HOME nor an entry among the users
         return None
-    kept = home / ".local" / "state" / "tailstack"
-    there = next(folder for folder in (kept, *kept.parents) if folder.exists())
-    return home if there == kept or os.access(there, os.W_OK | os.X_OK) else None
+    state_folder = home / ".local" / "state" / "tailstack"
+    there = next(folder for folder in (state_folder, *state_folder.parents) if folder.exists())
+    return home if there == state_folder or os.access(there, os.W_OK | os.X_OK) else None
 
 
 @cache
@@ -61,10 +61,10 @@ def lent_directory() -> Path:
     folder = Path(temporary_directory()) / f"tailstack-{user}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError as error:
         raise _refuse_lent(folder, error.strerror or str(error)) from None
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != user or found.st_mode & 0o077:
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != user or status.st_mode & 0o077:
         raise _refuse_lent(folder, "others may write or read it")
     words = "this user has no home: jobs and results are kept in %s, which may be emptied; %s"
     log.warning(words, folder, CURE, extra={"action": "home-lent"})

@@ -92,15 +92,15 @@ class TableReader:
         """
         columns, numbers = list(block.columns), []
         for place in places:
-            found = self._read_plain_column(columns[place], block.lines, place)
-            if not found:
+            values = self._read_plain_column(columns[place], block.lines, place)
+            if not values:
                 cells = columns[place]
-                found = [self._read_cell(cell, line, place) for cell, line in zip(cells, block.lines, strict=True)]
+                values = [self._read_cell(cell, line, place) for cell, line in zip(cells, block.lines, strict=True)]
                 columns[place] = [
                     value if isinstance(cell, Decimal) or read_number(cell) != value else cell
-                    for cell, value in zip(cells, found, strict=True)
+                    for cell, value in zip(cells, values, strict=True)
                 ]
-            numbers.append(found)
+            numbers.append(values)
         return ColumnBlock(block.lines, tuple(columns)), numbers
 
     def _read_plain_column(self, cells: Column, lines: Sequence[int], place: int) -> list[float]:
@@ -111,10 +111,10 @@ class TableReader:
         if self.text is None:
             if not all(type(cell) is float or type(cell) is int for cell in cells):
                 return []
-            found = list(map(float, cells))
+            values = list(map(float, cells))
         else:
             try:
-                found = list(map(float, cells))
+                values = list(map(float, cells))
             except ValueError:
                 return []
             together = "".join(cells)
@@ -125,7 +125,7 @@ class TableReader:
                 self.text.find_number(cells[at], lines[at], place)
             if self.text.comma is not None:
                 return []
-        return found if all(map(isfinite, found)) and min(found, default=0.0) > LEAST_PLAIN else []
+        return values if all(map(isfinite, values)) and min(values, default=0.0) > LEAST_PLAIN else []
 
     def _read_cell(self, cell: Any, line: int, column: int) -> float:
         if self.text is not None and isinstance(cell, str):
@@ -138,11 +138,11 @@ class TableReader:
         if value is not None:
             detail = f"{place} holds -3.697314e28, by which NDI says that nothing was seen"
             raise self.refuse("missing-value", detail, "leave the row out", line, column + 1)
-        said = "is empty" if cell is None or cell == "" else f"is no number: {str(cell)[:40]!r}"
+        reason = "is empty" if cell is None or cell == "" else f"is no number: {str(cell)[:40]!r}"
         hint = cure_text(cell, self.header[column]) if isinstance(cell, str) and cell else ""
         if isinstance(cell, date | time):
             hint = "a spreadsheet took a number for a date: format the cells as numbers, and type it again"
-        raise self.refuse("wrong-type", f"{place} {said}", hint or "every row has a number here", line, column + 1)
+        raise self.refuse("wrong-type", f"{place} {reason}", hint or "every row has a number here", line, column + 1)
 
 
 def read_number(cell: Any) -> float | None:
@@ -158,11 +158,11 @@ def read_number(cell: Any) -> float | None:
 
 def format_of(name: str) -> Format:
     """By the ending of a file's name.  Raises RequestError."""
-    found = next((form for ending, form in ENDINGS.items() if name.lower().endswith(ending)), None)
-    if found is None:
+    form = next((form for ending, form in ENDINGS.items() if name.lower().endswith(ending)), None)
+    if form is None:
         detail = f"{name!r} has no ending of a table"
         raise RequestError(Problem("", "unknown-format", detail, f"known: {', '.join(ENDINGS)}"))
-    return found
+    return form
 
 
 # --- reading ----------------------------------------------------------------------------------------
@@ -227,10 +227,10 @@ LINES = 'each line is one object, {"name": "A", "views.AP.fiducial_noise_px": 0.
 
 def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     def collect(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
+        fields = dict(pairs)
+        if len(fields) < len(pairs):
             raise KeyError(find_repeated(pairs))
-        return found
+        return fields
 
     def parse(line: int, text: bytes) -> dict[str, Any]:
         try:
@@ -274,9 +274,9 @@ def _refusing(form: str, hint: str, file: str | None) -> Iterator[None]:
     except (RequestError, LimitError, MemoryError):
         raise
     except Exception as error:
-        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RequestError(
-            Problem("", "bad-table", f"this cannot be read as {form}: {said[:200]}", hint, file)
+            Problem("", "bad-table", f"this cannot be read as {form}: {reason[:200]}", hint, file)
         ) from None
 
 
@@ -305,7 +305,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
     counts, width = Rows(), len(header)
     for title in titles:
         counts.leave_out("title", title.number)
-    said = [f"sheet {sheet.title!r} was read, and not {', '.join(map(repr, others))}"] if others else []
+    remarks = [f"sheet {sheet.title!r} was read, and not {', '.join(map(repr, others))}"] if others else []
 
     def filled() -> Iterator[tuple[int, Column]]:
         """Each row and its line; empty ones are left out, and counted where more come below them."""
@@ -345,12 +345,12 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
 
     def blocks() -> Iterator[ColumnBlock]:
         with reading():
-            found = filled()
-            while block := list(islice(found, BLOCK)):
+            filled_rows = filled()
+            while block := list(islice(filled_rows, BLOCK)):
                 lines, cells = zip(*block, strict=True)
                 yield ColumnBlock(lines, tuple(zip(*cells, strict=True)))
 
-    table = TableReader(header, blocks(), bounds.file, counts=counts, header_line=at, remarks=tuple(said))
+    table = TableReader(header, blocks(), bounds.file, counts=counts, header_line=at, remarks=tuple(remarks))
     return table
 
 
@@ -416,8 +416,10 @@ def _refuse_not_computed(table: TableReader, line: int, row: Sequence[Any], form
     """Raises RequestError for a formula whose value the file does not hold: it was not written by a spreadsheet."""
     for k, (cell, formula) in enumerate(zip(row, formulas, strict=False)):
         if cell is None and formula is not None:
-            said = getattr(formula, "text", formula)
-            detail = f"cell {_cell_name(line, k)} holds the formula {str(said)[:60]!r}, and not what it comes to"
+            formula_text = getattr(formula, "text", formula)
+            detail = (
+                f"cell {_cell_name(line, k)} holds the formula {str(formula_text)[:60]!r}, and not what it comes to"
+            )
             hint = "open and save the file with a spreadsheet, or write values instead of formulas"
             raise table.refuse("formula", detail, hint, line, k + 1)
 

@@ -183,9 +183,9 @@ class TableLimits:
     def _limit(self, detail: str, hint: str, line: int | None = None) -> LimitError:
         return LimitError(Problem("", "too-large", detail, hint, self.file, line))
 
-    def _no_workbook(self, said: str) -> RequestError:
+    def _no_workbook(self, reason: str) -> RequestError:
         hint = "save it as .xlsx, the table on the first sheet"
-        return RequestError(Problem("", "bad-table", f"this cannot be read as XLSX: {said}", hint, self.file))
+        return RequestError(Problem("", "bad-table", f"this cannot be read as XLSX: {reason}", hint, self.file))
 
 
 def _bytes_of_texts(column: Any) -> list[int]:

@@ -89,8 +89,8 @@ def compile_kernels(levels: list[str], names: str, place: Path) -> dict[str, byt
 def platform_tags() -> list[str]:
     """Where the machine code runs: wherever the llvmlite does that loads it, under this minor version of Python."""
     text = distribution("llvmlite").read_text("WHEEL") or ""
-    found = [line.removeprefix("Tag: ").split("-") for line in text.splitlines() if line.startswith("Tag: ")]
-    return sorted({f"{python}-none-{platform}" for python, _, platform in found})
+    tags = [line.removeprefix("Tag: ").split("-") for line in text.splitlines() if line.startswith("Tag: ")]
+    return sorted({f"{python}-none-{platform}" for python, _, platform in tags})
 
 
 def requirements() -> list[str]:

@@ -166,18 +166,18 @@ def score_batch(
         raise SweepError(Problem("/table", "ragged", "the columns of a table are lists of one and the same length"))
     rows = np.column_stack(values)
     blocks = [rows[start : start + BLOCK] for start in range(0, len(rows), BLOCK)]
-    found = []
+    results = []
     for block in batch.score_blocks(blocks, threads):
-        found.append(block)
+        results.append(block)
         if progress is not None:
-            progress(min(len(found) * BLOCK, len(rows)), len(rows))
+            progress(min(len(results) * BLOCK, len(rows)), len(rows))
     return BatchScores(
         {
-            name: np.concatenate([block.columns[k] for block in found]) if found else np.zeros(0)
+            name: np.concatenate([block.columns[k] for block in results]) if results else np.zeros(0)
             for k, name in enumerate(batch.names)
         },
-        tuple(chain.from_iterable(block.reasons for block in found)),
-        {way: sum(block.ways[way] for block in found) for way in WAYS},
+        tuple(chain.from_iterable(block.reasons for block in results)),
+        {way: sum(block.ways[way] for block in results) for way in WAYS},
         batch.why,
     )
 
@@ -251,15 +251,15 @@ class Batch:
             done = self._loop.fill(numbers, sound, columns)
         ways[COMPILED], ways[IN_FULL] = int(done.sum()), int((~done).sum())
         for row in np.flatnonzero(~done).tolist():
-            found: list[Any] | str | None = None
+            outcome: list[Any] | str | None = None
             if sound[row] and self._placed:
-                found = self._score_numbers({field: array[row] for field, array in numbers.items()})
-            if found is None:
-                found = self._score_in_full(values[row])
-            if isinstance(found, str):
-                reasons[row] = found
-                found = ["" if name in OF_DESIGNS else nan for name in self.names]
-            for array, value in zip(columns, found, strict=True):
+                outcome = self._score_numbers({field: array[row] for field, array in numbers.items()})
+            if outcome is None:
+                outcome = self._score_in_full(values[row])
+            if isinstance(outcome, str):
+                reasons[row] = outcome
+                outcome = ["" if name in OF_DESIGNS else nan for name in self.names]
+            for array, value in zip(columns, outcome, strict=True):
                 array[row] = value
         return BatchBlock(columns, reasons, ways)
 
@@ -279,13 +279,13 @@ class Batch:
     def _choose_way(self) -> tuple[str, str]:
         """The fastest way that pointers, laws and columns leave, and all that keeps rows from the first one, each as
         much as a person can take away by itself."""
-        system, found = self.system, []
+        system, reasons = self.system, []
         for column, places in enumerate(self._places):
             slots = [find_slot(self.design, system, place) for place in places]
             self.slots += [(column, slot) for slot in slots if slot is not None]
             if None in slots:
-                found.append(f"{self.pointers[column]} is more than a number of the compiled design")
-        self._placed = not found
+                reasons.append(f"{self.pointers[column]} is more than a number of the compiled design")
+        self._placed = not reasons
         if self._placed:
             self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)
             self.base = base_numbers(system)
@@ -294,14 +294,14 @@ class Batch:
         named = {**{link.name: link for link in system.links}, **{effect.label: effect for effect in effects}}
         bounded = [name for name, effect in named.items() if effect.sources.bounded.any()]
         if bounded:
-            found.append(f"{', '.join(bounded)}: bounded, and the worst of all ends is searched for, row by row")
+            reasons.append(f"{', '.join(bounded)}: bounded, and the worst of all ends is searched for, row by row")
         if "verdict" in self.columns and system.requirements:
-            found.append("a verdict takes how far first order can be trusted, row by row")
+            reasons.append("a verdict takes how far first order can be trusted, row by row")
         if any(item.risk != "pooled" for item in system.requirements) and not _ASK.isdisjoint(self.columns):
-            found.append("a requirement on each installed unit takes a sample of units, row by row")
-        if not found:
+            reasons.append("a requirement on each installed unit takes a sample of units, row by row")
+        if not reasons:
             self._loop = _RowLoop(self)
-        return (IN_FULL, "; ".join(found)) if found else (COMPILED, "")
+        return (IN_FULL, "; ".join(reasons)) if reasons else (COMPILED, "")
 
     def _numbers_of(self, values: Array) -> dict[str, Array]:
         """The fields that the table touches, (n, ...) each."""
@@ -355,10 +355,10 @@ class Batch:
             return f"{self.pointers[int(np.isfinite(row).argmin())]}: no finite number"
         try:
             data = set_numbers(self.design.source.data, self._places, row.tolist())
-            found = score(load_design(data, base_directory=self.design.source.directory), losses=False)
+            result = score(load_design(data, base_directory=self.design.source.directory), losses=False)
         except TailstackError as error:
             return describe_refusal(error)
-        targets = {target.name: target for target in found.targets}
+        targets = {target.name: target for target in result.targets}
 
         def of_target(column: str, name: str) -> float:
             target = targets[name]
@@ -366,7 +366,7 @@ class Batch:
                 return hypot(*target.bias_mm)
             return target.localisation.p95_mm if column == "localisation_p95_mm" else float(getattr(target, column))
 
-        return self._arrange(of_target, found.verdict.checks)
+        return self._arrange(of_target, result.verdict.checks)
 
     def _arrange(self, of_target: Callable[[str, str], float], checks: Sequence[Check]) -> list[Any]:
         """The cells of a row: of_target(column, target), and what the requirements came to."""
@@ -471,13 +471,13 @@ class _RowLoop:
         names = [target.name for target in batch.system.targets]
         rows, plain = self._work_out(numbers)
         done = sound & plain & ~(rows.widths[:, self.groups[self.kinds == BOUNDED]] > 0).any(axis=1)
-        found = np.full((count, len(names), len(self.asked.errors), 2), nan)
+        tails = np.full((count, len(names), len(self.asked.errors), 2), nan)
         biases = np.full((count, len(names)), nan)
-        score_rows(rows, self.asked, batch.validity_bounds, done, found, biases)
-        done &= np.isfinite(biases).all(axis=1) & np.isfinite(found[..., 0]).all(axis=(1, 2))
-        done &= np.isfinite(found[:, :, self.asked.averaged, 1]).all(axis=(1, 2))
+        score_rows(rows, self.asked, batch.validity_bounds, done, tails, biases)
+        done &= np.isfinite(biases).all(axis=1) & np.isfinite(tails[..., 0]).all(axis=(1, 2))
+        done &= np.isfinite(tails[:, :, self.asked.averaged, 1]).all(axis=(1, 2))
         values = [
-            (found[:, names.index(name), self.places[item.error, item.quantile], 0], item.limit_mm)
+            (tails[:, names.index(name), self.places[item.error, item.quantile], 0], item.limit_mm)
             for item, name in self.checked
         ]
         place = iter(columns)
@@ -486,14 +486,14 @@ class _RowLoop:
                 for each in biases.T:
                     next(place)[:] = each
             elif column in OF_TARGETS:
-                for each in found[:, :, self.places[QUANTILES[column], P95], int(column == "mean_norm_mm")].T:
+                for each in tails[:, :, self.places[QUANTILES[column], P95], int(column == "mean_norm_mm")].T:
                     next(place)[:] = each
             elif column in OF_REQUIREMENTS:
                 for value, _ in values:
                     next(place)[:] = value
             elif values:
-                kept = np.all([value <= limit for value, limit in values], axis=0)
-                next(place)[:] = np.where(kept, WITHIN[True], WITHIN[False])
+                within = np.all([value <= limit for value, limit in values], axis=0)
+                next(place)[:] = np.where(within, WITHIN[True], WITHIN[False])
             else:
                 next(place)[:] = NO_REQUIREMENT
         return done
@@ -555,9 +555,9 @@ class _RowLoop:
         """What moves the images of all fiducials of a view together, of each system (m): shifts (T, m, V, 2 N + 2,
         C + 1) px and, behind the reconstructed point, (T, m, 3, C + 1) mm; last of both what is known."""
         firsts = [(system, mounts_of(system).first) for system in systems]
-        found = [shift_together(system, first, target) for system, first in firsts for target in system.targets]
+        shifts = [shift_together(system, first, target) for system, first in firsts for target in system.targets]
         lead = len(systems), len(systems[0].targets)
-        both = (np.reshape(each, (*lead, *each[0].shape)) for each in zip(*found, strict=True))
+        both = (np.reshape(each, (*lead, *each[0].shape)) for each in zip(*shifts, strict=True))
         of_images, of_flange = (np.ascontiguousarray(np.swapaxes(each, 0, 1)) for each in both)
         return of_images, of_flange
 
@@ -595,12 +595,12 @@ def score_rows(
     asked: Asked,
     validity_bounds: ValidityBounds,
     wanted: NDArray[np.bool_],
-    found: Array,
+    tails: Array,
     biases: Array,
 ) -> None:
     """The tails of the rows (n,) that are wanted; those whose layout is not plain are no longer.
 
-    Fills found (n, T, Q, 2) mm, the quantile of each error's norm that is asked for and its mean, NaN where there is
+    Fills tails (n, T, Q, 2) mm, the quantile of each error's norm that is asked for and its mean, NaN where there is
     none, and biases (n, T) mm, the norm of the bias of the TCP error.
     """
     views, count = rows.weights.shape
@@ -649,7 +649,7 @@ def score_rows(
                     continue
                 h, _ = split_columns(columns, kinds)
                 accuracy = Accuracy(asked.accuracies[q, 0], asked.accuracies[q, 1], asked.accuracies[q, 2])
-                found[row, t, q, 0], found[row, t, q, 1] = tail_numbers(
+                tails[row, t, q, 0], tails[row, t, q, 1] = tail_numbers(
                     means[t, error], covariance, h, asked.quantiles[q], accuracy, asked.averaged[q]
                 )
 
@@ -840,14 +840,14 @@ def _find_places(design: Design, pointers: Sequence[str]) -> list[tuple[Place, .
     """The numbers that each pointer leads to.  Raises SweepError for one that leads to none, or is given twice."""
     if not pointers:
         raise SweepError(Problem("/table", "no-columns", "a table has a column for at least one number of the design"))
-    found: list[tuple[Place, ...]] = []
+    by_pointer: list[tuple[Place, ...]] = []
     for pointer in pointers:
         places = locate_numbers(design.source.data, pointer, "/table", SweepError)
-        if any(not set(places).isdisjoint(earlier) for earlier in found):
+        if any(not set(places).isdisjoint(earlier) for earlier in by_pointer):
             detail = f"two columns give the same number: the one for {pointer}, and one before it"
             raise SweepError(Problem("/table", "given-twice", detail, "leave one of them out"))
-        found.append(places)
-    return found
+        by_pointer.append(places)
+    return by_pointer
 
 
 def _check_columns(columns: Sequence[str]) -> tuple[str, ...]:

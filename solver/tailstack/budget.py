@@ -70,9 +70,9 @@ def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contri
         gone = frozenset((line.block.contributor, j) for j in line.sources) & at.worst.signs.keys()
         if gone or share > LIGHT:  # without a bounded source the others may be worst at another vertex
             mean = worst_case(model, at.error, total.p, without=gone).mean_mm if gone else at.law.mean
-            kept = np.ones(slopes.shape[1], dtype=np.bool_)
-            kept[line.among_all] = False
-            without = law_quantile(law_of(mean, at.columns.only(kept)), total.p, fine=False).quantile_mm
+            remaining = np.ones(slopes.shape[1], dtype=np.bool_)
+            remaining[line.among_all] = False
+            without = law_quantile(law_of(mean, at.columns.only(remaining)), total.p, fine=False).quantile_mm
         else:  # the square of the quantile is nearly linear in the variance
             without = sqrt(max(total.quantile_mm * (total.quantile_mm - 2 * by_variance), 0.0))
         rows.append(_row(line, share, without, sqrt(square), by_half_width, of_localisation / all_localised))

@@ -92,8 +92,8 @@ def _read_decimal(text: str) -> float | None:
 def _cure_zone_text(text: str, field: str) -> str:
     """``+0.1/-0`` and ``±0.05`` as a tolerance is written here; empty for other texts, and for another unit."""
     text, own = text.strip(" ()"), re.search("_(mm|deg|px)$", field)
-    if found := _EITHER_WAY.fullmatch(text):
-        before, after, unit = found.groups()
+    if match := _EITHER_WAY.fullmatch(text):
+        before, after, unit = match.groups()
         value, half = (None if each is None else _read_decimal(each) for each in (before, after))
         if after is None:  # 0.05 ±
             value, half = None, value
@@ -105,31 +105,31 @@ def _cure_zone_text(text: str, field: str) -> str:
             return f"a half-width stands alone: write {half:.12g}"
         if re.search(r"noise|(^|_)sd(_|$)|std", field):
             return f"if ±{half:.12g} is one standard deviation, write {half:.12g}"
-        said = f"±{half:.12g} is a tolerance, whose place is a half-width: {half:.12g}"
+        remark = f"±{half:.12g} is a tolerance, whose place is a half-width: {half:.12g}"
         return (
-            f"the value alone: write {value:.12g}; {said}"
+            f"the value alone: write {value:.12g}; {remark}"
             if value is not None
-            else f"{said}; the value itself goes here"
+            else f"{remark}; the value itself goes here"
         )
-    if "half_width" in field and (found := _BOUND.fullmatch(text)) and (found[1] or found[4]):
-        value, unit = _read_decimal(found[2]), found[3]
+    if "half_width" in field and (match := _BOUND.fullmatch(text)) and (match[1] or match[4]):
+        value, unit = _read_decimal(match[2]), match[3]
         if value is None or (own and unit and own[1] != unit.replace("°", "deg")):
             return ""
-        if (found[1] or "").lower() in ("ø", "⌀"):
+        if (match[1] or "").lower() in ("ø", "⌀"):
             return f"a zone of diameter {value:.12g} has the half-width {value / 2:.12g}"
         return f"a half-width is the largest deviation to either side: write {value:.12g}"
-    if found := _ZONE.fullmatch(text):
-        one, other = (_read_decimal(each.replace(" ", "")) for each in found.groups())
-        return "" if one is None or other is None else cure_zone(max(one, other), min(one, other))
+    if match := _ZONE.fullmatch(text):
+        first, second = (_read_decimal(each.replace(" ", "")) for each in match.groups())
+        return "" if first is None or second is None else cure_zone(max(first, second), min(first, second))
     return ""
 
 
 def _cure_thousands(text: str) -> str:
     """A number whose thousands are separated; empty where one separator may as well be a decimal point."""
-    found = _THOUSANDS.fullmatch(text)
-    if found is None:
+    match = _THOUSANDS.fullmatch(text)
+    if match is None:
         return ""
-    whole, groups, mark, decimals = found.groups()
+    whole, groups, mark, decimals = match.groups()
     marks = {each for each in groups if not each.isdigit()}
     if len(marks) > 1 or mark in marks or (mark is None and len(groups) == 4 and marks <= {",", "."}):
         return ""
@@ -141,13 +141,13 @@ def cure_text(text: str, field: str) -> str:
     """What to write instead of a text where a number is wanted; empty where the text tells nothing."""
     if cure := _cure_zone_text(text, field) or _cure_thousands(text):
         return cure
-    if found := _COMMA.fullmatch(text):
-        whole, decimals = found.groups()
+    if match := _COMMA.fullmatch(text):
+        whole, decimals = match.groups()
         if len(decimals) == 3 and whole.lstrip("+-").strip("0"):
             return f"a number has no comma: write {whole}.{decimals.rstrip('0') or '0'} or {whole}{decimals}"
         return f"write decimals with a point: {whole}.{decimals}"
-    if found := _PERCENT.fullmatch(text):
-        value = float(found[1])
+    if match := _PERCENT.fullmatch(text):
+        value = float(match[1])
         if "percent" in field:
             return f"the field is in per cent: write {value:g}"
         return f"a fraction is a number without a sign: {value:g} % is {value / 100:.6g}"

@@ -150,12 +150,12 @@ class _Law:
     @cached_property
     def by_column(self) -> Array:
         """(3, k) derivative by each entry of the columns.  Raises OutOfRangeError."""
-        found = column_gradient(self.at.law, self.quantile)
-        if found is None:
+        gradient = column_gradient(self.at.law, self.quantile)
+        if gradient is None:
             detail = "P95 is sampled here, or its law lies in a plane: its derivative is only known nearly"
             hint = "declare normal distributions, or take differences of evaluations"
             raise OutOfRangeError(Problem("", "no-derivative", detail, hint))
-        return found
+        return gradient
 
     def along(self, chain: Chain, slope: _Slope, pointer: str) -> float:
         """d P95 by one number, mm per unit of it."""
@@ -193,8 +193,8 @@ def _slopes_by_points(chain: Chain, model: LinearModel, points_mm: Array, error:
     moved = _with_points(chain, chain.points + 1j * COMPLEX_STEP * points_mm)
     images = image_gains(moved, model.reconstructed_mm.astype(np.complex128))  # whose kind some of the arrays take
     to_tcp = model.tcp_from_localisation
-    found = systematic_errors(moved.system, moved.mounts.first, model.target)
-    known, common = common_shifts(moved, found, images.columns, to_tcp, model.tcp_from_flange)
+    shared_errors = systematic_errors(moved.system, moved.mounts.first, model.target)
+    known, common = common_shifts(moved, shared_errors, images.columns, to_tcp, model.tcp_from_flange)
     to_error = to_tcp if error == "tcp" else np.eye(3)
     left, gains = iter(common), []
     first = 0
@@ -240,14 +240,14 @@ def _foreign_change(chain: Chain, model: LinearModel, moved: Chain, other: Linea
         pairs.append((name, block.tcp, same.tcp))
         if block.effect.way is Way.LINK:
             pairs.append((name, block.tcp, farther.tcp))
-    found = next((name for name, first, second in pairs if not _is_same(first, second)), "")
+    difference = next((name for name, first, second in pairs if not _is_same(first, second)), "")
     # ... and fiducials move the bias through the images alone, as the derivative says up to the curvature of a step.
-    if not found and shift.any():
+    if not difference and shift.any():
         _, expected = _slopes_by_points(chain, model, shift, "tcp")
         gap = np.abs(other.tcp_bias_mm - model.tcp_bias_mm - expected).max()
         if gap > CURVATURE * np.abs(expected).max() + SAME * np.abs(model.tcp_bias_mm).max():
-            found = "the bias"
-    return found
+            difference = "the bias"
+    return difference
 
 
 def _positions(chain: Chain) -> Array:

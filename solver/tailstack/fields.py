@@ -49,9 +49,9 @@ class Typical:
 
 def domain_of(kind: Any) -> tuple[float, float]:
     """What a field of this type takes: least and largest; (inf, -inf) where its type has no such bounds."""
-    found = {type(each).__name__: each for part in get_args(kind) for each in (part, *getattr(part, "metadata", ()))}
-    if {"Ge", "Le"} <= found.keys():
-        return float(found["Ge"].ge), float(found["Le"].le)
+    bounds = {type(each).__name__: each for part in get_args(kind) for each in (part, *getattr(part, "metadata", ()))}
+    if {"Ge", "Le"} <= bounds.keys():
+        return float(bounds["Ge"].ge), float(bounds["Le"].le)
     return max((domain_of(part) for part in get_args(kind)), key=lambda pair: pair[1] - pair[0], default=(inf, -inf))
 
 
@@ -94,9 +94,9 @@ def one_of(kind: type[StrEnum]) -> Any:
     members: dict[str, StrEnum] = {member.value: member for member in kind}
 
     def check(value: Any) -> Any:
-        found = members.get(value) if isinstance(value, str) else None
-        if found is not None:
-            return found
+        member = members.get(value) if isinstance(value, str) else None
+        if member is not None:
+            return member
         raise refusal("unknown-value", f"must be {', '.join(kind)}", ask_meant(str(value), kind))
 
     return BeforeValidator(check, json_schema_input_type=kind)

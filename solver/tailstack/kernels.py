@@ -235,24 +235,26 @@ def digest_of_constants(function: FunctionType) -> str:
     """
     total, met, waiting = sha256(), set(), [function]
     while waiting:
-        one = waiting.pop()
-        if one in met:
+        current = waiting.pop()
+        if current in met:
             continue
-        met.add(one)
-        for name in sorted(_names_in(one.__code__)):
-            value = one.__globals__.get(name)
+        met.add(current)
+        for name in sorted(_names_in(current.__code__)):
+            value = current.__globals__.get(name)
             called = getattr(value, "py_func", value)
             if isinstance(called, FunctionType):
                 waiting += [called] if called.__module__.partition(".")[0] == __package__ else []
             elif isinstance(value, np.ndarray | np.generic | bool | int | float | complex):
                 array = np.asarray(value)
-                total.update(f"{one.__module__}.{name} {array.dtype.str} {array.shape}\0".encode() + array.tobytes())
+                total.update(
+                    f"{current.__module__}.{name} {array.dtype.str} {array.shape}\0".encode() + array.tobytes()
+                )
     return total.hexdigest()
 
 
 def _names_in(code: CodeType) -> set[str]:
     inside = (constant for constant in code.co_consts if isinstance(constant, CodeType))
-    return set(code.co_names).union(*(_names_in(one) for one in inside))
+    return set(code.co_names).union(*(_names_in(inner) for inner in inside))
 
 
 # A file is the key as a line of JSON, the SHA-256 of the rest as a line, and numba's own pickle.
@@ -391,18 +393,18 @@ def why_not_installed() -> str:
     """Why kernels that came with the installation are not used, or why there are none; "" where all can be."""
     if not installed_directories():
         return "none came with the installation"
-    differences = [one.difference for place in installed_directories() for one in stored_kernels(place)]
+    differences = [stored.difference for place in installed_directories() for stored in stored_kernels(place)]
     if not all(differences):  # of two levels, one is used
-        differences = [one for one in differences if not one.startswith("built for ")]
-    elif any(one.startswith("built from") for one in differences):
+        differences = [difference for difference in differences if not difference.startswith("built for ")]
+    elif any(difference.startswith("built from") for difference in differences):
         differences = ["built from other sources"]
     made: dict[str, list[str]] = {}  # by what is here, which all may share
-    for one in sorted(set(differences) - {""}):
-        words, _, here = one.partition(", here is ")
+    for difference in sorted(set(differences) - {""}):
+        words, _, here = difference.partition(", here is ")
         group = made.setdefault(here, [])
         group.append(words.removeprefix("built ") if group else words)
-    said = [" and ".join(words) + (f", here is {here}" if here else "") for here, words in made.items()]
-    return f"those installed were {'; '.join(said)}" if said else ""
+    descriptions = [" and ".join(words) + (f", here is {here}" if here else "") for here, words in made.items()]
+    return f"those installed were {'; '.join(descriptions)}" if descriptions else ""
 
 
 @cache

@@ -48,9 +48,9 @@ ROUNDING_MM = 1e-9  # differences below it are none: coordinates of some 1000 mm
 def subsets(count: int, lost: int) -> Array:
     """(S, N) 0 of what is lost and 1 of what is kept, for every way to lose so many of N fiducials."""
     every = np.array(list(combinations(range(count), lost)), dtype=np.intp)
-    kept = np.ones((len(every), count))
-    np.put_along_axis(kept, every, 0.0, axis=1)
-    return kept
+    masks = np.ones((len(every), count))
+    np.put_along_axis(masks, every, 0.0, axis=1)
+    return masks
 
 
 def without_fiducials(system: System, lost: Sequence[str]) -> System:
@@ -276,45 +276,45 @@ class LossSearch:
     def losses(self, lost: int) -> LossGains:
         """Of so many fiducials, at every target of the system."""
         if lost not in self._losses:
-            kept, imaging = subsets(self.count, lost), self._imaging[0]
-            size = len(self.place), len(kept), 3
-            found = LossGains(kept, np.empty((*size, 3)), np.empty((*size, imaging.shifts.shape[2])))
-            lose(imaging, self.chain.weights * kept[:, None], found.imaged, found.moved)
-            self._losses[lost] = found
+            masks, imaging = subsets(self.count, lost), self._imaging[0]
+            size = len(self.place), len(masks), 3
+            gains = LossGains(masks, np.empty((*size, 3)), np.empty((*size, imaging.shifts.shape[2])))
+            lose(imaging, self.chain.weights * masks[:, None], gains.imaged, gains.moved)
+            self._losses[lost] = gains
         return self._losses[lost]
 
     def model_without(self, name: str, lost: Sequence[str]) -> LinearModel:
         """The linear model at a target, these fiducials lost; its validity number is that of all."""
-        kept = np.array([label not in lost for label in self.system.fiducial_labels], dtype=np.float64)
-        whole, rest = self.models[name], replace(self.chain, weights=self.chain.weights * kept)
+        mask = np.array([label not in lost for label in self.system.fiducial_labels], dtype=np.float64)
+        whole, rest = self.models[name], replace(self.chain, weights=self.chain.weights * mask)
         return linearise_at(rest, whole.target, whole)
 
-    def labels(self, kept: Array) -> tuple[str, ...]:
-        return tuple(label for label, here in zip(self.system.fiducial_labels, kept, strict=True) if not here)
+    def labels(self, mask: Array) -> tuple[str, ...]:
+        return tuple(label for label, here in zip(self.system.fiducial_labels, mask, strict=True) if not here)
 
     def worst(self, lost: int, error: str, quantile: float, targets: Sequence[str]) -> Loss:
         """The worst loss of so many for a quantile of an error at the worst of these targets."""
-        kept = self.losses(lost).kept
-        fewest, left = fewest_fiducials(self.system), kept @ self.chain.weights.T  # (S, V)
+        masks = self.losses(lost).kept
+        fewest, left = fewest_fiducials(self.system), masks @ self.chain.weights.T  # (S, V)
         if (left < fewest).any():
             s, v = np.argwhere(left < fewest)[0].tolist()
             own = f"view {self.system.views[v].name} is left with {int(left[s, v])} fiducials"
             reason = f"{own}; an estimate needs {fewest}"
-            return Loss(self.labels(kept[s]), targets[0], None, reason)
+            return Loss(self.labels(masks[s]), targets[0], None, reason)
         forms, cumulants, covariances = self._ranking(lost, error, quantile, tuple(targets))
-        t, s = divmod(int(forms.argmax()), len(kept))
+        t, s = divmod(int(forms.argmax()), len(masks))
         whole = self._ranking(0, error, quantile, tuple(targets)).quantile
         for each in self._find_doubted(forms, whole):
-            reason = self._refusal(kept[each].tobytes())
+            reason = self._refusal(masks[each].tobytes())
             if not (reason or forms[:, each].max() < inf):
                 reason = "what is left does not determine the views"
             if reason:
-                return Loss(self.labels(kept[each]), targets[int(forms[:, each].argmax())], None, reason)
+                return Loss(self.labels(masks[each]), targets[int(forms[:, each].argmax())], None, reason)
         highest = forms * (1 + (MARGIN if quantile <= P95 else MARGIN_BEYOND_P95))  # what each loss may come to
         value, worst = 0.0, (t, s)
         while highest.max() > value:
-            t, s = divmod(int(highest.argmax()), len(kept))
-            law = self._solve(targets[t], error, quantile, kept[s])
+            t, s = divmod(int(highest.argmax()), len(masks))
+            law = self._solve(targets[t], error, quantile, masks[s])
             alike = (np.abs(cumulants[t] - cumulants[t, s]) <= ALIKE * np.abs(cumulants[t, s])).all(axis=1)
             highest[t, alike] = -inf
             better = law.quantile_mm > value * (1 + ALIKE)
@@ -328,11 +328,11 @@ class LossSearch:
             if law.method == SAMPLED_METHOD:  # it tells losses apart no better than the form does, and takes long
                 break
         t, s = worst
-        return Loss(self.labels(kept[s]), targets[t], value)
+        return Loss(self.labels(masks[s]), targets[t], value)
 
-    def _solve(self, name: str, error: str, quantile: float, kept: Array) -> LawQuantile:
-        """The quantile of what is left, fiducials with a 0 in kept (N,) lost."""
-        law, bounded = self._law_without(name, error, quantile, kept)
+    def _solve(self, name: str, error: str, quantile: float, mask: Array) -> LawQuantile:
+        """The quantile of what is left, fiducials with a 0 in mask (N,) lost."""
+        law, bounded = self._law_without(name, error, quantile, mask)
         return worst_case(law, bounded, quantile).quantile if bounded.any() else law_quantile(law, quantile)
 
     def mixture(self, error: str, quantile: float, targets: Sequence[str]) -> Mixture | None:
@@ -341,8 +341,8 @@ class LossSearch:
         probability = np.array(self.system.loss_probability)
         if not probability.size:
             return None
-        kept, weights, _ = self._patterns(error, quantile, targets)
-        values = [self._mix(name, error, quantile, kept, weights).quantile(quantile) for name in targets]
+        masks, weights, _ = self._patterns(error, quantile, targets)
+        values = [self._mix(name, error, quantile, masks, weights).quantile(quantile) for name in targets]
         highest = int(np.argmax(values))
         return Mixture(
             quantile=quantile,
@@ -360,36 +360,36 @@ class LossSearch:
         Patterns of more losses than are looked at do not count as beyond, as they do in ``mixture``, which is a bound:
         they are as if they were like the others.
         """
-        kept, weights, examined = self._patterns(error, quantile, (name,))
-        return self._mix(name, error, quantile, kept, weights / examined)
+        masks, weights, examined = self._patterns(error, quantile, (name,))
+        return self._mix(name, error, quantile, masks, weights / examined)
 
-    def _mix(self, name: str, error: str, quantile: float, kept: Array, weights: Array) -> MixedLaw:
+    def _mix(self, name: str, error: str, quantile: float, masks: Array, weights: Array) -> MixedLaw:
         laws = []
-        for left in kept:
+        for left in masks:
             law, bounded = self._law_without(name, error, quantile, left)
             laws.append(worst_case(law, bounded, quantile).law if bounded.any() else law)
         return MixedLaw(laws, weights)
 
     def _patterns(self, error: str, quantile: float, targets: Sequence[str]) -> tuple[Array, Array, float]:
-        """Losses of none, one and two (of very many fiducials: one) that leave an answer: kept (S, N), and their
+        """Losses of none, one and two (of very many fiducials: one) that leave an answer: masks (S, N), and their
         probabilities (S,); then the probability of all that were examined, with or without an answer."""
         probability = np.array(self.system.loss_probability)
         numbers = range(3 if self.count <= PAIRS_UP_TO else 2)
-        kept = np.concatenate([self.losses(lost).kept for lost in numbers])
+        masks = np.concatenate([self.losses(lost).kept for lost in numbers])
         each = [self._ranking(lost, error, quantile, tuple(targets)).quantile for lost in numbers]
-        weights = np.where(kept > 0, 1 - probability, probability).prod(axis=1)
-        answered = (weights > 0) & self._find_answered(kept, np.concatenate(each, axis=1))
-        return kept[answered], weights[answered], float(weights.sum())
+        weights = np.where(masks > 0, 1 - probability, probability).prod(axis=1)
+        answered = (weights > 0) & self._find_answered(masks, np.concatenate(each, axis=1))
+        return masks[answered], weights[answered], float(weights.sum())
 
-    def _find_answered(self, kept: Array, forms: Array) -> NDArray[np.bool_]:
+    def _find_answered(self, masks: Array, forms: Array) -> NDArray[np.bool_]:
         """(S,) whether what is left still has an answer, refused as a structure without the lost ones would be.
 
         forms (T, S) mm: of losses by Pearson's form, the first of nothing.
         """
-        answered = np.asarray((kept @ self.chain.weights.T).min(axis=1) >= fewest_fiducials(self.system))
+        answered = np.asarray((masks @ self.chain.weights.T).min(axis=1) >= fewest_fiducials(self.system))
         answered &= (forms < inf).all(axis=0)
         for s in self._find_doubted(forms, forms[:, :1]):
-            answered[s] = answered[s] and not self._refusal(kept[s].tobytes())
+            answered[s] = answered[s] and not self._refusal(masks[s].tobytes())
         return answered
 
     def _find_doubted(self, forms: Array, whole: Array) -> list[int]:
@@ -401,10 +401,10 @@ class LossSearch:
         doubted = np.full(forms.shape[1], exact) | ~(forms < np.maximum(WORSE * whole, ROUNDING_MM)).all(axis=0)
         return [int(s) for s in np.argsort(-highest, kind="stable") if doubted[s]]
 
-    def _find_refusal(self, kept: bytes) -> str:
-        """Why the structure without fiducials that have a 0 in kept (N,) is refused; empty: it is not."""
+    def _find_refusal(self, mask: bytes) -> str:
+        """Why the structure without fiducials that have a 0 in mask (N,) is refused; empty: it is not."""
         try:
-            examine(without_fiducials(self.system, self.labels(np.frombuffer(kept))))
+            examine(without_fiducials(self.system, self.labels(np.frombuffer(mask))))
         except IllPosedError as refusal:
             return refusal.problems[0].detail
         return ""
@@ -419,11 +419,11 @@ class LossSearch:
             return np.eye(3), np.zeros_like(at_flange)
         return self.models[name].tcp_from_localisation, self.models[name].tcp_from_flange @ at_flange
 
-    def _law_without(self, name: str, error: str, quantile: float, kept: Array) -> tuple[LinearLaw, Array]:
-        """The law at its bias, fiducials with a 0 in kept (N,) lost, and what its bounded sources do (3, q), mm."""
+    def _law_without(self, name: str, error: str, quantile: float, mask: Array) -> tuple[LinearLaw, Array]:
+        """The law at its bias, fiducials with a 0 in mask (N,) lost, and what its bounded sources do (3, q), mm."""
         imaging, t, model = self._imaging[0], self.place[name], self.models[name]
         columns, moved = np.zeros((3, imaging.std.size)), np.zeros((3, imaging.shifts.shape[2]))
-        lose_one(imaging, self.chain.weights * kept, t, columns, moved)
+        lose_one(imaging, self.chain.weights * mask, t, columns, moved)
         turn, beyond = self._frame(name, error)
         moved = turn @ moved + beyond
         every = self._law(name, error, quantile).columns

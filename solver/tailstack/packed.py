@@ -29,9 +29,9 @@ def unpack(content: bytes) -> tuple[dict[str, Any], list[Array]]:
     """What :func:`pack` was given; the arrays are read-only.  Raises ValueError for other bytes."""
     start = 4 + int.from_bytes(content[:4], "little")
     try:
-        said = json.loads(content[4:start])
-        shapes: list[list[int]] = said["shapes"]
-        head: dict[str, Any] = said["head"]
+        header = json.loads(content[4:start])
+        shapes: list[list[int]] = header["shapes"]
+        head: dict[str, Any] = header["head"]
     except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError) as error:
         raise ValueError(f"{len(content)} bytes are not a packed record: {error}") from None
     arrays = []

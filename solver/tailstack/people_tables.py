@@ -87,9 +87,9 @@ def split_heading(cell: str) -> tuple[str, str]:
     The unit is empty where the column states none that is known here.
     """
     cell = cell.strip().lower()
-    found = _HEADING.fullmatch(cell)
-    unit = clean_unit(next((group for group in found.groups()[1:] if group), "")) if found else ""
-    return (found[1].strip(), unit) if found and unit in UNITS else (cell, "")
+    match = _HEADING.fullmatch(cell)
+    unit = clean_unit(next((group for group in match.groups()[1:] if group), "")) if match else ""
+    return (match[1].strip(), unit) if match and unit in UNITS else (cell, "")
 
 
 def clean_unit(cell: str) -> str:
@@ -118,11 +118,11 @@ class Rows:
         for kind, count in self.left_out.items():
             known = self.lines[kind]
             listed = ", ".join(map(str, known)) + (", ..." if count > len(known) else "")
-            said = f"{count} rows were left out, as they {_KINDS[kind]}: lines {listed}"
+            sentence = f"{count} rows were left out, as they {_KINDS[kind]}: lines {listed}"
             if count == 1:
                 words = re.sub(r"\b(begin|stand|hold)\b", r"\1s", _KINDS[kind]).replace("are remarks", "is a remark")
-                said = f"1 row was left out, as it {words.replace('are titles', 'is a title')}: line {listed}"
-            yield said
+                sentence = f"1 row was left out, as it {words.replace('are titles', 'is a title')}: line {listed}"
+            yield sentence
 
 
 @dataclass(slots=True)
@@ -211,12 +211,12 @@ class PeopleTable:
 
     def describe(self) -> tuple[str, ...]:
         """What was left out and what was read in another way than it is written, once the rows were read."""
-        said = list(self.counts.describe())
+        sentences = list(self.counts.describe())
         if self.encoding:
-            said.append(f"it is no UTF-8 and was read as {self.encoding}: look at its names")
+            sentences.append(f"it is no UTF-8 and was read as {self.encoding}: look at its names")
         if self.comma:
-            said.append("decimal commas were read as such")
-        return tuple(said)
+            sentences.append("decimal commas were read as such")
+        return tuple(sentences)
 
 
 def quote(cell: str, length: int = 60) -> str:
@@ -260,9 +260,11 @@ def find_encoding(stream: IO[bytes], name: str | None, error: type[TailstackErro
         if not guessed:
             try:
                 decoder.decode(part, not part)
-            except UnicodeDecodeError as found:
+            except UnicodeDecodeError as failure:
                 if marked:
-                    detail = f"byte {found.start + 1} is not valid {found.encoding.upper()}, which its mark promises"
+                    detail = (
+                        f"byte {failure.start + 1} is not valid {failure.encoding.upper()}, which its mark promises"
+                    )
                     raise error(Problem("", "not-text", detail, "save it as CSV UTF-8", name)) from None
                 encoding, guessed = "cp1252", "Windows-1252 (ANSI)"
         lines += part.count(b"\n")
@@ -276,9 +278,9 @@ def _refuse_undefined(stream: IO[bytes], begin: int, name: str | None, error: ty
     stream.seek(begin)
     lines = 0
     for part in iter(partial(stream.read, CHUNK), b""):
-        if found := _UNDEFINED.search(part):
-            line = lines + part.count(b"\n", 0, found.start()) + 1
-            detail = f"byte 0x{found[0].hex()} is neither UTF-8 nor Windows-1252 (ANSI)"
+        if match := _UNDEFINED.search(part):
+            line = lines + part.count(b"\n", 0, match.start()) + 1
+            detail = f"byte 0x{match[0].hex()} is neither UTF-8 nor Windows-1252 (ANSI)"
             raise error(Problem("", "not-text", detail, "save it as CSV UTF-8", name, line))
         lines += part.count(b"\n")
 
@@ -331,12 +333,12 @@ def read_people_table(
     lines = list_lines(stream, encoding)
     try:
         return _open_table(lines, name, error, knows_header, guessed)
-    except UnicodeDecodeError as found:
-        raise error(_not_decoded(found, name, 1)) from None
+    except UnicodeDecodeError as failure:
+        raise error(_not_decoded(failure, name, 1)) from None
 
 
-def _not_decoded(found: UnicodeDecodeError, name: str | None, line: int) -> Problem:
-    detail = f"this is not {found.encoding.upper()} from about line {line} on"
+def _not_decoded(failure: UnicodeDecodeError, name: str | None, line: int) -> Problem:
+    detail = f"this is not {failure.encoding.upper()} from about line {line} on"
     return Problem("", "not-text", detail, "save it as CSV UTF-8", name, line)
 
 
@@ -358,23 +360,23 @@ def _open_table(
         if contents >= PREVIEW or len(held) - contents > MOST_REMARKS:
             break
     told = next((k for k, text in enumerate(held) if text.strip()), None)
-    said = re.fullmatch(r'\ufeff?"?sep=(.)"?\s*', held[told], re.IGNORECASE) if told is not None else None
-    start = 0 if said is None or told is None else told + 1
+    match = re.fullmatch(r'\ufeff?"?sep=(.)"?\s*', held[told], re.IGNORECASE) if told is not None else None
+    start = 0 if match is None or told is None else told + 1
     texts = [(k + 1, text.rstrip("\r\n")) for k, text in enumerate(held) if k >= start and text.strip()]
     data = [(number, text) for number, text in texts if not text.lstrip().startswith("#")]
-    if len(texts) == 1 and (found := _find_lost_ends(texts[0][1])):
-        raise refuse("line-ends", *found, texts[0][0])
+    if len(texts) == 1 and (lost_ends := _find_lost_ends(texts[0][1])):
+        raise refuse("line-ends", *lost_ends, texts[0][0])
     if not data:
         raise refuse("empty-document", "the file holds no line of a table")
-    if said is not None and said[1] not in (*DELIMITERS, "|"):
-        raise refuse("csv-header", f"cells are separated by {said[1]!r}", "separate them by commas or semicolons", 1)
-    delimiter = said[1] if said else _find_delimiter([text for _, text in data])
+    if match is not None and match[1] not in (*DELIMITERS, "|"):
+        raise refuse("csv-header", f"cells are separated by {match[1]!r}", "separate them by commas or semicolons", 1)
+    delimiter = match[1] if match else _find_delimiter([text for _, text in data])
 
     def split(number: int, text: str) -> TextLine:
         try:
             cells = next(csv.reader([text], delimiter=delimiter, strict=True), [])
-        except csv.Error as found:
-            detail = _LINE_BREAK if "unexpected end" in str(found) else str(found)
+        except csv.Error as failure:
+            detail = _LINE_BREAK if "unexpected end" in str(failure) else str(failure)
             hint = "take line breaks out of cells; a quote inside a quoted cell is doubled"
             raise refuse("csv-syntax", f"this line is not CSV: {detail}", hint, number) from None
         return TextLine(number, text, [cell.strip() for cell in cells])
@@ -507,12 +509,14 @@ def _list_rows(table: PeopleTable, lines: Iterable[str], begins: int, trailing: 
     while True:
         try:
             row = next(rows, None)
-        except UnicodeDecodeError as found:
-            raise table.error(_not_decoded(found, table.name, line + 1)) from None
-        except csv.Error as found:
-            said = _LINE_BREAK if "unexpected end" in str(found) or reader.line_num > line - begins + 1 else str(found)
+        except UnicodeDecodeError as failure:
+            raise table.error(_not_decoded(failure, table.name, line + 1)) from None
+        except csv.Error as failure:
+            reason = (
+                _LINE_BREAK if "unexpected end" in str(failure) or reader.line_num > line - begins + 1 else str(failure)
+            )
             hint = "take line breaks out of cells; a quote inside a quoted cell is doubled"
-            raise table.refuse("csv-syntax", f"this line is not CSV: {said}", hint, line + 1) from None
+            raise table.refuse("csv-syntax", f"this line is not CSV: {reason}", hint, line + 1) from None
         if row is None:
             return
         line += 1

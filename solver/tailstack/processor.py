@@ -97,16 +97,16 @@ def features_of(name: str, features: str = "") -> set[str]:
 
 def unknown_to_llvm(name: str, features: str = "") -> list[str]:
     """Processors and features, as they were given, that LLVM has no idea of; it says so on stderr alone."""
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         stderr = os.dup(2)
         try:
-            os.dup2(said.fileno(), 2)
+            os.dup2(output.fileno(), 2)
             features_of(name, features)
         finally:
             os.dup2(stderr, 2)
             os.close(stderr)
-        said.seek(0)
-        words = said.read().decode(errors="replace")
+        output.seek(0)
+        words = output.read().decode(errors="replace")
     return list(dict.fromkeys(re.findall(r"'([^']*)' is not a recognized", words)))
 
 

@@ -37,7 +37,7 @@ BLIND = 1e-9  # of the information of an image coordinate: what is left is nothi
 def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[SlipReliability, ...]:
     """For every view and every fiducial that it sees, the largest effect first; what is never noticed before all."""
     noticed = _noncentrality(LEVEL, POWER)
-    found = []
+    reliabilities = []
     for v, view in enumerate(chain.system.views):
         seen = np.flatnonzero(chain.weights[v])
         blocks = _information(chain, v, seen)
@@ -48,7 +48,7 @@ def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[Sl
         for block, i in zip(blocks, seen.tolist(), strict=True):
             label = chain.system.fiducial_labels[i]
             if block is None:
-                found.append(SlipReliability(view.name, label, None, None, next(iter(models))))
+                reliabilities.append(SlipReliability(view.name, label, None, None, next(iter(models))))
                 continue
             slip = sqrt(noticed / max(float(np.linalg.eigvalsh(block)[0]), 1e-300))
             inverse = np.linalg.inv(block)
@@ -57,8 +57,8 @@ def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[Sl
                 own = gain[:, 2 * i : 2 * i + 2]
                 effects[name] = sqrt(noticed * max(float(np.linalg.eigvalsh(own @ inverse @ own.T)[-1]), 0.0))
             target = max(effects, key=effects.__getitem__)
-            found.append(SlipReliability(view.name, label, slip, effects[target], target))
-    return tuple(sorted(found, key=lambda item: -np.inf if item.effect_mm is None else -item.effect_mm))
+            reliabilities.append(SlipReliability(view.name, label, slip, effects[target], target))
+    return tuple(sorted(reliabilities, key=lambda item: -np.inf if item.effect_mm is None else -item.effect_mm))
 
 
 def _is_noise_of_fiducials(effect: Effect, view: str) -> bool:
@@ -88,13 +88,13 @@ def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | N
         scale = np.linalg.norm(slopes[:, :, sought].reshape(-1, len(sought)), axis=0)
         normal[sought, sought] += chain.estimation.precision[v, : len(sought)] / max(noise, 1e-9) ** 2 / scale**2
     left = weight - weight @ rows @ np.linalg.solve(normal, rows.T @ weight)
-    found: list[Array | None] = []
+    information: list[Array | None] = []
     for k in range(len(seen)):
         block = left[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
         whole = weight[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
         blind = np.linalg.eigvalsh(block)[0] < BLIND * np.linalg.eigvalsh(whole)[0]
-        found.append(None if blind else block)
-    return found
+        information.append(None if blind else block)
+    return information
 
 
 def _noncentrality(level: float, power: float) -> float:

@@ -149,7 +149,7 @@ def _losses(
     """What losses do to every requirement; without one, to P95 of the error at the tool."""
     every = tuple(target.name for target in system.targets)
     whole = Requirement("", "tcp", P95, inf, P95, every)
-    found = []
+    losses = []
     for item in system.requirements or (whole,):
         values = [check.value_mm for check in checks if check.requirement == item.name]
         values = values or [metrics[name, "tcp"].summary.quantile.quantile_mm for name in every]
@@ -158,8 +158,8 @@ def _losses(
         assert single is not None
         limit = None if isinf(item.limit_mm) else item.limit_mm
         mixture = search.mixture(item.error, item.quantile, item.targets)
-        found.append(Losses(item.name, limit, max(values), single, double, mixture))
-    return tuple(found)
+        losses.append(Losses(item.name, limit, max(values), single, double, mixture))
+    return tuple(losses)
 
 
 def _loss(search: LossSearch, item: Requirement, lost: int) -> Loss:

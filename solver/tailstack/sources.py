@@ -44,12 +44,12 @@ def _files(directory: str) -> Iterator[str]:
 
 def read_sources(root: Path) -> dict[str, SourceFile]:
     """Every Python file below ``root``, by its path with slashes; none where it is no directory (a zip archive)."""
-    found = {}
+    files = {}
     for path in sorted(_files(str(root))) if root.is_dir() else ():
         with open(path, "rb") as file:
             name = path[len(str(root)) + 1 :].replace(os.sep, "/")
-            found[name] = SourceFile(file.read(), os.fstat(file.fileno()).st_mtime_ns)
-    return found
+            files[name] = SourceFile(file.read(), os.fstat(file.fileno()).st_mtime_ns)
+    return files
 
 
 def digest_of_all(sources: dict[str, SourceFile]) -> str:
@@ -73,19 +73,19 @@ def digest_of_package() -> str:
 def imports_of(name: str) -> set[str]:
     """The files of the package that this one imports when it is imported itself."""
     content = b"\n" + SOURCES[name].content
-    found: set[str] = set()
+    files: set[str] = set()
     for origin, names in _FROM.findall(content):
         module = origin.decode()
         dots = len(module) - len(module.lstrip("."))
         folder = name.split("/")[:-dots] if dots else []  # one dot is the file's own folder, a further one its parent
         package = folder + [part for part in module.split(".") if part][0 if dots else 1 :]
         for word in re.findall(r"\w+", re.sub(rb"#[^\n]*", b"", names).decode()):  # "as" and new names find no file
-            found |= _module([*package, word])
-        found |= _module(package)
+            files |= _module([*package, word])
+        files |= _module(package)
     for names in _PLAIN.findall(content):
         for module in re.findall(r"\btailstack[\w.]*", names.decode()):
-            found |= _module(module.split(".")[1:])
-    return found
+            files |= _module(module.split(".")[1:])
+    return files
 
 
 def _module(parts: list[str]) -> set[str]:
@@ -96,12 +96,12 @@ def _module(parts: list[str]) -> set[str]:
 @cache
 def reach(name: str) -> tuple[str, ...]:
     """Every file that the code of this one can reach by imports, itself included; not what compiles it."""
-    found: set[str] = set()
+    reached: set[str] = set()
     waiting = {name}
     while waiting:
-        found |= waiting
-        waiting = {file for one in waiting for file in imports_of(one)} - found - {COMPILER}
-    return tuple(sorted(found))
+        reached |= waiting
+        waiting = {file for importer in waiting for file in imports_of(importer)} - reached - {COMPILER}
+    return tuple(sorted(reached))
 
 
 @cache

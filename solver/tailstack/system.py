@@ -514,15 +514,15 @@ class System:
         """For each view the error of the intrinsics that its estimate believes; None where there is none."""
         if not self.estimator.believes_intrinsics:
             return (None,) * len(self.views)
-        found = (effect for effect in self.effects_at(Place.INTRINSICS) if isinstance(effect, DirectEffect))
-        errors = {effect.view: effect for effect in found}
+        effects = (effect for effect in self.effects_at(Place.INTRINSICS) if isinstance(effect, DirectEffect))
+        errors = {effect.view: effect for effect in effects}
         return tuple(errors.get(view.name) for view in self.views)
 
     @property
     def errors_of_points(self) -> tuple[DirectEffect, ...]:
         """Noise of the images, view by view, and manufacturing errors of the fiducials, if there are any: what each
         point has of its own."""
-        count, found = len(self.fiducials_mm), []
+        count, effects = len(self.fiducials_mm), []
         for index, view in enumerate(self.views):
             for of, points, sigma in (("fiducial", count, view.fiducial_noise_px), ("target", 1, view.target_noise_px)):
                 name, pointer = f"{of}_noise:{view.name}", f"/views/{index}/{of}_noise_px"
@@ -530,14 +530,14 @@ class System:
                 sources = alike("px", Law.NORMAL, np.full(2 * points, sigma), 1.0)
                 known = np.zeros(sources.count)
                 effect = DirectEffect(name, label, pointer, Drawn.SHOT, sources, known, Place.IMAGES, view.name)
-                found.append(replace(effect, of_target=of == "target"))
+                effects.append(replace(effect, of_target=of == "target"))
         if self.manufacturing_std_mm.any():
             name, label, pointer = "fiducial_manufacturing", "fiducial manufacturing", "/fiducials/manufacturing"
             wide = self.manufacturing_half_width_mm.ravel()
             sources = alike("mm", self.manufacturing_law, wide, self.manufacturing_coverage_factor)
             known = np.zeros(sources.count)
-            found.append(DirectEffect(name, label, pointer, Drawn.UNIT, sources, known, Place.BEADS, None))
-        return tuple(found)
+            effects.append(DirectEffect(name, label, pointer, Drawn.UNIT, sources, known, Place.BEADS, None))
+        return tuple(effects)
 
     def scene(self, aims_mm: ArrayLike, imaging: Callable[[Array, ArrayLike], ArrayLike]) -> Scene:
         """What effects act on: the fiducials and these aims (T, 3), mm, con."""

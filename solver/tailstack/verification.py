@@ -305,7 +305,7 @@ def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
     )
     rays, most = RAYS, MOST_DEVIATES // (RANDOMISATIONS * plan.dimension)
     while True:
-        found = radial(
+        estimate = radial(
             plan,
             linear,
             target=index,
@@ -315,9 +315,9 @@ def radial_estimate(ready: PreparedDesign, task: RadialTask) -> RadialEstimate:
             confidence=ready.confidence_at_each,
             rays=rays,
         )
-        half_width = _relative_half_width(found.value_mm, found.interval_mm)
+        half_width = _relative_half_width(estimate.value_mm, estimate.interval_mm)
         if task.precision is None or half_width <= task.precision or 4 * rays > most:
-            return found
+            return estimate
         rays *= 4
 
 
@@ -376,24 +376,24 @@ class Work:
 
 def gather(calls: Iterable[Callable[[], T]]) -> list[T]:
     """What every call returns; where one has to wait the others are made too, so that all wait together."""
-    found: list[T] = []
+    results: list[T] = []
     missing: list[Pending] = []
     for call in calls:
         try:
-            found.append(call())
+            results.append(call())
         except Pending as pending:
             missing.append(pending)
     if missing:
         wanted = [part for pending in missing for part in pending.wanted]
         raise Pending(wanted, sum(pending.remaining for pending in missing))
-    return found
+    return results
 
 
 def gather_both(first: Callable[[], T], second: Callable[[], U]) -> tuple[T, U]:
     """:func:`gather` of two calls of different kinds."""
     calls: list[Callable[[], Any]] = [first, second]
-    one, other = gather(calls)
-    return one, other
+    first_result, second_result = gather(calls)
+    return first_result, second_result
 
 
 def _sample(work: Work) -> SampledDesign:
@@ -423,8 +423,8 @@ def _sample_to_precision(work: Work) -> SampledDesign:
         if samples.trials < sampling.at_least:
             return False
         for question in _questions(ready, vertex, sampling):
-            found = quantile_estimate(samples, question.target, question.error, question.quantile, level)
-            if decide(found.interval_mm, question.limit_mm) == "inconclusive":
+            estimate = quantile_estimate(samples, question.target, question.error, question.quantile, level)
+            if decide(estimate.interval_mm, question.limit_mm) == "inconclusive":
                 return False
         return _decides_cvar(ready, vertex, sampling, samples, len(precision_looks(sampling.max_trials)))
 
@@ -465,11 +465,13 @@ def _sample_to_decision(work: Work) -> SampledDesign:
         for vertex in ready.vertices[name, error]:
             run = by_vertex[vertex]
             ranks = repeated_ranks(run.looks, quantile, confidence)[run.looks.index(run.samples.trials)]
-            found = repeated_interval(run.samples, name, error, quantile, ranks)
-            at_each.append(Quantile(found.value_mm, found.interval_mm))
+            estimate = repeated_interval(run.samples, name, error, quantile, ranks)
+            at_each.append(Quantile(estimate.value_mm, estimate.interval_mm))
         quantiles[name, error, quantile] = take_largest(at_each)
     reached = max(
-        _relative_half_width(one.value_mm, one.interval_mm) for key, one in quantiles.items() if key[1:] == ("tcp", P95)
+        _relative_half_width(largest.value_mm, largest.interval_mm)
+        for key, largest in quantiles.items()
+        if key[1:] == ("tcp", P95)
     )
     longest = max(runs, key=lambda run: run.samples.trials)
     reason = "every limit is decided" if all(run.decided for run in runs) else "the cap was reached"
@@ -497,13 +499,13 @@ def _sample_radially(work: Work) -> SampledDesign:
         key = task.target, task.error, task.quantile
         at_each.setdefault(key, []).append(Quantile(estimate.value_mm, estimate.interval_mm))
     quantiles = {key: take_largest(several) for key, several in at_each.items()}
-    reached = max(_relative_half_width(one.value_mm, one.interval_mm) for one in quantiles.values())
+    reached = max(_relative_half_width(largest.value_mm, largest.interval_mm) for largest in quantiles.values())
     short = ""
     if sampling.precision is not None and reached > sampling.precision:
         short = f", as many as are drawn, short of the ±{100 * sampling.precision:g} % requested"
     stopping = (
-        f"Quantiles by radial conditional sampling with {sum(found.evaluations for found in estimates)} evaluations of "
-        f"the chain{short}; moments, CVaR, worst case and exceedance from {trials} plain trials."
+        f"Quantiles by radial conditional sampling with {sum(estimate.evaluations for estimate in estimates)} "
+        f"evaluations of the chain{short}; moments, CVaR, worst case and exceedance from {trials} plain trials."
     )
     return SampledDesign(samples, ready.confidence_at_each, stopping, reached, quantiles)
 
@@ -520,8 +522,8 @@ def _sample_units(work: Work) -> UnitQuantiles:
                 task = UnitsTask(plan, work.sampling.seed, names.index(name), requirement.error, requirement.quantile)
                 tasks.append(((requirement, name), task))
     own: UnitQuantiles = {}
-    found = gather(partial(work.sampler.unit_quantiles, task) for _, task in tasks)
-    for (key, _), quantiles in zip(tasks, found, strict=True):
+    results = gather(partial(work.sampler.unit_quantiles, task) for _, task in tasks)
+    for (key, _), quantiles in zip(tasks, results, strict=True):
         own.setdefault(key, []).append(quantiles)
     return own
 
@@ -562,9 +564,9 @@ def _decides_cvar(ready: PreparedDesign, vertex: Vertex, sampling: Sampling, sam
     return True
 
 
-def take_largest(found: Iterable[Quantile]) -> Quantile:
+def take_largest(quantiles: Iterable[Quantile]) -> Quantile:
     """The largest of a quantile at several vertices, with its interval: each end is the largest of theirs."""
-    value, low, high = zip(*((one.value_mm, *one.interval_mm) for one in found), strict=True)
+    value, low, high = zip(*((quantile.value_mm, *quantile.interval_mm) for quantile in quantiles), strict=True)
     return Quantile(max(value), (max(low), max(high)))
 
 
@@ -608,8 +610,8 @@ def _refuse_without_bound(ready: PreparedDesign, sampled: SampledDesign, own: Un
     if not samples.unanswered:
         return
     for name, error, quantile in ready.quantiles:
-        found = _estimate_quantile(ready, sampled, name, error, quantile)
-        if found.interval_mm[1] == inf:
+        estimate = _estimate_quantile(ready, sampled, name, error, quantile)
+        if estimate.interval_mm[1] == inf:
             what = f"that {100 * quantile:g} % of shots keep for sure"
             raise no_bound(samples.unanswered, samples.trials, what)
     for (requirement, _), at_each in own.items():
@@ -630,12 +632,12 @@ def _remark_losses(drawn: DrawnLosses | None) -> tuple[Finding, ...]:
     if drawn is None:
         return ()
     share = drawn.trials_with_losses / drawn.trials
-    said = (
+    message = (
         f"in {share:.2%} of the shots drawn a fiducial or more is missed, as often as the design says; quantiles, "
         "exceedance and verdict are of all shots"
     )
     if drawn.trials_without_answer:
-        said += (
+        message += (
             f". {drawn.trials_without_answer} of {drawn.trials} miss so many that what is left has no answer: they "
             "count as beyond every limit, and bias, spread, mean, the mean of the worst 5 % and the largest error are "
             "of the others"
@@ -644,7 +646,7 @@ def _remark_losses(drawn: DrawnLosses | None) -> tuple[Finding, ...]:
         Finding(
             rule="missed-fiducials",
             severity="warning" if drawn.trials_without_answer else "note",
-            message=said,
+            message=message,
             pointer="/fiducials/loss_probability",
             value=drawn.trials_without_answer / drawn.trials,
         ),
@@ -665,7 +667,7 @@ def _estimate_quantile(
         quantile_estimate(sampled.samples[vertex], name, error, quantile, sampled.confidence_level)
         for vertex in ready.vertices[name, error]
     )
-    return take_largest(Quantile(found.value_mm, found.interval_mm) for found in at_each)
+    return take_largest(Quantile(estimate.value_mm, estimate.interval_mm) for estimate in at_each)
 
 
 def _explain_vertices(ready: PreparedDesign) -> str:
@@ -683,14 +685,14 @@ def _estimate_metric(ready: PreparedDesign, sampled: SampledDesign, name: str, e
     runs = [sampled.samples[vertex] for vertex in ready.vertices[name, error]]
     worst = max(runs, key=lambda samples: between_ranks(samples, name, error, P95, None, None)[0])
     sample = worst.of(name, error)
-    found = _estimate_quantile(ready, sampled, name, error, P95)
+    quantile = _estimate_quantile(ready, sampled, name, error, P95)
     limit = tightest_limit(ready.system, name, error)
     beyond = None
     if limit is not None:
         level = ready.confidence_at_each
         above = [exceedance_estimate(samples, name, error, limit, level) for samples in runs]
-        low, high = zip(*(one.interval for one in above), strict=True)
-        beyond = Exceedance(limit, max(one.probability for one in above), (max(low), max(high)))
+        low, high = zip(*(exceedance.interval for exceedance in above), strict=True)
+        beyond = Exceedance(limit, max(exceedance.probability for exceedance in above), (max(low), max(high)))
     first_mm = ready.law(name, error).quantile(P95)
     if first_mm == inf:
         raise no_bound(worst.unanswered, worst.trials, "by estimate")
@@ -698,12 +700,12 @@ def _estimate_metric(ready: PreparedDesign, sampled: SampledDesign, name: str, e
         bias_mm=vector3(sample.mean),
         std_mm=vector3(np.sqrt(np.diag(sample.covariance))),
         mean_norm_mm=sample.mean_norm,
-        p95_mm=found.value_mm,
-        p95_interval_mm=found.interval_mm,
+        p95_mm=quantile.value_mm,
+        p95_interval_mm=quantile.interval_mm,
         cvar95_mm=max(cvar_estimate(samples, name, error, P95).value_mm for samples in runs),
         worst_mm=max(samples.of(name, error).worst for samples in runs),
         exceedance=beyond,
-        first_order_ratio=first_mm / found.value_mm if found.value_mm > 0 else 1.0,
+        first_order_ratio=first_mm / quantile.value_mm if quantile.value_mm > 0 else 1.0,
     )
 
 
@@ -721,8 +723,8 @@ def _estimate_target(ready: PreparedDesign, sampled: SampledDesign, name: str) -
 
 
 def _summarise_reprojection(sampled: SampledDesign) -> Reprojection:
-    found = next(iter(sampled.samples.values())).reprojection_px
-    values = np.zeros(1) if found is None else found
+    reprojection_px = next(iter(sampled.samples.values())).reprojection_px
+    values = np.zeros(1) if reprojection_px is None else reprojection_px
     return Reprojection(len(values), float(values.mean()), float(np.quantile(values, P95)))
 
 
@@ -731,8 +733,8 @@ def _judge_requirements(ready: PreparedDesign, sampled: SampledDesign, own: Unit
     for requirement in ready.system.requirements:
         for name in requirement.targets:
             if requirement.risk == "pooled":
-                found = _estimate_quantile(ready, sampled, name, requirement.error, requirement.quantile)
-                checks.append(judge(requirement, name, found.value_mm, found.interval_mm))
+                estimate = _estimate_quantile(ready, sampled, name, requirement.error, requirement.quantile)
+                checks.append(judge(requirement, name, estimate.value_mm, estimate.interval_mm))
             else:
                 checks.append(_judge_units(requirement, name, own[requirement, name]))
     return tuple(checks)

@@ -38,12 +38,12 @@ class Audit:
         return "differs" if DIFFERENT in answers else "not verified" if NOT_COMPARED in answers else "verified"
 
 
-def audit_text(found: Audit) -> str:
+def audit_text(audit: Audit) -> str:
     """The audit for people."""
-    wide = max(len(question.what) for question in found.questions)
-    lines = [f"{found.file}: {found.title}", f"  {found.schema}, written by tailstack {found.written_by}"]
-    for question in found.questions:
+    wide = max(len(question.what) for question in audit.questions)
+    lines = [f"{audit.file}: {audit.title}", f"  {audit.schema}, written by tailstack {audit.written_by}"]
+    for question in audit.questions:
         mark = {"same": " ", "different": "!", "not compared": "?", "trusted": "-"}[question.answer]
         lines.append(f"{mark} {question.what:{wide}}  {question.words}")
         lines += [f"  {'':{wide}}  {detail}" for detail in question.details]
-    return "\n".join([*lines, found.verdict]) + "\n"
+    return "\n".join([*lines, audit.verdict]) + "\n"

@@ -44,10 +44,10 @@ def read_report(content: bytes, file: str) -> ReportFile:
     if form == "json":
         return ReportFile(form, content, _read(content, file, 1))
     if form == "html":
-        found = list(_HTML_RECORD.finditer(content))
-        if len(found) != 1:
-            raise _no_record(file, "an HTML report holds one element <script id=tailstack-record>", len(found))
-        text, line = found[0].group(1), content.count(b"\n", 0, found[0].start(1)) + 1
+        matches = list(_HTML_RECORD.finditer(content))
+        if len(matches) != 1:
+            raise _no_record(file, "an HTML report holds one element <script id=tailstack-record>", len(matches))
+        text, line = matches[0].group(1), content.count(b"\n", 0, matches[0].start(1)) + 1
     else:
         text, line = (_from_pdf if form == "pdf" else _from_xlsx)(content, file), 0
     return ReportFile(form, content, _read(text, file, line))
@@ -88,16 +88,16 @@ def _shift_lines(problem: Problem, file: str, first_line: int) -> Problem:
     return replace(problem, file=file, line=line, column=None if line is None else problem.column)
 
 
-def _no_record(file: str, wanted: str, found: int) -> RequestError:
+def _no_record(file: str, wanted: str, count: int) -> RequestError:
     hint = "give a file that tailstack report wrote"
-    return RequestError(Problem("", "no-record", f"{wanted}; this file has {found}", hint, file))
+    return RequestError(Problem("", "no-record", f"{wanted}; this file has {count}", hint, file))
 
 
 def _from_pdf(content: bytes, file: str) -> bytes:
-    found = list(_PDF_RECORD.finditer(content))
-    if len(found) != 1:
-        raise _no_record(file, "a PDF report holds its record as one attachment", len(found))
-    start, length = found[0].end(), int(found[0].group(1))
+    matches = list(_PDF_RECORD.finditer(content))
+    if len(matches) != 1:
+        raise _no_record(file, "a PDF report holds its record as one attachment", len(matches))
+    start, length = matches[0].end(), int(matches[0].group(1))
     try:
         return _inflate(content[start : start + length])
     except zlib.error as error:
@@ -150,16 +150,16 @@ def sheet_cells(parts: dict[str, bytes], name: str) -> dict[tuple[str, int], str
         for entry in _SHARED.findall(parts.get("xl/sharedStrings.xml", b"").decode("utf-8", "replace"))
     ]
     page = parts.get(f"xl/worksheets/sheet{names.index(name) + 1}.xml", b"").decode("utf-8", "replace")
-    found = {}
+    cells = {}
     for column, row, attributes, inside in _CELL.findall(page):
         value = re.search(r"<v>(.*?)</v>", inside or "", re.DOTALL)
         text = value.group(1) if value else ""
         if 't="s"' in attributes and text.isdecimal() and int(text) < len(shared):
             text = shared[int(text)]
-        found[column, int(row)] = text
-    return found
+        cells[column, int(row)] = text
+    return cells
 
 
 def _plain(text: str) -> str:
     """A text of a spreadsheet without XML's escapes and its own."""
-    return _ESCAPED.sub(lambda found: chr(int(found.group(1), 16)), unescape(text))
+    return _ESCAPED.sub(lambda match: chr(int(match.group(1), 16)), unescape(text))

@@ -78,8 +78,8 @@ def _cells(content: bytes, fresh: bytes, file: str) -> AuditCheck:
         for column, row in dict.fromkeys([*new, *old]):
             a, b = old.get((column, row), ""), new.get((column, row), "")
             if a != b:
-                said = f"the file has {a[:LONGEST]!r}, the record gives {b[:LONGEST]!r}"
-                details.append(f"sheet {name!r}, cell {column}{row}: {said}")
+                difference = f"the file has {a[:LONGEST]!r}, the record gives {b[:LONGEST]!r}"
+                details.append(f"sheet {name!r}, cell {column}{row}: {difference}")
     if details:
         return _different(details, len(details), "cells are")
     parts = sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
@@ -93,7 +93,7 @@ def _streams(content: bytes, fresh: bytes, file: str) -> AuditCheck:
         words = f"drawn by {made[0] or 'an unknown program'}, here is {made[1]}: the same version is needed"
         return AuditCheck("pages", NOT_COMPARED, words)
     fonts = [sorted(set(_all(_FONT, document, streams))) for document, streams in ((content, there), (fresh, here))]
-    families = [{font.partition(b"+")[2] for font in found} for found in fonts]
+    families = [{font.partition(b"+")[2] for font in document_fonts} for document_fonts in fonts]
     if families[0] != families[1]:
         names = [", ".join(sorted(name.decode("latin-1") for name in family)) for family in families]
         return AuditCheck("pages", NOT_COMPARED, f"set in {names[0]}, here in {names[1]}: the same fonts are needed")
@@ -108,13 +108,13 @@ def _streams(content: bytes, fresh: bytes, file: str) -> AuditCheck:
 
 
 def _unpacked_streams(document: bytes) -> list[bytes]:
-    found = []
+    streams = []
     for packed in _STREAM.findall(document):
         try:
-            found.append(zlib.decompress(packed))
+            streams.append(zlib.decompress(packed))
         except zlib.error:
-            found.append(packed)
-    return found
+            streams.append(packed)
+    return streams
 
 
 def _all(pattern: re.Pattern[bytes], document: bytes, streams: list[bytes]) -> list[bytes]:

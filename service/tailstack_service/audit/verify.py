@@ -45,8 +45,8 @@ def audit(
     most: what computing again may take; default ``Effort()``.  Raises RequestError for what cannot be read or lacks
     its design, LimitError for what asks for more than that, TailstackError where computing fails.
     """
-    found = read_report(content, file)
-    result = found.result
+    report_file = read_report(content, file)
+    result = report_file.result
     operation = OPERATIONS[result.kind]
     holds = operation.hold(result.record)
     designs = tuple(load_design(each.data, allow_files=False) for each in holds)
@@ -56,7 +56,7 @@ def audit(
     questions += [_design_question(*pair) for pair in zip(holds, designs, strict=True) if pair[0].stated_sha256]
     provenance = _provenance(result)
     written_by = provenance.tailstack_version
-    questions.append(pages_question(found, written_by, file))
+    questions.append(pages_question(report_file, written_by, file))
     if designs and given is not None:
         detail = "the record holds its design: none is to be given"
         raise RequestError(Problem("", "unused-option", detail, "leave the second file out"))

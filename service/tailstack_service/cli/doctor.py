@@ -116,7 +116,10 @@ def _kernels() -> str:
     used = {call.file() for call in EVERY}
     folders = (*kernels.installed_directories(), kernels.writable_directory())
     damaged = [
-        one.path for folder in folders for one in kernels.stored_kernels(folder) if one.path in used and not one.sound
+        kernel.path
+        for folder in folders
+        for kernel in kernels.stored_kernels(folder)
+        if kernel.path in used and not kernel.sound
     ]
     if damaged:
         raise Ailment(f"{len(damaged)} damaged, which are compiled again when needed; delete {damaged[0]}")
@@ -151,9 +154,9 @@ def _folders() -> str:
     """Where jobs and results are kept, and temporary files are written."""
     from ..folders import CURE, has_home, state_directory, temporary_directory
 
-    temporary, kept = temporary_directory(), state_directory()
+    temporary, state = temporary_directory(), state_directory()
     note = "" if has_home() else f", as this user has no home: {CURE}"
-    return f"jobs and results in {kept}{note}; temporary files in {temporary}"
+    return f"jobs and results in {state}{note}; temporary files in {temporary}"
 
 
 def _words_of(error: TailstackError) -> str:

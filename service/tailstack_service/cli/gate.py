@@ -201,8 +201,8 @@ def _find_files(given: list[str]) -> dict[str, list[str]]:
     """Of each name that is not there as it is written, the files that it stands for, sorted: of a pattern those that it
     matches, of a name the one that is written in another Unicode form."""
     absent = (name for name in given if name != "-" and not os.path.lexists(name))
-    found = {name: find_paths(name) for name in absent}
-    return {name: paths for name, paths in found.items() if paths or is_wild(name)}
+    paths_by_name = {name: find_paths(name) for name in absent}
+    return {name: paths for name, paths in paths_by_name.items() if paths or is_wild(name)}
 
 
 def _list_files(given: list[str], matches: dict[str, list[str]]) -> list[str]:

@@ -31,13 +31,13 @@ def find_paths(given: str) -> list[str]:
     if os.path.lexists(given):
         return [given]
     path = Path(given)
-    found = [path.anchor]
+    paths = [path.anchor]
     parts = path.parts[1:] if path.anchor else path.parts
     for index, part in enumerate(parts):
-        found = [child for folder in found for child in _find_children(folder, part)]
+        paths = [child for folder in paths for child in _find_children(folder, part)]
         if index + 1 < len(parts):
-            found = [child for child in found if os.path.isdir(child or os.curdir)]
-    return sorted(dict.fromkeys(child for child in found if child))
+            paths = [child for child in paths if os.path.isdir(child or os.curdir)]
+    return sorted(dict.fromkeys(child for child in paths if child))
 
 
 def _find_children(folder: str, part: str) -> Iterator[str]:
@@ -133,20 +133,20 @@ class Anchors:
         that the two have in common down to the file: the root is one of them, and nobody knows which.
         """
         root = find_root(real)
-        found = [] if root is None else [root]
+        folders = [] if root is None else [root]
         for folder in self.folders:
             if root is not None and folder.is_relative_to(root):
                 between = [folder, *folder.parents]
-                found += [each for each in reversed(between) if each.is_relative_to(root)]
+                folders += [each for each in reversed(between) if each.is_relative_to(root)]
             else:
-                found.append(folder)
-        found = [folder for folder in found if real.is_relative_to(folder)]
-        if not found:
+                folders.append(folder)
+        folders = [folder for folder in folders if real.is_relative_to(folder)]
+        if not folders:
             for folder in self.folders:
                 if folder.drive == real.drive:
                     common = Path(os.path.commonpath([real, folder]))
-                    found += [each for each in reversed(real.parents) if each.is_relative_to(common)]
-        return list(dict.fromkeys(found))
+                    folders += [each for each in reversed(real.parents) if each.is_relative_to(common)]
+        return list(dict.fromkeys(folders))
 
     def list_names(self, name: str) -> tuple[str, ...]:
         """The names of a file that patterns are held against."""
@@ -173,15 +173,15 @@ class Anchors:
         names: as they were given.
         """
         designs = [resolve(name) for name in names if name != "-"]
-        found = set(find_literal(patterns, [name for real in designs for name in self._name(real)]))
+        literals = set(find_literal(patterns, [name for real in designs for name in self._name(real)]))
         begins = dict.fromkeys([*self.folders, *(folder for real in designs for folder in self.list_folders(real))])
         for pattern in patterns:
             folders = list(begins)
             for part in pattern.removeprefix("./").split("/") if is_wild(pattern) else ():
                 folders = [folder / part for folder in folders if os.path.lexists(folder / part)]
                 if is_wild(part) and folders:
-                    found.add(normalise(part))
-        return frozenset(found)
+                    literals.add(normalise(part))
+        return frozenset(literals)
 
     def name_from_root(self, file: str) -> str:
         """A file, called as findings call it, from the root of its repository, as what knows only that one asks."""

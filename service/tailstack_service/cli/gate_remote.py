@@ -40,8 +40,8 @@ def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
         if [design.file for design in record.designs] != names or record.exit_code not in range(5):
             raise ValueError("it is about other designs")
     except (ValidationError, ValueError) as error:
-        said = str(error).splitlines()[0]
-        detail = f"{service.url} answered with something that is not the record of this gate: {said}"
+        reason = str(error).splitlines()[0]
+        detail = f"{service.url} answered with something that is not the record of this gate: {reason}"
         problem = Problem("", "unexpected-answer", detail, "is it a tailstack of this version? tailstack version")
         raise RemoteError("unexpected-answer", "The service gave an unexpected answer", 0, (problem,)) from None
     return complete_record(record, gate)

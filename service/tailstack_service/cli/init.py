@@ -154,10 +154,10 @@ def ask_for(question: Question) -> Any:
     """Ask on the terminal until the answer can be read; nothing is the default, and so is the end of the input."""
     while True:
         print(f"{question.words} [{show_value(question.default)}]: ", end="", file=sys.stderr, flush=True)
-        said = sys.stdin.readline()
-        if not said.strip():
+        line = sys.stdin.readline()
+        if not line.strip():
             return question.default
         try:
-            return question.read(said.strip())
+            return question.read(line.strip())
         except argparse.ArgumentTypeError as error:
             print(f"  {error}", file=sys.stderr)

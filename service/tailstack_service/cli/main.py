@@ -48,11 +48,11 @@ def build_parser(verb: str | None = None, name: str | None = None) -> argparse.A
     )
     Parser.find_verbs = staticmethod(find_verbs_with)
     parsers = parser.add_subparsers(dest="verb", metavar="VERB", parser_class=Parser)
-    for one in verbs() if verb is None else (verb,):
-        if one in OWN:
-            module = import_module(module_of(one))
+    for verb_name in verbs() if verb is None else (verb,):
+        if verb_name in OWN:
+            module = import_module(module_of(verb_name))
             own = parsers.add_parser(
-                one,
+                verb_name,
                 help=module.HELP,
                 description=module.__doc__,
                 formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -63,7 +63,7 @@ def build_parser(verb: str | None = None, name: str | None = None) -> argparse.A
         else:
             from .operation import add_verb
 
-            add_verb(parsers, one)
+            add_verb(parsers, verb_name)
     return parser
 
 
@@ -71,8 +71,8 @@ def find_verbs_with(flag: str) -> list[str]:
     """Verbs of operations that have this flag for an option."""
     from ..console.flags import list_options  # which loads pydantic
 
-    found = ((one.verb, each) for one in OPERATIONS.values() for each in list_options(one.options))
-    has = (verb for verb, each in found if each.has_flag and each.spelling == flag)
+    options = ((operation.verb, each) for operation in OPERATIONS.values() for each in list_options(operation.options))
+    has = (verb for verb, each in options if each.has_flag and each.spelling == flag)
     return list(dict.fromkeys(has))
 
 

@@ -134,8 +134,8 @@ def _read(name: str) -> ReadResult | bytes | Path:
     file = "<stdin>" if name == "-" else name
     if (page := _page(given)) is not None:
         return read_report(page, file).result
-    found = read_document(given, file)
-    return found if isinstance(found, ReadResult) else given
+    document = read_document(given, file)
+    return document if isinstance(document, ReadResult) else given
 
 
 def _page(given: bytes | Path) -> bytes | None:
@@ -178,8 +178,8 @@ def _compare(arguments: argparse.Namespace, given: Sequence[ReadResult | bytes |
     from ..report.comparing import compute_comparison
 
     designs = [
-        _design(one) if isinstance(one, bytes | Path) else _held_design(one, name)
-        for one, name in zip(given, arguments.sources, strict=True)
+        _design(source) if isinstance(source, bytes | Path) else _held_design(source, name)
+        for source, name in zip(given, arguments.sources, strict=True)
     ]
     with Progress("report") as progress:
         return compute_comparison(designs[0], designs[1], _options(arguments), progress=progress.report)
@@ -210,9 +210,9 @@ def _verify(arguments: argparse.Namespace) -> Answer:
         content, file = _bytes_of(Path(name)), name
     design = _design(sys.stdin.buffer.read() if rest[0] == "-" else Path(rest[0])) if rest else None
     with Progress("verify") as progress:
-        found = audit(content, file, design, fast=arguments.fast, most=most, progress=progress.report)
-    code = {"verified": PASS, "differs": FAIL, "not verified": NOT_EVALUATED}[found.verdict]
-    return Answer(audit_text(found), code)
+        audit_result = audit(content, file, design, fast=arguments.fast, most=most, progress=progress.report)
+    code = {"verified": PASS, "differs": FAIL, "not verified": NOT_EVALUATED}[audit_result.verdict]
+    return Answer(audit_text(audit_result), code)
 
 
 def _bytes_of(path: Path) -> bytes:

@@ -51,9 +51,9 @@ def page_of(arguments: argparse.Namespace) -> Page:
 
 def _count_columns() -> int:
     """Columns of the terminal; elsewhere those that COLUMNS says, or of a usual page."""
-    said = os.environ.get("COLUMNS", "")
-    if said.isascii() and said.isdigit() and int(said) > 0:
-        return int(said)
+    columns = os.environ.get("COLUMNS", "")
+    if columns.isascii() and columns.isdigit() and int(columns) > 0:
+        return int(columns)
     if sys.stdout is None or not sys.stdout.isatty():
         return WIDTH
     return shutil.get_terminal_size((WIDTH, 24)).columns

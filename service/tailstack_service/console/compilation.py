@@ -89,9 +89,9 @@ class CompilationProgress(Progress):
 
     def line(self) -> str:
         """One line of progress as it stands."""
-        said = f"{self.what}: {self._count} of {len(self._calls)}"
+        text = f"{self.what}: {self._count} of {len(self._calls)}"
         left = self._seconds_left() if self._count < len(self._calls) else None
-        return said if left is None else f"{said}, about {max(1.0, left):.0f} s"
+        return text if left is None else f"{text}, about {max(1.0, left):.0f} s"
 
 
 def _compile(calls: Sequence[KernelCall]) -> None:

@@ -76,8 +76,10 @@ class TypedOption:
         if not words:
             words = (self.field.description or "").rstrip(".")
             words = words[:1].lower() + words[1:]
-        said = isinstance(default, int | float | str) and not isinstance(default, bool) and "(default" not in words
-        return f"{words} (default {default})" if said else words
+        shows_default = (
+            isinstance(default, int | float | str) and not isinstance(default, bool) and "(default" not in words
+        )
+        return f"{words} (default {default})" if shows_default else words
 
     def read(self, text: str) -> Any:
         """The value of a text; of a list its entries.  Raises ArgumentTypeError."""
@@ -117,7 +119,7 @@ class TypedOption:
 
 def list_options(options: type[BaseModel]) -> list[TypedOption]:
     """The options of a class, in the order of its fields."""
-    found, own = [], getattr(options, "flags", {})
+    typed_options, own = [], getattr(options, "flags", {})
     for name, each in options.model_fields.items():
         annotation, metadata = _open(each.annotation, list(each.metadata))
         listed = get_origin(annotation) is list
@@ -126,8 +128,8 @@ def list_options(options: type[BaseModel]) -> list[TypedOption]:
         bounds = {BOUNDS[type(b)]: getattr(b, BOUNDS[type(b)]) for b in metadata if type(b) in BOUNDS}
         flag = next((b for b in (own.get(name), *metadata) if isinstance(b, Flag)), Flag())
         has_flag = not any(b is NO_FLAG for b in metadata)
-        found.append(TypedOption(name, each, flag, annotation, bounds, listed, has_flag))
-    return found
+        typed_options.append(TypedOption(name, each, flag, annotation, bounds, listed, has_flag))
+    return typed_options
 
 
 def _open(annotation: Any, metadata: list[Any]) -> tuple[Any, list[Any]]:
@@ -136,8 +138,8 @@ def _open(annotation: Any, metadata: list[Any]) -> tuple[Any, list[Any]]:
     if NoneType in get_args(annotation) and len(parts) == 1:
         annotation = parts[0]
     if hasattr(annotation, "__metadata__"):
-        for found in annotation.__metadata__:
-            metadata += found.metadata if isinstance(found, FieldInfo) else [found]
+        for entry in annotation.__metadata__:
+            metadata += entry.metadata if isinstance(entry, FieldInfo) else [entry]
         annotation = annotation.__origin__
     return annotation, metadata
 
@@ -154,7 +156,8 @@ def add_flags(parser: argparse.ArgumentParser, options: type[BaseModel], *names:
         place: Any = parser
         if heading := typed[name].flag.heading:
             groups = parser._action_groups  # noqa: SLF001
-            place = next((one for one in groups if one.title == heading), None) or parser.add_argument_group(heading)
+            existing = next((group for group in groups if group.title == heading), None)
+            place = existing or parser.add_argument_group(heading)
         elif name in getattr(options, "exclusive", ()):
             place = exclusive = exclusive or parser.add_mutually_exclusive_group()
         _add_flag(place, typed[name])

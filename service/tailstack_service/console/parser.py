@@ -30,7 +30,7 @@ class Parser(argparse.ArgumentParser):
         """Paragraphs as wide as the terminal; what has indented lines is laid out already."""
         width = shutil.get_terminal_size().columns
         paragraphs = spell_commands(super().format_help()).rstrip("\n").split("\n\n")
-        return "\n\n".join(one if "\n " in one else textwrap.fill(one, width) for one in paragraphs) + "\n"
+        return "\n\n".join(text if "\n " in text else textwrap.fill(text, width) for text in paragraphs) + "\n"
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refused here, what is left over is refused with the verb's own name and flags."""

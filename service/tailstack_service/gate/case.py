@@ -248,14 +248,20 @@ def find_unjudged(case: Case) -> list[Remark]:
     """Rule not-judged: requirements of the design, and targets, that nothing was held against."""
     remarks = []
     for entry in case.requirements:
-        left = [one for one in case.not_judged if (one.requirement, one.rule) == (entry.name, entry.rule)]
+        left = [
+            unjudged
+            for unjudged in case.not_judged
+            if (unjudged.requirement, unjudged.rule) == (entry.name, entry.rule)
+        ]
         if entry.origin == "design" and left:
-            where = name_targets(one.target for one in left)
+            where = name_targets(unjudged.target for unjudged in left)
             message = f"{entry.name} ({describe_requirement(entry)}) was not judged {where}: {left[0].reason}"
             remarks.append(Remark(point_at_requirement(case.design, entry), message))
-    bare = [one for one in case.not_judged if one.requirement is None]
+    bare = [unjudged for unjudged in case.not_judged if unjudged.requirement is None]
     if bare and case.requirements:  # otherwise nothing was judged at all, which not-evaluated says
-        message = f"nothing was held against the error {name_targets(one.target for one in bare)}: {bare[0].reason}"
+        message = (
+            f"nothing was held against the error {name_targets(unjudged.target for unjudged in bare)}: {bare[0].reason}"
+        )
         remarks.append(Remark("/targets", message, note=True))
     return remarks
 

@@ -97,17 +97,17 @@ def _describe_number(comparison: LimitComparison) -> str:
     low, high = number.interval_mm or (number.value_mm, None)
     decimals = count_decimals(number.limit_mm or number.value_mm, error_of(number.value_mm, (low, high)))
     ends = f"(between {low:.{decimals}f} and {'an unknown end' if high is None else f'{high:.{decimals}f}'})"
-    found = f"{number.value_mm:.{decimals}f} mm {ends}"
+    value_text = f"{number.value_mm:.{decimals}f} mm {ends}"
     quantile = f"P{100 * requirement.quantile:g}"
     if number.unit == "fraction":
         value = headline_of(requirement.quantile, number.limit, ERRORS[requirement.error])
         good = f"{in_percent(number.value, 2)} of installed units are good, {100 * number.limit:g} % required"
-        return f"{value} is {found}, limit {number.limit_mm:g} mm: {good}"
+        return f"{value} is {value_text}, limit {number.limit_mm:g} mm: {good}"
     if number.rule == "exceedance":
         asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit:g} mm"
-        return f"{asked}: {quantile} is {found}"
+        return f"{asked}: {quantile} is {value_text}"
     what = "the mean of the worst 5 % (CVaR95)" if number.rule == "cvar" else quantile
-    return f"{what} of {ERRORS[requirement.error]} is {found}, limit {number.limit:g} mm"
+    return f"{what} of {ERRORS[requirement.error]} is {value_text}, limit {number.limit:g} mm"
 
 
 def _point_at_limit(case: Case, comparison: LimitComparison) -> str:

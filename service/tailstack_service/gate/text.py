@@ -105,8 +105,8 @@ def _name_group(finding: GateFinding) -> tuple[str, ...] | None:
     """What findings share that are written as one; None of a finding with a number of its own."""
     if finding.value is not None or finding.suppressed_by is not None:
         return None
-    said = name_rule(finding.message.partition(" — ")[0])
-    return (finding.file, finding.rule, finding.severity, said, name_field(finding.pointer))
+    rule_text = name_rule(finding.message.partition(" — ")[0])
+    return (finding.file, finding.rule, finding.severity, rule_text, name_field(finding.pointer))
 
 
 def _write_finding(finding: GateFinding, others: Sequence[GateFinding] = ()) -> str:

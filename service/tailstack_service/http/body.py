@@ -44,8 +44,8 @@ def _form(request: Request, *, yaml: bool, raw: tuple[str, ...]) -> str:
     header = ", ".join(request.headers.getlist("content-type"))  # of two, neither counts
     kind, _, parameters = header.partition(";")
     kind = kind.strip().lower()
-    encodings = [one.strip().lower() for one in ",".join(request.headers.getlist("content-encoding")).split(",")]
-    encoding = ", ".join(one for one in encodings if one not in ("", "identity"))
+    encodings = [coding.strip().lower() for coding in ",".join(request.headers.getlist("content-encoding")).split(",")]
+    encoding = ", ".join(coding for coding in encodings if coding not in ("", "identity"))
     named = [part.partition("=")[2] for part in parameters.split(";") if part.strip().lower().startswith("charset=")]
     charset = named[0].strip(" \"'").lower() if named else "utf-8"
     cure = ""

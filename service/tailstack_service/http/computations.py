@@ -37,8 +37,10 @@ def perform(call: Callable[[], Any]) -> Any:
     """
     try:
         with name_missing_extra():
-            found = call()
-            return Estimated(found.seconds, partial(perform, found.compute)) if isinstance(found, Estimated) else found
+            result = call()
+            return (
+                Estimated(result.seconds, partial(perform, result.compute)) if isinstance(result, Estimated) else result
+            )
     except TailstackError as error:
         return RefusedAt.place(error)
     except DesignReferenceUnresolved as unresolved:

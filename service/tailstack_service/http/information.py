@@ -303,9 +303,10 @@ def _presets() -> bytes:
     openapi_extra=extra(),
 )
 async def examples() -> Response:
-    found = await asyncio.to_thread(list_example_designs)
+    designs = await asyncio.to_thread(list_example_designs)
     entries = (
-        ExampleEntry(one.name, one.title, one.words, place(f"/v1/examples/{one.name}")) for one in found.values()
+        ExampleEntry(design.name, design.title, design.words, place(f"/v1/examples/{design.name}"))
+        for design in designs.values()
     )
     return record_response(ExampleList(tuple(entries)))
 

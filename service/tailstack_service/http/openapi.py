@@ -363,7 +363,9 @@ def openapi_json(app: FastAPI) -> bytes:
 
 def _complete(described: dict[str, Any], route: APIRoute, method: str) -> None:
     """What every route has: the problems that can come, the id of the request, the scope."""
-    scope = next((one.dependency.scope for one in route.dependencies if isinstance(one.dependency, Needs)), None)
+    scope = next(
+        (depends.dependency.scope for depends in route.dependencies if isinstance(depends.dependency, Needs)), None
+    )
     statuses = {421, 500, *described.pop(PROBLEMS, ()), *((401, 403) if scope else ())}
     if method == "POST":
         statuses.add(403)  # a page of another site, where there is no authentication

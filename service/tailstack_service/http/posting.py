@@ -60,18 +60,18 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
             await service.pool.wait_until_warm(service.settings.warm_up_seconds)
         sent = replace(sent, as_job=bool(operation.answers) and asks_for_job(request))
         try:
-            found = await _receive(request, operation, sent)
+            reception = await _receive(request, operation, sent)
         except DesignReferenceUnresolved as unresolved:
             sent = replace(sent, base=await find_base(request, unresolved.sha256))
-            found = await _receive(request, operation, sent)
-        service.kept_designs.keep(request.state.caller.tenant, found.designs)
-        if found.terms is not None:
-            await note_policy(request, dict(found.terms))
-        if found.pieces is not None:
-            return await _send_pieces(request, sent, found.pieces)
-        if found.job is not None:
-            return await submit(request, found.job, key)
-        return Response(found.answer, media_type=JSON)
+            reception = await _receive(request, operation, sent)
+        service.kept_designs.keep(request.state.caller.tenant, reception.designs)
+        if reception.terms is not None:
+            await note_policy(request, dict(reception.terms))
+        if reception.pieces is not None:
+            return await _send_pieces(request, sent, reception.pieces)
+        if reception.job is not None:
+            return await submit(request, reception.job, key)
+        return Response(reception.answer, media_type=JSON)
 
     return create
 
@@ -80,8 +80,8 @@ async def _receive(request: Request, operation: Operation, sent: RawRequest) -> 
     service = service_of(request)
     call = partial(computations.receive, operation.name, sent, service.settings)
     seconds = reading_seconds if operation.body is None else operation.body.reading_seconds
-    found: Reception = await service.pool.run(request, call, seconds(sent))
-    return found
+    reception: Reception = await service.pool.run(request, call, seconds(sent))
+    return reception
 
 
 async def find_base(request: Request, sha256: str) -> bytes:
@@ -123,8 +123,8 @@ async def _send_pieces(request: Request, sent: RawRequest, pieces: Pieces) -> Re
 
     async def compute(function: Callable[..., T], *arguments: object, **named: object) -> T:
         call = partial(function, sent, service.settings, *arguments, **named)
-        found: T = await service.pool.run(request, call, pieces.unit_seconds)
-        return found
+        result: T = await service.pool.run(request, call, pieces.unit_seconds)
+        return result
 
     specs = pieces.specs
     if form not in STREAMED:

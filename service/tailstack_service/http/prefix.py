@@ -67,9 +67,9 @@ class Prefix:
     def _find_root(self, scope: Scope) -> str:
         given = [value.decode("latin-1") for name, value in scope["headers"] if name == FORWARDED]
         if given and self._is_trusted(scope.get("client")):
-            said: str = given[-1].strip().rstrip("/")
-            if len(said) <= LONGEST and (not said or _PREFIX.fullmatch(said)):
-                return said
+            prefix: str = given[-1].strip().rstrip("/")
+            if len(prefix) <= LONGEST and (not prefix or _PREFIX.fullmatch(prefix)):
+                return prefix
         return self._root
 
     def _is_trusted(self, client: Iterable[object] | None) -> bool:
@@ -99,11 +99,11 @@ def read_root_path(settings: Settings) -> str:
 
 def read_proxies(settings: Settings) -> tuple[IPv4Network | IPv6Network, ...]:
     """The networks of proxies whose X-Forwarded-Prefix is believed.  Raises SettingsError."""
-    found: list[IPv4Network | IPv6Network] = []
+    networks: list[IPv4Network | IPv6Network] = []
     for text in (entry.strip() for entry in settings.trusted_proxies.split(",")):
         try:
-            found += [ip_network(text, strict=False)] if text else []
+            networks += [ip_network(text, strict=False)] if text else []
         except ValueError:
             detail = f"{variable('trusted_proxies')}: {text[:80]!r} is no address and no network"
             raise SettingsError(Problem("", "bad-setting", detail, "such as 127.0.0.1 or 10.0.0.0/8")) from None
-    return tuple(found)
+    return tuple(networks)

@@ -209,8 +209,10 @@ class Handlers:
             for name, title in TITLES.items()
         ]
         listed += [
-            types.Resource(uri=f"tailstack://examples/{name}", name=one.title, description=one.words, mime_type=YAML)
-            for name, one in list_example_designs().items()
+            types.Resource(
+                uri=f"tailstack://examples/{name}", name=example.title, description=example.words, mime_type=YAML
+            )
+            for name, example in list_example_designs().items()
         ]
         return types.ListResourcesResult(resources=listed)
 

@@ -129,10 +129,10 @@ def answer(verb: str, body: bytes, base: bytes | None, settings: Settings) -> Re
 def _reply(make: Callable[[], Any]) -> Reply | Estimated:
     try:
         with name_missing_extra():
-            found = make()
-            if isinstance(found, Estimated):
-                return Estimated(found.seconds, partial(_reply, found.compute))
-            return Reply(200, canonical(found))
+            result = make()
+            if isinstance(result, Estimated):
+                return Estimated(result.seconds, partial(_reply, result.compute))
+            return Reply(200, canonical(result))
     except ModelError as error:
         return error_reply(error.word, error)
     except RefusedAt as refused:
@@ -263,12 +263,12 @@ def _score_model(options: ScoreConfig, data: dict[str, Any]) -> VectorModel:
 
     def jacobian(values: Array, wanted: Array) -> Array:
         record = score_at(values)
-        found = np.zeros((len(paths), len(function.pointers)))
+        gradients = np.zeros((len(paths), len(function.pointers)))
         for k in np.flatnonzero(wanted):
             pointer, _ = _number_of(record, paths[k], int(k))
             target, error = _differentiable(record, pointer, int(k))
-            found[k] = function.p95_gradient(values, target, error)[1]
-        return found
+            gradients[k] = function.p95_gradient(values, target, error)[1]
+        return gradients
 
     return VectorModel(len(function.pointers), len(paths), evaluate, jacobian)
 
@@ -339,7 +339,7 @@ def _chain_plan(content: bytes, target: str | None, error: str) -> tuple[Any, in
     from tailstack.propagation.linear import linearise
 
     system = compile_design(loaded_design(content))
-    names = [one.name for one in system.targets]
+    names = [entry.name for entry in system.targets]
     if target is not None and target not in names:
         detail = f"no target is called {target[:60]!r}; there are {', '.join(names[:20])}"
         raise RequestError(Problem("/targets", "unknown-value", detail))

@@ -110,23 +110,23 @@ class TableScores:
                     waiting.append(tuple(column[span] for column in block.columns))
                     yield numbers[span]
 
-        for found in self.batch.score_blocks(read(), threads):
-            self.rows += len(found.reasons)
-            self.refused += sum(map(bool, found.reasons))
-            self.ways = {way: self.ways.get(way, 0) + count for way, count in found.ways.items()}
-            answers = [[None if cell != cell else cell for cell in column.tolist()] for column in found.columns]
-            yield [*waiting.popleft(), *answers, found.reasons]
+        for scored_block in self.batch.score_blocks(read(), threads):
+            self.rows += len(scored_block.reasons)
+            self.refused += sum(map(bool, scored_block.reasons))
+            self.ways = {way: self.ways.get(way, 0) + count for way, count in scored_block.ways.items()}
+            answers = [[None if cell != cell else cell for cell in column.tolist()] for column in scored_block.columns]
+            yield [*waiting.popleft(), *answers, scored_block.reasons]
 
     def summary(self) -> str:
         """How many rows, and how they were computed."""
         ways = ", ".join(f"{count:,} {way}" for way, count in self.ways.items() if count)
-        said = f"{self.rows:,} rows: {ways or 'none'}" + (f" ({self.batch.why})" if self.batch.why else "")
+        text = f"{self.rows:,} rows: {ways or 'none'}" + (f" ({self.batch.why})" if self.batch.why else "")
         carried = [name for k, name in enumerate(self.table.header) if k not in self.places]
         if carried:
-            said += f"; carried along: {', '.join(carried[:8])}" + (", ..." if len(carried) > 8 else "")
+            text += f"; carried along: {', '.join(carried[:8])}" + (", ..." if len(carried) > 8 else "")
         if self.refused:
-            said += f"; {self.refused:,} could not be evaluated, the column reason says why"
-        return said
+            text += f"; {self.refused:,} could not be evaluated, the column reason says why"
+        return text
 
 
 def hold_numbers(header: Sequence[str], places: Sequence[int]) -> tuple[bool, ...]:
@@ -184,8 +184,8 @@ def add_batch_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _setting(text: str) -> tuple[str, str]:
-    path, found, column = text.partition("=")
-    if not (path and found and column):
+    path, separator, column = text.partition("=")
+    if not (path and separator and column):
         raise argparse.ArgumentTypeError(f"expected PATH=COLUMN like views.AP.fiducial_noise_px=noise; got {text!r}")
     return path, column
 
@@ -198,8 +198,8 @@ def refuse_beside_batch(arguments: argparse.Namespace, options: type[Options]) -
         flags |= {each.spelling: getattr(arguments, each.name) for each in list_options(kind) if each.has_flag}
     for flag, value in (alone if arguments.batch is None else single).items():
         if value is not None:
-            said = "is of --batch TABLE, which is not there" if arguments.batch is None else "is not of --batch"
-            raise RequestError(Problem("", "unused-option", f"{flag} {said}", "leave it out"))
+            reason = "is of --batch TABLE, which is not there" if arguments.batch is None else "is not of --batch"
+            raise RequestError(Problem("", "unused-option", f"{flag} {reason}", "leave it out"))
 
 
 def run_batch(arguments: argparse.Namespace) -> Answer:
@@ -285,13 +285,13 @@ def _receive(sent: RawRequest, settings: Settings) -> Reception:
     """A table that is read whole and can be scored.  Raises RequestError, LimitError, MalformedError, RefusedAt."""
     from .perform import plan
 
-    found = read_sent(sent, settings)
+    table = read_sent(sent, settings)
     if sent.as_job:
-        return Reception(job=JobRequest("batch", canonical(found.content), found.name), designs=found.nameable)
-    step = plan("batch", found.content, ())
+        return Reception(job=JobRequest("batch", canonical(table.content), table.name), designs=table.nameable)
+    step = plan("batch", table.content, ())
     assert isinstance(step, More)
-    pieces = Pieces(found.form, found.rows * found.row_seconds, found.rows_a_unit * found.row_seconds, step.specs)
-    return Reception(pieces=pieces, designs=found.nameable)
+    pieces = Pieces(table.form, table.rows * table.row_seconds, table.rows_a_unit * table.row_seconds, step.specs)
+    return Reception(pieces=pieces, designs=table.nameable)
 
 
 @dataclass(frozen=True, slots=True)
@@ -388,8 +388,8 @@ def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
             hint = f"send fewer, or start the service with a higher {variable('max_batch_rows')}"
             raise LimitError(Problem("/table", "too-many", detail, hint))
     if not cells[0]:
-        said = "; ".join(("the table has no rows", *table.counts.describe()))
-        raise table.refuse("too-short", said, "each row is a design")
+        reason = "; ".join(("the table has no rows", *table.counts.describe()))
+        raise table.refuse("too-short", reason, "each row is a design")
     if table.remarks or {"remark", "title"} & table.counts.left_out.keys():  # an answer has no place to say it
         raise table.refuse(
             "left-out", "; ".join(table.counts.describe()), "leave only the header and its rows, on one sheet"
@@ -416,8 +416,8 @@ def _table_of(columns: Mapping[str, Sequence[float]]) -> TableReader:
     """Raises RequestError for columns of unequal length."""
     lengths = {name: len(cells) for name, cells in columns.items()}
     if len(set(lengths.values())) != 1:
-        said = ", ".join(f"{name} has {length}" for name, length in list(lengths.items())[:6])
-        raise RequestError(Problem("/table", "ragged", f"columns have one length; {said}", "one number for each row"))
+        listed = ", ".join(f"{name} has {length}" for name, length in list(lengths.items())[:6])
+        raise RequestError(Problem("/table", "ragged", f"columns have one length; {listed}", "one number for each row"))
     return TableReader(
         tuple(columns), iter([ColumnBlock(range(1, 1 + max(lengths.values())), tuple(columns.values()))])
     )
@@ -435,8 +435,8 @@ def _read_query(query: Query) -> tuple[str, list[tuple[str, str]], list[str] | N
         raise RequestError(Problem(f"/{NAMED}", "missing-parameter" if name is None else "bad-text", detail, hint))
     given = []
     for text in (value for key, value in query if key == "set"):
-        path, found, column = text.partition("=")
-        if not (path and found and column):
+        path, separator, column = text.partition("=")
+        if not (path and separator and column):
             raise RequestError(Problem("/set", "bad-parameter", f"set is PATH=COLUMN; got {text[:80]!r}"))
         given.append((path, column))
     columns = single(query, "columns")

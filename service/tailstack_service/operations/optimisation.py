@@ -145,23 +145,23 @@ def _run(arguments: argparse.Namespace) -> Answer:
 
     _refuse_mixture(arguments)
     files = read_output_files(arguments)
-    kept, stopped = "", False
+    not_kept_because, stopped = "", False
     if arguments.last:
         design, result = read_last()
     else:
         design = read_design(arguments.design)
-        found = _search(design, arguments, files)
-        if found is None:
+        outcome = _search(design, arguments, files)
+        if outcome is None:
             return Answer("", INTERRUPTED)
-        result, stopped = found
+        result, stopped = outcome
         if files.design is None:
-            kept = keep_result(design, result)
+            not_kept_because = keep_result(design, result)
     write_results(design, result, files)
     code = INTERRUPTED if stopped else exit_code_of(result.certificate.verification.verdict)
     if files.design is not None:
         following = f"next: {program()} verify {quote(str(files.design))}"
-    elif kept:
-        print(f"note: the result is not kept for --last: {kept}", file=sys.stderr)
+    elif not_kept_because:
+        print(f"note: the result is not kept for --last: {not_kept_because}", file=sys.stderr)
         following = f"next: {program()} optimise {quote(str(arguments.design))} -o NEW.yaml   (writes the new design)"
     else:
         following = f"next: {program()} optimise --last -o NEW.yaml   (writes this design without another search)"
@@ -231,11 +231,11 @@ def expect(design: Design) -> RemainingTime:
     wanted = design.document.optimise
     assert wanted is not None
     front_points = 9 if wanted.front is None else wanted.front.points
-    graded = any(one.grades for one in wanted.tolerances or ())
+    graded = any(tolerance.grades for tolerance in wanted.tolerances or ())
     return RemainingTime(
         cores=usable_cores(),
         front_points=front_points if wanted.goal == "pareto" else 0,
-        per_unit=any(one.risk == "per_unit" for one in design.document.requirements),
+        per_unit=any(requirement.risk == "per_unit" for requirement in design.document.requirements),
         settles=wanted.goal != "quantile" and not graded,
         compares=bool(wanted.box or wanted.region or wanted.regions) and not graded,
         targets=len(compile_design(design).targets),

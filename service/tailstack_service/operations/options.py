@@ -54,9 +54,9 @@ class Options(BaseModel):
         try:
             return read_options(cls, read_flags(cls, arguments), ())
         except RequestError as error:
-            said = [(problem, spelling.get(problem.pointer.split("/", 2)[1])) for problem in error.problems]
+            flagged = [(problem, spelling.get(problem.pointer.split("/", 2)[1])) for problem in error.problems]
             raise RequestError(
-                [replace(p, pointer="", detail=f"{flag}: {p.detail}") if flag else p for p, flag in said]
+                [replace(p, pointer="", detail=f"{flag}: {p.detail}") if flag else p for p, flag in flagged]
             ) from None
 
     @classmethod
@@ -131,11 +131,11 @@ def within_trials(trials: int | None, max_trials: int, settings: Settings, desig
         raise LimitError(Problem("/max_trials", "too-many", detail, hint))
     drawn, at = (max_trials, "/max_trials") if trials is None else (trials, "/trials")
     targets = max(size_of(design).targets for design in designs)
-    kept = TRIAL_BYTES * drawn * targets
-    if settings.max_process_bytes and READ_BYTES * kept > settings.max_process_bytes - WARM_BYTES:
+    norm_bytes = TRIAL_BYTES * drawn * targets
+    if settings.max_process_bytes and READ_BYTES * norm_bytes > settings.max_process_bytes - WARM_BYTES:
         most = int((settings.max_process_bytes - WARM_BYTES) / (READ_BYTES * TRIAL_BYTES * targets))
         at_each = "a target" if targets == 1 else f"{targets} targets"
-        detail = f"{kept / 1e9:.1f} GB of norms would be kept of {drawn} trials at {at_each}; "
+        detail = f"{norm_bytes / 1e9:.1f} GB of norms would be kept of {drawn} trials at {at_each}; "
         detail += f"a computing process here can put together those of {max(most, 0)}"
         hint = (
             f"ask for fewer, run tailstack verify, or start the service with a higher {variable('max_process_bytes')}"

@@ -43,10 +43,10 @@ class PartialDocument:
         error.problems = tuple(map(self._mention, error.problems))
 
     def _mention(self, problem: Problem) -> Problem:
-        found = find_in_patch(self.patch, problem.pointer) if self.patch else None
-        if found is None:
+        place = find_in_patch(self.patch, problem.pointer) if self.patch else None
+        if place is None:
             return problem
-        at, whole = found
+        at, whole = place
         words = "this came through the patch, at" if whole else "the patch changes what is here, at"
         return replace(problem, detail=f"{problem.detail}; {words} /{PATCH}{at}")
 

@@ -77,19 +77,19 @@ def result_of(source: DocumentSource, schema: str, file: str) -> ReadResult:
         raise RequestError(_in_file(Problem("", "bad-result", str(error), HINT), file)) from None
 
 
-def _strays(given: Any, kept: Any, at: str) -> Iterator[Problem]:
+def _strays(given: Any, recorded: Any, at: str) -> Iterator[Problem]:
     """Where a file says something that its record does not: fields nobody knows, texts for numbers, no numbers."""
     if isinstance(given, float) and not isfinite(given):
         yield Problem(at, "not-finite", f"must be a finite number; got {given}")
-    elif isinstance(given, dict) and isinstance(kept, dict):
-        for key in given.keys() - kept.keys():
+    elif isinstance(given, dict) and isinstance(recorded, dict):
+        for key in given.keys() - recorded.keys():
             yield Problem(f"{at}/{escape(key)}", "unknown-field", "there is no such field")
-        for key in given.keys() & kept.keys():
-            yield from _strays(given[key], kept[key], f"{at}/{escape(key)}")
-    elif isinstance(given, list) and isinstance(kept, list | tuple):
-        for index, (one, other) in enumerate(zip(given, kept, strict=True)):
-            yield from _strays(one, other, f"{at}/{index}")
-    elif isinstance(given, bool) != isinstance(kept, bool) or given != kept:
+        for key in given.keys() & recorded.keys():
+            yield from _strays(given[key], recorded[key], f"{at}/{escape(key)}")
+    elif isinstance(given, list) and isinstance(recorded, list | tuple):
+        for index, (given_item, recorded_item) in enumerate(zip(given, recorded, strict=True)):
+            yield from _strays(given_item, recorded_item, f"{at}/{index}")
+    elif isinstance(given, bool) != isinstance(recorded, bool) or given != recorded:
         yield Problem(at, "wrong-type", f"{show(given)} does not belong here")
 
 

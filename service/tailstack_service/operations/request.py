@@ -174,16 +174,16 @@ def _translate(entry: Any, known: list[str], options: type[Options]) -> Problem:
 def _example(path: tuple[str | int, ...], options: type[Options]) -> str:
     """The example of the field at an error's path, to be typed."""
     name = [step for step in path if isinstance(step, str)][-1]
-    examples = next((found.examples for found in _fields(options, name) if found.examples), None)
+    examples = next((field.examples for field in _fields(options, name) if field.examples), None)
     return f"for example: {write_json({name: examples[0]})}" if examples else ""
 
 
 def _fields(options: type[BaseModel], name: str) -> Iterator[FieldInfo]:
     """Fields of that name, of the options and of the models inside them."""
-    for own, found in options.model_fields.items():
+    for own, field in options.model_fields.items():
         if own == name:
-            yield found
-        for inside in _models(found.annotation):
+            yield field
+        for inside in _models(field.annotation):
             yield from _fields(inside, name)
 
 

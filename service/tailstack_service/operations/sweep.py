@@ -70,14 +70,14 @@ class Axis(Options):
 
 def _parse_axis(text: str) -> dict[str, Any]:
     """An axis as it is typed, as it stands in a request."""
-    path, found, said = text.rpartition("=")
+    path, separator, values = text.rpartition("=")
     try:
-        if not found or not path:
+        if not separator or not path:
             raise ValueError(text)
-        if ":" in said:
-            start, stop, count = said.split(":")
+        if ":" in values:
+            start, stop, count = values.split(":")
             return {"pointer": path, "start": float(start), "stop": float(stop), "count": int(count)}
-        return {"pointer": path, "values": [float(value) for value in said.split(",")]}
+        return {"pointer": path, "values": [float(value) for value in values.split(",")]}
     except ValueError:
         raise argparse.ArgumentTypeError(
             "expected PATH=START:STOP:COUNT or PATH=V1,V2,... with numbers, like views.*.fiducial_noise_px=0.1:0.5:5; "
@@ -125,8 +125,8 @@ class SweepOptions(Options):
         """Paths with names are turned into pointers."""
         from tailstack.design.pointers import pointer_of
 
-        kept, data = self.model_dump(exclude_none=True), designs[0].source.data
-        return {**kept, "axes": [{**axis, "pointer": pointer_of(data, axis["pointer"])} for axis in kept["axes"]]}
+        options, data = self.model_dump(exclude_none=True), designs[0].source.data
+        return {**options, "axes": [{**axis, "pointer": pointer_of(data, axis["pointer"])} for axis in options["axes"]]}
 
 
 def _sweep(call: Call) -> Sweep:
@@ -232,7 +232,7 @@ def _run(arguments: argparse.Namespace) -> Answer:
     return Answer(OPERATION.write(result), code)
 
 
-def _elsewhere(arguments: argparse.Namespace, design: Design, kept: dict[str, Any], progress: Progress) -> Sweep:
+def _elsewhere(arguments: argparse.Namespace, design: Design, options: dict[str, Any], progress: Progress) -> Sweep:
     """The record by way of the request that a service takes, with these options.
 
     Raises RemoteError, RefusedAt, RequestError.
@@ -241,12 +241,12 @@ def _elsewhere(arguments: argparse.Namespace, design: Design, kept: dict[str, An
     from tailstack.design import design_to_data
 
     alone = design.document.fiducials.file is None
-    request = {"design": design.source.data if alone else design_to_data(design), **kept}
+    request = {"design": design.source.data if alone else design_to_data(design), **options}
     if arguments.remote is not None:
         from ..console.remote import RemoteService, compute_remotely
 
         service = RemoteService(arguments.remote)
-        return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, kept["axes"], service.url)
+        return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, options["axes"], service.url)
 
     from ..documents import from_json
     from ..jobs.alone import compute_job

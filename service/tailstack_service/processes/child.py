@@ -117,8 +117,8 @@ def check_once() -> None:
 def load_function(name: str) -> Callable[..., Any]:
     """``"package.module:function"``.  Raises ImportError, AttributeError."""
     module, _, function = name.partition(":")
-    found: Callable[..., Any] = getattr(import_module(module), function)
-    return found
+    loaded: Callable[..., Any] = getattr(import_module(module), function)
+    return loaded
 
 
 if __name__ == "__main__":

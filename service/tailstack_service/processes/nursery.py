@@ -401,8 +401,8 @@ def _tell(line: socket.socket, news: Born | Ended | Prepared, descriptors: list[
 def _collect_ends() -> Iterator[tuple[int, int]]:
     """Pids and codes of the processes that have ended."""
     with suppress(ChildProcessError):
-        while (found := os.waitpid(-1, os.WNOHANG))[0]:
-            yield found[0], os.waitstatus_to_exitcode(found[1])
+        while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+            yield ended[0], os.waitstatus_to_exitcode(ended[1])
 
 
 def _take(step: Step, line: socket.socket) -> None:

@@ -25,10 +25,10 @@ class Pulse:
         Of a long time no more than two looks' worth counts: who was stopped together with the process (a container that
         is paused, say) would otherwise take its own absence for the process's.
         """
-        found = read_processor_time(self._pid)
-        if found is None or found[1] or found[0] != self.used_seconds:
+        reading = read_processor_time(self._pid)
+        if reading is None or reading[1] or reading[0] != self.used_seconds:
             self.silent_seconds = 0.0
         else:
             self.silent_seconds += min(seconds, 2 * LOOK_SECONDS)
-        if found is not None:
-            self.used_seconds = found[0]
+        if reading is not None:
+            self.used_seconds = reading[0]

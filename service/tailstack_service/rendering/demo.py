@@ -75,10 +75,10 @@ def _change_lines(result: Optimisation) -> list[str]:
         name = tolerances[0].label.removesuffix(f" {tolerances[0].component}")
         lines.append(wrap(f"half-widths of {visible(name)}:", first="  ", indent="    "))
         changes: dict[str, list[str]] = {}
-        for one in tolerances:
-            unit = "°" if one.unit == "deg" else f" {one.unit}"
-            change = f"±{one.before_half_width:.2g} -> ±{one.after_half_width:.2g}{unit}"
-            changes.setdefault(change, []).append(one.component)
+        for tolerance in tolerances:
+            unit = "°" if tolerance.unit == "deg" else f" {tolerance.unit}"
+            change = f"±{tolerance.before_half_width:.2g} -> ±{tolerance.after_half_width:.2g}{unit}"
+            changes.setdefault(change, []).append(tolerance.component)
         words = ", ".join(f"{' '.join(components)} {change}" for change, components in changes.items())
         lines.append(wrap(words, first="    ", indent="    "))
     if result.cost_before and result.cost_after is not None:

@@ -28,7 +28,7 @@ def document_text(document: Document) -> str:
         "" if document.requirements is None else _write_rows(document.requirements, above=True),
         *(_write_block(block, document.captions) for section in shown.sections for block in section.blocks),
         "" if made is None else _write_provenance(made),
-        findings_text([one for one in document.findings if details or one.rule not in STATED]),
+        findings_text([finding for finding in document.findings if details or finding.rule not in STATED]),
         "" if details else wrap(MORE, first="more: ", indent="  "),
         write_ending(document.ending, TONE.get(document.tone, document.tone)),
     )

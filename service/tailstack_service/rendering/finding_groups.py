@@ -17,8 +17,8 @@ def group_alike(items: Sequence[T], key: Callable[[T], Hashable | None]) -> list
     """Items of one key together, where the first of them stands; those with the key None, and pairs, by themselves."""
     groups: dict[Hashable, list[T]] = {}
     for number, item in enumerate(items):
-        found = key(item)
-        groups.setdefault(("alone", number) if found is None else ("alike", found), []).append(item)
+        group_key = key(item)
+        groups.setdefault(("alone", number) if group_key is None else ("alike", group_key), []).append(item)
     few = {id(item) for group in groups.values() if len(group) < FEWEST for item in group}
     gathered = {id(group[0]): group for group in groups.values() if len(group) >= FEWEST}
     return [

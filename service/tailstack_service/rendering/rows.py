@@ -24,9 +24,9 @@ def _cell(value: object) -> object:
     return "" if value is None else value
 
 
-def plain_text(said: str) -> str:
+def plain_text(text: str) -> str:
     """A text of the user's that no spreadsheet takes for a formula."""
-    return f"'{said}" if said.startswith(FORMULA_STARTS) else said
+    return f"'{text}" if text.startswith(FORMULA_STARTS) else text
 
 
 def list_reasons(reasons: Sequence[str | None], most: int, *, numbered: bool = False) -> list[str]:

@@ -43,23 +43,23 @@ def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
     limited = next((f"P{100 * check.quantile:g}" for check in checks if check.requirement == line.requirement), "P95")
     what = f"{limited} of {line.requirement or 'the error at the tool'}"
     decimals = decimals_of(checks, line.value_mm)
-    said = [f"{what} is {line.value_mm:.{decimals}f} mm with all of them"]
+    clauses = [f"{what} is {line.value_mm:.{decimals}f} mm with all of them"]
     for worst in (line.single, line.double):
         if worst is None:
-            said.append("every pair was not tried, there are too many")
+            clauses.append("every pair was not tried, there are too many")
             continue
         lost = " and ".join(worst.lost)
         if worst.value_mm is None:
-            said.append(f"without {lost} nothing can be estimated: {worst.reason}")
+            clauses.append(f"without {lost} nothing can be estimated: {worst.reason}")
             continue
         limit = line.limit_mm
         broken = limit is not None and line.value_mm <= limit < worst.value_mm
         beyond = f", beyond the limit of {limit:g} mm" if broken else ""
-        said.append(f"without {lost}, the worst {'one' if len(worst.lost) == 1 else 'two'} to lose, "
+        clauses.append(f"without {lost}, the worst {'one' if len(worst.lost) == 1 else 'two'} to lose, "
                     f"{worst.value_mm:.{decimals}f} mm{beyond}")  # fmt: skip
     if line.mixture is not None:
-        said.append(mixture_sentence(line.mixture, line, decimals))
-    return "; ".join(said) + "."
+        clauses.append(mixture_sentence(line.mixture, line, decimals))
+    return "; ".join(clauses) + "."
 
 
 def mixture_sentence(mixture: Mixture, line: Losses, decimals: int) -> str:
@@ -68,15 +68,15 @@ def mixture_sentence(mixture: Mixture, line: Losses, decimals: int) -> str:
     often = f"{high:g} %" if low == high else f"{low:g} to {high:g} %"
     quantile = f"{100 * mixture.quantile:g} %"
     if mixture.value_mm is None:
-        found = f"there is no bound that {quantile} of all shots keep"
+        bound = f"there is no bound that {quantile} of all shots keep"
     else:
         limit = line.limit_mm
         broken = limit is not None and line.value_mm <= limit < mixture.value_mm
         beyond = f", beyond the limit of {limit:g} mm" if broken else ""
-        found = f"{quantile} of all shots are within {mixture.value_mm:.{decimals}f} mm{beyond}"
+        bound = f"{quantile} of all shots are within {mixture.value_mm:.{decimals}f} mm{beyond}"
     none, rest = percent(mixture.probability_of_none, 2), percent(mixture.probability_unaccounted, 4)
     return (
-        f"with each bead missed in {often} of shots, {found} (estimate; all beads are there in {none} % of shots, and "
+        f"with each bead missed in {often} of shots, {bound} (estimate; all beads are there in {none} % of shots, and "
         f"{rest} %, with more missed than were enumerated or too few left, are counted as failures)"
     )
 
@@ -238,14 +238,14 @@ def sources_of(target: TargetScore, error: str) -> list[ErrorSource]:
     for line, share in shares_of(target, error):
         key = (line.name, line.law == "known")
         shares[key] = shares.get(key, 0.0) + share
-    found = []
+    sources = []
     for total, components in group(target.contributors):
         if (key := (total.name, total.law == "known")) in shares:
             width, unit = width_of(total, components)
             whole = replace(total, half_width=width, unit=unit)
             share = total.variance_share if error == "tcp" else shares[key]
-            found.append(ErrorSource(whole, share, tenth_of(components or (total,))))
-    return sorted(found, key=lambda source: source.share, reverse=True)
+            sources.append(ErrorSource(whole, share, tenth_of(components or (total,))))
+    return sorted(sources, key=lambda source: source.share, reverse=True)
 
 
 def budget_line(line: Contributor) -> str:
@@ -261,7 +261,7 @@ def units_sentence(target: TargetScore, decimals: int | None = None) -> str:
     value = unit.p95_of_units_mm if unit.value_mm is None else unit.value_mm
     decimals = count_decimals(unit.limit_mm or value) if decimals is None else decimals
     shots = f"{100 * unit.quantile:.6g} % of their own shots"
-    kept = f"{100 * unit.units_fraction:.6g} % of installed units keep {shots} within {value:.{decimals}f} mm"
+    statement = f"{100 * unit.units_fraction:.6g} % of installed units keep {shots} within {value:.{decimals}f} mm"
     if unit.yield_fraction is None or unit.limit_mm is None:
-        return kept + "."
-    return f"{kept}; {in_percent(unit.yield_fraction, 1)} of units keep them within {unit.limit_mm:g} mm."
+        return statement + "."
+    return f"{statement}; {in_percent(unit.yield_fraction, 1)} of units keep them within {unit.limit_mm:g} mm."

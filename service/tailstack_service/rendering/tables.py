@@ -220,13 +220,18 @@ UNITS = frozenset(("%", "mm", "px", "deg", "°", "K", "N", "s"))
 
 def _keep_units(words: Sequence[str], width: int) -> list[str]:
     """Words of which a number and its unit are one, where both fit on a line."""
-    kept: list[str] = []
+    joined: list[str] = []
     for word in words:
-        if kept and kept[-1][-1].isdigit() and word.rstrip(".,;:)") in UNITS and len(kept[-1]) + len(word) < width:
-            kept[-1] += f" {word}"
+        if (
+            joined
+            and joined[-1][-1].isdigit()
+            and word.rstrip(".,;:)") in UNITS
+            and len(joined[-1]) + len(word) < width
+        ):
+            joined[-1] += f" {word}"
         else:
-            kept.append(word)
-    return kept
+            joined.append(word)
+    return joined
 
 
 def prose_width() -> int:

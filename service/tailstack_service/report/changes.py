@@ -18,8 +18,8 @@ APART = ("schema",)
 
 def changes_of(first: Any, second: Any) -> tuple[tuple[Change, ...], int]:
     """Fields that differ, in the order of the second document, at most MOST of them; and how many are left out."""
-    found = list(_changes(first, second, "", "", ""))
-    return tuple(found[:MOST]), max(len(found) - MOST, 0)
+    changes = list(_changes(first, second, "", "", ""))
+    return tuple(changes[:MOST]), max(len(changes) - MOST, 0)
 
 
 def _changes(first: Any, second: Any, old: str, new: str, name: str) -> Iterator[Change]:
@@ -68,8 +68,8 @@ def _describe(items: list[Any]) -> dict[str, int]:
     """Places by what tells an element: its name, if all have one and no two the same, or else its number."""
     for saying in SAYINGS:
         names = [item.get(saying) for item in items]
-        if all(isinstance(said, str) and said for said in names) and len(set(names)) == len(names):
-            return {str(said): place for place, said in enumerate(names)}
+        if all(isinstance(name, str) and name for name in names) and len(set(names)) == len(names):
+            return {str(name): place for place, name in enumerate(names)}
     return {str(place): place for place in range(len(items))}
 
 

@@ -248,7 +248,9 @@ def draw_convergence(shown: Convergence, limit_mm: float | None, name: str, deci
         if near is not None:
             axes.axhline(near, color=LIMIT_COLOUR, linewidth=1.6, linestyle=DASHED)
             beside(axes, (1.0, near), f"limit {near:g} mm", (0, 5), of="y", ha="right", color=LIMIT_COLOUR)
-        settled = ", ".join(f"{one.p95_mm:.{decimals}f} mm after {one.trials:,}" for one in (points[0], points[-1]))
+        settled = ", ".join(
+            f"{point.p95_mm:.{decimals}f} mm after {point.trials:,}" for point in (points[0], points[-1])
+        )
         words = f"P95 at target {shown.target} by the number of trials: {settled}; "
         words += f"bars are {confidence} intervals, each by itself."
         return page.svg(f"How P95 settled at target {shown.target}", words)
@@ -601,8 +603,8 @@ def _draw_curves(sweep: Sweep, wide: Sequence[int], name: str) -> str:
         shown += f"; curves: {_axis_name(sweep.axes[other])}; the target with the largest P95"
     elif len(curves) > MOST_CURVES:
         shown += f"; the {MOST_CURVES} of {len(curves)} targets with the largest P95"
-        largest = {one: max(target.p95_mm for _, target, _ in curve) for one, curve in curves.items()}
-        curves = {one: curves[one] for one in sorted(curves, key=lambda one: -largest[one])[:MOST_CURVES]}
+        largest = {label: max(target.p95_mm for _, target, _ in curve) for label, curve in curves.items()}
+        curves = {label: curves[label] for label in sorted(curves, key=lambda label: -largest[label])[:MOST_CURVES]}
     refused = sum(not point.targets for point in sweep.points)
     if refused:
         shown += f"; {refused} of {len(sweep.points)} points were refused and are not drawn"
@@ -615,10 +617,10 @@ def _draw_curves(sweep: Sweep, wide: Sequence[int], name: str) -> str:
         page.say(64, top + 36, "P95 of the error at the tool", weight="bold")
         axes = page.axes(70, top + 62, 660, top + 312, axis, "P95, mm")
         ends = []
-        for k, (one, curve) in enumerate(curves.items()):
+        for k, (label, curve) in enumerate(curves.items()):
             colour = COLOURS[k % len(COLOURS)]
             _draw_curve(axes, curve, colour)
-            ends.append((one, curve[-1][1].p95_mm, colour))
+            ends.append((label, curve[-1][1].p95_mm, colour))
         low, high = axes.dataLim.intervalx
         axes.set_xlim(low - 0.05 * (high - low), high + 0.05 * (high - low))
         limits = sweep.limits()
@@ -632,8 +634,8 @@ def _draw_curves(sweep: Sweep, wide: Sequence[int], name: str) -> str:
             axes.axvline(base, color=FAINT, linewidth=1, linestyle=SHORT, zorder=1)
             beside(axes, (base, 0.0), "as designed", (4, 5), of="x", color=MUTED)
         words = "; ".join(
-            f"{one}: {curve[0][1].p95_mm:.4g} mm at {curve[0][0]:g}, {curve[-1][1].p95_mm:.4g} mm at {curve[-1][0]:g}"
-            for one, curve in curves.items()
+            f"{label}: {curve[0][1].p95_mm:.4g} mm at {curve[0][0]:g}, {curve[-1][1].p95_mm:.4g} mm at {curve[-1][0]:g}"
+            for label, curve in curves.items()
         )
         return page.svg(_sweep_title(sweep), f"P95 over {axis}; {shown}. {words}.")
 

@@ -66,7 +66,7 @@ def verify_alike(
         pair = draw(sampling)
         most = max(check.trials for check in pair)
         # bounded components may be drawn at several vertices, and a check tells only the most trials of all of them
-        single = all(len(one.plans) == 1 for one in ready)
+        single = all(len(prepared.plans) == 1 for prepared in ready)
         if most == at_least or options.trials is not None or (single and pair[0].trials == pair[1].trials):
             return pair
         at_least = most
@@ -144,9 +144,9 @@ def _first_order(first: Report, second: Report, name: str) -> Difference:
 
 def _draw_both(first: Report, second: Report, names: list[str], seed: int, count: int) -> tuple[Difference, ...]:
     ready = [prepare(load_design(report.design, allow_files=False)) for report in (first, second)]
-    found = []
+    differences = []
     for name in names:
-        a, b = (draw_norms(one, name, seed, count) for one in ready)
+        a, b = (draw_norms(prepared, name, seed, count) for prepared in ready)
         apart = estimate_difference(a, b, 0.95, CONFIDENCE)
         if not isfinite(apart.interval[1]):
             detail = f"so many shots have no answer at target {name} that some thirty-seconds of them have no P95"
@@ -155,13 +155,13 @@ def _draw_both(first: Report, second: Report, names: list[str], seed: int, count
         was, now = (_checked_p95(report, name) for report in (first, second))
         low, high = (now - was + (end - apart.value) for end in apart.interval)
         conclusion = "smaller" if high < -SAME else "larger" if low > SAME else "not decided"
-        found.append(
+        differences.append(
             Difference(
                 name, "Monte Carlo", was, now, now - was, (low, high), CONFIDENCE,
                 conclusion,  # type: ignore[arg-type]
             )
         )  # fmt: skip
-    return tuple(found)
+    return tuple(differences)
 
 
 def estimate_difference(first: Array, second: Array, quantile: float, confidence: float) -> SectionEstimate:
@@ -206,15 +206,15 @@ def _describe_verdict(which: str, report: Report) -> str:
     decisive = decisive_check(checks)
     if decisive is None:
         return ""
-    said = check_sentence(decisive, which)
+    sentence = check_sentence(decisive, which)
     word = {"fail": "misses", "inconclusive": "may miss"}
     others: dict[str, list[str]] = {}
     for name in dict.fromkeys(check.requirement for check in checks if check.requirement != decisive.requirement):
         worst = min((check for check in checks if check.requirement == name), key=urgency)
         others.setdefault(worst.status, []).append(name)
     more = " and ".join(f"{word[key]} {', '.join(others[key])}" for key in word if key in others)
-    said = said if decisive.status != "inconclusive" else f"{which}: {said[:1].lower()}{said[1:]}"
-    return f"{said} It also {more}." if more else said
+    sentence = sentence if decisive.status != "inconclusive" else f"{which}: {sentence[:1].lower()}{sentence[1:]}"
+    return f"{sentence} It also {more}." if more else sentence
 
 
 def comparison_decimals(first: Report, second: Report) -> int:
@@ -224,28 +224,32 @@ def comparison_decimals(first: Report, second: Report) -> int:
     return decimals_of([check for answer in judged for check in answer.verdict.checks], largest)
 
 
-def difference_decimals(found: Difference, decimals: int) -> int:
+def difference_decimals(difference: Difference, decimals: int) -> int:
     """Decimals of a difference, which pairs of trials know better than either P95; never fewer than these have."""
-    if found.interval_mm is None:
-        return max(decimals, count_decimals(found.difference_mm))
-    low, high = found.interval_mm
+    if difference.interval_mm is None:
+        return max(decimals, count_decimals(difference.difference_mm))
+    low, high = difference.interval_mm
     return max(decimals, count_decimals((high - low) / 2 / ESTIMATE))
 
 
-def difference_sentence(found: Difference, decimals: int) -> str:
+def difference_sentence(difference: Difference, decimals: int) -> str:
     """The difference at one target in words; decimals: of P95."""
-    fine = difference_decimals(found, decimals)
-    share = f" ({in_percent(abs(found.difference_mm) / found.first_p95_mm, 1)})" if found.first_p95_mm > 0 else ""
-    ends = f"; P95 goes from {found.first_p95_mm:.{decimals}f} to {found.second_p95_mm:.{decimals}f} mm"
-    size = f"{abs(found.difference_mm):.{fine}f} mm{share}"
-    if found.interval_mm is None or found.confidence is None:
-        word = "smaller" if found.difference_mm < 0 else "larger"
-        return f"By estimate, P95 at {found.target} is {size} {word} with the second design{ends}."
-    low, high = found.interval_mm
-    within = f"({in_percent(found.confidence)} interval {low:+.{fine}f} to {high:+.{fine}f} mm)".replace("-", "−")
-    if found.conclusion == "not decided":
-        return f"No difference of P95 at {found.target} is shown {within}{ends}."
-    return f"P95 at {found.target} is {size} {found.conclusion} with the second design {within}{ends}."
+    fine = difference_decimals(difference, decimals)
+    share = (
+        f" ({in_percent(abs(difference.difference_mm) / difference.first_p95_mm, 1)})"
+        if difference.first_p95_mm > 0
+        else ""
+    )
+    ends = f"; P95 goes from {difference.first_p95_mm:.{decimals}f} to {difference.second_p95_mm:.{decimals}f} mm"
+    size = f"{abs(difference.difference_mm):.{fine}f} mm{share}"
+    if difference.interval_mm is None or difference.confidence is None:
+        word = "smaller" if difference.difference_mm < 0 else "larger"
+        return f"By estimate, P95 at {difference.target} is {size} {word} with the second design{ends}."
+    low, high = difference.interval_mm
+    within = f"({in_percent(difference.confidence)} interval {low:+.{fine}f} to {high:+.{fine}f} mm)".replace("-", "−")
+    if difference.conclusion == "not decided":
+        return f"No difference of P95 at {difference.target} is shown {within}{ends}."
+    return f"P95 at {difference.target} is {size} {difference.conclusion} with the second design {within}{ends}."
 
 
 def _budget(first: Report, second: Report, target: str) -> list[str]:
@@ -277,9 +281,9 @@ def _variances(report: Report, name: str) -> dict[str, float]:
     """mm^2 by contributor at a target."""
     target = next(entry for entry in report.score.targets if entry.name == name)
     total = sum(target.covariance_mm2[k][k] for k in range(3))
-    found: dict[str, float] = {}
+    variances: dict[str, float] = {}
     several = {line.name for line in target.contributors if line.component == "all"}
     for line in target.contributors:
         if line.component == "all" or line.name not in several:
-            found[line.name] = found.get(line.name, 0.0) + line.variance_share * total
-    return found
+            variances[line.name] = variances.get(line.name, 0.0) + line.variance_share * total
+    return variances

@@ -232,13 +232,13 @@ def prices(design: Design, system: System) -> dict[tuple[str, str], Priced]:
 
     free_widths = read_request(design).problem.half_widths
     mounts = {mount.name: mount for mount in system.interfaces}
-    found = {}
+    priced = {}
     for free in free_widths:
         sources = mounts[free.contributor].sources
         place = sources.names.index(free.component)
         shown = degrees if sources.units[place] == "rad" else float
         cost = cost_of(free.price, float(sources.half_width[place]))
-        found[free.contributor, free.component] = Priced(
+        priced[free.contributor, free.component] = Priced(
             cost if np.isfinite(cost) else None, shown(free.minimum), shown(free.maximum)
         )
-    return found
+    return priced

@@ -23,9 +23,9 @@ from .records import Difference, Headline, Report
 
 def headline_of(score: Score, verification: Verification | None, optimisation: Optimisation | None = None) -> Headline:
     """What the report opens with; Monte Carlo speaks where it was drawn."""
-    found = _decide(score.verdict, _first_order(score)) if verification is None else checked_headline(verification)
+    headline = _decide(score.verdict, _first_order(score)) if verification is None else checked_headline(verification)
     decisive = decisive_check((score if verification is None else verification).verdict.checks)
-    return replace(found, matters=tuple(what_matters(score, verification, optimisation, found.target, decisive)))
+    return replace(headline, matters=tuple(what_matters(score, verification, optimisation, headline.target, decisive)))
 
 
 def checked_headline(verification: Verification) -> Headline:
@@ -65,7 +65,9 @@ def tightest_check(checks: Sequence[Check], target: str) -> Check | None:
 def decided_difference(second: Report, differences: Sequence[Difference]) -> Difference:
     """The difference at the target that decides the second design's verdict, of which the first page speaks; where the
     first design does not have it, the one at the second's largest P95."""
-    return next((one for one in differences if one.target == second.headline.target), differences[0])
+    return next(
+        (difference for difference in differences if difference.target == second.headline.target), differences[0]
+    )
 
 
 def _first_order(score: Score) -> tuple[str, float, tuple[float, float | None]]:
@@ -82,13 +84,13 @@ def what_matters(
     decisive: Check | None,
 ) -> list[str]:
     """At most three sentences: what dominates, how much is to spare, what to be careful about."""
-    found = next((entry for entry in score.targets if entry.name == target), score.targets[0])
+    target_score = next((entry for entry in score.targets if entry.name == target), score.targets[0])
     sentences = []
     error = "tcp" if decisive is None else decisive.error
-    sources, checks = sources_of(found, error), (score if verification is None else verification).verdict.checks
-    decimals = decimals_of(checks, found.p95_mm)
+    sources, checks = sources_of(target_score, error), (score if verification is None else verification).verdict.checks
+    decimals = decimals_of(checks, target_score.p95_mm)
     if sources and sources[0].share > 0:
-        sentences.append(dominant_sentence(sources[0], found, error, decimals))
+        sentences.append(dominant_sentence(sources[0], target_score, error, decimals))
     if decisive is not None:
         sentences.append(margin_sentence(decisive, sources, decimals))
     if optimisation is not None:
@@ -97,13 +99,16 @@ def what_matters(
     return sentences[:3]
 
 
-def _describe_optimum(found: Optimisation, decimals: int) -> str:
+def _describe_optimum(optimisation: Optimisation, decimals: int) -> str:
     cost = (
-        "" if found.cost_before is None else f" at a cost of {found.cost_after:.4g} instead of {found.cost_before:.4g}"
+        ""
+        if optimisation.cost_before is None
+        else f" at a cost of {optimisation.cost_after:.4g} instead of {optimisation.cost_before:.4g}"
     )
-    missed = list(dict.fromkeys(check.requirement for check in found.others if check.status != "pass"))
+    missed = list(dict.fromkeys(check.requirement for check in optimisation.others if check.status != "pass"))
     but = f", and does not keep {', '.join(missed)}, which it was not asked to" if missed else ""
-    return f"The optimised design has a P95 of {found.p95_after_mm:.{decimals}f} mm{cost}{but}; it is described below."
+    after = f"{optimisation.p95_after_mm:.{decimals}f} mm"
+    return f"The optimised design has a P95 of {after}{cost}{but}; it is described below."
 
 
 def _caution(score: Score, verification: Verification | None) -> str:

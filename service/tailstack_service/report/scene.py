@@ -226,14 +226,14 @@ def fiducials(system: System, old: System | None, called: str) -> list[Item]:
             items.append(Item("line", "floor", "drop", points_of([at, np.array([at[0], at[1], lowest])])))
         if was is not None and differ(was, at):
             items.append(Item("line", "before", "moved", points_of([was, at])))
-            said = f"{whole} {called}: {place_in_words(was)}"
-            items.append(Item("mark", "before", "old", (point(was),), "", said))
+            title = f"{whole} {called}: {place_in_words(was)}"
+            items.append(Item("mark", "before", "old", (point(was),), "", title))
         look = "fiducial" if old is None or was is not None else "new"
-        said = f"fiducial {whole}: {place_in_words(at)}"
-        items.append(Item("mark", "fiducials", look, (point(at),), in_lines(name, 18), said))
+        title = f"fiducial {whole}: {place_in_words(at)}"
+        items.append(Item("mark", "fiducials", look, (point(at),), in_lines(name, 18), title))
     for name, was in before.items():
-        said = f"{printable(name, LONGEST)}, only {called}: {place_in_words(was)}"
-        items.append(Item("mark", "before", "old", (point(was),), "", said))
+        title = f"{printable(name, LONGEST)}, only {called}: {place_in_words(was)}"
+        items.append(Item("mark", "before", "old", (point(was),), "", title))
     return items
 
 
@@ -278,14 +278,16 @@ def mounts(design: Design, system: System, old: System | None, length: float) ->
             items.append(Item("line", "before", "moved", points_of([was.pivot_mm, mount.pivot_mm])))
         for target in system.targets[:1]:
             arm = float(np.linalg.norm(target.position_mm - mount.pivot_mm))
-            said = f"{name} to {printable(target.name, LONGEST)}: {arm:.1f} mm"
+            lever_title = f"{name} to {printable(target.name, LONGEST)}: {arm:.1f} mm"
             points = points_of([mount.pivot_mm, target.position_mm])
-            items.append(Item("line", "levers", "lever", points, f"{arm:.0f} mm", said))
+            items.append(Item("line", "levers", "lever", points, f"{arm:.0f} mm", lever_title))
         for locator in (document.locators or ()) if document is not None else ():
             at, normal = np.array(locator.position_mm), np.array(locator.normal, dtype=float)
             begin = at - length * normal / np.linalg.norm(normal)
-            said = f"locator {printable(locator.name, LONGEST)}: {place_in_words(at)}"
-            items.append(Item("arrow", "locators", "locator", points_of([begin, at]), in_lines(locator.name, 18), said))
+            locator_title = f"locator {printable(locator.name, LONGEST)}: {place_in_words(at)}"
+            items.append(
+                Item("arrow", "locators", "locator", points_of([begin, at]), in_lines(locator.name, 18), locator_title)
+            )
     return items
 
 
@@ -336,7 +338,7 @@ def beam_items(beam: Beam, system: System, crowded: bool) -> list[Item]:
     """Source, edges of the beam, detector and the images on it; ``crowded``: only the source is named, and shortly."""
     name = printable(beam.view.name, LONGEST)
     corners = beam.on_detector(beam.corners_px)
-    said = f"{beam.detector_mm:.0f} mm from the source" if beam.stated else "its distance is not stated"
+    distance = f"{beam.detector_mm:.0f} mm from the source" if beam.stated else "its distance is not stated"
     source = in_lines(name if crowded else f"{name} source", 18)
     title = f"source of view {name}: {place_in_words(beam.source_mm)}"
     items = [Item("mark", "beams", "source", (point(beam.source_mm),), source, title)]
@@ -344,7 +346,7 @@ def beam_items(beam: Beam, system: System, crowded: bool) -> list[Item]:
         items.append(Item("line", "beams", "ray", points_of([beam.source_mm, corner])))
     look = "detector" if beam.stated and beam.sized else "guessed"
     label = "" if crowded else in_lines(f"{name} detector", 18)
-    items.append(Item("face", "beams", look, points_of(corners), label, f"detector of view {name}, {said}"))
+    items.append(Item("face", "beams", look, points_of(corners), label, f"detector of view {name}, {distance}"))
     middle = beam.source_mm + beam.detector_mm * beam.direction
     items.append(Item("line", "beams", "axis", points_of([beam.source_mm, middle])))
     images = beam.images(system.fiducials_mm)
@@ -384,8 +386,8 @@ def magnification_of(pairs: Sequence[tuple[System, Score | Errors]], radius: flo
     """1, 2 or 5 times a power of ten, so that the largest ellipsoid and bias can be seen and hide nothing."""
     sizes = [0.0]
     for _, score in pairs:
-        found: Sequence[TargetScore | TargetErrors] = score.targets
-        for target in found:
+        score_targets: Sequence[TargetScore | TargetErrors] = score.targets
+        for target in score_targets:
             sizes.append(float(np.linalg.norm(target.bias_mm)))
             sizes.append(float(np.linalg.norm(semi_axes(np.array(target.covariance_mm2))[0])))
     return round_step(SHARE * 2 * radius / max(sizes)) if max(sizes) > 1e-9 else 0.0
@@ -404,8 +406,8 @@ def errors(system: System, score: Score | Errors, magnification: float, called: 
     from_tcp = system.T_tcp_con[:3, :3].T
     items: list[Item] = []
     seen: set[str] = set()
-    found: Sequence[TargetScore | TargetErrors] = score.targets
-    for target in sorted(found, key=lambda entry: entry.p95_mm, reverse=True):
+    score_targets: Sequence[TargetScore | TargetErrors] = score.targets
+    for target in sorted(score_targets, key=lambda entry: entry.p95_mm, reverse=True):
         if regions[target.name] in seen or len(seen) == MOST_ELLIPSOIDS:
             continue
         seen.add(regions[target.name])

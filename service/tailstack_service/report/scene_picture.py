@@ -338,11 +338,11 @@ def _legend(scene: LayoutScene, items: Sequence[Item], x: float, y: float) -> tu
     for look, words in (*_WORDS.items(), *_LOOK_WORDS.items()):
         if look not in used:
             continue
-        said = words.format(before=printable(scene.before, 12), name=used[look])
+        caption = words.format(before=printable(scene.before, 12), name=used[look])
         if look in MAGNIFIED:
-            said += ", to scale" if scene.magnification == 1 else f", × {scene.magnification:g}"
+            caption += ", to scale" if scene.magnification == 1 else f", × {scene.magnification:g}"
         parts.append(mark(look, x, y - 4) if look in _WORDS else _sample(look, x, y - 4))
-        lines = in_lines(said, 34)
+        lines = in_lines(caption, 34)
         parts += label_lines(x + 16, y, lines, INK)
         y += 16 + FONT * lines.count("\n")
     return parts, y

@@ -171,10 +171,10 @@ def _summary(book: Any, formats: _Formats, document: Document) -> None:
     sheet = _open(book, "Summary", FRONT)
     row = _pairs(sheet, formats, 0, [(document.kind, document.title)], TITLE)
     row = _pairs(sheet, formats, row, [("Verdict", document.status)], BOLD)
-    said = [("In words", document.sentence)]
-    said += [(n.label, f"{n.value}  ({n.detail})" if n.detail else n.value) for n in document.numbers]
-    said += [(f"What matters, {k}", sentence) for k, sentence in enumerate(document.matters, 1)]
-    _pairs(sheet, formats, row, said)
+    pairs = [("In words", document.sentence)]
+    pairs += [(n.label, f"{n.value}  ({n.detail})" if n.detail else n.value) for n in document.numbers]
+    pairs += [(f"What matters, {k}", sentence) for k, sentence in enumerate(document.matters, 1)]
+    _pairs(sheet, formats, row, pairs)
 
 
 def _provenance(book: Any, formats: _Formats, document: Document) -> None:

@@ -211,7 +211,7 @@ def _loss_probability(fiducials: Fiducials, count: int) -> tuple[float, ...]:
 
 
 def _requirement(item: RequirementDocument, samples: dict[str, tuple[Target, ...]]) -> Requirement:
-    wanted = [found for name, found in samples.items() if item.targets == "all" or name in item.targets]
+    wanted = [targets for name, targets in samples.items() if item.targets == "all" or name in item.targets]
     names = tuple([sample.name for sample in chain.from_iterable(wanted)])
     return Requirement(
         item.name, item.error, item.quantile, item.limit_mm, item.confidence, names, item.risk, item.min_yield
@@ -274,11 +274,11 @@ def _name_left_out(design: Design) -> list[Problem]:
     )
     if origin is None:
         return []
-    said = [
+    sentences = [
         origin.describe_left_out(),
         *(f"{origin.file}: {remark}" for remark in origin.remarks if "left out" in remark),
     ]
-    return [Problem(pointer, "left-out", each) for each in said if each]
+    return [Problem(pointer, "left-out", each) for each in sentences if each]
 
 
 SINGULAR = 1e-9  # smallest over largest singular value, rotations measured at the contacts' own radius

@@ -158,13 +158,13 @@ ROTATIONS, TRANSLATIONS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
 
 def list_declared(document: DesignDocument, components: tuple[str, ...]) -> list[tuple[str, str]]:
     """(interface, component) of every tolerance of these components that the two interfaces declare."""
-    found = []
+    declared = []
     for name in INTERFACES:
         interface: Interface | None = getattr(document.interfaces, name)
         if interface is not None and interface.tolerances is not None:
             tolerances = interface.tolerances
-            found += [(name, axis) for axis in components if getattr(tolerances, axis) is not None]
-    return found
+            declared += [(name, axis) for axis in components if getattr(tolerances, axis) is not None]
+    return declared
 
 
 def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Problem]:

@@ -206,11 +206,11 @@ def refuse(name: str, line: int | None, code: str, detail: str, hint: str = "") 
 def read_number(text: Any, name: str, line: int | None, what: str) -> float:
     """A number of a file, finite and of a size that a coordinate can have.  Raises DesignError."""
     if isinstance(text, str):
-        found = read_plain_number(text)
-        if found is None:
+        value = read_plain_number(text)
+        if value is None:
             hint = cure_text(text, what) or "leave out what was not measured"
             raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}", hint)
-        return _check_size(found, name, line, what)
+        return _check_size(value, name, line, what)
     if isinstance(text, bool) or not isinstance(text, int | float):
         raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}")
     return _check_size(float(text), name, line, what)
@@ -245,8 +245,8 @@ def _read_position(table: FiducialTable, name: str) -> tuple[tuple[str, ...], tu
 
 
 def _system_comment(line: str) -> str | None:
-    found = re.match(r"#\s*coordinate\s*system\s*[=:]\s*(\S+)\s*$", line.strip(), re.IGNORECASE)
-    return found.group(1) if found else None
+    match = re.match(r"#\s*coordinate\s*system\s*[=:]\s*(\S+)\s*$", line.strip(), re.IGNORECASE)
+    return match.group(1) if match else None
 
 
 def _system(text: str, name: str, line: int | None) -> System:
@@ -276,8 +276,8 @@ def _read_table(content: bytes, name: str) -> FiducialTable:
     unknown = [cell for cell in others if cell not in known]
     if unknown or len(others) + 3 != len(table.header):
         repeated = [cell for cell in table.header if [*map(str.lower, table.header)].count(cell.lower()) > 1]
-        said = quote([*unknown, *repeated][0])
-        raise table.refuse("csv-header", f"unknown or repeated column {said}", EXAMPLE, table.header_line)
+        heading = quote([*unknown, *repeated][0])
+        raise table.refuse("csv-header", f"unknown or repeated column {heading}", EXAMPLE, table.header_line)
     at_label = others[(names or numbering)[0]] if names or numbering else None
     rows: list[tuple[str, list[float]]] = []
     left_out: list[str] = []
@@ -347,22 +347,22 @@ def _find_columns(table: PeopleTable, axes: str, of_slicer: bool) -> tuple[list[
 def _state_in_slicer_s_table(table: PeopleTable, cells: list[str], line: int, others: dict[str, int]) -> str:
     """Whether a control point is defined.  Raises DesignError."""
     at = others.get("defined")
-    said = "1" if at is None else cells[at].strip()
-    if said not in ("0", "1"):
-        detail = f"defined is 1 or 0; got {show(said)}"
+    flag = "1" if at is None else cells[at].strip()
+    if flag not in ("0", "1"):
+        detail = f"defined is 1 or 0; got {show(flag)}"
         raise table.refuse("wrong-type", detail, "export the table anew", line, (at or 0) + 1)
-    return "defined" if said == "1" else "undefined"
+    return "defined" if flag == "1" else "undefined"
 
 
 def _find_system(table: PeopleTable, name: str) -> System | None:
     """The coordinate system that a remark states.  Raises DesignError for two, or one that is not known."""
-    found: set[System] = set()
+    systems: set[System] = set()
     for number, text in table.remarks:
-        if said := _system_comment(text):
-            found.add(_system(said, name, number))
-        if len(found) > 1:
+        if system := _system_comment(text):
+            systems.add(_system(system, name, number))
+        if len(systems) > 1:
             raise refuse(name, number, "contradiction", "another coordinate system was stated above", "state one")
-    return next(iter(found), None)
+    return next(iter(systems), None)
 
 
 def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
@@ -380,14 +380,14 @@ def _read_fcsv(text: str, encoding: str, name: str) -> FiducialTable:
     for number, line in enumerate(re.split(r"\r\n|\n|\r", text.removeprefix("\ufeff")), 1):
         if not line.strip():
             continue
-        said = _system_comment(line)
+        system_name = _system_comment(line)
         named = re.match(r"#\s*columns\s*=\s*(.*)", line.strip(), re.IGNORECASE)
-        if said or named:
+        if system_name or named:
             if rows or left_out:
                 raise refuse(
                     name, number, "contradiction", "a row stands above this", "put it to the begin of the file"
                 )
-            system = _system(said, name, number) if said else system
+            system = _system(system_name, name, number) if system_name else system
             columns = _read_fcsv_columns(named[1], name, number) if named else columns
             stated_columns = stated_columns or named is not None
             continue
@@ -453,10 +453,10 @@ def _read_fcsv_row(
     more = [cell.strip() for cell in cells[len(columns) :]]
     if len(more) == 2:
         switches["autoCreated, the 16th field,"] = more[1]
-    for what, said in switches.items():
-        if said not in ("0", "1"):
+    for what, flag in switches.items():
+        if flag not in ("0", "1"):
             hint = "write decimals with a point: with commas, fields move to the right"
-            raise refuse(name, number, "wrong-type", f"{what} is 0 or 1; got {show(said)}", hint)
+            raise refuse(name, number, "wrong-type", f"{what} is 0 or 1; got {show(flag)}", hint)
     if more and more[0] not in ("0", "1", "2", "3"):
         detail = f"the 15th field is the state of the position, 0 to 3; got {show(more[0])}"
         raise refuse(name, number, "wrong-type", detail, "write decimals with a point; save it from Slicer anew")

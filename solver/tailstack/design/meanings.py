@@ -180,13 +180,13 @@ def write_numbers(values: Any) -> str:
 
 def say_meanings(view: Any, scene: WrittenPoints) -> str:
     """What to write in a view so that it shows everything, without a point at its end; empty: nothing was found."""
-    found = find_meanings(view, scene)
+    meanings = find_meanings(view, scene)
     where = "in front of the source" + (" and inside the image" if _states_size(view) else "")
-    if len(found) == 1:
-        return f"with {found[0].words}, all fiducials and targets lie {where}: write {found[0].cure}"
-    if found:
-        every = "; with ".join(each.words for each in found)
-        return f"all fiducials and targets lie {where} in {len(found)} ways: with {every}. Look up which is meant"
+    if len(meanings) == 1:
+        return f"with {meanings[0].words}, all fiducials and targets lie {where}: write {meanings[0].cure}"
+    if meanings:
+        every = "; with ".join(each.words for each in meanings)
+        return f"all fiducials and targets lie {where} in {len(meanings)} ways: with {every}. Look up which is meant"
     return ""
 
 
@@ -216,13 +216,13 @@ def _states_size(view: Any) -> bool:
 
 def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Sequence[Problem]) -> list[Problem]:
     """Problems of what a view shows, with what to do in a view of that kind."""
-    said: dict[str, str] = {}
+    hints: dict[str, str] = {}
     explained = []
     for problem in problems:
         if problem.code in _PLACED:
             view = document.views[int(problem.pointer.split("/")[2])]
-            first = problem.pointer not in said
-            meant = said.setdefault(
+            first = problem.pointer not in hints
+            meant = hints.setdefault(
                 problem.pointer, (say_meanings(view, scene) or _say_targets(document, scene)) if first else ""
             )
             problem = replace(

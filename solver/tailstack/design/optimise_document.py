@@ -571,9 +571,9 @@ class Shaped(Record):
 
     @property
     def shape(self) -> SearchBox | SearchCylinder | SearchBall:
-        found = self.box or self.cylinder or self.ball
-        assert found is not None  # the validator's work
-        return found
+        region = self.box or self.cylinder or self.ball
+        assert region is not None  # the validator's work
+        return region
 
 
 class FiducialRegion(Shaped):

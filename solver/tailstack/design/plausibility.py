@@ -178,15 +178,15 @@ def _doubt_detector_widths(subject: Subject) -> Iterator[Doubt]:
         binned = (
             f"binned {known // own} x {known // own}" if own < known and known % own == 0 else "binned or resampled"
         )
-        said = []
+        sentences = []
         if abs(ratios[0] / ratios[1] - 1) <= SAME_WIDTH:  # else no pixel makes both sides those of the preset
-            said.append(f"An image of the whole detector, {binned}, has {whole}.")
+            sentences.append(f"An image of the whole detector, {binned}, has {whole}.")
         if max(ratios) <= 1 + SAME_WIDTH:
-            said.append("Of a crop the numbers are right as they are.")
+            sentences.append("Of a crop the numbers are right as they are.")
         message = (
             f"view {view.name}: its detector is {width:.4g} mm {way} ({own} px of {pixel:.4g} mm), that of "
             f"{preset.name} {published:.4g} mm ({known} px of {preset.pixel_mm:.4g} mm). "
-            f"{' '.join(said) or 'Check image_size_px and pixel_mm.'}"
+            f"{' '.join(sentences) or 'Check image_size_px and pixel_mm.'}"
         )
         yield Doubt(f"/views/{index}/{field}", message, width, published)
 

@@ -75,10 +75,10 @@ def locate_numbers(data: Any, pointer: str, where: str, refusal: type[TailstackE
     for place in places:
         value = value_at(data, place)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            said, hint = f"{pointer} is not a number", suggest(data, pointer) or cure
+            reason, hint = f"{pointer} is not a number", suggest(data, pointer) or cure
             if isinstance(value, str):
-                said, hint = f"{pointer} is a text", "write a design for each text, and score them one by one"
-            raise refusal(Problem(where, "not-a-number", f"only numbers can be varied; {said}", hint))
+                reason, hint = f"{pointer} is a text", "write a design for each text, and score them one by one"
+            raise refusal(Problem(where, "not-a-number", f"only numbers can be varied; {reason}", hint))
     return tuple(places)
 
 
@@ -101,7 +101,10 @@ def name_of(data: Any, pointer: str) -> str:
             step = int(step)
             item = node[step]
             called = next((word for word in _names(item) if word), None) if isinstance(item, dict) else None
-            unique = called is not None and sum(isinstance(one, dict) and called in _names(one) for one in node) == 1
+            unique = (
+                called is not None
+                and sum(isinstance(element, dict) and called in _names(element) for element in node) == 1
+            )
             words.append(str(called) if unique and "." not in str(called) else str(step))
         else:
             words.append(str(step))

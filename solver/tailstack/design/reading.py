@@ -89,8 +89,8 @@ class DocumentSource:
         place = self.placed().place
         if place is None:
             return None, None
-        found = place.find(path, key=key)
-        return found.line, found.column
+        position = place.find(path, key=key)
+        return position.line, position.column
 
 
 def read_bytes(path: Path, limit: int, name: str, *, document: bool = False) -> bytes:
@@ -172,8 +172,8 @@ def refuse_foreign(content: bytes, name: str | None) -> None:
     begin = content[:200].lstrip()
     for mark, code, what, hint in _FOREIGN:
         if begin[: len(mark)].lower() == mark.lower():
-            said = f"this is {what}; a design is a text in YAML or JSON"
-            raise DesignError(problem(code, said, hint.format(file=name or "FILE"), file=name))
+            message = f"this is {what}; a design is a text in YAML or JSON"
+            raise DesignError(problem(code, message, hint.format(file=name or "FILE"), file=name))
 
 
 def decode(content: bytes, name: str | None) -> str:

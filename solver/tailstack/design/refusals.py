@@ -193,9 +193,9 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         word = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below"}.get(kind, "at most")
         limit = next(context[key] for key in ("gt", "ge", "lt", "le") if key in context)
-        said = f"{limit:g}" if isinstance(limit, float) else limit
+        limit_text = f"{limit:g}" if isinstance(limit, float) else limit
         hint = cure_range(value, field, **{"most" if kind.startswith("less") else "least": limit})
-        return Problem(at, "out-of-range", f"must be {word} {said}; got {show(value)}", hint)
+        return Problem(at, "out-of-range", f"must be {word} {limit_text}; got {show(value)}", hint)
     if kind == "finite_number":
         return Problem(at, "not-finite", f"must be a finite number; got {show(value)}")
     if kind in ("literal_error", "enum"):
@@ -295,8 +295,8 @@ def _cure_flat(kind: str, value: Sequence[Any]) -> str:
     if kind == "transform":
         whole = {way: rows if count == 4 else [*rows, last] for way, rows in ways.items()}
         ways = {way: rows for way, rows in whole.items() if rows[3] == last} or whole
-    said = "; ".join(f"{way} it is {_write_rows(rows)}" for way, rows in ways.items())
-    return f"a {kind} has {shape}: written {said}"
+    text = "; ".join(f"{way} it is {_write_rows(rows)}" for way, rows in ways.items())
+    return f"a {kind} has {shape}: written {text}"
 
 
 def write_dlt(coefficients: Sequence[Any], more: str = "") -> str:

@@ -34,8 +34,8 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
             for label, position in zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
         ]
         stated = document.fiducials
-        kept = {name: getattr(stated, name) for name in stated.model_fields_set - {"file", "points", "origin"}}
-        fiducials = type(stated).model_validate({"points": points, "origin": design.fiducials.origin, **kept})
+        remaining = {name: getattr(stated, name) for name in stated.model_fields_set - {"file", "points", "origin"}}
+        fiducials = type(stated).model_validate({"points": points, "origin": design.fiducials.origin, **remaining})
         document = document.model_copy(update={"fiducials": fiducials})
     return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
 

@@ -161,10 +161,10 @@ class _Editor:
 
     def _revise_sequence(self, node: Node, old: list[Any], new: list[Any]) -> None:
         pairs = _pair(old, new) if len(node.parts) == len(old) else None
-        kept = {at: new[to] for at, to in pairs or ()}
-        added = new[len(kept) :]
+        matched = {at: new[to] for at, to in pairs or ()}
+        added = new[len(matched) :]
         starts = [self._dash(part.start) for part in node.parts]
-        if (added or len(kept) < len(old)) and (pairs is None or node.flow or None in starts):
+        if (added or len(matched) < len(old)) and (pairs is None or node.flow or None in starts):
             if old != new:
                 self._replace_items(node, new, starts)
             return
@@ -173,8 +173,8 @@ class _Editor:
             indent = " " * self._column(starts[0] or 0)
             self._insert_after(node.end, "".join(f"{indent}- {self._dump(item, like)}\n" for item in added))
         for position, part in enumerate(node.parts):
-            if position in kept:
-                self.revise(part, old[position], kept[position])
+            if position in matched:
+                self.revise(part, old[position], matched[position])
             else:
                 self._drop_lines(starts[position] or 0, part.end)
 

@@ -92,8 +92,8 @@ def image_field(
     """The effect in a view with an image of this size: the coefficients of every degree that has some half-width, px,
     first those of u, then those of v."""
     degrees = [degree for degree, half_width in enumerate(half_widths_px) if half_width > 0]
-    one = np.concatenate([np.zeros((0, 2), dtype=np.int64), *map(field_powers, degrees)])
-    powers, axis = np.tile(one, (2, 1)), np.repeat([0, 1], len(one))
+    exponents = np.concatenate([np.zeros((0, 2), dtype=np.int64), *map(field_powers, degrees)])
+    powers, axis = np.tile(exponents, (2, 1)), np.repeat([0, 1], len(exponents))
     sources = Sources(
         tuple(f"{'uv'[along]}.x{i}y{j}" for along, (i, j) in zip(axis, powers.tolist(), strict=True)),
         (law,) * len(axis),

@@ -83,15 +83,15 @@ class Share(NamedTuple):
 
 def shares(system: System) -> tuple[Share, ...]:
     """What each view sees."""
-    found = []
+    entries = []
     for index, (view, weights) in enumerate(zip(system.views, system.sees, strict=True)):
         if view.sees is None:
-            found.append(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm))
+            entries.append(Share("/fiducials", "", system.fiducial_labels, system.fiducials_mm))
         else:
             labels = tuple(label for label, seen in zip(system.fiducial_labels, weights, strict=True) if seen)
             who = f"view {view.name}: "
-            found.append(Share(f"/views/{index}/sees", who, labels, system.fiducials_mm[weights > 0]))
-    return tuple(found)
+            entries.append(Share(f"/views/{index}/sees", who, labels, system.fiducials_mm[weights > 0]))
+    return tuple(entries)
 
 
 def imaged_fiducials(system: System) -> Array:

@@ -75,8 +75,8 @@ def _solve(rows: Array, right: Array) -> Array:
     diagonal = np.abs(np.diagonal(r, axis1=-2, axis2=-1))
     singular = ~(diagonal.min(axis=-1) > 1e-13 * diagonal.max(axis=-1))
     r = np.where(singular[..., None, None], np.eye(r.shape[-1]), r)
-    found = np.linalg.solve(r, np.swapaxes(q, -1, -2) @ right[..., None])[..., 0]
-    return np.where(singular[..., None], np.nan, found)
+    solution = np.linalg.solve(r, np.swapaxes(q, -1, -2) @ right[..., None])[..., 0]
+    return np.where(singular[..., None], np.nan, solution)
 
 
 def resect_pose(
@@ -148,10 +148,10 @@ class _Equations(NamedTuple):
 def _equations_of(
     nominal: Array, offset: Array, images: Array, assumed: Array, pose: _Pose, precision: Array
 ) -> _Equations:
-    found, slopes = images_of(nominal, offset, *pose)
+    predicted, slopes = images_of(nominal, offset, *pose)
     batch, sought = assumed.shape[:-1], len(precision)
     free = 6 + sought
-    rows, left = slopes[..., :free].reshape(*batch, -1, free), (images - found).reshape(*batch, -1)
+    rows, left = slopes[..., :free].reshape(*batch, -1, free), (images - predicted).reshape(*batch, -1)
     weight = np.sqrt(precision)
     known = np.zeros((*batch, sought, free))
     known[..., range(sought), range(6, free)] = weight
@@ -193,11 +193,11 @@ def _settle(
         rows[:, :3] @= np.eye(3) + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * cross + third * cross @ cross
         return rows
 
-    found = least_squares(
+    solution = least_squares(
         residuals, np.zeros(6 + len(precision)), slopes, method="lm", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15,
         max_nfev=DAMPED_STEPS,
     )  # fmt: skip
-    pose = pose_at(found.x)
+    pose = pose_at(solution.x)
     equations = _equations_of(nominal, offset, images, assumed, pose, precision)
     return pose, _largest_move(equations, _solve(equations.rows, equations.left), precision)
 
@@ -244,18 +244,18 @@ def resect_reprojection(points: Array, images: Array) -> Array:
     for _ in range(STEPS):
         estimate = estimate / estimate[..., 2:, 3:]  # the depth of the centroid is held
         rays = local @ np.swapaxes(estimate, -1, -2)
-        found = rays[..., :2] / rays[..., 2:]
-        rows = np.zeros((*found.shape, 11))
+        predicted = rays[..., :2] / rays[..., 2:]
+        rows = np.zeros((*predicted.shape, 11))
         rows[..., 0, 0:4] = rows[..., 1, 4:8] = local / rays[..., 2:]
-        rows[..., 8:] = -found[..., None] * (local[..., None, :3] / rays[..., 2, None, None])
-        step = _solve(rows.reshape(*rows.shape[:-3], -1, 11), (seen - found).reshape(*found.shape[:-2], -1))
+        rows[..., 8:] = -predicted[..., None] * (local[..., None, :3] / rays[..., 2, None, None])
+        step = _solve(rows.reshape(*rows.shape[:-3], -1, 11), (seen - predicted).reshape(*predicted.shape[:-2], -1))
         change = np.concatenate([step, np.zeros((*step.shape[:-1], 1))], axis=-1)
         estimate = estimate + change.reshape(*step.shape[:-1], 3, 4)
         moved = np.abs(rows @ step[..., None, :, None])[..., 0].max(axis=(-1, -2))
         if not (moved > AT_REST_PX * scale).any():
             break
-    found = np.asarray(np.linalg.solve(image_frame, estimate @ object_frame), dtype=np.float64)
-    return np.where((moved <= RESTLESS_PX * scale)[..., None, None], scale_to_depth(found, points), np.nan)
+    projection = np.asarray(np.linalg.solve(image_frame, estimate @ object_frame), dtype=np.float64)
+    return np.where((moved <= RESTLESS_PX * scale)[..., None, None], scale_to_depth(projection, points), np.nan)
 
 
 def precisions(system: System) -> Array:
@@ -277,15 +277,15 @@ def estimate_views(system: System, assumed: Array, images: Array, errors: Array 
     """
     traits = system.estimator.traits
     known = precisions(system)[:, : traits.free_intrinsics]
-    found = []
+    projections = []
     for v, (view, weights) in enumerate(zip(system.views, system.sees, strict=True)):
         points, seen = assumed[..., weights > 0, :], images[..., v, :, :][..., weights > 0, :]
         if traits.seeks_pose:
             error = None if errors is None else errors[..., v, :]
-            found.append(resect_pose(points, seen, view, error=error, precision=known[v]))
+            projections.append(resect_pose(points, seen, view, error=error, precision=known[v]))
         else:
-            found.append((resect_reprojection if traits.unknowns else resect)(points, seen))
-    return np.stack(found, axis=-3)
+            projections.append((resect_reprojection if traits.unknowns else resect)(points, seen))
+    return np.stack(projections, axis=-3)
 
 
 def row_weights(system: System, projections: Array, assumed: Array, point: Array) -> Array:
@@ -376,9 +376,9 @@ def _locate(system: System, projections: Array, images: Array, assumed: Array, w
         return point
     for _ in range(STEPS):
         rays = (projections @ homogeneous(point)[..., None, :, None])[..., 0]
-        found = rays[..., :2] / rays[..., 2:]
-        rows = (projections[..., :2, :3] - found[..., None] * projections[..., 2:, :3]) / rays[..., 2, None, None]
-        step = _solve(rows.reshape(*rows.shape[:-3], -1, 3), (images - found).reshape(*found.shape[:-2], -1))
+        predicted = rays[..., :2] / rays[..., 2:]
+        rows = (projections[..., :2, :3] - predicted[..., None] * projections[..., 2:, :3]) / rays[..., 2, None, None]
+        step = _solve(rows.reshape(*rows.shape[:-3], -1, 3), (images - predicted).reshape(*predicted.shape[:-2], -1))
         point = point + step
         if not (np.abs(step).max(axis=-1) > 1e-10).any():
             break

@@ -39,8 +39,8 @@ def read_camera(content: bytes, name: str, form: CageForm, limits: Limits) -> Ca
     """
     if len(content) > limits.fiducial_file_bytes:
         raise LimitError(Problem("", "too-large", f"{name} is longer than {limits.fiducial_file_bytes} bytes"))
-    found = _read_sections(decode(content, name).removeprefix("\ufeff").splitlines(), name)
-    size, camera, rotation, shift = (found[section] for section in _SECTIONS)
+    sections = _read_sections(decode(content, name).removeprefix("\ufeff").splitlines(), name)
+    size, camera, rotation, shift = (sections[section] for section in _SECTIONS)
     width, height = size[0]
     if not (width.is_integer() and height.is_integer()):
         raise refuse(name, None, "camera-file", f"the image size is two whole numbers; got {width:g}, {height:g}")

@@ -63,15 +63,15 @@ def _read_scales(header: str, name: str) -> tuple[float, float, float]:
             name, 1, "cage-header", f"XMALab does not read the first line, and here it is a bead: {show(header)}",
             "put a line like x,y,z above it",
         )  # fmt: skip
-    found = [_SCALE.fullmatch(cell) for cell in cells[:3]]
-    if len(cells) == 3 and all(found):
+    matches = [_SCALE.fullmatch(cell) for cell in cells[:3]]
+    if len(cells) == 3 and all(matches):
         raise refuse(
             name, 1, "cage-header", f"XMALab multiplies only when a fourth field follows; got {show(header)}",
             f"write {header.strip()},black to multiply, or x,y,z not to",
         )  # fmt: skip
-    if len(cells) < 4 or not all(found):
+    if len(cells) < 4 or not all(matches):
         return 1.0, 1.0, 1.0
-    x, y, z = (float(scale[1]) for scale in found if scale)
+    x, y, z = (float(scale[1]) for scale in matches if scale)
     return x, y, z
 
 
@@ -93,18 +93,18 @@ def read_references(content: bytes, name: str, beads: int) -> dict[int, str]:
     for number, line in enumerate(decode(content, name).removeprefix("\ufeff").splitlines(), 1):
         if not line.strip():
             continue
-        found = re.fullmatch(r"\s*([0-9]+)[ \t]+(.*\S)\s*", line)
-        if found is None or not _SHAPE.fullmatch(found[2]):
+        match = re.fullmatch(r"\s*([0-9]+)[ \t]+(.*\S)\s*", line)
+        if match is None or not _SHAPE.fullmatch(match[2]):
             raise refuse(
                 name, number, "reference-row",
                 f"a reference is the number of a bead, a space, and a name of at most 20 letters; got {show(line)}",
                 "write it like: 1 circle. XMALab passes over a line with a comma, and crashes when it calibrates",
             )  # fmt: skip
-        bead = int(found[1])
+        bead = int(match[1])
         if not 1 <= bead <= beads or bead in shapes:
             problem = "is marked twice" if bead in shapes else f"is none of the {beads} in the frame specification"
             raise refuse(name, number, "reference-row", f"bead {bead} {problem}", "the first bead has number 1")
-        shapes[bead] = found[2]
+        shapes[bead] = match[2]
     if len(shapes) < REFERENCES:
         detail = f"XMALab takes the pose of a cage from {REFERENCES} references; {name} has {len(shapes)}"
         raise refuse(name, None, "too-few-references", detail, "mark beads that are not all in one plane")

@@ -291,9 +291,9 @@ def evaluate_plainly(plan: ChainPlan, z: Array) -> tuple[Array, Array]:
         seen = np.stack([project(view.projection, target.position_mm[None])[0] for view in system.views])
         noisy = seen + shifts[:, :, count + t] + sigma[:, 0, 1:] * noise[:, :, count + t]
         weights = weights_at_rest(system, target) if weighed else None
-        found = locate(system, estimates, noisy, assumed, weights)
-        errors[:, t, 1] = found - target.position_mm
-        tool = transform_points(transforms[1], found[:, None]) + grown[:, count:]
+        located = locate(system, estimates, noisy, assumed, weights)
+        errors[:, t, 1] = located - target.position_mm
+        tool = transform_points(transforms[1], located[:, None]) + grown[:, count:]
         tool = transform_points(transforms[2], transform_points(tcp_con, tool[:, 0])[:, None])[:, 0]
         errors[:, t, 0] = tool + executed - transform_points(tcp_con, target.position_mm)
     return errors, reprojection

@@ -261,7 +261,7 @@ def _boundaries(looks: tuple[int, ...], chance: float, error: float, *, lower: b
     probability of having been absorbed stays within the part of ``error`` that is spent by then; None: at none."""
     first, alive = 0, np.ones(1)  # probability of count first + i, not absorbed so far
     spent, before = 0.0, 0
-    found: list[int | None] = []
+    boundaries: list[int | None] = []
     for k, look in enumerate(looks, 1):
         start, step = _binomial(look - before, chance)
         first, alive = first + start, _convolve(alive, step)
@@ -270,15 +270,15 @@ def _boundaries(looks: tuple[int, ...], chance: float, error: float, *, lower: b
         count = int(np.searchsorted(sums, error * k / len(looks) - spent, side="right"))
         if count > 0:
             spent += float(sums[count - 1])
-            found.append(first + count - 1 if lower else first + len(alive) - count)
+            boundaries.append(first + count - 1 if lower else first + len(alive) - count)
             alive = alive[count:] if lower else alive[:-count]
             first += count if lower else 0
         elif lower and first > 0:
-            found.append(first - 1)  # no walk that is alive comes there, so nothing is spent
+            boundaries.append(first - 1)  # no walk that is alive comes there, so nothing is spent
         else:
-            found.append(None)
+            boundaries.append(None)
         before = look
-    return found
+    return boundaries
 
 
 def _binomial(trials: int, chance: float) -> tuple[int, Array]:

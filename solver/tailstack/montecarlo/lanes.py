@@ -114,9 +114,9 @@ _operator(operator.invert, MASK, (MASK,), lambda b, x: b.not_(x))
 
 
 def _splat(builder: Any, value: Any, vector: ir.VectorType) -> Any:
-    one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    first_lane = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     order = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
-    return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), order)
+    return builder.shuffle_vector(first_lane, ir.Constant(vector, ir.Undefined), order)
 
 
 def _call(builder: Any, name: str, result: ir.Type, args: list[Any]) -> Any:

@@ -190,8 +190,8 @@ def _slots(system: System) -> list[_Slot]:
     def at(place: Place, view: str) -> tuple[tuple[Effect, Act], ...]:
         return tuple((effect, act) for effect, act in acts if act.place is place and act.view in (None, view))
 
-    def parts(found: Sequence[tuple[Effect, Act]]) -> tuple[_Part, ...]:
-        return tuple(_part(effect, act) for effect, act in found)
+    def parts(pairs: Sequence[tuple[Effect, Act]]) -> tuple[_Part, ...]:
+        return tuple(_part(effect, act) for effect, act in pairs)
 
     for view in system.views:
         moved = at(Place.SHOT, view.name)
@@ -227,7 +227,7 @@ def _part(effect: Effect, act: Act) -> _Part:
 def _parts_of_beads(system: System, acts: Sequence[tuple[Effect, Act]]) -> tuple[_Part, ...]:
     """What moves the fiducials, object frame, and what is at the flange; both by the same deviates."""
     count = 3 * len(system.fiducials_mm)
-    into, found = object_frame(system.fiducials_mm).into, []
+    into, parts = object_frame(system.fiducials_mm).into, []
     for effect in system.effects:
         each = np.eye(len(effect.known))
         rows = np.zeros((count + 3, len(each)))
@@ -238,8 +238,8 @@ def _parts_of_beads(system: System, acts: Sequence[tuple[Effect, Act]]) -> tuple
             elif act.place is Place.CONNECTOR:
                 rows[count:] += act.by(each)
         if rows.any():
-            found.append(_part(effect, Act(Place.BEADS, None, rows)))
-    return tuple(found)
+            parts.append(_part(effect, Act(Place.BEADS, None, rows)))
+    return tuple(parts)
 
 
 def bounded_names(system: System) -> tuple[str, ...]:

@@ -139,16 +139,16 @@ class _Rays:
     uniform: NDArray[np.int64]  # columns of that law
     triangular: NDArray[np.int64]
 
-    def standardise(self, rho: Array, kept: NDArray[np.int64]) -> Array:
-        x: Array = self.offset[kept] + rho[:, None] * self.direction[kept]
+    def standardise(self, rho: Array, rays: NDArray[np.int64]) -> Array:
+        x: Array = self.offset[rays] + rho[:, None] * self.direction[rays]
         if len(self.uniform):
             x[:, self.uniform] = 2 * ndtr(x[:, self.uniform]) - 1
         if len(self.triangular):
             x[:, self.triangular] = _triangular(ndtr(x[:, self.triangular]))
         return x
 
-    def chain(self, rho: Array, kept: NDArray[np.int64]) -> Array:
-        errors = evaluate(self.plan, self.standardise(rho, kept))[:, self.target, self.metric]
+    def chain(self, rho: Array, rays: NDArray[np.int64]) -> Array:
+        errors = evaluate(self.plan, self.standardise(rho, rays))[:, self.target, self.metric]
         return np.asarray(np.sqrt((errors**2).sum(axis=1)))
 
     def linear_crossing(self, r: float, start: Array) -> tuple[Array, Array]:
@@ -169,8 +169,8 @@ class _Rays:
             rho = np.where(b > 0, c / np.maximum(b + root, 1e-300), (root - b) / np.maximum(a, 1e-300))
         return np.clip(rho, 1e-6, FARTHEST), np.maximum(root / r, 1e-12)
 
-    def first_order(self, rho: Array, kept: NDArray[np.int64]) -> Array:
-        errors = self.linear.mean + self.standardise(rho, kept) @ self.linear.gain.T
+    def first_order(self, rho: Array, rays: NDArray[np.int64]) -> Array:
+        errors = self.linear.mean + self.standardise(rho, rays) @ self.linear.gain.T
         return np.asarray(np.sqrt((errors**2).sum(axis=1)))
 
 

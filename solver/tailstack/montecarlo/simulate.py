@@ -68,11 +68,11 @@ class ErrorSample:
         """Where in the tail the ``rank``-th smallest norm (1-based) is; None: it was not kept."""
         beyond = self.trials - rank
         for gap in reversed(self.gaps or ()):
-            kept = len(self.tail) - int(np.searchsorted(self.tail, gap.high))
-            if beyond < kept:
+            above = len(self.tail) - int(np.searchsorted(self.tail, gap.high))
+            if beyond < above:
                 break
             beyond -= gap.count
-            if beyond < kept:
+            if beyond < above:
                 return None
         return len(self.tail) - 1 - beyond if beyond < len(self.tail) else None
 
@@ -88,8 +88,8 @@ class ErrorSample:
     @property
     def worst(self) -> float:
         """The largest norm of a trial that has an answer."""
-        kept = self.tail[: len(self.tail) - self.unanswered]
-        return max(float(part[-1]) for part in (kept, [gap.largest for gap in self.gaps or ()]) if len(part))
+        answered = self.tail[: len(self.tail) - self.unanswered]
+        return max(float(part[-1]) for part in (answered, [gap.largest for gap in self.gaps or ()]) if len(part))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,8 +177,8 @@ class Run:
             detail = f"{self._unanswered} of {trials} shots miss so many fiducials that they have no answer"
             raise IllPosedError(Problem("/fiducials/loss_probability", "no-answer", detail, "use more fiducials"))
         errors = []
-        for k, kept in enumerate(self._tails):
-            tail = kept.settle(keep)
+        for k, collected in enumerate(self._tails):
+            tail = collected.settle(keep)
             tail.setflags(write=False)
             limit = self._limits[k]
             errors.append(
@@ -192,7 +192,7 @@ class Run:
                     tail=tail,
                     above=None if limit == inf else (limit, self._above[k]),
                     unanswered=self._unanswered,
-                    gaps=None if keep is not None else tuple(replace(gap) for gap in kept.gaps),
+                    gaps=None if keep is not None else tuple(replace(gap) for gap in collected.gaps),
                 )
             )
         shots = self._reprojections

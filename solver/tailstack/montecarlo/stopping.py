@@ -141,7 +141,7 @@ def simulate_to_precision(
     )
     return AdaptiveRun(
         samples,
-        tuple(replace(one, confidence=confidence) for one in estimates),
+        tuple(replace(estimate, confidence=confidence) for estimate in estimates),
         worst,
         worst <= precision,
         stopping,
@@ -167,11 +167,11 @@ def simulate_to_decision(
     def examine(samples: Samples, look: int) -> float | None:
         nonlocal decided
         intervals = [(question, _interval(samples, question, looks, look, confidence)) for question in questions]
-        undecided = [(question, found) for question, found in intervals if not _answers(found, question)]
+        undecided = [(question, interval) for question, interval in intervals if not _answers(interval, question)]
         decided = not undecided and (settled is None or settled(samples, len(looks)))
         if decided:
             return None
-        needed = (_trials_needed(samples, question, found) for question, found in undecided)
+        needed = (_trials_needed(samples, question, interval) for question, interval in undecided)
         return max(needed, default=2.0 * samples.trials)
 
     samples = _grow(simulation, looks, 0.0, examine)
@@ -190,10 +190,10 @@ def _grow(
     for k, look in enumerate(looks):
         ahead = tuple(pair for pair in pairwise(looks[k:]) if pair[0] < SURE * needed) if k else ()
         samples = run.grow(look, most=looks[-1], then=ahead, expected=int(min(needed, looks[-1])))
-        found = examine(samples, k)
-        if found is None:
+        wanted = examine(samples, k)
+        if wanted is None:
             break
-        needed = found
+        needed = wanted
     return samples
 
 
@@ -204,15 +204,15 @@ def _interval(
     return repeated_interval(samples, question.target, question.error, question.quantile, ranks)
 
 
-def _answers(found: RepeatedInterval, question: LimitQuestion) -> bool:
+def _answers(interval: RepeatedInterval, question: LimitQuestion) -> bool:
     """Whether an interval leaves the limit on one side."""
-    low, high = found.interval_mm
+    low, high = interval.interval_mm
     return high <= question.limit_mm or low > question.limit_mm
 
 
-def _trials_needed(samples: Samples, question: LimitQuestion, found: RepeatedInterval) -> float:
+def _trials_needed(samples: Samples, question: LimitQuestion, interval: RepeatedInterval) -> float:
     """Trials with which a question would be answered if quantile and density stayed as they look now."""
-    low, high = found.interval_mm
-    gap = abs(found.value_mm - question.limit_mm)
-    width = high - found.value_mm if question.limit_mm > found.value_mm else found.value_mm - low
+    low, high = interval.interval_mm
+    gap = abs(interval.value_mm - question.limit_mm)
+    width = high - interval.value_mm if question.limit_mm > interval.value_mm else interval.value_mm - low
     return samples.trials * (width / gap) ** 2 if gap > 0 and width < inf else inf

@@ -146,14 +146,14 @@ class Tail:
 
     def _windows(self, norms: Array, trials: int, quantiles: Sequence[float]) -> list[tuple[float, float]]:
         """Closed intervals, rising and apart, in which quantiles can be, and no gap is."""
-        found = []
+        windows = []
         for quantile in sorted(quantiles):
             beyond = trials * (1 - quantile)
             low = self._of_rank(norms, tail_size(trials, quantile))[0]
             high = self._of_rank(norms, floor(beyond - 8 * sqrt(beyond + 1)) - 16)[1]
-            found.append((min(low, high), max(low, high)))  # both ends may be those of one gap
-        apart = found[:1]
-        for low, high in found[1:]:
+            windows.append((min(low, high), max(low, high)))  # both ends may be those of one gap
+        apart = windows[:1]
+        for low, high in windows[1:]:
             if low <= apart[-1][1]:
                 apart[-1] = apart[-1][0], max(apart[-1][1], high)
             else:

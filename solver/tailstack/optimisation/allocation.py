@@ -168,12 +168,12 @@ def allocate(
         raise _refuse_infeasible(tightest, limits, p)
     if case.ratios(case.upper).max() <= 1:
         return answer(case.upper, np.zeros(limits.size), None)
-    found, multipliers, matrices = _by_cone(case, _unit(case))
-    excess = case.ratios(found)
+    widths, multipliers, matrices = _by_cone(case, _unit(case))
+    excess = case.ratios(widths)
     # The bound is convex in the variances: on the way to the tightest it is below its chord.
     theta = min(1.0, float(((1 - tightest) / (np.maximum(excess, 1) - tightest)).min()))
-    found = np.sqrt(case.lower**2 + theta * (found**2 - case.lower**2))
-    result = answer(found, multipliers, _dual_bound(case, multipliers, matrices))
+    widths = np.sqrt(case.lower**2 + theta * (widths**2 - case.lower**2))
+    result = answer(widths, multipliers, _dual_bound(case, multipliers, matrices))
     if not result.gap <= _LARGEST_GAP:
         raise _refuse_unconverged(f"the cost is {result.gap:.1e} of itself above its dual bound, not {_LARGEST_GAP:g}")
     return result

@@ -69,12 +69,12 @@ def front_point(task: OptimisationTask, search: Search, number: int, factor: flo
     best, reason = None, ""
     for item in search.iterates:
         try:
-            found = tighten(task.request, replace(search, iterates=(item,)), settings, control)
+            verified = tighten(task.request, replace(search, iterates=(item,)), settings, control)
         except (InfeasibleError, NotConvergedError) as error:
             reason = reason or error.problems[0].detail
             continue
-        if best is None or found.optimum.cost < best.optimum.cost:
-            best = found
+        if best is None or verified.optimum.cost < best.optimum.cost:
+            best = verified
     if best is None:
         return _empty(problem, factor, "out of reach", reason)
     return _point(problem, search, best, factor)
@@ -85,17 +85,17 @@ def mark_dominated(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
 
     A design that keeps a tighter limit keeps a looser one too, so such a point is none of the front.
     """
-    kept: list[FrontPoint] = []
+    marked: list[FrontPoint] = []
     cheapest = inf
     for point in points:
         if point.status == "verified" and point.cost is not None:
             if point.cost >= cheapest:
                 note = f"a tighter limit is kept for {cheapest:.5g}"
-                kept.append(replace(point, status="dominated", note=note))
+                marked.append(replace(point, status="dominated", note=note))
                 continue
             cheapest = point.cost
-        kept.append(point)
-    return tuple(kept)
+        marked.append(point)
+    return tuple(marked)
 
 
 def _empty(
@@ -126,17 +126,17 @@ def _least_ratio(program: Program, search: Search) -> float:
     return min(ratios)
 
 
-def _point(problem: PlacementProblem, search: Search, found: VerifiedOptimum, factor: float) -> FrontPoint:
-    choice = found.optimum.choice
+def _point(problem: PlacementProblem, search: Search, verified: VerifiedOptimum, factor: float) -> FrontPoint:
+    choice = verified.optimum.choice
     first = problem.requirements[0]
     own = [term for term in search.terms if term.demand.requirement.name == first.name]
-    checks = [check for check in found.verification.verdict.checks if check.requirement == first.name]
+    checks = [check for check in verified.verification.verdict.checks if check.requirement == first.name]
     return FrontPoint(
         factor=factor,
         limit_mm=first.limit_mm * factor,
         status="verified",
         note="",
-        cost=found.optimum.cost,
+        cost=verified.optimum.cost,
         quantile_mm=max(evaluate_demand(problem, term, choice).exact_mm for term in own),
         verified_upper_mm=max(check.upper_mm for check in checks),
         half_widths=tuple(for_people(problem, k, float(value))[0] for k, value in enumerate(choice.half_width)),
@@ -161,7 +161,7 @@ def value_placement(search: Search, seed: int, control: Control) -> PlacementVal
     if named is not None:
         textbook, layout = named
         textbook_value = value(layout)
-    found: list[float] = []
+    objectives: list[float] = []
     layouts = careless_layouts(problem, search.estimator, steering, CARELESS, seed)
     tried = 0
     for layout in layouts:
@@ -171,22 +171,27 @@ def value_placement(search: Search, seed: int, control: Control) -> PlacementVal
         reached = value(layout)
         control.report("compare", tried, len(layouts), best)
         if reached is not None:
-            found.append(reached)
-    median, worst = (float(np.median(found)), float(np.max(found))) if found else (None, None)
+            objectives.append(reached)
+    median, worst = (float(np.median(objectives)), float(np.max(objectives))) if objectives else (None, None)
     return PlacementValue(
         textbook=textbook,
         textbook_objective=textbook_value,
         careless_layouts=tried,
-        careless_infeasible=tried - len(found),
+        careless_infeasible=tried - len(objectives),
         careless_median=median,
         careless_worst=worst,
         best=best,
-        sentence=_sentence(problem, best, textbook if named else None, textbook_value, tried, found),
+        sentence=_sentence(problem, best, textbook if named else None, textbook_value, tried, objectives),
     )
 
 
 def _sentence(
-    problem: PlacementProblem, best: float, textbook: str | None, value: float | None, tried: int, found: list[float]
+    problem: PlacementProblem,
+    best: float,
+    textbook: str | None,
+    value: float | None,
+    tried: int,
+    objectives: list[float],
 ) -> str:
     """What the optimal placement saves, in words."""
     what = "the error" if problem.objective == "quantile" else "the cost"
@@ -195,12 +200,12 @@ def _sentence(
         bought = "everything: it cannot meet the limit" if value is None else _part(value / best, what)
         parts.append(f"against {textbook}, {bought}")
     if tried:
-        failed = tried - len(found)
+        failed = tried - len(objectives)
         line = f"against {tried} random layouts, "
         if failed:
             line += f"everything for {failed} of them, which cannot meet the limit"
-        if found:
-            median, worst = (float(value) / best for value in (np.median(found), np.max(found)))
+        if objectives:
+            median, worst = (float(value) / best for value in (np.median(objectives), np.max(objectives)))
             line += f"{', and ' if failed else ''}{_part(median, what)} (median{' of the others' if failed else ''}), "
             line += f"{_part(worst, what)} (worst)"
         parts.append(line)
@@ -239,7 +244,7 @@ def _at_layout(search: Search) -> Callable[[Array], float | None]:
             return worst_closed_ratio(program, evaluations, here)
         if start.tightest_ratio > 1 and problem.objective != "quantile":
             return None
-        found = best_budget(small, here, evaluations, start.x[program.widths_at])
-        return None if found is None else objective_for_people(program, found.objective)
+        budget = best_budget(small, here, evaluations, start.x[program.widths_at])
+        return None if budget is None else objective_for_people(program, budget.objective)
 
     return value

@@ -30,7 +30,7 @@ SAMPLED_ACTIVE = 1e-3  # of a quantile that is sampled
 def name_binding(program: Program, point: Point, parameters: Parameters) -> tuple[str, ...]:
     """The constraints that hold with equality, in the user's words."""
     values = program.constraints(point.x, parameters.vector(program, "main"))[1].full().ravel()
-    found: list[str] = []
+    binding: list[str] = []
     touched: dict[str, list[str]] = {}
     labels = program.problem.system.fiducial_labels
     for t, (row, value) in enumerate(zip(program.rows, values, strict=True)):
@@ -39,15 +39,20 @@ def name_binding(program: Program, point: Point, parameters: Parameters) -> tupl
         if row.kind in ("quantile", "cost"):
             sampled = row.kind == "quantile" and program.terms[t].demand.per_unit
             if value >= row.upper - (SAMPLED_ACTIVE if sampled else 10 * ACTIVE):
-                found.append(_upper_text(program, t, row))
+                binding.append(_upper_text(program, t, row))
         elif value <= row.lower + TOUCHING:
             face = row.text.partition(" at the ")[2] if row.kind == "region" else ""
             if face:
                 touched.setdefault(f"at the {face}", []).append(labels[row.fiducials[0]])
             else:
-                found.append(row.text + _minimum(program.problem, row.kind))
-    found += [f"{', '.join(names)} {face}" for face, names in touched.items()]
-    return (*found, *_faces(program, point), *_bounds_on_widths(program, point), *_bounds_on_mechanics(program, point))
+                binding.append(row.text + _minimum(program.problem, row.kind))
+    binding += [f"{', '.join(names)} {face}" for face, names in touched.items()]
+    return (
+        *binding,
+        *_faces(program, point),
+        *_bounds_on_widths(program, point),
+        *_bounds_on_mechanics(program, point),
+    )
 
 
 def _upper_text(program: Program, t: int, row: ConstraintRow) -> str:
@@ -80,7 +85,7 @@ def _at_bound(program: Program, point: Point, index: int) -> int:
 def _faces(program: Program, point: Point) -> list[str]:
     """Fiducials on the faces of their boxes, those on the same faces together."""
     problem = program.problem
-    found: dict[str, list[str]] = {}
+    by_faces: dict[str, list[str]] = {}
     for g, place in enumerate(problem.places):
         if not isinstance(place.region, BoxRegion):
             continue
@@ -92,8 +97,8 @@ def _faces(program: Program, point: Point) -> list[str]:
         ]
         if faces:
             label = problem.system.fiducial_labels[place.fiducials[0]]
-            found.setdefault(", ".join(faces), []).append(label)
-    return [f"{', '.join(labels)} on the box at {faces}" for faces, labels in found.items()]
+            by_faces.setdefault(", ".join(faces), []).append(label)
+    return [f"{', '.join(labels)} on the box at {faces}" for faces, labels in by_faces.items()]
 
 
 def _bounds_on_widths(program: Program, point: Point) -> list[str]:
@@ -101,30 +106,30 @@ def _bounds_on_widths(program: Program, point: Point) -> list[str]:
     if problem.objective == "scaling":
         side = _at_bound(program, point, program.widths_at.start)
         return ["the common factor at a bound of some half-width"] if side else []
-    found = []
+    texts = []
     for k, free in enumerate(problem.half_widths):
         side = _at_bound(program, point, program.widths_at.start + k)
         if side:
             value, unit = for_people(problem, k, free.maximum if side > 0 else free.minimum)
             which = "largest" if side > 0 else "smallest"
-            found.append(f"{in_words(problem, k)} at its {which} half-width, {value:.4g} {unit}")
-    return found
+            texts.append(f"{in_words(problem, k)} at its {which} half-width, {value:.4g} {unit}")
+    return texts
 
 
 def _bounds_on_mechanics(program: Program, point: Point) -> list[str]:
-    problem, found = program.problem, []
+    problem, texts = program.problem, []
     for p, free in enumerate(problem.pivots):
         for k in range(3):
             side = _at_bound(program, point, program.pivots_at.start + 3 * p + k)
             if side:
                 bound = (free.high_mm if side > 0 else free.low_mm)[k]
-                found.append(f"pivot of {label_of(problem, free.contributor)} at {'xyz'[k]} = {bound:g} mm")
+                texts.append(f"pivot of {label_of(problem, free.contributor)} at {'xyz'[k]} = {bound:g} mm")
     for i, spacing in enumerate(problem.spacings):
         side = _at_bound(program, point, program.spacings_at.start + i)
         if side:
             bound = spacing.maximum if side > 0 else spacing.minimum
-            found.append(f"locators of {label_of(problem, spacing.contributor)} at {bound:g} times their spacing")
-    return found
+            texts.append(f"locators of {label_of(problem, spacing.contributor)} at {bound:g} times their spacing")
+    return texts
 
 
 Add = Callable[..., None]

@@ -51,23 +51,23 @@ DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 
 def refuse_contradictions(problem: PlacementProblem) -> None:
     """Raise DesignError with every contradiction that can be shown without solving."""
-    found = _bounds(problem) + _mechanics(problem)
-    if not found:
-        found = _objective(problem)
+    problems = _bounds(problem) + _mechanics(problem)
+    if not problems:
+        problems = _objective(problem)
     count = len(problem.system.fiducial_labels)
     if problem.places and count > MOST_FIDUCIALS:
         detail = (
             f"{count} fiducials; a layout of at most {MOST_FIDUCIALS} is optimised (memory and time go as the square)"
         )
-        found.append(Problem(problem.places[0].pointer, "too-many", detail, "use fewer, or fix the layout"))
+        problems.append(Problem(problem.places[0].pointer, "too-many", detail, "use fewer, or fix the layout"))
     elif problem.places:
-        found += _flat(problem)
+        problems += _flat(problem)
         estimator = estimator_of(problem.system)
-        found += refuse_regions(problem, estimator)
+        problems += refuse_regions(problem, estimator)
         assumed = estimator.intrinsics_covariance.any() or estimator.intrinsics_bias.any()
         random = estimator.fiducial_px.any() or estimator.manufacturing_std_mm.any()
         if not (random or assumed or problem.system.shared_image_errors):
-            found.append(
+            problems.append(
                 Problem(
                     problem.places[0].pointer,
                     "no-influence",
@@ -77,7 +77,7 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
                 )
             )
     elif not (problem.half_widths or problem.pivots or problem.spacings):
-        found.append(
+        problems.append(
             Problem(
                 "/optimise",
                 "nothing-free",
@@ -85,9 +85,9 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
                 "add a box or rotation_bounds",
             )
         )
-    found += _fixed_pairs(problem) + _ends(problem)
-    if found:
-        raise DesignError(found)
+    problems += _fixed_pairs(problem) + _ends(problem)
+    if problems:
+        raise DesignError(problems)
 
 
 def _flat(problem: PlacementProblem) -> list[Problem]:
@@ -135,11 +135,11 @@ def _ends(problem: PlacementProblem) -> list[Problem]:
 
 
 def _bounds(problem: PlacementProblem) -> list[Problem]:
-    found = []
+    problems = []
     for k, free in enumerate(problem.half_widths):
         if not 0 < free.minimum <= free.maximum:
             (low, unit), (high, _) = for_people(problem, k, free.minimum), for_people(problem, k, free.maximum)
-            found.append(
+            problems.append(
                 Problem(
                     free.pointer,
                     "bounds-crossed",
@@ -148,22 +148,22 @@ def _bounds(problem: PlacementProblem) -> list[Problem]:
                     "give a smallest half-width above zero and below the largest",
                 )
             )
-    return found
+    return problems
 
 
 def _mechanics(problem: PlacementProblem) -> list[Problem]:
     """Bounds of pivots and locator spacings."""
-    found = []
+    problems = []
     for pivot in problem.pivots:
         name = label_of(problem, pivot.contributor)
         for k, axis in enumerate("xyz"):
             low, high = float(pivot.low_mm[k]), float(pivot.high_mm[k])
             if low > high:
                 detail = f"the box of the pivot of {name} is empty along {axis}: {low:g} > {high:g} mm"
-                found.append(Problem(pivot.pointer, "empty-box", detail, "swap the two numbers"))
+                problems.append(Problem(pivot.pointer, "empty-box", detail, "swap the two numbers"))
     for spacing in problem.spacings:
         if not 0 < spacing.minimum <= spacing.maximum:
-            found.append(
+            problems.append(
                 Problem(
                     spacing.pointer,
                     "bounds-crossed",
@@ -172,7 +172,7 @@ def _mechanics(problem: PlacementProblem) -> list[Problem]:
                     "give a smallest factor above zero and below the largest",
                 )
             )
-    return found
+    return problems
 
 
 def _objective(problem: PlacementProblem) -> list[Problem]:
@@ -240,11 +240,11 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
     if not free or problem.min_spacing_mm <= 0:
         return []
     points, labels = problem.system.fiducials_mm, problem.system.fiducial_labels
-    found = []
+    problems = []
     for i, j in combinations([k for k in range(len(labels)) if k not in free], 2):
         apart = float(np.linalg.norm(points[i] - points[j]))
         if apart < problem.min_spacing_mm - ROUNDING_MM:
-            found.append(
+            problems.append(
                 Problem(
                     "/optimise/fixed",
                     "spacing-of-fixed",
@@ -253,16 +253,16 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
                     "free one of them, or reduce min_spacing_mm",
                 )
             )
-    return found[:5]
+    return problems[:5]
 
 
 def refuse_regions(problem: PlacementProblem, estimator: EstimationTerms) -> list[Problem]:
     """The first contradiction of each different region."""
     regions, which = distinct(place.region for place in problem.places)
-    found = []
+    problems = []
     for k in range(len(regions)):
         place = problem.places[which.index(k)]
-        found += (
+        problems += (
             _empty(place)
             or _behind(problem, estimator, place)
             or _field(problem, estimator, place)
@@ -270,7 +270,7 @@ def refuse_regions(problem: PlacementProblem, estimator: EstimationTerms) -> lis
             or _asymmetric(problem, place)
             or _packing(problem, estimator, place)
         )
-    return found
+    return problems
 
 
 def _word(region: Shape) -> str:

@@ -76,7 +76,10 @@ def optimise(
         silent = replace(control, progress=None)
         with locate_refusals(design):
             aimed, record = aim_views(
-                each, lambda one: least_objective(read_task(one, seed=seed, starts=starts), silent), aims, added
+                each,
+                lambda candidate: least_objective(read_task(candidate, seed=seed, starts=starts), silent),
+                aims,
+                added,
             )
         return add_aims(optimise_aimed(aimed, rest), design, record)
 
@@ -90,7 +93,7 @@ def optimise(
 def least_objective(task: OptimisationTask, control: Control) -> float:
     """The objective by the closed form, over all numbers of fiducials.  Raises what refuses a search."""
     searches, counts = search_counts(task, LocalSearcher(task, control), control)
-    reached = [one.cost if one.worst_ratio is None else one.worst_ratio for one in counts]
+    reached = [count.cost if count.worst_ratio is None else count.worst_ratio for count in counts]
     return min((value for value in reached if value is not None), default=searches[0].best_objective)
 
 
@@ -158,16 +161,16 @@ def search_counts(
             missed += 1
             continue
         try:
-            found = searcher.search(position)
+            result = searcher.search(position)
         except (InfeasibleError, NotConvergedError) as error:
             refused = refused or error
             tried.append(CountTried(number, None, None, error.problems[0].detail))
             continue
         priced = problem.objective != "quantile"
-        total = found.best_objective + each * number if priced else found.best_objective
-        note = f"{found.converged} of {found.starts} starts converged"
+        total = result.best_objective + each * number if priced else result.best_objective
+        note = f"{result.converged} of {result.starts} starts converged"
         tried.append(CountTried(number, total if priced else None, None if priced else total, note))
-        searches.append((total, found))
+        searches.append((total, result))
     if not searches:
         assert refused is not None  # there is at least one count
         raise refused
@@ -175,7 +178,7 @@ def search_counts(
     ranked = [item[1] for item in sorted(searches, key=lambda item: 0.0 if item[0] <= least * (1 + TIE) else item[0])]
     if missed:
         stopped = f"stopped on request: {missed} of {len(task.counts)} numbers of fiducials were not tried"
-        ranked = [replace(found, stopped=stopped) for found in ranked]
+        ranked = [replace(result, stopped=stopped) for result in ranked]
     return ranked, () if count is None else tuple(tried)
 
 
@@ -186,16 +189,16 @@ def take_first_verified(task: OptimisationTask, searches: list[Search], control:
     number of fiducials cannot keep the limit with the check's margin, another may.
     """
     refused: TailstackError | None = None
-    for found in searches:
-        for item in found.iterates:
-            first = replace(found, iterates=(item, *(other for other in found.iterates if other is not item)))
+    for candidate in searches:
+        for item in candidate.iterates:
+            first = replace(candidate, iterates=(item, *(other for other in candidate.iterates if other is not item)))
             try:
                 exact = None
-                if found.program.problem.objective != "quantile" and not task.request.graded:
+                if candidate.program.problem.objective != "quantile" and not task.request.graded:
                     exact = settle(first, np.ones(len(first.terms)))
                     control.report("settle", 1, 1, exact.cost)
                 optimum = tighten(task.request, first, CheckSettings(task.seed), control, start=exact)
-                return replace(optimum, search=found, exact=exact)
+                return replace(optimum, search=candidate, exact=exact)
             except NotConvergedError as error:
                 refused = refused or error
             except InfeasibleError as error:

@@ -109,8 +109,10 @@ def exact_quantile(model: LinearModel, demand: QuantileConstraint) -> ExactQuant
     worst = worst_case(model, requirement.error, requirement.quantile)
     if not demand.per_unit:
         law, _ = declared_law(model, requirement.error, worst.mean_mm)
-        found = law_quantile(law, requirement.quantile)
-        return ExactQuantile(found.quantile_mm, found.density, found.error_mm / max(found.quantile_mm, 1e-300), worst)
+        quantile = law_quantile(law, requirement.quantile)
+        return ExactQuantile(
+            quantile.quantile_mm, quantile.density, quantile.error_mm / max(quantile.quantile_mm, 1e-300), worst
+        )
     own = _unit_quantile(model, demand, worst.mean_mm)
     return ExactQuantile(own.value_mm, own.density, own.standard_error_mm / max(own.value_mm, 1e-300), worst)
 
@@ -216,12 +218,12 @@ def _gradient(
     of half-widths, followed by that by pivots and spacings."""
     twice = 2.0 - np.eye(3)  # an entry of the upper triangle stands for two
     by_images = per * images._replace(noise=images.noise * twice, made=images.made * twice).numbers
-    found = []
+    by_mechanics = []
     for low, high, width in _mechanical_steps(choice):
         below, above = evaluate_demand(problem, terms, low), evaluate_demand(problem, terms, high)
         through = float(by_images @ (above.images.numbers - below.images.numbers))
-        found.append((2 * log(above.exact_mm / below.exact_mm) - through) / width)
-    return np.concatenate([by_images, per * widths, found])
+        by_mechanics.append((2 * log(above.exact_mm / below.exact_mm) - through) / width)
+    return np.concatenate([by_images, per * widths, by_mechanics])
 
 
 def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
@@ -244,7 +246,7 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
         scaled = np.hstack([np.zeros((3, 0)), *(b.scaled(error) for b in blocks)])
         names = [block.contributor for block in blocks]
         lengths, axes = np.linalg.eigh(scaled @ scaled.T)
-        found = np.zeros((3, 3))
+        gradient = np.zeros((3, 3))
         for i in range(3):
             for j in range(i, 3):
                 size = lengths[i] + lengths[j] if i != j else lengths[i]
@@ -256,8 +258,8 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
                     at(evaluation.mean_mm, dict.fromkeys(names, np.eye(3) + side * axes @ turn @ axes.T))
                     for side in (1, -1)
                 ]
-                found[i, j] = found[j, i] = ratio(*sides) / (2 * UNIT_STEP) / (2 * size)
-        return np.asarray(axes @ found @ axes.T)
+                gradient[i, j] = gradient[j, i] = ratio(*sides) / (2 * UNIT_STEP) / (2 * size)
+        return np.asarray(axes @ gradient @ axes.T)
 
     error, images = terms.demand.requirement.error, evaluation.images
     by_mean = np.zeros(3)
@@ -283,12 +285,12 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
 
 def _mechanical_steps(choice: Choice) -> list[tuple[Choice, Choice, float]]:
     """Choices on either side along each pivot coordinate (mm) and each spacing (its logarithm), and their distance."""
-    found = []
+    steps = []
     for p in range(choice.pivots_mm.size):
         step = np.zeros(choice.pivots_mm.size)
         step[p] = PIVOT_STEP_MM
         shift = step.reshape(choice.pivots_mm.shape)
-        found.append(
+        steps.append(
             (
                 replace(choice, pivots_mm=choice.pivots_mm - shift),
                 replace(choice, pivots_mm=choice.pivots_mm + shift),
@@ -298,14 +300,14 @@ def _mechanical_steps(choice: Choice) -> list[tuple[Choice, Choice, float]]:
     for spread in range(choice.spacing.size):
         factor = np.ones(choice.spacing.size)
         factor[spread] = np.exp(SPACING_STEP)
-        found.append(
+        steps.append(
             (
                 replace(choice, spacing=choice.spacing / factor),
                 replace(choice, spacing=choice.spacing * factor),
                 2 * SPACING_STEP,
             )
         )
-    return found
+    return steps
 
 
 def _closed_gradient(
@@ -320,18 +322,18 @@ def _closed_gradient(
     scale = float(np.trace(images.noise + images.made)) or float(evaluation.exact_mm**2)
     by_gain = [evaluation.exact_mm / source.half_width if source.half_width else 1.0 for source in terms.common]
     sizes = np.repeat([scale, evaluation.exact_mm, *by_gain], [12, 3, *[3] * len(by_gain)])
-    found = []
+    slopes = []
     for k, size in enumerate(sizes):
         step = np.zeros(len(here))
         step[k] = STEP * size
-        found.append((form(here + step, widths, choice) - form(here - step, widths, choice)) / (2 * STEP * size))
+        slopes.append((form(here + step, widths, choice) - form(here - step, widths, choice)) / (2 * STEP * size))
     for k in range(len(widths)):
         factor = np.ones(len(widths))
         factor[k] = np.exp(STEP)
-        found.append((form(here, widths * factor, choice) - form(here, widths / factor, choice)) / (2 * STEP))
+        slopes.append((form(here, widths * factor, choice) - form(here, widths / factor, choice)) / (2 * STEP))
     for low, high, width in _mechanical_steps(choice):
-        found.append((form(here, widths, high) - form(here, widths, low)) / width)
-    return np.array(found)
+        slopes.append((form(here, widths, high) - form(here, widths, low)) / width)
+    return np.array(slopes)
 
 
 def exact_ratios(problem: PlacementProblem, terms: tuple[DemandTerms, ...], choice: Choice) -> Array:

@@ -91,18 +91,18 @@ def _cures(problem: PlacementProblem, demand: QuantileConstraint, model: LinearM
     for block in model.blocks:
         size = float(((block.gain(demand.requirement.error) * block.half_width) ** 2).sum())
         weight[names[block.contributor]] = weight.get(names[block.contributor], 0.0) + size
-    found = []
+    cures = []
     for name in sorted(weight, key=lambda name: -weight[name])[:LEADING]:
         factor = _factor(model, demand, {block for block, group in names.items() if group == name}, limit)
         if factor is not None:
-            found.append(f"bring {_in_words(problem, name)} to {factor:.2g} of what it is there")
-    if not found:
+            cures.append(f"bring {_in_words(problem, name)} to {factor:.2g} of what it is there")
+    if not cures:
         factor = _factor(model, demand, set(names), limit)
         if factor is None:
-            found.append("remove the known bias: it alone is over the limit")
+            cures.append("remove the known bias: it alone is over the limit")
         else:
-            found.append(f"bring every random contributor to {factor:.2g} of what it is there: none alone is enough")
-    return found
+            cures.append(f"bring every random contributor to {factor:.2g} of what it is there: none alone is enough")
+    return cures
 
 
 def _noise_or_itself(contributor: str) -> str:
@@ -193,14 +193,16 @@ def _relax(
     nlp, rows = program.expressions, program.rows
     geometric = [k for k, row in enumerate(rows) if row.kind in kinds]
     slack = ca.SX.sym("slack", len(kinds))
-    kept: list[Any] = []
+    constraints: list[Any] = []
     for k in geometric:
         given = slack[kinds.index(rows[k].kind)]
-        kept += [nlp["g"][k] + given] if rows[k].lower < rows[k].upper else [nlp["g"][k] + given, given - nlp["g"][k]]
+        constraints += (
+            [nlp["g"][k] + given] if rows[k].lower < rows[k].upper else [nlp["g"][k] + given, given - nlp["g"][k]]
+        )
     count = nlp["x"].numel()
     solver = make_solver(
         "elastic",
-        {"x": ca.vertcat(nlp["x"], slack), "p": nlp["p"], "f": ca.sum1(slack), "g": ca.vertcat(*kept)},
+        {"x": ca.vertcat(nlp["x"], slack), "p": nlp["p"], "f": ca.sum1(slack), "g": ca.vertcat(*constraints)},
         QUIET | {"ipopt.max_iter": 500, "ipopt.tol": 1e-6},
     )
     lower, upper = program.bounds("main")
@@ -330,15 +332,15 @@ def _idle_pivots(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> l
 
 def _layouts(problem: PlacementProblem) -> list[Finding]:
     """One remark for each requirement, at its worst target."""
-    found = []
+    findings = []
     for requirement in problem.requirements:
         remarks = [
             remark
             for demand in problem.demands
             if demand.requirement.name == requirement.name and (remark := _layout(problem, demand)) is not None
         ]
-        found += sorted(remarks, key=lambda remark: -(remark.value or 0.0))[:1]
-    return found
+        findings += sorted(remarks, key=lambda remark: -(remark.value or 0.0))[:1]
+    return findings
 
 
 def _layout(problem: PlacementProblem, demand: QuantileConstraint) -> Finding | None:

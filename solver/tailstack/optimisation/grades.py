@@ -99,20 +99,20 @@ def _alternate(
 ) -> Optimum:
     problem = search.program.problem
     exact = len(graded) == len(problem.half_widths)
-    choice, kept, bought = start, None, first
+    choice, best, bought = start, None, first
     for round_ in range(MAX_ALTERNATIONS):
         if round_:
             bought = (
                 _choose(search, aims, graded, choice, stop) if exact else _compare_again(search, aims, graded, choice)
             )
         candidate = _first_that_holds(search, aims, graded, choice, bought)
-        if kept is not None and candidate.cost >= kept.cost * (1 - PAYS):
+        if best is not None and candidate.cost >= best.cost * (1 - PAYS):
             break
-        kept, choice = candidate, candidate.choice
+        best, choice = candidate, candidate.choice
         if not (problem.places or problem.pivots or problem.spacings) or (stop is not None and stop()):
             break
-    assert kept is not None  # the loop ran
-    return kept
+    assert best is not None  # the loop ran
+    return best
 
 
 def _first_that_holds(
@@ -146,16 +146,16 @@ def _choose(
         return float((exact_ratios(problem, search.terms, at) / aims).max())
 
     prices = [problem.half_widths[k].price for k in graded]
-    found = choose_grades(prices, worst, start=choice.half_width[list(graded)], stop=stop)
+    solution = choose_grades(prices, worst, start=choice.half_width[list(graded)], stop=stop)
     where = "at this layout" if problem.places else "for this layout"
     bound = Relaxation(
         "monotone cuts over grades",
-        found.cost,
-        found.lower_bound,
-        found.gap_percent,
-        f"{found.statement.rstrip('.')} ({where})",
+        solution.cost,
+        solution.lower_bound,
+        solution.gap_percent,
+        f"{solution.statement.rstrip('.')} ({where})",
     )
-    return (Purchase(found.half_width, found.names, bound),)
+    return (Purchase(solution.half_width, solution.names, bound),)
 
 
 def _replace_widths(half_width: Array, graded: tuple[int, ...], values: Array) -> Array:
@@ -191,13 +191,13 @@ def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: Placem
     def cost(levels: tuple[int, ...]) -> float:
         if levels not in known:
             fixed = {k: ladder[level].half_width for k, ladder, level in zip(graded, ladders, levels, strict=True)}
-            found = best_budget(small, choice, evaluations, start_logs, fixed=fixed, offsets=offsets)
+            budget = best_budget(small, choice, evaluations, start_logs, fixed=fixed, offsets=offsets)
             known[levels] = (
                 inf
-                if found is None
+                if budget is None
                 else problem.cost(
                     # as they are in their tables, not as the solver rounded them
-                    _replace_widths(found.half_width, graded, np.array(list(fixed.values())))
+                    _replace_widths(budget.half_width, graded, np.array(list(fixed.values())))
                 )
             )
         return known[levels]
@@ -484,18 +484,18 @@ def _master(search: _Descent, gap: float) -> tuple[Levels, float]:
         LinearConstraint(tighter, 1, np.inf),
         LinearConstraint(scale * price, -np.inf, scale * search.cost * (1 + 1e-7)),
     ]
-    found = milp(
+    solution = milp(
         scale * price,
         integrality=np.ones(price.size),
         bounds=Bounds(0, 1),
         constraints=constraints,
         options={"mip_rel_gap": gap},
     )
-    if found.x is None or found.status != 0:
-        detail = f"the integer programme over grades stopped: {found.message}"
+    if solution.x is None or solution.status != 0:
+        detail = f"the integer programme over grades stopped: {solution.message}"
         raise NotConvergedError(Problem("/optimise", "grades-not-converged", detail, "report the design"))
-    levels = tuple(int(found.x[first[i] : first[i + 1]].argmax()) for i in range(len(sizes)))
-    return levels, float(found.mip_dual_bound) / scale
+    levels = tuple(int(solution.x[first[i] : first[i + 1]].argmax()) for i in range(len(sizes)))
+    return levels, float(solution.mip_dual_bound) / scale
 
 
 def _refuse_infeasible(ratio: float) -> InfeasibleError:

@@ -31,14 +31,14 @@ def weigh_offer(design: Design, added: AddedView, optimise: OptimiseViews, contr
     first, second = (control.for_part(part, 2) for part in (0, 1))
     first.report("view", 0, MOST_SOLVED, None)
     without = _attempt(lambda: optimise(design, first, replace(control, progress=None)))
-    found: Optimisation | TailstackError = STOPPED
+    with_view: Optimisation | TailstackError = STOPPED
     if not control.stops():
-        found = _attempt(lambda: optimise(add_view(design, added), second, control, added))
-    if not isinstance(found, TailstackError):
-        return _choose(design, added, without, found, stopped=control.stops())
+        with_view = _attempt(lambda: optimise(add_view(design, added), second, control, added))
+    if not isinstance(with_view, TailstackError):
+        return _choose(design, added, without, with_view, stopped=control.stops())
     if isinstance(without, TailstackError):
-        raise _refuse(design, without, found)
-    words = f"{added.add} is left out: no design with it was found. {_reason(found)}."
+        raise _refuse(design, without, with_view)
+    words = f"{added.add} is left out: no design with it was found. {_reason(with_view)}."
     return _record(without, ViewOffer(
         view=added.add, like=added.like, price=added.price, added=False, cost_without=without.cost_after,
         cost_with=None, worth=None, beam_direction=None, up_direction=None, source_isocentre_mm=None,
@@ -70,22 +70,22 @@ def _attempt(optimise: Callable[[], Optimisation]) -> Optimisation | TailstackEr
 
 
 def _choose(
-    design: Design, added: AddedView, without: Optimisation | TailstackError, found: Optimisation, *, stopped: bool
+    design: Design, added: AddedView, without: Optimisation | TailstackError, with_view: Optimisation, *, stopped: bool
 ) -> Optimisation:
     """The cheaper of the two, or the only one; what the view does to the design as it stood beside that."""
-    view = find_view(load_design(found.design), added.add)[1]
-    p95_mm, p95_with_mm = find_p95_mm(design), _find_p95_with(design, added, found)
-    assert found.aimed is not None  # what was added is free
-    aim = next(each for each in found.aimed.views if each.view == added.add)
+    view = find_view(load_design(with_view.design), added.add)[1]
+    p95_mm, p95_with_mm = find_p95_mm(design), _find_p95_with(design, added, with_view)
+    assert with_view.aimed is not None  # what was added is free
+    aim = next(each for each in with_view.aimed.views if each.view == added.add)
     cost_without = worth = None
     if isinstance(without, TailstackError):
         words = f"{added.add} is added, whatever its price: there is no design without it. {_reason(without)}. "
-        words += f"With it the design costs {found.cost_after:.5g}, and {added.price:.5g} for the view"
+        words += f"With it the design costs {with_view.cost_after:.5g}, and {added.price:.5g} for the view"
     else:
         cost_without = without.cost_after
-        worth = cost_without - found.cost_after
+        worth = cost_without - with_view.cost_after
         words = f"{added.add} is {'added' if worth > added.price else 'left out'}: with it the design costs "
-        words += f"{found.cost_after:.5g}, without it {cost_without:.5g}, so it is "
+        words += f"{with_view.cost_after:.5g}, without it {cost_without:.5g}, so it is "
         words += f"worth a price of up to {worth:.5g}; it" if worth > 0 else "worth no price by what was found; it"
         words += f" costs {added.price:.5g}"
     if p95_mm is not None and p95_with_mm is not None:
@@ -94,39 +94,41 @@ def _choose(
         words += ". The search with it was stopped on request: a longer one may find more"
     offer = ViewOffer(
         view=added.add, like=added.like, price=added.price, added=worth is None or worth > added.price,
-        cost_without=cost_without, cost_with=found.cost_after, worth=worth, beam_direction=aim.beam_direction,
+        cost_without=cost_without, cost_with=with_view.cost_after, worth=worth, beam_direction=aim.beam_direction,
         up_direction=view.up_direction, source_isocentre_mm=aim.source_isocentre_mm, p95_without_mm=p95_mm,
         p95_with_mm=p95_with_mm, sentence=f"{words}.",
     )  # fmt: skip
     if isinstance(without, TailstackError) or offer.added:
-        exact = None if found.cost_exact_law is None else found.cost_exact_law + added.price
-        return _record(replace(found, cost_after=found.cost_after + added.price, cost_exact_law=exact), offer)
+        exact = None if with_view.cost_exact_law is None else with_view.cost_exact_law + added.price
+        return _record(replace(with_view, cost_after=with_view.cost_after + added.price, cost_exact_law=exact), offer)
     return _record(without, offer)
 
 
-def _find_p95_with(design: Design, added: AddedView, found: Optimisation) -> float | None:
+def _find_p95_with(design: Design, added: AddedView, optimisation: Optimisation) -> float | None:
     """Of the design as it stood, mm, with the view of the new one; None where that hides something of it."""
-    views: Any = found.design["views"]
+    views: Any = optimisation.design["views"]
     try:
         return find_p95_mm(add_view(design, added).with_value("/views", [*design.source.data["views"], views[-1]]))
     except TailstackError:
         return None
 
 
-def _record(found: Optimisation, offer: ViewOffer) -> Optimisation:
-    objective = f"{found.objective}, the view {offer.view} for {offer.price:g} if it pays"
-    return replace(found, objective=objective, view_offer=offer)
+def _record(optimisation: Optimisation, offer: ViewOffer) -> Optimisation:
+    objective = f"{optimisation.objective}, the view {offer.view} for {offer.price:g} if it pays"
+    return replace(optimisation, objective=objective, view_offer=offer)
 
 
-def _refuse(design: Design, without: TailstackError, found: TailstackError) -> TailstackError:
+def _refuse(design: Design, without: TailstackError, with_view: TailstackError) -> TailstackError:
     """What was said of both designs; where the search was stopped, that."""
-    for each in (without, found):
+    for each in (without, with_view):
         if each.problems[0].code == "stopped":
             return each
     assert design.document.optimise is not None
     entry = next(k for k, each in enumerate(design.document.optimise.views or ()) if isinstance(each, AddedView))
     with_it = Problem(
-        f"/optimise/views/{entry}", found.problems[0].code, f"nor is there one with the view: {_first_sentence(found)}"
+        f"/optimise/views/{entry}",
+        with_view.problems[0].code,
+        f"nor is there one with the view: {_first_sentence(with_view)}",
     )
     return type(without)([*without.problems, with_it])
 

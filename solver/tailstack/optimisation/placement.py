@@ -70,11 +70,11 @@ def solve_placement(
     Raises InfeasibleError (with the smallest quantile attainable), NotConvergedError, IllPosedError.  The
     same seed gives the same answer; start k depends on (seed, k) alone.
     """
-    found = search(problem, starts=starts, seed=seed, threads=threads, progress=progress, stop=stop)
-    return settle(found, np.ones(len(found.terms)))
+    result = search(problem, starts=starts, seed=seed, threads=threads, progress=progress, stop=stop)
+    return settle(result, np.ones(len(result.terms)))
 
 
-def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -> PlacementSolution:
+def settle(search: Search, aims: Array, start: PlacementSolution | None = None) -> PlacementSolution:
     """Bring the exact quantiles to ``aims`` (of their limits), from the best point of a search or an earlier solution.
 
     The closed form is corrected to the exact law at the last iterate, in value and gradient; as the correction
@@ -82,12 +82,12 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
     outside the programme that turn out worse join it.  Raises InfeasibleError, NotConvergedError.
     """
     if start is not None:
-        found = replace(found, program=start.program, iterates=(start.iterate,))
-    here = found.iterates[0]
+        search = replace(search, program=start.program, iterates=(start.iterate,))
+    here = search.iterates[0]
     reached = np.inf
     for rounds in range(MAX_ROUNDS):
-        program = found.program
-        own = _own_aims(found, aims)
+        program = search.program
+        own = _own_aims(search, aims)
         evaluations = evaluate_demands(program, here.point)
         reached = max(item.exact_mm / item.limit_mm / aim for item, aim in zip(evaluations, own, strict=True))
         if rounds and _has_arrived(program, here.point, evaluations, reached):
@@ -96,24 +96,24 @@ def settle(found: Search, aims: Array, start: PlacementSolution | None = None) -
             if residual > _stationary(program) and rounds < FREE_VERTICES:
                 here = Iterate(_solve_again(program, here.point, exact), exact)
                 continue
-            ratios = _everywhere(found, here.point)
+            ratios = _everywhere(search, here.point)
             if (ratios / aims).max() <= max(reached, 1.0) * (1 + 1e-9):
-                return _solution(found, here, residual, ratios, aims, rounds)
-            found = with_demands(found, here.point, ratios / aims, max(reached, 1.0))
-            here = found.iterates[0]
+                return _solution(search, here, residual, ratios, aims, rounds)
+            search = with_demands(search, here.point, ratios / aims, max(reached, 1.0))
+            here = search.iterates[0]
             continue
         parameters = _correct(program, here, evaluations, own, same_ends=rounds >= FREE_VERTICES)
         here = Iterate(_solve_again(program, here.point, parameters), parameters)
-    return _shrink(found, here, aims, reached)
+    return _shrink(search, here, aims, reached)
 
 
-def _shrink(found: Search, here: Iterate, aims: Array, reached: float) -> PlacementSolution:
+def _shrink(search: Search, here: Iterate, aims: Array, reached: float) -> PlacementSolution:
     """The last iterate with all half-widths brought down by one factor until every exact quantile is at its aim.
 
     Where bounded sources change ends from iterate to iterate the optimum sits on an edge between two vertices and no
     single one settles; what is left is a small factor, and the residual says how far from stationary it ends.
     """
-    program = found.program
+    program = search.program
     widths, low = program.widths_at, program.bounds("main")[0]
     if program.problem.objective == "quantile" or widths.stop == widths.start or reached > NEARLY:
         raise _refuse_unsettled(reached)
@@ -124,21 +124,21 @@ def _shrink(found: Search, here: Iterate, aims: Array, reached: float) -> Placem
         return replace(here.point, x=x)
 
     def excess(shift: float) -> float:
-        return float((_everywhere(found, at(-shift)) / aims).max()) - 1
+        return float((_everywhere(search, at(-shift)) / aims).max()) - 1
 
     most = 2 * float(np.log(NEARLY))
     if excess(-most) > 0:
         raise _refuse_unsettled(reached)
     end = Iterate(at(-largest_within(excess, -most, 0.0, 1e-8)), here.parameters)
-    exact = _correct(program, end, evaluate_demands(program, end.point), _own_aims(found, aims), same_ends=True)
+    exact = _correct(program, end, evaluate_demands(program, end.point), _own_aims(search, aims), same_ends=True)
     residual = kkt_residual(program, end.point, exact)
-    return _solution(found, end, residual, _everywhere(found, end.point), aims, MAX_ROUNDS)
+    return _solution(search, end, residual, _everywhere(search, end.point), aims, MAX_ROUNDS)
 
 
-def _own_aims(found: Search, aims: Array) -> Array:
+def _own_aims(search: Search, aims: Array) -> Array:
     """Aims of the demands that are in the programme."""
-    inside = {term.demand.key for term in found.program.terms}
-    return np.array([aim for term, aim in zip(found.terms, aims, strict=True) if term.demand.key in inside])
+    inside = {term.demand.key for term in search.program.terms}
+    return np.array([aim for term, aim in zip(search.terms, aims, strict=True) if term.demand.key in inside])
 
 
 def _has_arrived(program: Program, point: Point, evaluations: list[Evaluation], reached: float) -> bool:
@@ -234,15 +234,15 @@ def _correct(
     return Parameters(limits, signs, corrections, program.pieces_of(choice))
 
 
-def _everywhere(found: Search, point: Point) -> Array:
+def _everywhere(search: Search, point: Point) -> Array:
     """Exact quantile over its limit of every demand."""
-    return exact_ratios(found.program.problem, found.terms, found.program.split(point.x))
+    return exact_ratios(search.program.problem, search.terms, search.program.split(point.x))
 
 
 def _solution(
-    found: Search, here: Iterate, residual: float, ratios: Array, aims: Array, rounds: int
+    search: Search, here: Iterate, residual: float, ratios: Array, aims: Array, rounds: int
 ) -> PlacementSolution:
-    program, problem = found.program, found.program.problem
+    program, problem = search.program, search.program.problem
     choice = program.split(here.point.x)
     return PlacementSolution(
         problem=problem,

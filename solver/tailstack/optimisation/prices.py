@@ -59,11 +59,11 @@ def drop_dominated(grades: tuple[PricedGrade, ...]) -> tuple[PricedGrade, ...]:
     A tighter grade is always acceptable, so one that costs no more than a looser one replaces it; equal prices
     keep the tighter one.
     """
-    kept: list[PricedGrade] = []
+    remaining: list[PricedGrade] = []
     for grade in sorted(grades, key=lambda grade: (grade.half_width, grade.price)):
-        if not kept or grade.price < kept[-1].price:
-            kept.append(grade)
-    return tuple(kept)
+        if not remaining or grade.price < remaining[-1].price:
+            remaining.append(grade)
+    return tuple(remaining)
 
 
 def cost_of(price: Price, half_width: float) -> float:

@@ -72,13 +72,13 @@ class Isometry:
 
 def distinct(shapes: Iterable[Shape]) -> tuple[tuple[Shape, ...], tuple[int, ...]]:
     """The different regions among ``shapes``, in order of appearance, and which of them each is."""
-    found: dict[tuple[object, ...], tuple[int, Shape]] = {}
+    by_key: dict[tuple[object, ...], tuple[int, Shape]] = {}
     which = []
     for shape in shapes:
         values = (getattr(shape, entry.name) for entry in fields(shape))
         key = (type(shape), *(tuple(np.atleast_1d(value).tolist()) for value in values))
-        which.append(found.setdefault(key, (len(found), shape))[0])
-    return tuple(shape for _, shape in found.values()), tuple(which)
+        which.append(by_key.setdefault(key, (len(by_key), shape))[0])
+    return tuple(shape for _, shape in by_key.values()), tuple(which)
 
 
 def corners(low_high_mm: Array) -> Array:
@@ -140,8 +140,8 @@ def _between(offset: Array, fallback: Array, shape: Cylinder | Ball) -> Array:
     """Offsets (M, 3) with their lengths brought between the radii; those without direction take the fallback's."""
     length = np.linalg.norm(offset, axis=1, keepdims=True)
     direction = np.where(length > 0, offset / np.where(length > 0, length, 1.0), fallback)
-    kept = (length >= shape.inner_radius_mm) & (length <= shape.radius_mm)
-    return np.where(kept, offset, direction * np.clip(length, shape.inner_radius_mm, shape.radius_mm))
+    within = (length >= shape.inner_radius_mm) & (length <= shape.radius_mm)
+    return np.where(within, offset, direction * np.clip(length, shape.inner_radius_mm, shape.radius_mm))
 
 
 def across_axis(axis: Array) -> tuple[Array, Array]:
@@ -277,12 +277,12 @@ def turns(point_mm: Array, axis: Array, order: int) -> tuple[Isometry, ...]:
     """The ``order - 1`` rotations by multiples of 360/order degrees about the line through a point (Rodrigues)."""
     x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    found = []
+    isometries = []
     for k in range(1, order):
         angle = 2 * pi * k / order
         rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        found.append(Isometry(rotation, np.asarray(point_mm) - rotation @ point_mm))
-    return tuple(found)
+        isometries.append(Isometry(rotation, np.asarray(point_mm) - rotation @ point_mm))
+    return tuple(isometries)
 
 
 def move(isometry: Isometry, points: ArrayLike) -> ArrayLike:

@@ -121,11 +121,11 @@ def report(
     )
 
 
-def add_aims(found: Optimisation, design: Design, search: ViewSearch) -> Optimisation:
+def add_aims(optimisation: Optimisation, design: Design, search: ViewSearch) -> Optimisation:
     """An optimisation with views aimed beforehand as one of the design whose views were free."""
     problem = read_request(design).problem
     return replace(
-        found,
+        optimisation,
         p95_before_mm=_p95_before(problem),
         influence=influence_of(problem),
         design_before=design_to_data(design),
@@ -234,11 +234,11 @@ def _tolerances(
     chosen = {}
     if optimum.purchase is not None:
         chosen = dict(zip(request.graded, optimum.purchase.names, strict=True))
-    found = []
+    changes = []
     for k, free in enumerate(problem.half_widths):
         (old, unit), (new, _) = (for_people(problem, k, float(c.half_width[k])) for c in (before, now))
         cost_before = cost_of(free.price, float(before.half_width[k]))
-        found.append(
+        changes.append(
             ChangedTolerance(
                 contributor=free.contributor,
                 component=free.component,
@@ -253,16 +253,16 @@ def _tolerances(
                 grade=chosen.get(k),
             )
         )
-    return tuple(found)
+    return tuple(changes)
 
 
 def _lever(terms: DemandTerms, problem: PlacementProblem, choice: Choice) -> Array:
     """(K,) mm at the target per native unit of each free half-width, at the pivots and spacings of a choice."""
-    found = np.zeros(len(problem.half_widths))
+    lever = np.zeros(len(problem.half_widths))
     for source, gain in zip(terms.sources, terms.gains.at(mechanics_of(problem, choice)), strict=True):
         if source.free is not None:
-            found[source.free] = float(np.linalg.norm(gain))
-    return found
+            lever[source.free] = float(np.linalg.norm(gain))
+    return lever
 
 
 def _scaling(problem: PlacementProblem, before: Choice, now: Choice) -> float | None:

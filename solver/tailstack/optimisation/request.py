@@ -159,7 +159,7 @@ def _groups(fiducials: list[int], size: int, region: Shape, pointer: str) -> tup
 def _half_widths(design: Design, section: Optimise) -> tuple[FreeHalfWidth, ...]:
     """The half-widths set free: those listed, and all others of a kind that has common bounds; in the chain's order."""
     listed = {(free.interface, free.component): index for index, free in enumerate(section.tolerances)}
-    found: list[FreeHalfWidth] = []
+    half_widths: list[FreeHalfWidth] = []
     for bounds, components, pointer in (
         (section.rotation_bounds, ROTATIONS, "/optimise/rotation_bounds"),
         (section.translation_bounds, TRANSLATIONS, "/optimise/translation_bounds"),
@@ -167,19 +167,21 @@ def _half_widths(design: Design, section: Optimise) -> tuple[FreeHalfWidth, ...]
         if bounds is None:
             continue
         low, high = _bounds(bounds)
-        found += [
+        half_widths += [
             FreeHalfWidth(interface, component, low, high, _price(bounds.cost, bounds.cost_weight), pointer)
             for interface, component in list_declared(design.document, components)
             if (interface, component) not in listed
         ]
-    found += [_read_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(section.tolerances)]
+    half_widths += [
+        _read_listed(free, f"/optimise/tolerances/{index}") for index, free in enumerate(section.tolerances)
+    ]
     order = (*ROTATIONS, *TRANSLATIONS)  # locators follow, in the order of the document
 
     def place(free: FreeHalfWidth) -> tuple[int, int]:
         component = order.index(free.component) if free.component in order else len(order)
         return INTERFACES.index(free.contributor), component
 
-    return tuple(sorted(found, key=place))
+    return tuple(sorted(half_widths, key=place))
 
 
 def _bounds(bounds: RotationBounds | TranslationBounds) -> tuple[float, float]:
@@ -226,7 +228,7 @@ def _pivots(section: Optimise) -> tuple[PivotVariable, ...]:
 
 def _spacings(design: Design, section: Optimise) -> tuple[FreeSpacing, ...]:
     """Direction of the locators as ``shift + turn / s``, from the pattern as it is and at half its spacing."""
-    found = []
+    spacings = []
     for index, free in enumerate(section.locator_spacing):
         interface = getattr(design.document.interfaces, free.interface)
         positions = np.array([locator.position_mm for locator in interface.locators])
@@ -236,7 +238,7 @@ def _spacings(design: Design, section: Optimise) -> tuple[FreeSpacing, ...]:
             torsor_from_locators(centre + scale * (positions - centre), normals, pivot) for scale in (1.0, 0.5)
         )
         turn = twice - once  # the part that goes as 1/s doubles
-        found.append(
+        spacings.append(
             FreeSpacing(
                 free.interface,
                 free.min_scale,
@@ -246,7 +248,7 @@ def _spacings(design: Design, section: Optimise) -> tuple[FreeSpacing, ...]:
                 f"/optimise/locator_spacing/{index}",
             )
         )
-    return tuple(found)
+    return tuple(spacings)
 
 
 def with_count(request: OptimiseRequest, count: int) -> PlacementProblem:
@@ -260,9 +262,9 @@ def with_count(request: OptimiseRequest, count: int) -> PlacementProblem:
     if count == present:
         return problem
     free = [i for i, label in enumerate(system.fiducial_labels) if label not in section.fixed]
-    kept = sorted(set(range(present)) - set(free[len(free) - (present - count) :] if count < present else ()))
-    labels = [system.fiducial_labels[i] for i in kept]
-    positions, made = system.fiducials_mm[kept], system.manufacturing_half_width_mm[kept]
+    remaining = sorted(set(range(present)) - set(free[len(free) - (present - count) :] if count < present else ()))
+    labels = [system.fiducial_labels[i] for i in remaining]
+    positions, made = system.fiducials_mm[remaining], system.manufacturing_half_width_mm[remaining]
     if count > present:
         middle = bounding_box(problem.places[0].region).mean(axis=0)
         new = count - present

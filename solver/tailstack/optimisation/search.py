@@ -265,7 +265,7 @@ def _solve_all(program: Program, starts: tuple[Start, ...], stop: Stop | None) -
     for lane in range(len(program.explore)):
         lanes.put(lane)
 
-    def one(start: Start) -> Point:
+    def solve_in_lane(start: Start) -> Point:
         lane = lanes.get()
         try:
             return solve(program, start.x, start.parameters, lane=lane)
@@ -273,7 +273,7 @@ def _solve_all(program: Program, starts: tuple[Start, ...], stop: Stop | None) -
             lanes.put(lane)
 
     with ThreadPoolExecutor(len(program.explore), thread_name_prefix="tailstack-start") as pool:
-        futures = [pool.submit(one, start) for start in starts]
+        futures = [pool.submit(solve_in_lane, start) for start in starts]
         try:
             for future in futures:
                 _wait(future, futures, stop)
@@ -311,16 +311,17 @@ def farthest(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple
 def local_optima(program: Program, ends: dict[int, Iterate]) -> tuple[LocalOptimum, ...]:
     """The distinct optima among the ends of the starts, ascending; objectives this close count as one."""
     solved = [(k, item.point) for k, item in ends.items()]
-    kept: list[tuple[float, list[int], Array]] = []
+    optima: list[tuple[float, list[int], Array]] = []
     for k, point in sorted(solved, key=lambda item: item[1].objective):
         value = objective_for_people(program, point.objective)
-        if kept and value <= kept[-1][0] * (1 + SAME):
-            kept[-1][1].append(k)
+        if optima and value <= optima[-1][0] * (1 + SAME):
+            optima[-1][1].append(k)
         else:
-            kept.append((value, [k], program.split(point.x).fiducials_mm))
-    reference = kept[0][2]
+            optima.append((value, [k], program.split(point.x).fiducials_mm))
+    reference = optima[0][2]
     return tuple(
-        LocalOptimum(value, len(which), min(which), rms_distance_mm(layout, reference)) for value, which, layout in kept
+        LocalOptimum(value, len(which), min(which), rms_distance_mm(layout, reference))
+        for value, which, layout in optima
     )
 
 

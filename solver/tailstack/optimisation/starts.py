@@ -50,19 +50,19 @@ def in_field(
 ) -> NDArray[np.bool_]:
     """(M,) whether each assumed point (M, 3) is in front of every source, inside every image with its margin, and
     clear of the targets' images."""
-    kept = np.ones(len(points), dtype=bool)
+    allowed = np.ones(len(points), dtype=bool)
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
         image = points @ projection[:, :3].T + projection[:, 3]
-        kept &= image[:, 2] > 0
+        allowed &= image[:, 2] > 0
         image = image[:, :2] / np.where(image[:, 2:] == 0, 1.0, image[:, 2:])
         if view.image_size_px is not None:
             edge = np.array(view.image_size_px) - 1 - problem.image_margin_px
-            kept &= ((image >= problem.image_margin_px) & (image <= edge)).all(axis=1)
+            allowed &= ((image >= problem.image_margin_px) & (image <= edge)).all(axis=1)
         for term in terms:
             centre = projection[:, :3] @ term.reconstructed_mm + projection[:, 3]
             apart = np.linalg.norm(image - image_of(centre), axis=1)
-            kept &= apart >= problem.target_clearance_px
-    return np.asarray(kept)
+            allowed &= apart >= problem.target_clearance_px
+    return np.asarray(allowed)
 
 
 def with_copies(problem: PlacementProblem, points: Array) -> Array:
@@ -82,14 +82,14 @@ def _keep_rules(
     """(M,) whether points (M, G, 3) of a region and its copies keep every rule but the spacing to other fiducials."""
     count = drawn.shape[1]
     assumed = _displace(estimator, drawn)
-    kept = in_field(problem, estimator, terms, assumed.reshape(-1, 3)).reshape(-1, count).all(axis=1)
+    allowed = in_field(problem, estimator, terms, assumed.reshape(-1, 3)).reshape(-1, count).all(axis=1)
     for zone in problem.keep_out:
-        kept &= clear_of(zone, drawn.reshape(-1, 3)).reshape(-1, count).all(axis=1)
+        allowed &= clear_of(zone, drawn.reshape(-1, 3)).reshape(-1, count).all(axis=1)
     for m in range(1, count):
-        kept &= contains(region, drawn[:, m])
+        allowed &= contains(region, drawn[:, m])
     if count > 1:
-        kept &= apart_from_copies(assumed, np.ascontiguousarray(estimator.projections), _spacing(problem))
-    return np.asarray(kept)
+        allowed &= apart_from_copies(assumed, np.ascontiguousarray(estimator.projections), _spacing(problem))
+    return np.asarray(allowed)
 
 
 def _candidates(
@@ -100,14 +100,14 @@ def _candidates(
     rng: np.random.Generator,
 ) -> Array:
     """(C, G, 3) assumed: at most CANDIDATES that keep the rules, or any when a thousand draws hold none."""
-    kept: list[Array] = []
+    batches: list[Array] = []
     for _ in range(BATCHES):
         drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, ON_FACE))
-        kept.append(drawn[_keep_rules(problem, estimator, terms, region, drawn)])
-        if sum(map(len, kept)) >= CANDIDATES // 4:
+        batches.append(drawn[_keep_rules(problem, estimator, terms, region, drawn)])
+        if sum(map(len, batches)) >= CANDIDATES // 4:
             break
-    found = np.concatenate(kept)
-    return _displace(estimator, (found if len(found) else drawn)[:CANDIDATES])
+    candidates = np.concatenate(batches)
+    return _displace(estimator, (candidates if len(candidates) else drawn)[:CANDIDATES])
 
 
 def _spread(
@@ -455,13 +455,13 @@ def keeps_distance(
 @kernel(nogil=True)
 def apart_from_copies(candidates: Array, projections: Array, spacing: Spacing) -> NDArray[np.bool_]:
     """(C,) whether the points of each candidate (C, G, 3) mm, assumed, are far enough apart; projections: (V, 3, 4)."""
-    kept = np.ones(candidates.shape[0], np.bool_)
+    apart = np.ones(candidates.shape[0], np.bool_)
     for c in range(candidates.shape[0]):
         for m in range(candidates.shape[1]):
             for n in range(m):
                 if not far_enough(candidates[c, n], candidates[c, m], projections, spacing):
-                    kept[c] = False
-    return kept
+                    apart[c] = False
+    return apart
 
 
 @kernel(nogil=True)
@@ -489,7 +489,7 @@ def exchange(
         improved = False
         for p in range(groups.shape[0]):
             group = groups[p]
-            kept = points[group].copy()
+            best_points = points[group].copy()
             for c in range(candidates.first[p], candidates.last[p]):
                 if not keeps_distance(points, group, candidates.points[c], model.projections, spacing):
                     continue
@@ -497,9 +497,9 @@ def exchange(
                 value = mean_square(points, model, work)
                 if value < best * (1 - 1e-9):
                     best = value
-                    kept = candidates.points[c].copy()
+                    best_points = candidates.points[c].copy()
                     improved = True
-            points[group] = kept
+            points[group] = best_points
         if not improved:
             break
     return best

@@ -193,24 +193,24 @@ class DemandTerms:
         """(3, K) mm per native unit of each free half-width; 0 where it does not act."""
         free = [(source.free, gain) for source, gain in zip(self.sources, self.gains.base, strict=True)]
         count = 1 + max((k for k, _ in free if k is not None), default=-1)
-        found = np.zeros((3, count))
+        by_half_width = np.zeros((3, count))
         for k, gain in free:
             if k is not None:
-                found[:, k] = gain
-        return found
+                by_half_width[:, k] = gain
+        return by_half_width
 
 
 def every_terms(problem: PlacementProblem) -> tuple[DemandTerms, ...]:
     """Coefficients of every demand; those of a loss are those of the same error with all fiducials."""
     made: dict[tuple[object, ...], DemandTerms] = {}
-    found = []
+    terms = []
     for demand in (replace(demand, ends=ends) for demand in problem.demands for ends in problem.ends):
         key = demand.requirement.error, demand.target.name, demand.ends
         if key not in made:
             made[key] = terms_of(problem, demand)
-        kept = np.array([label not in demand.lost for label in problem.system.fiducial_labels], dtype=float)
-        found.append(replace(made[key], demand=demand, kept=kept))
-    return tuple(found)
+        mask = np.array([label not in demand.lost for label in problem.system.fiducial_labels], dtype=float)
+        terms.append(replace(made[key], demand=demand, kept=mask))
+    return tuple(terms)
 
 
 def terms_of(problem: PlacementProblem, demand: QuantileConstraint) -> DemandTerms:
@@ -336,7 +336,7 @@ def _is_common(block: Block) -> bool:
 def _sources(problem: PlacementProblem, model: LinearModel, wanted: Callable[[Block], bool]) -> tuple[SourceTerm, ...]:
     free = {(item.contributor, item.component): k for k, item in enumerate(problem.half_widths)}
     laws = free_laws(problem)
-    found = []
+    sources = []
     for block in model.blocks:
         if not wanted(block):
             continue
@@ -344,8 +344,8 @@ def _sources(problem: PlacementProblem, model: LinearModel, wanted: Callable[[Bl
             k = free.get((block.contributor, name))
             half_width, std = float(block.half_width[j]), float(block.std[j])
             per = laws[k][1] if k is not None else (std / half_width if half_width > 0 else 0.0)
-            found.append(SourceTerm(block.contributor, j, law, half_width, per, k, block.per_unit))
-    return tuple(found)
+            sources.append(SourceTerm(block.contributor, j, law, half_width, per, k, block.per_unit))
+    return tuple(sources)
 
 
 def is_singular(system: System, fiducials_mm: Array) -> bool:
@@ -357,13 +357,13 @@ def is_singular(system: System, fiducials_mm: Array) -> bool:
 
 def free_laws(problem: PlacementProblem) -> tuple[tuple[Law, float], ...]:
     """Law and standard deviation per half-width of each free half-width (0 where bounded)."""
-    found = []
+    laws = []
     for free in problem.half_widths:
         sources = mount_named(problem.system, free.contributor).sources
         j = sources.names.index(free.component)
         law = sources.laws[j]
-        found.append((law, std_per_half_width(law, float(sources.coverage_factor[j]))))
-    return tuple(found)
+        laws.append((law, std_per_half_width(law, float(sources.coverage_factor[j]))))
+    return tuple(laws)
 
 
 class ImageParts(NamedTuple):

@@ -129,10 +129,12 @@ def _check_loss(
         targets=(target,),
         loss_probability=(),  # these are lost for certain
     )
-    found = verify(left, seed=seed, trials=trials, threads=control.threads)
-    (check,) = found.verdict.checks
+    verification = verify(left, seed=seed, trials=trials, threads=control.threads)
+    (check,) = verification.verdict.checks
     limit = survival.requirement.limit_mm
-    survived = SurvivedLoss(limit, lost, target.name, ratio * limit, check.value_mm, check.interval_mm, found.trials)
+    survived = SurvivedLoss(
+        limit, lost, target.name, ratio * limit, check.value_mm, check.interval_mm, verification.trials
+    )
     return check, survived
 
 

@@ -205,14 +205,14 @@ def _compare(design: Design, name: str, aim: Aim, before_mm: float) -> AimedView
 def _record(
     search: AimSearch, views: tuple[AimedView, ...], as_aimed: float, objective: float, added: AddedView | None
 ) -> ViewSearch:
-    said = []
+    sentences = []
     for view in views:
         what = [f"turned by {view.turn_deg:.1f} deg"] if view.turn_deg else []
         if added is not None and view.view == added.add:
             what = [f"{view.turn_deg:.1f} deg from {added.like}"]
         if view.source_isocentre_mm != view.source_isocentre_before_mm:
             what.append(f"its source at {view.source_isocentre_mm:g} instead of {view.source_isocentre_before_mm:g} mm")
-        said.append(f"{view.view} is {' and '.join(what) or 'left as it was'}")
+        sentences.append(f"{view.view} is {' and '.join(what) or 'left as it was'}")
     before = f", {as_aimed:.5g} as they were aimed" if as_aimed < inf else ""
     return ViewSearch(
         views=views,
@@ -221,8 +221,8 @@ def _record(
         refused=sum(value == inf for value in search.solved.values()),
         objective_as_aimed=as_aimed if as_aimed < inf else None,
         objective=objective,
-        sentence=f"{'; '.join(said)}. The objective, by the closed form, is {objective:.5g}{before}. This is the best "
-        f"of {len(search.solved)} ways to aim that were optimised, after {search.scored} that were scored; "
+        sentence=f"{'; '.join(sentences)}. The objective, by the closed form, is {objective:.5g}{before}. This is the "
+        f"best of {len(search.solved)} ways to aim that were optimised, after {search.scored} that were scored; "
         + ("the search was stopped on request, and " if search.control.stops() else "")
         + "it is not proven that there is no better one.",
     )

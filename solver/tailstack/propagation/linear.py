@@ -377,8 +377,8 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
         else:
             localisation, tcp = of_mounts[effect.name]
         blocks.append(Block(effect, localisation, tcp))
-    found = systematic_errors(system, chain.mounts.first, target)
-    shifts, systematic = common_shifts(chain, found, images.columns, to_tcp, from_moved)
+    shared_errors = systematic_errors(system, chain.mounts.first, target)
+    shifts, systematic = common_shifts(chain, shared_errors, images.columns, to_tcp, from_moved)
     known = (*_assumed_shifts(chain, images.assumed_mm, to_tcp), *shifts)
     localisation_bias = passage.localisation_bias_mm + sum(each.localisation_mm for each in known)
     tcp_bias = passage.tcp_bias_mm + sum(each.tcp_mm for each in known)
@@ -390,7 +390,7 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
             chain.weights,
             reconstructed,
             chain.matrix_covariance,
-            _common(chain, found),
+            _common(chain, shared_errors),
             chain.target_noise_px,
             images.row_weights,
             published=not system.triangulation.traits.own_frame,
@@ -459,9 +459,9 @@ def _turns(
         ("tcp", at_tool, bent_at_tool, beside @ beside.T, to_tcp),
     ):
         total = jacobian @ z @ jacobian.T + rest
-        found = turns_of(jacobian, second, z, total, biases[error])
+        turns = turns_of(jacobian, second, z, total, biases[error])
         grown = images_beside_bias(nu, z[IMAGES, IMAGES], of_images, total, biases[error])
-        out = out.larger(found._replace(images_beside_bias=grown))
+        out = out.larger(turns._replace(images_beside_bias=grown))
     if any(
         law is Law.BOUNDED and mount.sources.direction[:3, j].any()
         for mount in mounts
@@ -500,7 +500,7 @@ def _assumed_shifts(chain: Chain, assumed_mm: Array, to_tcp: Array) -> tuple[Kno
 
 
 def common_shifts(
-    chain: Chain, found: tuple[Systematic, ...], of_images: Array, to_tcp: Array, from_moved: Array
+    chain: Chain, shared_errors: tuple[Systematic, ...], of_images: Array, to_tcp: Array, from_moved: Array
 ) -> tuple[tuple[KnownShift, ...], tuple[Block, ...]]:
     """What moves the images of all beads together, as it was found: what is known of it, and its blocks.
 
@@ -510,7 +510,7 @@ def common_shifts(
     known, blocks = [], []
     width = 2 * len(chain.points) + 2
     gains = [of_images[:, v * width : (v + 1) * width] for v in range(len(chain.projections))]
-    for each in found:
+    for each in shared_errors:
         effect = each.effect
         localisation, fixed = each.localise(gains)
         if each.known_shift_px.any() or each.known_at_flange_mm.any():
@@ -522,11 +522,11 @@ def common_shifts(
     return tuple(known), tuple(blocks)
 
 
-def _common(chain: Chain, found: tuple[Systematic, ...]) -> Common:
+def _common(chain: Chain, shared_errors: tuple[Systematic, ...]) -> Common:
     """All that moves the images of a view together, and the known errors of believed intrinsics, for the validity."""
     views, rows = len(chain.projections), 2 * len(chain.points)
-    shifts = [each.shifts * each.effect.sources.spread for each in found]
-    known = sum((each.known_shift_px for each in found), np.zeros((views, rows + 2)))
+    shifts = [each.shifts * each.effect.sources.spread for each in shared_errors]
+    known = sum((each.known_shift_px for each in shared_errors), np.zeros((views, rows + 2)))
     assumed = np.zeros((views, 12))
     for v, error in enumerate(chain.intrinsics):
         if error is not None:

@@ -41,13 +41,13 @@ class Systematic(NamedTuple):
 def shift_together(system: System, first: Displacement, target: Target) -> tuple[ArrayLike, ArrayLike]:
     """What all of them do side by side: to the images (V, 2 N + 2, C + 1) px and, behind the reconstructed point,
     (3, C + 1) mm; per native unit of each of the C sources, last what is known.  first: as ``systematic_errors``."""
-    found = systematic_errors(system, first, target)
+    shared_errors = systematic_errors(system, first, target)
     known = np.zeros((len(system.views), 2 * len(system.fiducials_mm) + 2))
     known_at_flange = np.zeros(3)
-    for each in found:
+    for each in shared_errors:
         known, known_at_flange = known + each.known_shift_px, known_at_flange + each.known_at_flange_mm
-    shifts = np.concatenate([*(each.shifts for each in found), known[..., None]], axis=2)
-    return shifts, np.column_stack([*(each.at_flange_mm for each in found), known_at_flange])
+    shifts = np.concatenate([*(each.shifts for each in shared_errors), known[..., None]], axis=2)
+    return shifts, np.column_stack([*(each.at_flange_mm for each in shared_errors), known_at_flange])
 
 
 def systematic_errors(system: System, first: Displacement, target: Target) -> tuple[Systematic, ...]:
@@ -89,7 +89,7 @@ def systematic_errors(system: System, first: Displacement, target: Target) -> tu
             case _:
                 assert_never(act.place)
 
-    found = []
+    shared_errors = []
     for effect in system.shared_image_errors:
         parameters = np.column_stack([effect.sources.direction, effect.known])
         count = effect.sources.count
@@ -101,5 +101,5 @@ def systematic_errors(system: System, first: Displacement, target: Target) -> tu
                 if act.view in (None, view.name):
                     shifts = shift(act, v, parameters)
                     images[v, : len(shifts)] += shifts
-        found.append(Systematic(effect, images[..., :-1], flange[:, :-1], images[..., -1], flange[:, -1]))
-    return tuple(found)
+        shared_errors.append(Systematic(effect, images[..., :-1], flange[:, :-1], images[..., -1], flange[:, -1]))
+    return tuple(shared_errors)

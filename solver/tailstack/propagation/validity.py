@@ -120,11 +120,11 @@ def _class_of(system: System, limits: Sequence[Limit]) -> tuple[str, str]:
     return words, ""
 
 
-def worst_validity(found: Sequence[tuple[Nonlinearity, Turns]], system: System) -> Validity:
+def worst_validity(by_target: Sequence[tuple[Nonlinearity, Turns]], system: System) -> Validity:
     """The statement of a system from the numbers of its targets: of each the largest."""
-    numbers = max((each for each, _ in found), key=lambda each: each.nu)
+    numbers = max((each for each, _ in by_target), key=lambda each: each.nu)
     turns = NO_TURNS
-    for each, own in found:
+    for each, own in by_target:
         numbers, turns = numbers._replace(known=max(numbers.known, each.known)), turns.larger(own)
     return validity(numbers, system, turns)
 
@@ -151,9 +151,9 @@ def validity(numbers: Nonlinearity, system: System, turns: Turns = NO_TURNS) -> 
         ),
         "known shifts of images of {:.2g} % of what they are seen by": numbers.known,
     } | {limit.words: limit.size for limit in limits if isinstance(limit, Proportional)}
-    for said, size in in_proportion.items():
+    for template, size in in_proportion.items():
         if size > BIAS_LIMITS[0]:
-            counted += ", " + said.format(100 * size)
+            counted += ", " + template.format(100 * size)
     linear = max(in_proportion.values())
 
     def state(status: Level | Literal["not valid"], percent: float | None, statement: str) -> Validity:

@@ -408,8 +408,8 @@ class Optimisation(Result):
         bars = [Bar(entry.label, entry.at_target_mm, before=entry.at_target_before_mm) for entry in self.tolerances]
         chart = Bars("What each half-width moves the worst target by", "half-width times lever, mm", tuple(bars))
         if not bars:
-            one = Bar("worst target", self.p95_after_mm, before=self.p95_before_mm)
-            chart = Bars("P95 of the worst target", "P95, mm", (one,))
+            bar = Bar("worst target", self.p95_after_mm, before=self.p95_before_mm)
+            chart = Bars("P95 of the worst target", "P95, mm", (bar,))
         return Outline(
             "Optimised design",
             self.provenance.design_name,
@@ -438,9 +438,9 @@ class Optimisation(Result):
 # --- tables ---------------------------------------------------------------------------------------------------
 
 
-def changes_table(found: Optimisation) -> Table:
+def changes_table(optimisation: Optimisation) -> Table:
     """Half-widths that were free, what they move the target by, and what they cost."""
-    graded = any(entry.grade is not None for entry in found.tolerances)
+    graded = any(entry.grade is not None for entry in optimisation.tolerances)
     columns = (
         Column("Tolerance", of=attrgetter("label")),
         *((Column("Grade", of=attrgetter("grade")),) if graded else ()),
@@ -455,7 +455,7 @@ def changes_table(found: Optimisation) -> Table:
         Column("Cost before", "", "significant", 4, brief="cost\nbefore", of=attrgetter("cost_before")),
         Column("Cost after", "", "significant", 4, brief="cost\nafter", of=attrgetter("cost_after")),
     )  # fmt: skip
-    return tabulate("Tolerances", "Tolerances that were free, as half-widths", columns, found.tolerances)
+    return tabulate("Tolerances", "Tolerances that were free, as half-widths", columns, optimisation.tolerances)
 
 
 Move = MovedFiducial | MovedPivot  # a place before and after
@@ -493,23 +493,23 @@ def _positions(name: str, caption: str, columns: tuple[Column, ...], entries: Se
     return Table(name, caption, columns, tuple(rows), note)
 
 
-def moved_table(found: Optimisation) -> Table:
+def moved_table(optimisation: Optimisation) -> Table:
     """Fiducials that could move, are new or were left out."""
     columns = _position_columns("Fiducial", "fiducial,\nin con", "left out")
     note = "Before empty: new; after empty: left out."
-    return _positions("Fiducials", "Fiducials that could move, frame con", columns, found.moved, note)
+    return _positions("Fiducials", "Fiducials that could move, frame con", columns, optimisation.moved, note)
 
 
-def pivots_table(found: Optimisation) -> Table:
+def pivots_table(optimisation: Optimisation) -> Table:
     """Pivots that could move."""
     columns = _position_columns("Interface", "pivot,\nin con")
-    return _positions("Pivots", "Pivots that could move, frame con", columns, found.pivots)
+    return _positions("Pivots", "Pivots that could move, frame con", columns, optimisation.pivots)
 
 
-def spacings_table(found: Optimisation) -> Table:
+def spacings_table(optimisation: Optimisation) -> Table:
     """Locators that were spread."""
     columns = (Column("Interface", of=attrgetter("label")), Column("Factor", "", "fixed", of=attrgetter("scale")))
-    return tabulate("Locators", "Locators spread about their centre", columns, found.spacings)
+    return tabulate("Locators", "Locators spread about their centre", columns, optimisation.spacings)
 
 
 def offer_table(offer: ViewOffer) -> Table:
@@ -542,7 +542,7 @@ def aims_table(aimed: ViewSearch) -> Table:
     return tabulate("Views", "Views that could be aimed", columns, aimed.views, aimed.sentence)
 
 
-def limits_table(found: Optimisation) -> Table:
+def limits_table(optimisation: Optimisation) -> Table:
     """What giving way at a limit or bound would save."""
     columns = (
         Column("Limit or bound", on=PAPER, of=attrgetter("name")),
@@ -551,25 +551,25 @@ def limits_table(found: Optimisation) -> Table:
         Column("In words", of=attrgetter("sentence")),
     )
     caption = "What one unit more of a limit or bound changes"
-    return tabulate("Shadow prices", caption, columns, found.shadow_prices)
+    return tabulate("Shadow prices", caption, columns, optimisation.shadow_prices)
 
 
-def counts_table(found: Optimisation) -> Table:
+def counts_table(optimisation: Optimisation) -> Table:
     """The best design with each number of fiducials that was tried."""
     cost = Column("Cost", "", "significant", 4, of=attrgetter("cost"))
     over = Column("Error over limit", "", "significant", 4, brief="error over\nlimit", of=attrgetter("worst_ratio"))
     columns = (
         Column("Fiducials", of=lambda entry: str(entry.fiducials)),
         Column("", of=attrgetter("note")),
-        *((cost,) if any(entry.cost is not None for entry in found.counts) else ()),
-        *((over,) if any(entry.worst_ratio is not None for entry in found.counts) else ()),
+        *((cost,) if any(entry.cost is not None for entry in optimisation.counts) else ()),
+        *((over,) if any(entry.worst_ratio is not None for entry in optimisation.counts) else ()),
     )
-    return tabulate("Counts", "The best design with each number of fiducials", columns, found.counts)
+    return tabulate("Counts", "The best design with each number of fiducials", columns, optimisation.counts)
 
 
-def front_table(found: Optimisation) -> Table:
+def front_table(optimisation: Optimisation) -> Table:
     """Least cost at a row of limits."""
-    decimals = max((count_decimals(point.limit_mm) for point in found.front), default=3)
+    decimals = max((count_decimals(point.limit_mm) for point in optimisation.front), default=3)
     columns = (
         Column("Limit", "mm", "stated", decimals, of=attrgetter("limit_mm")),
         Column("Cost", "", "significant", 4, of=attrgetter("cost")),
@@ -579,13 +579,13 @@ def front_table(found: Optimisation) -> Table:
         )),
         Column("Status", brief="\n", of=attrgetter("status")),
     )  # fmt: skip
-    return tabulate("Front", "Least cost at a row of limits", columns, found.front)
+    return tabulate("Front", "Least cost at a row of limits", columns, optimisation.front)
 
 
 MOST_OPTIMA = 5
 
 
-def optima_table(found: Optimisation) -> Table:
+def optima_table(optimisation: Optimisation) -> Table:
     """The best of the optima that searches ended in."""
     columns = (
         Column("Objective", "", "significant", 5, of=attrgetter("objective")),
@@ -596,4 +596,4 @@ def optima_table(found: Optimisation) -> Table:
             of=attrgetter("rms_distance_mm"),
         ),
     )  # fmt: skip
-    return tabulate("Optima", "Distinct optima", columns, found.certificate.optima[:MOST_OPTIMA])
+    return tabulate("Optima", "Distinct optima", columns, optimisation.certificate.optima[:MOST_OPTIMA])

@@ -108,10 +108,14 @@ class Sweep(Result):
         pointers = [axis.pointer for axis in self.axes]
         rows = []
         for point in self.points:
-            said = {**dict(zip(pointers, point.values, strict=True)), "status": point.status, "verdict": point.verdict}
+            shared = {
+                **dict(zip(pointers, point.values, strict=True)),
+                "status": point.status,
+                "verdict": point.verdict,
+            }
             rows += [
-                {**said, "target": found.pop("name"), **found, "reason": point.reason}
-                for found in ([row_of(target) for target in point.targets] or [dict(_NOTHING)])
+                {**shared, "target": row.pop("name"), **row, "reason": point.reason}
+                for row in ([row_of(target) for target in point.targets] or [dict(_NOTHING)])
             ]
         computed = sum(point.status == "ok" for point in self.points)
         passing = sum(point.verdict == "pass" for point in self.points)
@@ -136,8 +140,8 @@ class Sweep(Result):
     @property
     def decimals(self) -> int:
         """Decimals of its lengths."""
-        found = [target for point in self.points for target in point.targets]
-        sizes = [target.p95_mm if target.limit_mm is None else target.limit_mm for target in found]
+        targets = [target for point in self.points for target in point.targets]
+        sizes = [target.p95_mm if target.limit_mm is None else target.limit_mm for target in targets]
         return max((count_decimals(size) for size in sizes), default=3)
 
     def limits(self) -> list[tuple[float, str]]:
@@ -165,16 +169,16 @@ class Sweep(Result):
         names = list(dict.fromkeys(target.name for point in self.points for target in point.targets))
 
         def read(name: str, fixed: dict[int, float], target: str | None) -> Curve:
-            found: list[SweepTarget | None] = []
+            entries: list[SweepTarget | None] = []
             for value in self.axes[across].values:
                 held = {**fixed, across: value}
                 point = index[tuple(held.get(k, axis.values[0]) for k, axis in enumerate(self.axes))]
                 among = [entry for entry in point.targets if target in (None, entry.name)]
-                found.append(max(among, key=lambda entry: entry.p95_mm, default=None))
+                entries.append(max(among, key=lambda entry: entry.p95_mm, default=None))
             return Curve(
                 name,
-                tuple(None if entry is None else entry.p95_mm for entry in found),
-                tuple(None if entry is None else entry.p95_interval_mm for entry in found),
+                tuple(None if entry is None else entry.p95_mm for entry in entries),
+                tuple(None if entry is None else entry.p95_interval_mm for entry in entries),
             )
 
         if others:

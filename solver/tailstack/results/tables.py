@@ -77,13 +77,13 @@ class Table:
 
     def on(self, place: On) -> Table:
         """What of it is shown at a place."""
-        kept = [column.on & place == place for column in self.columns]
+        shown = [column.on & place == place for column in self.columns]
         return Table(
             self.name,
             self.caption,
-            tuple(column for column, here in zip(self.columns, kept, strict=True) if here),
+            tuple(column for column, here in zip(self.columns, shown, strict=True) if here),
             tuple(
-                Row(tuple(cell for cell, here in zip(row.cells, kept, strict=True) if here), row.depth)
+                Row(tuple(cell for cell, here in zip(row.cells, shown, strict=True) if here), row.depth)
                 for row in self.rows
                 if row.on & place == place
             ),

@@ -202,9 +202,9 @@ def checks_sentence(checks: Sequence[Check], who: str = "The design") -> str:
     first = decided[0]
     if len(decided) == 1:
         return check_sentence(first, who)
-    kept = sum(check.status == "pass" for check in decided)
-    count = f"{who} keeps {kept} of {len(decided)} requirements"
-    if kept == len(decided):
+    passed = sum(check.status == "pass" for check in decided)
+    count = f"{who} keeps {passed} of {len(decided)} requirements"
+    if passed == len(decided):
         return f"{count}; nearest to its limit is {_describe(first)}."
     named = [
         f"{verb} {_list_names([check.requirement for check in decided if check.status == status])}"

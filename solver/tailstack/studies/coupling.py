@@ -287,21 +287,21 @@ class _Sampler:
 
     def still(self) -> list[_Still]:
         """Noise at the nominal geometry, by target."""
-        kept = np.empty((len(self.at_rest.system.targets), 5, SECTIONS * self.size))
+        by_target = np.empty((len(self.at_rest.system.targets), 5, SECTIONS * self.size))
 
         def section(number: int) -> None:
             at, z = self._draw_block(number)
             errors = evaluate(self.at_rest, _keep_stream(self.at_rest, z, SHOT))
-            kept[:, 0, at] = np.linalg.norm(errors[:, :, self.metric], axis=2).T
-            kept[:, 1, at] = (errors[:, :, LOCALISED] ** 2).sum(axis=2).T
-            kept[:, 2:, at] = np.moveaxis(errors[:, :, self.metric], 0, -1)
+            by_target[:, 0, at] = np.linalg.norm(errors[:, :, self.metric], axis=2).T
+            by_target[:, 1, at] = (errors[:, :, LOCALISED] ** 2).sum(axis=2).T
+            by_target[:, 2:, at] = np.moveaxis(errors[:, :, self.metric], 0, -1)
 
         self._each(section, 0)
-        return [_Still(rows[0], rows[1], rows[2:]) for rows in kept]
+        return [_Still(rows[0], rows[1], rows[2:]) for rows in by_target]
 
     def of(self, case: InstallationCase, still: Sequence[_Still], run: int) -> list[_Norms]:
         """What is kept of a case, by target."""
-        kept = np.empty((len(still), 4, SECTIONS * self.size))
+        by_target = np.empty((len(still), 4, SECTIONS * self.size))
 
         def section(number: int) -> None:
             at, z = self._draw_block(number)
@@ -312,22 +312,22 @@ class _Sampler:
             quiet = [evaluate(plan, alone) for plan in case.plans]
             for place, which in enumerate(case.plan_of):
                 e, rest = together[which][:, place], quiet[which][:, place]
-                kept[place, 0, at] = np.linalg.norm(e[:, self.metric], axis=1)
-                kept[place, 1, at] = np.linalg.norm(rest[:, self.metric], axis=1)
-                kept[place, 2, at] = np.linalg.norm(rest[:, self.metric] + still[place].vectors[:, at].T, axis=1)
-                kept[place, 3, at] = ((e[:, LOCALISED] - rest[:, LOCALISED]) ** 2).sum(axis=1)
+                by_target[place, 0, at] = np.linalg.norm(e[:, self.metric], axis=1)
+                by_target[place, 1, at] = np.linalg.norm(rest[:, self.metric], axis=1)
+                by_target[place, 2, at] = np.linalg.norm(rest[:, self.metric] + still[place].vectors[:, at].T, axis=1)
+                by_target[place, 3, at] = ((e[:, LOCALISED] - rest[:, LOCALISED]) ** 2).sum(axis=1)
 
         self._each(section, run)
-        return [_Norms(*rows) for rows in kept]
+        return [_Norms(*rows) for rows in by_target]
 
 
 def _keep_stream(plan: ChainPlan, z: Array, stream: int) -> Array:
     """The deviates of one stream, the others at their centre."""
-    kept = np.zeros_like(z)
+    deviates = np.zeros_like(z)
     for block in plan.blocks:
         if block.stream == stream:
-            kept[:, block.start : block.stop] = z[:, block.start : block.stop]
-    return kept
+            deviates[:, block.start : block.stop] = z[:, block.start : block.stop]
+    return deviates
 
 
 # --- what the samples say -------------------------------------------------------------------------
@@ -579,21 +579,22 @@ def write_sentence(case: CouplingCase) -> str:
             f"nothing couples; P95 of the noise is {case.p95_together_mm:.4g} mm."
         )
     if gain is None:
-        said = (
+        statement = (
             f"no noise gain is given, for the noise shows no standard deviation (nu = {case.nu:.2g}, one trial makes "
             f"{100 * case.largest_share:.2g} % of a sum of squares)"
         )
     elif abs(gain.value - 1) <= ROUNDING and max(abs(end - 1) for end in gain.interval) <= ROUNDING:
-        said = "the noise gain is the same as at the nominal geometry, trial by trial, to rounding"
+        statement = "the noise gain is the same as at the nominal geometry, trial by trial, to rounding"
     elif tell_side(gain) == 0:
-        said = f"no change of the noise gain is seen: {write_percent(gain)}"
+        statement = f"no change of the noise gain is seen: {write_percent(gain)}"
     else:
-        said = f"the noise gain is {'larger' if tell_side(gain) > 0 else 'smaller'} than at the nominal geometry: " + (
-            f"{write_percent(gain)}, first order says {100 * ((gain.first_order or 1.0) - 1):+.2f} %"
+        statement = (
+            f"the noise gain is {'larger' if tell_side(gain) > 0 else 'smaller'} than at the nominal geometry: "
+            + (f"{write_percent(gain)}, first order says {100 * ((gain.first_order or 1.0) - 1):+.2f} %")
         )
     against = _write_comparison(case.against_quadrature, "the quadrature sum of the parts")
     return (
-        f"{case.installation}, {case.reading} reading, at {case.target}: {said}. P95 together, "
+        f"{case.installation}, {case.reading} reading, at {case.target}: {statement}. P95 together, "
         f"{case.p95_together_mm:.4g} mm, {against}, {_write_comparison(case.against_sum, 'their plain sum')}, "
         f"{_write_comparison(case.against_vector_sum, 'what the parts give when their vectors are added')}; "
         f"it {_write_comparison(case.against_first_order, 'the first-order law of |bias + noise|')}."
@@ -611,16 +612,20 @@ def _judge_sum(cases: Sequence[CouplingCase]) -> str:
     over = sum(tell_side(widen(case.against_sum, len(cases))) > 0 for case in cases)
     furthest = max((abs(case.against_vector_sum.value - 1) for case in cases), default=0.0)
     if not more and not less:
-        said = "Together they make no more than their sum: in no case is P95 told from that of both added shot by shot"
+        sentence = (
+            "Together they make no more than their sum: in no case is P95 told from that of both added shot by shot"
+        )
     elif not more:
-        said = f"Together they make no more than their sum: in {less} of {len(cases)} cases P95 is less than that of "
-        said += "both added shot by shot" + (", in the others no difference is seen" if less < len(cases) else "")
+        sentence = (
+            f"Together they make no more than their sum: in {less} of {len(cases)} cases P95 is less than that of "
+        )
+        sentence += "both added shot by shot" + (", in the others no difference is seen" if less < len(cases) else "")
     else:
-        said = f"In {more} of {len(cases)} cases P95 is more than that of both added shot by shot"
-        said += f", in {less} it is less" if less else ""
-    said += f" (largest difference {100 * furthest:.2g} %; all intervals together 95 %)"
+        sentence = f"In {more} of {len(cases)} cases P95 is more than that of both added shot by shot"
+        sentence += f", in {less} it is less" if less else ""
+    sentence += f" (largest difference {100 * furthest:.2g} %; all intervals together 95 %)"
     exceeded = f"is exceeded in {over} of {len(cases)} cases" if over else "is exceeded nowhere"
-    return f"{said}. The plain sum of both P95 {exceeded}."
+    return f"{sentence}. The plain sum of both P95 {exceeded}."
 
 
 MOVES = {"physical": "the structure moves", "eq18": "the assumed coordinates move"}  # by reading

@@ -209,32 +209,32 @@ def _conclusions(cases: dict[str, EstimatorCase], extent_mm: float) -> tuple[str
     dlt = _first(cases, lambda traits: not traits.believes)
     prior = _first(cases, lambda traits: traits.takes_prior)
     pose = _first(cases, lambda traits: traits.believes == INTRINSICS and not traits.takes_prior)
-    said = []
+    sentences = []
     if dlt.p95_mm is None:
-        said.append(f"Without known intrinsics this design has no answer: {dlt.reason}.")
+        sentences.append(f"Without known intrinsics this design has no answer: {dlt.reason}.")
     if prior.p95_mm is not None and dlt.p95_mm is not None:
         saved = 1 - prior.p95_mm / dlt.p95_mm
         if abs(saved) < HARDLY:
-            said.append(
+            sentences.append(
                 f"The estimator hardly matters here: P95 is {dlt.p95_mm:.3f} mm without known intrinsics and "
                 f"{prior.p95_mm:.3f} mm with them; what is left comes from the mechanics and the target's images."
             )
         else:
-            said.append(
+            sentences.append(
                 f"Intrinsics that are known as stated, and weighed by that, take P95 from {dlt.p95_mm:.3f} to "
                 f"{prior.p95_mm:.3f} mm ({-100 * saved:+.0f} %)."
             )
         if prior.same_size_mm is not None and saved >= HARDLY:
             at_most = "at most " if prior.same_size_mm <= LEAST_SCALE * extent_mm * 1.001 else ""
-            said.append(
+            sentences.append(
                 f"A structure of {at_most}{prior.same_size_mm:.0f} mm with known intrinsics does as well as this one "
                 f"of {extent_mm:.0f} mm without."
             )
     if pose.p95_mm is not None and pose.p95_exact_mm is not None:
         cost = pose.p95_mm - pose.p95_exact_mm
         less = "" if prior.p95_mm is None else f"; weighing them as a prior leaves {prior.p95_mm:.3f} mm"
-        said.append(
+        sentences.append(
             f"Taking the intrinsics for exact while they are off as stated costs {cost:.3f} mm "
             f"({pose.p95_exact_mm:.3f} to {pose.p95_mm:.3f} mm){less}."
         )
-    return tuple(said)
+    return tuple(sentences)

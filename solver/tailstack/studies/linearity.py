@@ -198,9 +198,9 @@ def study_linearity(
     counts = default_counts(len(system.fiducials_mm)) if grid.counts is None else grid.counts
     axes = replace(grid, counts=tuple(counts))
     _refuse(system, axes, target, trials)
-    names = [one.name for one in system.targets]
+    names = [entry.name for entry in system.targets]
     if target is None:
-        target = max(score(system, losses=False).targets, key=lambda one: one.p95_mm).name
+        target = max(score(system, losses=False).targets, key=lambda entry: entry.p95_mm).name
     chosen = names.index(target)
     places = list_places(axes)
     bounded = bounded_names(apply_place(system, places[0]))
@@ -262,8 +262,8 @@ def _refuse(system: System, grid: Grid, target: str | None, trials: int) -> None
     if trials < LEAST_TRIALS:
         detail = f"at least {LEAST_TRIALS} trials are needed for intervals; got {trials}"
         problems.append(Problem("", "trials", detail, f"--trials {DEFAULT_TRIALS}"))
-    if target is not None and target not in [one.name for one in system.targets]:
-        listed = ", ".join(one.name for one in system.targets[:20])
+    if target is not None and target not in [entry.name for entry in system.targets]:
+        listed = ", ".join(entry.name for entry in system.targets[:20])
         detail = f"no target is called {target!r}; there are {listed}"
         problems.append(Problem("", "unknown-target", detail, f"--target {system.targets[0].name}"))
     if problems:
@@ -286,12 +286,12 @@ def calibrate(points: Sequence[LinearityPoint]) -> tuple[Calibration, ...]:
         chosen = [point for point in done if point.promise == promise]
         if not chosen:
             continue
-        limits = [BEYOND if one.promised_percent is None else one.promised_percent / 100 for one in chosen]
-        found = [is_beyond(point, limit) for point, limit in zip(chosen, limits, strict=True)]
+        limits = [BEYOND if point.promised_percent is None else point.promised_percent / 100 for point in chosen]
+        beyond = [is_beyond(point, limit) for point, limit in zip(chosen, limits, strict=True)]
         warned = promise == NOT_VALID
         ratios = [point.ratio for point in chosen if point.ratio is not None]
-        kept, broken = found.count(warned), 0 if warned else found.count(True)
-        lines.append(Calibration(promise, len(chosen), kept, broken, found.count(None), min(ratios), max(ratios)))
+        held, broken = beyond.count(warned), 0 if warned else beyond.count(True)
+        lines.append(Calibration(promise, len(chosen), held, broken, beyond.count(None), min(ratios), max(ratios)))
     return tuple(lines)
 
 
@@ -306,9 +306,9 @@ def write_sentences(points: Sequence[LinearityPoint]) -> tuple[str, ...]:
         return ("No point could be evaluated.",)
     shares = []
     for name, limit in LEVELS:
-        found = [is_beyond(point, limit) for point in done]
-        shares.append(f"within {name} at {found.count(False)} ({found.count(None)} open)")
-    said = [
+        beyond = [is_beyond(point, limit) for point in done]
+        shares.append(f"within {name} at {beyond.count(False)} ({beyond.count(None)} open)")
+    sentences = [
         f"Of {_count_points(len(done))} the estimate is, with the whole interval, {', '.join(shares)}. Open: the "
         "interval reaches across the limit."
     ]
@@ -316,20 +316,20 @@ def write_sentences(points: Sequence[LinearityPoint]) -> tuple[str, ...]:
     far = [point for point in done if is_beyond(point, limit)]
     if far:
         hopeful = sum(point.errs == "optimistic" for point in far)
-        said.append(
+        sentences.append(
             f"Where it is surely further off than {name}, it is too small at {_count_points(hopeful)} and too large at "
             f"{len(far) - hopeful}."
         )
     else:
-        said.append(f"Nowhere on this grid is it surely further off than {name}.")
+        sentences.append(f"Nowhere on this grid is it surely further off than {name}.")
     corrected = [_is_nearer(point) for point in done if point.second_order_ratio is not None]
     if corrected:
-        said.append(
+        sentences.append(
             f"The second-order correction is offered at {_count_points(len(corrected))}: nearer to the simulation than "
             f"the estimate at {corrected.count(True)}, farther at {corrected.count(False)}, open at "
             f"{corrected.count(None)}. Elsewhere it is refused."
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _is_nearer(point: LinearityPoint) -> bool | None:
@@ -380,16 +380,16 @@ def _turn(mount: DirectEffect, rotation_deg: float) -> DirectEffect:
     A source that both turns and shifts, as a locator does, keeps its shift at the pivot.
     """
     old = mount.sources
-    kept = [j for j in range(old.count) if old.direction[3:, j].any()]
-    shifts = old.direction[:, kept]
+    remaining = [j for j in range(old.count) if old.direction[3:, j].any()]
+    shifts = old.direction[:, remaining]
     shifts[:3] = 0.0
     turns = 3 if rotation_deg > 0 else 0
     sources = Sources(
-        names=("rx", "ry", "rz")[:turns] + tuple(old.names[j] for j in kept),
-        laws=(Law.NORMAL,) * turns + tuple(old.laws[j] for j in kept),
-        half_width=np.concatenate([np.full(turns, radians(rotation_deg)), old.half_width[kept]]),
-        coverage_factor=np.concatenate([np.ones(turns), old.coverage_factor[kept]]),
-        units=("rad",) * turns + tuple(old.units[j] for j in kept),
+        names=("rx", "ry", "rz")[:turns] + tuple(old.names[j] for j in remaining),
+        laws=(Law.NORMAL,) * turns + tuple(old.laws[j] for j in remaining),
+        half_width=np.concatenate([np.full(turns, radians(rotation_deg)), old.half_width[remaining]]),
+        coverage_factor=np.concatenate([np.ones(turns), old.coverage_factor[remaining]]),
+        units=("rad",) * turns + tuple(old.units[j] for j in remaining),
         direction=np.hstack([np.eye(6)[:, :turns], shifts]),
     )
     return replace(mount, sources=sources)
@@ -397,14 +397,14 @@ def _turn(mount: DirectEffect, rotation_deg: float) -> DirectEffect:
 
 def apply_place(system: System, place: GridPoint) -> System:
     """The system at a point of the grid, one target left in it."""
-    kept = np.sort(order_far_apart(system.fiducials_mm)[: place.fiducials])
+    selected = np.sort(order_far_apart(system.fiducials_mm)[: place.fiducials])
     centre = system.fiducials_mm.mean(axis=0)
-    spread = centre + place.spread * (system.fiducials_mm[kept] - centre)
+    spread = centre + place.spread * (system.fiducials_mm[selected] - centre)
     layout = replace(
         system,
         fiducials_mm=spread,
-        fiducial_labels=tuple(system.fiducial_labels[k] for k in kept),
-        manufacturing_half_width_mm=system.manufacturing_half_width_mm[kept],
+        fiducial_labels=tuple(system.fiducial_labels[k] for k in selected),
+        manufacturing_half_width_mm=system.manufacturing_half_width_mm[selected],
         structure_connector=_turn(system.structure_connector, place.rotation_deg),
         requirements=(),
     )
@@ -498,11 +498,11 @@ def _examine_place(
         raise OutOfRangeError(Problem("", "no-spread", "nothing moves the error here: there is no P95 to compare"))
     plan = compile_plan(here, vertex=law.worst.vertex(model))
     gains = gains_in_plan_order(plan, model.blocks, 0, error)
-    found = compare_quantiles(plan, gains, law.law.mean, first, error, trials, seed)
+    comparison = compare_quantiles(plan, gains, law.law.mean, first, error, trials, seed)
     second, why = _correct(plan, model, error, law.law.mean, law.total_covariance, first)
     trust = validity(model.nonlinearity, here, model.turns)
-    within, sure = classify(found.ratio, found.interval)
-    low, high = found.interval
+    within, sure = classify(comparison.ratio, comparison.interval)
+    low, high = comparison.interval
     return LinearityPoint(
         **asdict(place),
         status="ok",
@@ -513,13 +513,13 @@ def _examine_place(
         first_order_p95_mm=first,
         second_order_p95_mm=second,
         second_order_reason=why,
-        monte_carlo_p95_mm=found.p95_mm,
-        ratio=found.ratio,
-        ratio_interval=found.interval,
-        second_order_ratio=None if second is None else second / found.p95_mm,
+        monte_carlo_p95_mm=comparison.p95_mm,
+        ratio=comparison.ratio,
+        ratio_interval=comparison.interval,
+        second_order_ratio=None if second is None else second / comparison.p95_mm,
         within=within,
         sure=sure,
-        trials=found.trials,
+        trials=comparison.trials,
         errs="optimistic" if high < 1 else "pessimistic" if low > 1 else "none seen",
     )
 
@@ -534,10 +534,10 @@ def _correct(
     except OutOfRangeError as refusal:
         return None, refusal.problems[0].detail
     scaled = np.hstack([block.scaled(error) for block in model.blocks])
-    kept = np.concatenate([[law is not Law.BOUNDED for law in block.laws] for block in model.blocks]).astype(bool)
+    unbounded = np.concatenate([[law is not Law.BOUNDED for law in block.laws] for block in model.blocks]).astype(bool)
     metric = list(FRAMES).index(error)
     shift, corrected = second_order_moments(
-        lambda z: evaluate(plan, z)[:, 0, metric], plan.standard_std, scaled[:, kept]
+        lambda z: evaluate(plan, z)[:, 0, metric], plan.standard_std, scaled[:, unbounded]
     )
     ratio = norm_quantile(P95, mean + shift, corrected) / norm_quantile(P95, mean, covariance)
     return first_mm * ratio, None

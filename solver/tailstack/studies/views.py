@@ -167,8 +167,8 @@ def study_views(
     further = None
     if aimed:
         like, ordinal = list(rays)[aimed[0]], ORDINALS.get(len(rays) + 1, "further")
-        found = tuple(scan(aimed[0], far, True))
-        further = _read_map(like, HEMISPHERE_DEG, COARSE_DEG, found, rays, largest, ordinal)
+        directions = tuple(scan(aimed[0], far, True))
+        further = _read_map(like, HEMISPHERE_DEG, COARSE_DEG, directions, rays, largest, ordinal)
     return StudyViews(
         schema="tailstack/study-views/1",
         error=error,
@@ -208,7 +208,7 @@ def _score(design: Design, error: ErrorName) -> tuple[float, str]:
 
 def maps_of(study: StudyViews) -> list[tuple[str, ViewMap]]:
     """The maps that have directions, each with what it is called: those of views that turn, and of one more."""
-    turned = [(f"{one.view}, turned", one) for one in study.views if one.directions]
+    turned = [(f"{view_map.view}, turned", view_map) for view_map in study.views if view_map.directions]
     return [*turned, *([(f"one more like {study.further.view}", study.further)] if study.further else [])]
 
 
@@ -224,11 +224,11 @@ def _read_map(
     designed: tuple[float, str],
     ordinal: str | None,  # of a view more
 ) -> ViewMap:
-    allowed = [(one.p95_mm, one) for one in directions if one.p95_mm is not None]
+    allowed = [(direction.p95_mm, direction) for direction in directions if direction.p95_mm is not None]
     what = view if ordinal is None else f"a {ordinal} view like {view}"
     if not allowed:
-        said = f"No direction of {what} is allowed: {directions[0].reason}."
-        return ViewMap(view, None, cone_deg, step_deg, directions, None, None, (), said)
+        sentence = f"No direction of {what} is allowed: {directions[0].reason}."
+        return ViewMap(view, None, cone_deg, step_deg, directions, None, None, (), sentence)
     p95_mm, best = min(allowed, key=lambda pair: round(pair[0], 9))  # mirror images are alike: the smaller turn
     turn_deg = hypot(best.right_deg, best.up_deg)
     angles = tuple(
@@ -238,21 +238,23 @@ def _read_map(
     numbers = f"P95 from {designed[0]:.3f} to {p95_mm:.3f} mm"
     beam = f"beam_direction {list(best.beam_direction)}"
     gain = 1 - p95_mm / designed[0]
-    from_others = ", ".join(f"{one.angle_deg:.0f} deg from {one.view}" for one in angles)
+    from_others = ", ".join(f"{angle.angle_deg:.0f} deg from {angle.view}" for angle in angles)
     if gain < HARDLY:
         how, where = ("Turning", f" within {cone_deg:g} deg") if ordinal is None else ("Adding", "")
-        said = f"{how} {what} buys next to nothing: no direction{where} lowers P95 by as much as 1 %."
+        sentence = f"{how} {what} buys next to nothing: no direction{where} lowers P95 by as much as 1 %."
     elif ordinal is not None:
-        said = f"A {ordinal} view like {view}, with {beam} ({from_others}), lowers {numbers}."
+        sentence = f"A {ordinal} view like {view}, with {beam} ({from_others}), lowers {numbers}."
     else:
-        start = np.array(next(one for one in directions if one.right_deg == one.up_deg == 0).beam_direction)
+        start = np.array(
+            next(direction for direction in directions if direction.right_deg == direction.up_deg == 0).beam_direction
+        )
         across = np.array(best.beam_direction) - cos(radians(turn_deg)) * start
-        said = f"Turning {view} by {turn_deg:.0f} deg towards {_name(across)} ({beam}) lowers {numbers}"
-        said += ", at the edge of the map." if turn_deg + step_deg > cone_deg else "."
+        sentence = f"Turning {view} by {turn_deg:.0f} deg towards {_name(across)} ({beam}) lowers {numbers}"
+        sentence += ", at the edge of the map." if turn_deg + step_deg > cone_deg else "."
     hidden = len(directions) - len(allowed)
     if hidden:
-        said += f" {hidden} of {len(directions)} directions are not allowed, mostly because they hide something."
-    return ViewMap(view, None, cone_deg, step_deg, directions, best, turn_deg, angles, said)
+        sentence += f" {hidden} of {len(directions)} directions are not allowed, mostly because they hide something."
+    return ViewMap(view, None, cone_deg, step_deg, directions, best, turn_deg, angles, sentence)
 
 
 def _name(direction: Array) -> str:
@@ -268,6 +270,6 @@ def _conclude(
     maps: list[ViewMap], further: ViewMap | None, designed: tuple[float, str], error: ErrorName
 ) -> tuple[str, ...]:
     every = [*maps, *([further] if further else [])]
-    ranked = sorted(every, key=lambda one: (one.best and one.best.p95_mm) or inf)
+    ranked = sorted(every, key=lambda view_map: (view_map.best and view_map.best.p95_mm) or inf)
     start = f"As designed, P95 of {ERRORS[error]} is {designed[0]:.3f} mm at {designed[1]}, where it is largest."
-    return (*(one.sentence for one in ranked), start)
+    return (*(view_map.sentence for view_map in ranked), start)

@@ -248,15 +248,15 @@ class DeclaredLaw:
             return None
         k, axes = lattice.k, self.frame.axes
         even = lattice.w * balls(total.quantile_mm, lattice.t) * np.cos(k @ self.frame.mean)
-        found = np.zeros((3, self.law.kinds.size))
+        gradient = np.zeros((3, self.law.kinds.size))
         for h, source in zip(self.frame.h, self.source, strict=True):
             x = k @ h
             sine, near = np.sin(x), np.abs(x) < 1e-2
             far = np.where(near, 1.0, x)
             slope = np.where(near, -x / 3 - x**3 / 45, np.cos(x) * sine / np.maximum(sine**2, 1e-24) - 1 / far)
             share = 0.5 if self.law.kinds[source] == TRIANGULAR else 1.0
-            found[:, source] += share * (axes @ ((even * slope) @ k))
-        return found * (-1.0 / total.density)
+            gradient[:, source] += share * (axes @ ((even * slope) @ k))
+        return gradient * (-1.0 / total.density)
 
     def _lattice_gradient(self, total: LawQuantile, lattice: Lattice) -> LawGradient:
         """lattice: of the law moved to mean 0, in three dimensions."""

@@ -33,16 +33,16 @@ class Child:
     """One computing process.  ``compute`` is for one thread at a time; ``kill`` for any."""
 
     def __init__(self, function: str = PERFORM, most_bytes: int = 0) -> None:
-        (theirs, ours), (heard, said) = os.pipe(), os.pipe()
+        (theirs, ours), (heard, stdout) = os.pipe(), os.pipe()
         try:
-            self._process = _STARTER.submit(start_child, function, theirs, said, most_bytes).result()
+            self._process = _STARTER.submit(start_child, function, theirs, stdout, most_bytes).result()
         except BaseException:
             os.close(ours)
             os.close(heard)
             raise
         finally:
             os.close(theirs)
-            os.close(said)
+            os.close(stdout)
         self._tasks, self._outcomes = os.fdopen(ours, "wb"), os.fdopen(heard, "rb")
         self.spent = False  # it has ended, or asks to be replaced
         self.ending = ""  # how it ended under a task

@@ -186,9 +186,9 @@ def list_page(
     if after is not None:
         query = query.where(j.id < _read_cursor(after))
     with reading(db) as connection:
-        found = [_make_job(row) for row in connection.execute(query)]
-    shown = tuple(found[:limit])
-    return JobsPage(shown, _write_cursor(shown[-1].id) if len(found) > limit else None)
+        jobs = [_make_job(row) for row in connection.execute(query)]
+    shown = tuple(jobs[:limit])
+    return JobsPage(shown, _write_cursor(shown[-1].id) if len(jobs) > limit else None)
 
 
 def _write_cursor(job_id: str) -> str:

@@ -36,9 +36,9 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     batch = _batch(request)
     span = slice(spec["first"], spec["first"] + spec["count"])
     numbers = [[read_number(cell) for cell in request["cells"][place][span]] for place in request["places"]]
-    found = batch.score_rows(np.array(numbers, dtype=float).T)
-    columns = [[None if cell != cell else cell for cell in column.tolist()] for column in found.columns]
-    return canonical({"first": spec["first"], "columns": columns, "reasons": found.reasons, "ways": found.ways})
+    block = batch.score_rows(np.array(numbers, dtype=float).T)
+    columns = [[None if cell != cell else cell for cell in column.tolist()] for column in block.columns]
+    return canonical({"first": spec["first"], "columns": columns, "reasons": block.reasons, "ways": block.ways})
 
 
 def encode(request: dict[str, Any], units: Sequence[bytes], form: str, *, first: bool) -> bytes:

@@ -70,7 +70,7 @@ def _check_both(
     request: dict[str, Any], results: tuple[UnitResult, ...], sampling: Sampling
 ) -> tuple[Verification, Verification]:
     """Both checks from what is recorded.  Raises _NotYet with the parts that both need, RefusedAt."""
-    found: list[Verification] = []
+    checks: list[Verification] = []
     parts = Parts(results)
     for side in SIDES:
         try:
@@ -78,10 +78,10 @@ def _check_both(
         except TailstackError as error:
             raise RefusedAt.place(error, f"/{side}") from None
         if (answer := parts.answer_of(side, step)) is not None:
-            found.append(from_json(Verification, answer))
+            checks.append(from_json(Verification, answer))
     if more := parts.more():
         raise _NotYet(more)
-    return found[0], found[1]
+    return checks[0], checks[1]
 
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:

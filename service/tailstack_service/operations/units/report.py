@@ -26,17 +26,17 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
         options = options_of(request)
     except RequestError as error:
         raise RefusedAt.place(error) from None
-    found: dict[str, Any] = {}
+    records: dict[str, Any] = {}
     parts = Parts(results)
     for part in options.parts:
         if part == "score":
             continue
         step = UNITS[part].plan(_part_request(request, part), parts.results_of(part))
         if (answer := parts.answer_of(part, step)) is not None:
-            found[part] = from_json(RECORDS[part], answer)
+            records[part] = from_json(RECORDS[part], answer)
     if more := parts.more():
         return more
-    report = assemble(design_of(request), options, found.get("verification"), found.get("optimisation"))
+    report = assemble(design_of(request), options, records.get("verification"), records.get("optimisation"))
     return Done(to_json(report))
 
 

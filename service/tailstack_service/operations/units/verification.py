@@ -142,8 +142,8 @@ class RecordedSampler:
         spec = canonical(asked)
         if spec not in self.held:
             self._pending([spec])
-        said = json.loads(self.held[spec])
-        return RadialEstimate(**{**said, "interval_mm": tuple(said["interval_mm"])})
+        estimate = json.loads(self.held[spec])
+        return RadialEstimate(**{**estimate, "interval_mm": tuple(estimate["interval_mm"])})
 
     def _pending(self, specs: list[bytes], remaining: int = 0) -> None:
         raise Pending([spec for spec in specs if spec not in self.held], remaining)

@@ -17,11 +17,11 @@ MOST_ROWS, SHOWN = 400, 40  # of a page, of a terminal; a spreadsheet has all
 def batch_document(record: ScoredTable, sha256: str) -> Document:
     """The table with its answers, row by row."""
     worst = [name for name in record.columns if name.startswith("p95_mm:")]
-    found = [cell for name in worst for cell in record.columns[name] if isinstance(cell, float)]
+    p95_values = [cell for name in worst for cell in record.columns[name] if isinstance(cell, float)]
     numbers = [KeyNumber("Designs", f"{record.rows:,}", f"{record.refused:,} could not be scored")]
     sentence = f"{record.rows:,} designs, each estimated."
-    if found:
-        low, high = f"{min(found):.3f} mm", f"{max(found):.3f} mm"
+    if p95_values:
+        low, high = f"{min(p95_values):.3f} mm", f"{max(p95_values):.3f} mm"
         sentence = f"P95 of the TCP error is between {low} and {high} in {record.rows:,} designs."
         numbers += [KeyNumber("Smallest P95", low, ""), KeyNumber("Largest P95", high, "")]
     matters: tuple[str, ...] = ()

@@ -36,17 +36,17 @@ TOLD = ("First", "Second")
 DESIGNS = ("first design", "second design")
 
 
-def comparison_document(found: Comparison, sha256: str) -> Document:
+def comparison_document(comparison: Comparison, sha256: str) -> Document:
     """What sets two designs apart, then each by itself as far as the comparison rests on it."""
-    first, second = found.first, found.second
+    first, second = comparison.first, comparison.second
     reports = tuple(zip(TOLD, (first, second), strict=True))
     sections = [
-        Section("The difference", _difference_blocks(found)),
-        Section("What changed in the document", _change_blocks(found)),
-        Section("Both layouts", _layouts(found)),
-        Section("Budgets side by side", tuple(_budgets(found))),
-        Section("Requirements and findings", _verdict_blocks(found)),
-        Section("Method and assumptions", _method(found), reader="auditor"),
+        Section("The difference", _difference_blocks(comparison)),
+        Section("What changed in the document", _change_blocks(comparison)),
+        Section("Both layouts", _layouts(comparison)),
+        Section("Budgets side by side", tuple(_budgets(comparison))),
+        Section("Requirements and findings", _verdict_blocks(comparison)),
+        Section("Method and assumptions", _method(comparison), reader="auditor"),
         *closing_sections(second.provenance.not_included, *_reproduction(second)),
     ]
     for which, report in reports:
@@ -54,22 +54,22 @@ def comparison_document(found: Comparison, sha256: str) -> Document:
         sections.append(Section(f"The {which.lower()} design", (listing,), reader="auditor"))
     return Document(
         kind="Comparison of two designs",
-        title=found.title,
-        tone=tone_of(found.headline.status),
-        status=f"second: {found.headline.status}",
-        sentence=found.headline.sentence,
-        numbers=_numbers(found),
-        matters=found.headline.matters,
-        figures=tuple(_scales(found)),
-        requirements=_requirements(found),
+        title=comparison.title,
+        tone=tone_of(comparison.headline.status),
+        status=f"second: {comparison.headline.status}",
+        sentence=comparison.headline.sentence,
+        numbers=_numbers(comparison),
+        matters=comparison.headline.matters,
+        figures=tuple(_scales(comparison)),
+        requirements=_requirements(comparison),
         sections=tuple(sections),
-        provenance=_provenance(found, sha256),
+        provenance=_provenance(comparison, sha256),
     )
 
 
-def _numbers(found: Comparison) -> tuple[KeyNumber, ...]:
-    worst = decided_difference(found.second, found.differences)
-    decimals = comparison_decimals(found.first, found.second)
+def _numbers(comparison: Comparison) -> tuple[KeyNumber, ...]:
+    worst = decided_difference(comparison.second, comparison.differences)
+    decimals = comparison_decimals(comparison.first, comparison.second)
     quantiles = [
         KeyNumber(
             f"P95, {which.lower()} design",
@@ -83,22 +83,22 @@ def _numbers(found: Comparison) -> tuple[KeyNumber, ...]:
     return (*quantiles, KeyNumber("Difference", size, _ends(worst, fine)))
 
 
-def _ends(found: Difference, decimals: int) -> str:
-    if found.interval_mm is None or found.confidence is None:
+def _ends(difference: Difference, decimals: int) -> str:
+    if difference.interval_mm is None or difference.confidence is None:
         return "estimate"
-    low, high = (_with_sign(end, decimals) for end in found.interval_mm)
-    return f"{low} to {high} mm, {in_percent(found.confidence)}"
+    low, high = (_with_sign(end, decimals) for end in difference.interval_mm)
+    return f"{low} to {high} mm, {in_percent(difference.confidence)}"
 
 
 def _with_sign(value: float, decimals: int) -> str:
     return signed_decimal(value, decimals).replace("-", "−")
 
 
-def _scales(found: Comparison) -> Iterator[Figure]:
+def _scales(comparison: Comparison) -> Iterator[Figure]:
     """P95 of both designs at the target of the headline, on scales that are alike."""
-    worst = decided_difference(found.second, found.differences)
-    drawn = [_at(report, worst.target) for report in (found.first, found.second)]
-    decimals = comparison_decimals(found.first, found.second)
+    worst = decided_difference(comparison.second, comparison.differences)
+    drawn = [_at(report, worst.target) for report in (comparison.first, comparison.second)]
+    decimals = comparison_decimals(comparison.first, comparison.second)
     reach = max(value for target, limit in drawn for value in (_upper(target), target.cvar95_mm, limit or 0.0))
     for which, (target, limit) in zip(TOLD, drawn, strict=True):
         name = f"headline-{which.lower()}"
@@ -126,11 +126,11 @@ def _upper(target: TargetScore | TargetEstimate) -> float:
     return target.p95_interval_mm[1] if isinstance(target, TargetEstimate) else target.p95_mm
 
 
-def _requirements(found: Comparison) -> Table | None:
+def _requirements(comparison: Comparison) -> Table | None:
     """Each requirement of both designs, at the target that decides it; what the second fails first."""
     judged = [
         (which, check, count)
-        for which, report in zip(TOLD, (found.first, found.second), strict=True)
+        for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True)
         for check, count in decided_by((report.verification or report.score).verdict.checks)
     ]
     if not judged:
@@ -150,22 +150,22 @@ def _of_second(cell: Callable[[Any], Cell] | None) -> Callable[[Any], Cell] | No
     return None if cell is None else lambda row: cell(row[1])
 
 
-def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
+def _difference_blocks(comparison: Comparison) -> tuple[Block, ...]:
     rows = [
         Row((
             entry.target, entry.first_p95_mm, entry.second_p95_mm, entry.difference_mm,
             *(entry.interval_mm or (None, None)),
             entry.difference_mm / entry.first_p95_mm if entry.first_p95_mm > 0 else None, entry.conclusion,
         ))
-        for entry in found.differences
+        for entry in comparison.differences
     ]  # fmt: skip
-    decimals = comparison_decimals(found.first, found.second)
-    fine = max(difference_decimals(entry, decimals) for entry in found.differences)
+    decimals = comparison_decimals(comparison.first, comparison.second)
+    fine = max(difference_decimals(entry, decimals) for entry in comparison.differences)
     note = "P95 of the TCP error, second minus first: negative is better."
-    if found.compared_trials is not None:
+    if comparison.compared_trials is not None:
         note += (
-            f" Both designs were drawn with the same random numbers, {_trials(found):,} trials each; every interval "
-            "holds by itself, they are not corrected for being several."
+            f" Both designs were drawn with the same random numbers, {_trials(comparison):,} trials each; every "
+            "interval holds by itself, they are not corrected for being several."
         )
     blocks: list[Block] = [
         Table(
@@ -182,46 +182,52 @@ def _difference_blocks(found: Comparison) -> tuple[Block, ...]:
     ]  # fmt: skip
     alone = [
         f"Only the {which} design has {', '.join(names)}."
-        for which, names in (("first", found.only_first), ("second", found.only_second))
+        for which, names in (("first", comparison.only_first), ("second", comparison.only_second))
         if names
     ]
-    shared = {target.name for target in found.first.score.targets} & {t.name for t in found.second.score.targets}
-    if len(shared) > len(found.differences):
-        alone.append(f"Compared are the {len(found.differences)} targets with the largest P95 of {len(shared)}.")
+    shared = {target.name for target in comparison.first.score.targets} & {
+        t.name for t in comparison.second.score.targets
+    }
+    if len(shared) > len(comparison.differences):
+        alone.append(f"Compared are the {len(comparison.differences)} targets with the largest P95 of {len(shared)}.")
     picture = Figure(
-        "differences", draw_differences(found.differences, fine), "The same, with intervals where trials were drawn."
+        "differences",
+        draw_differences(comparison.differences, fine),
+        "The same, with intervals where trials were drawn.",
     )
-    return (picture, *blocks, *((Bullets(tuple(alone)),) if alone else ()), *_errors(found))
+    return (picture, *blocks, *((Bullets(tuple(alone)),) if alone else ()), *_errors(comparison))
 
 
-def _errors(found: Comparison) -> Iterator[Figure]:
+def _errors(comparison: Comparison) -> Iterator[Figure]:
     """Both errors over one another, at the targets that both reports draw."""
-    drawn = [{shown.target: shown for shown in report.distributions} for report in (found.first, found.second)]
-    limits = {target.name: target.limit_mm for target in found.second.score.targets}
-    for k, entry in enumerate(found.differences):
+    drawn = [
+        {shown.target: shown for shown in report.distributions} for report in (comparison.first, comparison.second)
+    ]
+    limits = {target.name: target.limit_mm for target in comparison.second.score.targets}
+    for k, entry in enumerate(comparison.differences):
         if entry.target in drawn[0] and entry.target in drawn[1]:
             name = f"errors-{k + 1}"
             svg = draw_errors(
                 drawn[0][entry.target], drawn[1][entry.target], (entry.first_p95_mm, entry.second_p95_mm),
-                limits[entry.target], DESIGNS, name, comparison_decimals(found.first, found.second),
+                limits[entry.target], DESIGNS, name, comparison_decimals(comparison.first, comparison.second),
             )  # fmt: skip
             yield Figure(name, svg, f"Target {entry.target}: size of the error at the tool, both designs.")
 
 
-def _change_blocks(found: Comparison) -> tuple[Block, ...]:
-    if not found.changes:
+def _change_blocks(comparison: Comparison) -> tuple[Block, ...]:
+    if not comparison.changes:
         return (Paragraph("Nothing: the two documents say the same."),)
     rows = [
         Row((entry.name, entry.unit, _or_dash(entry.first), _or_dash(entry.second), entry.kind, entry.pointer))
-        for entry in found.changes
+        for entry in comparison.changes
     ]
     columns = (
         Column("Field"), Column("Unit"), Column("First"), Column("Second"), Column("What"),
         Column("Pointer", on=On.SHEET),
     )  # fmt: skip
     note = "Elements of lists are told by their names or labels. Defaults that were not written out are compared too."
-    if found.changes_left_out:
-        note += f" {found.changes_left_out:,} more differ and are left out."
+    if comparison.changes_left_out:
+        note += f" {comparison.changes_left_out:,} more differ and are left out."
     return (Table("Changes", "Fields of the design document that differ", columns, tuple(rows), note),)
 
 
@@ -229,38 +235,43 @@ def _or_dash(value: str | None) -> str:
     return "–" if value is None else value
 
 
-def _layouts(found: Comparison) -> tuple[Block, ...]:
-    first, second = found.first, found.second
+def _layouts(comparison: Comparison) -> tuple[Block, ...]:
+    first, second = comparison.first, comparison.second
     return layout_blocks(
         (second.design, second.score), f"{second.title}: second design over the first", "layout",
         (first.design, first.score), "first design",
     )  # fmt: skip
 
 
-def _budgets(found: Comparison) -> Iterator[Block]:
-    decimals = comparison_decimals(found.first, found.second)
-    for k, difference in enumerate(found.differences[:3]):
+def _budgets(comparison: Comparison) -> Iterator[Block]:
+    decimals = comparison_decimals(comparison.first, comparison.second)
+    for k, difference in enumerate(comparison.differences[:3]):
         a, b = (
             next(entry for entry in report.score.targets if entry.name == difference.target)
-            for report in (found.first, found.second)
+            for report in (comparison.first, comparison.second)
         )
         name = f"budgets-{k + 1}"
         svg = draw_budgets(a, b, DESIGNS, name, decimals)
         yield Figure(name, svg, f"Target {difference.target}: what each source adds to the spread, by estimate.")
-        yield _budget_table(found.first.score, found.second.score, difference.target, k, decimals)
+        yield _budget_table(comparison.first.score, comparison.second.score, difference.target, k, decimals)
 
-    yield from _curves(found, decided_difference(found.second, found.differences).target)
+    yield from _curves(comparison, decided_difference(comparison.second, comparison.differences).target)
 
 
-def _curves(found: Comparison, target: str) -> Iterator[Figure]:
+def _curves(comparison: Comparison, target: str) -> Iterator[Figure]:
     """The quantile that the second design is judged by, over each half-width, for both."""
-    check = tightest_check(found.second.score.verdict.checks, target)
+    check = tightest_check(comparison.second.score.verdict.checks, target)
     first, second = (
-        tolerance_curves(load_inside(e.design), target, judgement_of(check)) for e in (found.first, found.second)
+        tolerance_curves(load_inside(e.design), target, judgement_of(check))
+        for e in (comparison.first, comparison.second)
     )
     if second.curves:
         svg = draw_tolerances(
-            second, "tolerances", first, (DESIGNS[1], DESIGNS[0]), comparison_decimals(found.first, found.second)
+            second,
+            "tolerances",
+            first,
+            (DESIGNS[1], DESIGNS[0]),
+            comparison_decimals(comparison.first, comparison.second),
         )
         yield Figure("tolerances", svg, f"Target {target}: the estimated error over each half-width, both designs.")
 
@@ -313,9 +324,9 @@ def _lines(contributors: tuple[Contributor, ...]) -> dict[Key, Contributor]:
     }
 
 
-def _verdict_blocks(found: Comparison) -> tuple[Block, ...]:
+def _verdict_blocks(comparison: Comparison) -> tuple[Block, ...]:
     blocks: list[Block] = []
-    for which, report in zip(TOLD, (found.first, found.second), strict=True):
+    for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True):
         verdict = (report.verification or report.score).verdict
         if verdict.checks:
             blocks.append(checks_table(verdict, name=f"Checks, {which.lower()}", of=f" of the {which.lower()} design"))
@@ -328,32 +339,36 @@ def _verdict_blocks(found: Comparison) -> tuple[Block, ...]:
     return tuple(blocks) or (Paragraph("Neither design states a requirement, and nothing was found."),)
 
 
-def _method(found: Comparison) -> tuple[Block, ...]:
+def _method(comparison: Comparison) -> tuple[Block, ...]:
     paired = "Nothing was drawn: differences are to first order and have no interval."
-    if found.compared_trials is not None:
+    if comparison.compared_trials is not None:
         paired = (
-            f"Trial k of both designs has the same random numbers. {_compared_trials(found)} are cut into "
-            f"{found.sections} sections; the spread of the sections' differences about the difference of all gives the "
-            "interval (Student's t). That holds however the two samples depend on each other; designs with other "
-            "numbers of fiducials or shots share less, and their interval is wider."
+            f"Trial k of both designs has the same random numbers. {_compared_trials(comparison)} are cut into "
+            f"{comparison.sections} sections; the spread of the sections' differences about the difference of all "
+            "gives the interval (Student's t). That holds however the two samples depend on each other; designs with "
+            "other numbers of fiducials or shots share less, and their interval is wider."
         )
-    elif found.first.verification is not None:
+    elif comparison.first.verification is not None:
         paired = "Too few trials were drawn for an interval of the difference: differences are to first order."
     blocks: list[Block] = [Bullets((paired,))]
-    for which, report in zip(TOLD, (found.first, found.second), strict=True):
+    for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True):
         blocks.append(Paragraph(f"{which} design:"))
         blocks += method_chapter(report, f"-{which.lower()}", f"{which} design. ")
     return tuple(blocks)
 
 
-def _trials(found: Comparison) -> int:
+def _trials(comparison: Comparison) -> int:
     """Of each design's check."""
-    return found.compared_trials or 0 if found.second.verification is None else found.second.verification.trials
+    return (
+        comparison.compared_trials or 0
+        if comparison.second.verification is None
+        else comparison.second.verification.trials
+    )
 
 
-def _compared_trials(found: Comparison) -> str:
-    count, drawn = found.compared_trials or 0, _trials(found)
-    if drawn - count < (found.sections or 1):
+def _compared_trials(comparison: Comparison) -> str:
+    count, drawn = comparison.compared_trials or 0, _trials(comparison)
+    if drawn - count < (comparison.sections or 1):
         return f"The {count:,} trials"
     return f"P95 is that of all {drawn:,}; the first {count:,}, whose interval is wider than all would give,"
 
@@ -366,17 +381,17 @@ def _reproduction(second: Report) -> tuple[Block, ...]:
     return (Listing("\n".join(second.reproduction.commands), "Commands"), Paragraph(words))
 
 
-def _provenance(found: Comparison, sha256: str) -> Facts:
+def _provenance(comparison: Comparison, sha256: str) -> Facts:
     pairs = []
-    for which, report in zip(TOLD, (found.first, found.second), strict=True):
+    for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True):
         pairs.append((f"{which} design", report.title))
         pairs.append((f"SHA-256 of the {which.lower()} design", report.provenance.design_sha256 or "not known"))
-    made = found.second
+    made = comparison.second
     seed = [] if made.reproduction.seed is None else [("Seed of both", str(made.reproduction.seed))]
     return Facts(
         "Provenance",
         (
-            *pairs, *seed, ("SHA-256 of this record", sha256), ("Record", found.schema),
+            *pairs, *seed, ("SHA-256 of this record", sha256), ("Record", comparison.schema),
             ("Computed by", f"tailstack {made.provenance.tailstack_version}"),
         ),
     )  # fmt: skip

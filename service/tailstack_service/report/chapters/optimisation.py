@@ -55,82 +55,86 @@ REPRODUCTION = (
 )
 
 
-def optimise_command(found: Optimisation) -> str:
+def optimise_command(optimisation: Optimisation) -> str:
     """The command that gives this optimisation again."""
-    return f"tailstack optimise design.yaml --seed {found.certificate.seed} --starts {found.certificate.starts} --json"
+    proof = optimisation.certificate
+    return f"tailstack optimise design.yaml --seed {proof.seed} --starts {proof.starts} --json"
 
 
-def optimisation_document(found: Optimisation, sha256: str) -> Document:
+def optimisation_document(optimisation: Optimisation, sha256: str) -> Document:
     """An optimisation by itself: what it found, what changed, and what the optimum rests on."""
-    check = found.certificate.verification
-    scored = score_if_determined(found.design), score_if_determined(found.design_before)
-    more = len(found.binding) - MOST_BINDING
-    listed = "; ".join(found.binding[:MOST_BINDING]) + (f"; and {more} more" if more > 0 else "")
-    binding = f"What keeps it from being better: {listed}." if found.binding else "Nothing keeps it from being better."
+    check = optimisation.certificate.verification
+    scored = score_if_determined(optimisation.design), score_if_determined(optimisation.design_before)
+    more = len(optimisation.binding) - MOST_BINDING
+    listed = "; ".join(optimisation.binding[:MOST_BINDING]) + (f"; and {more} more" if more > 0 else "")
+    binding = (
+        f"What keeps it from being better: {listed}." if optimisation.binding else "Nothing keeps it from being better."
+    )
     return Document(
         kind="Optimised design",
-        title=found.provenance.design_name,
-        tone=tone_of(found.verdict_status),
-        status=found.status if found.verdict_status == "pass" else found.verdict_status,
-        sentence=optimised_sentence(found),
-        numbers=optimisation_numbers(found),
+        title=optimisation.provenance.design_name,
+        tone=tone_of(optimisation.verdict_status),
+        status=optimisation.status if optimisation.verdict_status == "pass" else optimisation.verdict_status,
+        sentence=optimised_sentence(optimisation),
+        numbers=optimisation_numbers(optimisation),
         requirements=requirements_table(check.verdict),
         matters=(
-            *others_sentences(found),
-            *(() if found.view_offer is None else (found.view_offer.sentence,)),
+            *others_sentences(optimisation),
+            *(() if optimisation.view_offer is None else (optimisation.view_offer.sentence,)),
             binding,
-            *(sentence_of(price.sentence) for price in found.shadow_prices[:2]),
+            *(sentence_of(price.sentence) for price in optimisation.shadow_prices[:2]),
         ),
         sections=(
             Section(
-                "What changed", (BlockGroup(partial(optimised_layout, *scored), PAPER), *change_blocks(found, *scored))
+                "What changed",
+                (BlockGroup(partial(optimised_layout, *scored), PAPER), *change_blocks(optimisation, *scored)),
             ),
             Section(
                 "Check of the new design",
                 (estimates_table(check), *verdict_blocks(check.verdict), *sampling_blocks(check)),
                 on=PAPER,
             ),
-            Section("Certificate", certificate_blocks(found), on=IN_DETAIL, reader="auditor"),
-            Section("How sure", (say("how sure", _confidence_sentence(found)),), on=On.PLAIN),
+            Section("Certificate", certificate_blocks(optimisation), on=IN_DETAIL, reader="auditor"),
+            Section("How sure", (say("how sure", _confidence_sentence(optimisation)),), on=On.PLAIN),
             *closing_sections(
-                found.provenance.not_included,
-                Listing(f"{optimise_command(found)}\ntailstack report --verify THIS_FILE"),
+                optimisation.provenance.not_included,
+                Listing(f"{optimise_command(optimisation)}\ntailstack report --verify THIS_FILE"),
                 Paragraph(REPRODUCTION),
             ),
             *(
                 Section(title, (BlockGroup(partial(_list_design, data, f"{what}, as YAML"), PAPER),), reader="auditor")
                 for title, what, data in (
-                    ("The new design", "The new design", found.design),
-                    ("The design before", "The design that it started from", found.design_before),
+                    ("The new design", "The new design", optimisation.design),
+                    ("The design before", "The design that it started from", optimisation.design_before),
                 )
             ),
         ),
-        provenance=provenance_facts(found.provenance, sha256, found.schema, "new design"),
-        made=found.provenance,
-        question=f"Optimised: {found.objective}.",
+        provenance=provenance_facts(optimisation.provenance, sha256, optimisation.schema, "new design"),
+        made=optimisation.provenance,
+        question=f"Optimised: {optimisation.objective}.",
         method="first order with the exact law",
-        opening=(decision_sentence(check.verdict, found.not_asked), *others_sentences(found)),
-        findings=(*found.influence, *check.verdict.findings),
+        opening=(decision_sentence(check.verdict, optimisation.not_asked), *others_sentences(optimisation)),
+        findings=(*optimisation.influence, *check.verdict.findings),
         ending=ending_of(check.verdict),
     )
 
 
-def optimised_sentence(found: Optimisation) -> str:
+def optimised_sentence(optimisation: Optimisation) -> str:
     """What was sought and what was reached."""
-    worst = found.worst_target
-    decimals = decimals_of(found.certificate.verification.verdict.checks)
+    worst = optimisation.worst_target
+    decimals = decimals_of(optimisation.certificate.verification.verdict.checks)
     low, high = (f"{end:.{decimals}f}" for end in worst.p95_interval_mm)
     return (
-        f"{sentence_of(found.objective)} The new design was checked by Monte Carlo with a fresh seed: P95 "
-        f"{low} to {high} mm at {worst.name}." + "".join(f" {words}" for words in others_sentences(found))
+        f"{sentence_of(optimisation.objective)} The new design was checked by Monte Carlo with a fresh seed: P95 "
+        f"{low} to {high} mm at {worst.name}." + "".join(f" {words}" for words in others_sentences(optimisation))
     )
 
 
-def others_sentences(found: Optimisation) -> tuple[str, ...]:
+def others_sentences(optimisation: Optimisation) -> tuple[str, ...]:
     """What became of the requirements that the optimiser was not asked to keep, in one sentence; nothing if none."""
-    if not found.others:
+    if not optimisation.others:
         return ()
-    told = [f"{worst.requirement} ({worst.status})" for worst, _ in decided_by(found.others)]
+    told = [f"{worst.requirement} ({worst.status})" for worst, _ in decided_by(optimisation.others)]
     return (f"Not asked for, and judged all the same: {', '.join(told)}.",)
 
 
@@ -139,21 +143,25 @@ def sentence_of(words: str) -> str:
     return words[:1].upper() + words[1:].rstrip(".") + "."
 
 
-def optimisation_numbers(found: Optimisation) -> tuple[KeyNumber, ...]:
-    decimals = decimals_of(found.certificate.verification.verdict.checks)
-    before = "not determined" if found.p95_before_mm is None else f"{found.p95_before_mm:.{decimals}f} mm before"
-    numbers = [KeyNumber("P95, estimate", f"{found.p95_after_mm:.{decimals}f} mm", before)]
-    worst = found.worst_target
+def optimisation_numbers(optimisation: Optimisation) -> tuple[KeyNumber, ...]:
+    decimals = decimals_of(optimisation.certificate.verification.verdict.checks)
+    before = (
+        "not determined"
+        if optimisation.p95_before_mm is None
+        else f"{optimisation.p95_before_mm:.{decimals}f} mm before"
+    )
+    numbers = [KeyNumber("P95, estimate", f"{optimisation.p95_after_mm:.{decimals}f} mm", before)]
+    worst = optimisation.worst_target
     low, high = (f"{end:.{decimals}f}" for end in worst.p95_interval_mm)
     numbers.append(
         KeyNumber("P95, Monte Carlo", f"{worst.p95_mm:.{decimals}f} mm", f"{low} to {high} mm, {worst.name}")
     )
-    if found.scaling is not None:
-        numbers.append(KeyNumber("Common factor", f"× {found.scaling:.4g}", "on all free half-widths"))
-    elif found.cost_after > 0:
-        cost = "no price before" if found.cost_before is None else f"{found.cost_before:.4g} before"
-        numbers.append(KeyNumber("Cost of what was free", f"{found.cost_after:.4g}", cost))
-    proof = found.certificate
+    if optimisation.scaling is not None:
+        numbers.append(KeyNumber("Common factor", f"× {optimisation.scaling:.4g}", "on all free half-widths"))
+    elif optimisation.cost_after > 0:
+        cost = "no price before" if optimisation.cost_before is None else f"{optimisation.cost_before:.4g} before"
+        numbers.append(KeyNumber("Cost of what was free", f"{optimisation.cost_after:.4g}", cost))
+    proof = optimisation.certificate
     return (*numbers, KeyNumber("Starts", f"{proof.converged_starts} of {proof.starts}", "converged"))
 
 
@@ -165,41 +173,48 @@ def optimised_layout(now: Known | None, before: Known | None) -> tuple[Block, ..
     return layout_blocks(now, title, "layout-optimised", before, of="New design. ")
 
 
-def change_blocks(found: Optimisation, now: Known | None, before: Known | None) -> tuple[Block, ...]:
+def change_blocks(optimisation: Optimisation, now: Known | None, before: Known | None) -> tuple[Block, ...]:
     """Requirements by estimate, fiducials, pivots, locators and tolerances before and after; what a limit is worth."""
-    spread = (f"{one.label}, locators {number(one.scale)} times as far from their centre" for one in found.spacings)
-    more = len(found.binding) - MOST_LISTED
-    first = f"{'; '.join(found.binding[:MOST_LISTED])}; and {more} more (--details)"
-    binding, better = "; ".join(found.binding), "what keeps it from being better"
-    on_paper = [f"Keeps it from being better: {entry}" for entry in found.binding]
-    if found.survived is not None:
-        on_paper.append(f"If fiducials are lost: {survived_sentence(found.survived)}")
+    spread = (
+        f"{spacing.label}, locators {number(spacing.scale)} times as far from their centre"
+        for spacing in optimisation.spacings
+    )
+    more = len(optimisation.binding) - MOST_LISTED
+    first = f"{'; '.join(optimisation.binding[:MOST_LISTED])}; and {more} more (--details)"
+    binding, better = "; ".join(optimisation.binding), "what keeps it from being better"
+    on_paper = [f"Keeps it from being better: {entry}" for entry in optimisation.binding]
+    if optimisation.survived is not None:
+        on_paper.append(f"If fiducials are lost: {survived_sentence(optimisation.survived)}")
     return (
-        _requirements_table(found, now, before),
-        group(*_costs(found)),
-        moved_table(found),
-        group(pivots_table(found), say("spacing", *spread), group(spacings_table(found), on=PAPER)),
-        changes_table(found),
-        *(() if found.view_offer is None else (group(offer_table(found.view_offer), on=PAPER),)),
-        *(() if found.aimed is None else (group(aims_table(found.aimed), on=PAPER),)),
-        group(limits_table(found), *((Bullets(tuple(on_paper)),) if on_paper else ()), on=PAPER),
+        _requirements_table(optimisation, now, before),
+        group(*_costs(optimisation)),
+        moved_table(optimisation),
+        group(pivots_table(optimisation), say("spacing", *spread), group(spacings_table(optimisation), on=PAPER)),
+        changes_table(optimisation),
+        *(() if optimisation.view_offer is None else (group(offer_table(optimisation.view_offer), on=PAPER),)),
+        *(() if optimisation.aimed is None else (group(aims_table(optimisation.aimed), on=PAPER),)),
+        group(limits_table(optimisation), *((Bullets(tuple(on_paper)),) if on_paper else ()), on=PAPER),
         group(
             say(better, first if more > 0 else binding, on=On.PLAIN),
             say(better, binding, on=On.DETAIL),
-            say("trade-off", *(price.sentence for price in found.shadow_prices)),
+            say("trade-off", *(price.sentence for price in optimisation.shadow_prices)),
         ),
-        counts_table(found),
-        group(front_table(found), *_front_notes(found)),
+        counts_table(optimisation),
+        group(front_table(optimisation), *_front_notes(optimisation)),
     )
 
 
-def _requirements_table(found: Optimisation, now: Known | None, before: Known | None) -> Table:
+def _requirements_table(optimisation: Optimisation, now: Known | None, before: Known | None) -> Table:
     """What each requirement limits, by estimate in the design as it stood and in the new one, at one target."""
-    checks = found.certificate.verification.verdict.checks
+    checks = optimisation.certificate.verification.verdict.checks
     decimals = max((count_decimals(check.limit_mm) for check in checks), default=3)  # of an estimate
 
     def estimated(known: Known | None) -> Callable[[tuple[Check, int]], float | None]:
-        of = {} if known is None else {(one.requirement, one.target): one.value_mm for one in known[1].verdict.checks}
+        of = (
+            {}
+            if known is None
+            else {(check.requirement, check.target): check.value_mm for check in known[1].verdict.checks}
+        )
         return lambda row: of.get((row[0].requirement, row[0].target))
 
     columns = (
@@ -212,22 +227,27 @@ def _requirements_table(found: Optimisation, now: Known | None, before: Known | 
     return tabulate("Before and after", "Requirements by estimate, before and after", columns, decided_by(checks))
 
 
-def _costs(found: Optimisation) -> Iterator[BlockGroup]:
+def _costs(optimisation: Optimisation) -> Iterator[BlockGroup]:
     """Cost and what it is made of, and what else was decided."""
-    if found.cost_before or found.cost_after:
-        change = "" if not found.cost_before else f" ({100 * (found.cost_after / found.cost_before - 1):+.0f} %)"
-        made_of = _cost_in_words(found)
-        words = f"{number(found.cost_after)}, before {number(found.cost_before)}{change}"
+    if optimisation.cost_before or optimisation.cost_after:
+        change = (
+            ""
+            if not optimisation.cost_before
+            else f" ({100 * (optimisation.cost_after / optimisation.cost_before - 1):+.0f} %)"
+        )
+        made_of = _cost_in_words(optimisation)
+        words = f"{number(optimisation.cost_after)}, before {number(optimisation.cost_before)}{change}"
         yield say("cost", words + (f"; {made_of}" if made_of else ""))
-    if found.scaling is not None:
-        yield say("scaling", f"all free half-widths times {number(found.scaling)}")
-    if found.survived is not None:
-        yield say("if fiducials are lost", survived_sentence(found.survived))
-    for word, said in (
-        ("a view more", found.view_offer), ("views", found.aimed), ("places of the fiducials", found.placement_value),
+    if optimisation.scaling is not None:
+        yield say("scaling", f"all free half-widths times {number(optimisation.scaling)}")
+    if optimisation.survived is not None:
+        yield say("if fiducials are lost", survived_sentence(optimisation.survived))
+    for word, decision in (
+        ("a view more", optimisation.view_offer), ("views", optimisation.aimed),
+        ("places of the fiducials", optimisation.placement_value),
     ):  # fmt: skip
-        if said is not None:
-            yield say(word, said.sentence)
+        if decision is not None:
+            yield say(word, decision.sentence)
 
 
 def survived_sentence(worst: SurvivedLoss) -> str:
@@ -242,13 +262,13 @@ def survived_sentence(worst: SurvivedLoss) -> str:
     )
 
 
-def _cost_in_words(found: Optimisation) -> str:
+def _cost_in_words(optimisation: Optimisation) -> str:
     """Sums over each interface's half-widths; what is left of the total is the price of the fiducials."""
-    if not found.tolerances:
+    if not optimisation.tolerances:
         return ""
     widths: dict[str, list[float]] = {}
     names: dict[str, str] = {}
-    for entry in found.tolerances:
+    for entry in optimisation.tolerances:
         names.setdefault(entry.contributor, entry.label.removesuffix(f" {entry.component}"))
         widths.setdefault(entry.contributor, []).append(entry.cost_after)
     parts = [
@@ -256,34 +276,34 @@ def _cost_in_words(found: Optimisation) -> str:
         for name, costs in widths.items()
     ]
     view = 0.0
-    if found.view_offer is not None and found.view_offer.added:
-        view = found.view_offer.price
-        parts.append(f"{number(view)} (view {found.view_offer.view})")
-    fiducials = found.cost_after - view - sum(map(sum, widths.values()))
-    if abs(fiducials) > 1e-6 * abs(found.cost_after):
+    if optimisation.view_offer is not None and optimisation.view_offer.added:
+        view = optimisation.view_offer.price
+        parts.append(f"{number(view)} (view {optimisation.view_offer.view})")
+    fiducials = optimisation.cost_after - view - sum(map(sum, widths.values()))
+    if abs(fiducials) > 1e-6 * abs(optimisation.cost_after):
         parts.append(f"{number(fiducials)} (fiducials)")
-    return f"{' + '.join(parts)} = {number(found.cost_after)}"
+    return f"{' + '.join(parts)} = {number(optimisation.cost_after)}"
 
 
-def _front_notes(found: Optimisation) -> tuple[Block, ...]:
+def _front_notes(optimisation: Optimisation) -> tuple[Block, ...]:
     """What the limits of the front are of, and why points have no design."""
-    if not found.front:
+    if not optimisation.front:
         return ()
-    checks = found.certificate.verification.verdict.checks
-    first = next(check.requirement for check in checks if check.requirement not in found.not_asked)
+    checks = optimisation.certificate.verification.verdict.checks
+    first = next(check.requirement for check in checks if check.requirement not in optimisation.not_asked)
     note = (
         f"limit, estimate and simulation are of {first}; every other limit is scaled by the same factor. What "
         "each point's design is stands in the JSON answer (--json)"
     )
-    if found.not_asked:
-        note += f"; its points are not judged by what was not asked for ({', '.join(found.not_asked)})"
-    refused = (f"{number(point.limit_mm)} mm: {point.note}" for point in found.front if point.note)
+    if optimisation.not_asked:
+        note += f"; its points are not judged by what was not asked for ({', '.join(optimisation.not_asked)})"
+    refused = (f"{number(point.limit_mm)} mm: {point.note}" for point in optimisation.front if point.note)
     return (say("front", note, *refused),)
 
 
-def _confidence_sentence(found: Optimisation) -> str:
+def _confidence_sentence(optimisation: Optimisation) -> str:
     """How the best design was found, what is known of better ones, and how it was checked."""
-    proof = found.certificate
+    proof = optimisation.certificate
     check, gap = proof.verification, proof.relaxation.gap_percent
     ended = f"{proof.converged_starts} of {proof.starts} searches from different layouts came to an end"
     optima = len(proof.optima)
@@ -300,44 +320,48 @@ def _confidence_sentence(found: Optimisation) -> str:
     return f"{ended} {better} {checked}"
 
 
-def certificate_blocks(found: Optimisation) -> tuple[Block, ...]:
+def certificate_blocks(optimisation: Optimisation) -> tuple[Block, ...]:
     """Starts, distinct optima, lower bound, why the search ended, and the check."""
-    proof, optima = found.certificate, len(found.certificate.optima)
+    proof, optima = optimisation.certificate, len(optimisation.certificate.optima)
     check = proof.verification
     shown = f"the first {MOST_OPTIMA} of {optima}" if optima > MOST_OPTIMA else f"{optima}"
     pairs = [
         ("Residual of the optimality conditions", f"{proof.kkt_residual:.2g}"),
         ("Starts", f"{proof.converged_starts} of {proof.starts} converged, seed {proof.seed}"),
-        ("Distinct optima", f"{_optima_words(found)} ({shown})"),
+        ("Distinct optima", f"{_optima_words(optimisation)} ({shown})"),
         ("Lower bound", proof.relaxation.statement),
         ("Ending", proof.stopped),
         ("Check", f"{check.trials:,} fresh trials with seed {check.seed}, to {percent(check.precision_reached, 2)} %"),
         ("Rounds of tightening", str(proof.tightening_rounds)),
     ]
-    if found.cost_closed_form is not None:
-        pairs.append(("Cost of the half-widths", _compare_costs(found, found.cost_closed_form)))
-    remarks = tuple(entry.message for entry in found.influence)
-    worth = () if found.placement_value is None else (found.placement_value.sentence,)
+    if optimisation.cost_closed_form is not None:
+        pairs.append(("Cost of the half-widths", _compare_costs(optimisation, optimisation.cost_closed_form)))
+    remarks = tuple(entry.message for entry in optimisation.influence)
+    worth = () if optimisation.placement_value is None else (optimisation.placement_value.sentence,)
     return (
-        group(Facts("Certificate", tuple(pairs)), optima_table(found)),
+        group(Facts("Certificate", tuple(pairs)), optima_table(optimisation)),
         group(*((Bullets(listed),) if (listed := remarks + worth) else ()), on=PAPER),
     )
 
 
-def _compare_costs(found: Optimisation, closed_form: float) -> str:
+def _compare_costs(optimisation: Optimisation, closed_form: float) -> str:
     """What the half-widths cost by each of the laws that they were chosen with."""
-    own = sum(entry.cost_after for entry in found.tolerances)
-    others = found.cost_after - own  # fiducials, and a view that was added
-    exact = "" if found.cost_exact_law is None else f"{number(found.cost_exact_law - others, 5)} by the exact law, "
-    said = f"{number(closed_form, 5)} by the smooth closed form, {exact}{number(own, 5)} with the margin of the check"
-    return said + (", grades chosen" if any(entry.grade is not None for entry in found.tolerances) else "")
+    own = sum(entry.cost_after for entry in optimisation.tolerances)
+    others = optimisation.cost_after - own  # fiducials, and a view that was added
+    exact = (
+        ""
+        if optimisation.cost_exact_law is None
+        else f"{number(optimisation.cost_exact_law - others, 5)} by the exact law, "
+    )
+    text = f"{number(closed_form, 5)} by the smooth closed form, {exact}{number(own, 5)} with the margin of the check"
+    return text + (", grades chosen" if any(entry.grade is not None for entry in optimisation.tolerances) else "")
 
 
-def _optima_words(found: Optimisation) -> str:
+def _optima_words(optimisation: Optimisation) -> str:
     """What the values of distinct optima are."""
-    if found.scaling is not None:
+    if optimisation.scaling is not None:
         return "common factor, by the closed form that ranks them"
-    if found.cost_closed_form is None:
+    if optimisation.cost_closed_form is None:
         return "largest quantile over its limit, by the closed form that ranks them"
     return "cost, by the closed form that ranks them"
 

@@ -44,14 +44,16 @@ def report_document(report: Report, sha256: str) -> Document:
         Section("Requirements and findings", judged_blocks(report)),
     ]
     if report.optimisation is not None:
-        found = report.optimisation
-        numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(found)[:2])
-        scored = score_if_determined(found.design), score_if_determined(found.design_before)
-        said = Paragraph(f"{optimised_sentence(found)} {numbers}.")
-        blocks = (said, *optimised_layout(*scored), *change_blocks(found, *scored))
+        optimisation = report.optimisation
+        numbers = "; ".join(f"{n.label} {n.value} ({n.detail})" for n in optimisation_numbers(optimisation)[:2])
+        scored = score_if_determined(optimisation.design), score_if_determined(optimisation.design_before)
+        summary = Paragraph(f"{optimised_sentence(optimisation)} {numbers}.")
+        blocks = (summary, *optimised_layout(*scored), *change_blocks(optimisation, *scored))
         sections.append(Section("The optimised design", blocks))
-        check = estimates_table(found.certificate.verification, " of the new design")
-        sections.append(Section("Certificate of the optimum", (check, *certificate_blocks(found)), reader="auditor"))
+        check = estimates_table(optimisation.certificate.verification, " of the new design")
+        sections.append(
+            Section("Certificate of the optimum", (check, *certificate_blocks(optimisation)), reader="auditor")
+        )
     sections += [
         Section("Method and assumptions", method_chapter(report), reader="auditor"),
         *closing_sections(report.provenance.not_included, *reproduction_blocks(report)),

@@ -96,8 +96,8 @@ def _margin(score: Score) -> tuple[str, ...]:
     decisive = decisive_check(score.verdict.checks)
     if decisive is None:
         return ()
-    found = next(entry for entry in score.targets if entry.name == decisive.target)
-    return (margin_sentence(decisive, sources_of(found, decisive.error), score.decimals),)
+    target = next(entry for entry in score.targets if entry.name == decisive.target)
+    return (margin_sentence(decisive, sources_of(target, decisive.error), score.decimals),)
 
 
 def _chosen_budget(score: Score, target: TargetScore) -> BlockGroup:
@@ -164,8 +164,8 @@ def second_order(target: TargetScore, decimals: int) -> tuple[str, ...]:
     second = target.second_order
     if second.status == "not requested":
         return ()
-    found = "refused" if second.status == "refused" else f"P95 {decimal(second.p95_mm, decimals)} mm"
-    return (f"{found}. {second.reason}",)
+    outcome = "refused" if second.status == "refused" else f"P95 {decimal(second.p95_mm, decimals)} mm"
+    return (f"{outcome}. {second.reason}",)
 
 
 def reliability_blocks(score: Score) -> tuple[Block, ...]:
@@ -182,12 +182,12 @@ def reliability_blocks(score: Score) -> tuple[Block, ...]:
     rows = tuple(
         fill(columns, item, on=EVERYWHERE if k < MOST_SLIPS else ~On.PLAIN) for k, item in enumerate(score.reliability)
     )
-    said = (
+    note = (
         "Noticed by a test of the residuals at a level of 0.1 %, in 80 % of cases; a smaller slip does up to as much, "
         "unseen. - stands for a slip that never is noticed."
     )
     caption = "Slips of single images that do most before they are noticed"
-    return (group(Table("Reliability", caption, columns, rows), Paragraph(said)),)
+    return (group(Table("Reliability", caption, columns, rows), Paragraph(note)),)
 
 
 def key_numbers(headline: Headline, decimals: int) -> tuple[KeyNumber, ...]:
@@ -226,10 +226,10 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
 
 
 def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> tuple[tuple[str, float], ...]:
-    found = next((target for target in targets if target.name == headline.target), None)
-    if found is None or headline.min_yield is not None:
+    target = next((target for target in targets if target.name == headline.target), None)
+    if target is None or headline.min_yield is not None:
         return ()
-    metric = found if headline.error == "tcp" else found.localisation
+    metric = target if headline.error == "tcp" else target.localisation
     mean = ("mean", metric.mean_norm_mm)
     return (mean, ("CVaR95", metric.cvar95_mm)) if headline.quantile == P95 else (mean,)
 
@@ -295,12 +295,12 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
 
 def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]:
     """The requirement nearest to its limit, the tolerances that it leaves no room, those at their bounds."""
-    said, decimals = [], score.decimals
+    sentences, decimals = [], score.decimals
     tightest = max(score.verdict.checks, key=lambda check: check.value_mm / check.limit_mm, default=None)
     if tightest is not None:
         error = f"{ERRORS[tightest.error]} at {tightest.target}"
         what = headline_words(tightest.quantile, tightest.min_yield, error)
-        said.append(
+        sentences.append(
             f"Nearest to its limit is {tightest.requirement}: {what}, an estimated {tightest.value_mm:.{decimals}f} mm "
             f"against {tightest.limit_mm:g} mm."
         )
@@ -312,11 +312,11 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
             listed = "; ".join(
                 f"{allowance_name(entry)} to ± {entry.at_limit:.3g} {entry.unit}" for entry in alone[:LISTED]
             )
-            said.append(
+            sentences.append(
                 f"Any one of these alone brings {of_target[0].requirement} to its limit: {listed}{_more(alone)}."
             )
         elif of_target and all(entry.status == "zero is not enough" for entry in of_target):
-            said.append(
+            sentences.append(
                 f"No tolerance alone brings {of_target[0].requirement} to its limit, not even at zero: several have to "
                 "shrink."
             )
@@ -328,11 +328,11 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
                 for entry in spare[:LISTED]
             )
             asked = spare[0].requirement
-            said.append(f"Least room that {asked} leaves at {target}, one at a time: {listed}{_more(spare)}.")
+            sentences.append(f"Least room that {asked} leaves at {target}, one at a time: {listed}{_more(spare)}.")
     bounds = [words for entry in allowances if (words := _at_bound(entry))]
     if bounds:
-        said.append(f"At a bound of the optimise section: {'; '.join(dict.fromkeys(bounds))}.")
-    return tuple(said)
+        sentences.append(f"At a bound of the optimise section: {'; '.join(dict.fromkeys(bounds))}.")
+    return tuple(sentences)
 
 
 def _more(entries: Sequence[Allowance]) -> str:

@@ -20,14 +20,16 @@ Found = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
 
 def sweep_document(sweep: Sweep, sha256: str) -> Document:
     """Every point as a row; with one axis, P95 over it as a picture."""
-    found = [(max(point.targets, key=lambda target: target.p95_mm), point) for point in sweep.points if point.targets]
+    evaluated = [
+        (max(point.targets, key=lambda target: target.p95_mm), point) for point in sweep.points if point.targets
+    ]
     refused = [point for point in sweep.points if point.status == "refused"]
     numbers = [KeyNumber("Points", f"{len(sweep.points):,}", f"{len(refused)} refused")]
-    if found:
-        for label, (target, point) in zip(("Smallest P95", "Largest P95"), _find_ends(found), strict=True):
+    if evaluated:
+        for label, (target, point) in zip(("Smallest P95", "Largest P95"), _find_ends(evaluated), strict=True):
             value = f"{target.p95_mm:.{sweep.decimals}f} mm"
             numbers.append(KeyNumber(label, value, f"{target.name}, {_place(sweep, point.values)}"))
-    sentence, kept = _range_sentence(sweep, found), _kept_sentence(sweep)
+    sentence, verdict_sentences = _range_sentence(sweep, evaluated), _kept_sentence(sweep)
     scored = sweep.check == "score"
     reasons = list_reasons([point.reason for point in sweep.points], MOST_REASONS, numbered=True)
     each = "estimated" if scored else f"simulated with seed {sweep.seed}"
@@ -41,8 +43,8 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
         status="sweep",
         sentence=sentence,
         numbers=tuple(numbers),
-        matters=(*kept, *_matters(sweep)),
-        figures=_figure(sweep) if found else (),
+        matters=(*verdict_sentences, *_matters(sweep)),
+        figures=_figure(sweep) if evaluated else (),
         sections=(
             Section(
                 "Points",
@@ -61,7 +63,7 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
         made=sweep.provenance,
         question=f"Sweep of {spell_count(len(sweep.points), 'point')}, each {each}.",
         method="first order" if scored else "Monte Carlo",
-        opening=(" ".join((sentence, *kept)),),
+        opening=(" ".join((sentence, *verdict_sentences)),),
     )
 
 
@@ -81,31 +83,31 @@ def _axes(sweep: Sweep) -> Facts:
     return Facts("Axes", tuple(pairs))
 
 
-def _find_ends(found: Sequence[Found]) -> tuple[Found, Found]:
+def _find_ends(evaluated: Sequence[Found]) -> tuple[Found, Found]:
     """The points with the least and the largest P95 at their worst targets."""
-    return min(found, key=lambda entry: entry[0].p95_mm), max(found, key=lambda entry: entry[0].p95_mm)
+    return min(evaluated, key=lambda entry: entry[0].p95_mm), max(evaluated, key=lambda entry: entry[0].p95_mm)
 
 
-def _range_sentence(sweep: Sweep, found: Sequence[Found]) -> str:
+def _range_sentence(sweep: Sweep, evaluated: Sequence[Found]) -> str:
     """Where the error is least and largest."""
-    if not found:
+    if not evaluated:
         return "No point could be evaluated."
-    ends = _find_ends(found)
+    ends = _find_ends(evaluated)
     low, high = (f"{target.p95_mm:.{sweep.decimals}f} mm" for target, _ in ends)
     at_low, at_high = (_place(sweep, point.values) for _, point in ends)
-    refused = len(sweep.points) - len(found)
-    over = f"{len(found):,} of {len(sweep.points):,} points" if refused else f"all {len(found):,} points"
+    refused = len(sweep.points) - len(evaluated)
+    over = f"{len(evaluated):,} of {len(sweep.points):,} points" if refused else f"all {len(evaluated):,} points"
     error = "the error at the tool" + (
-        " at the worst target" if any(len(point.targets) > 1 for _, point in found) else ""
+        " at the worst target" if any(len(point.targets) > 1 for _, point in evaluated) else ""
     )
     if len(sweep.points) == 1:
         return f"P95 of {error} is {low}."
-    said = f"goes from {low} ({at_low}) to {high} ({at_high}) over {over}"
+    range_text = f"goes from {low} ({at_low}) to {high} ({at_high}) over {over}"
     if low == high:
-        alike = len(found) > 1 and f"{ends[0][0].p95_mm:.4f}" == f"{ends[1][0].p95_mm:.4f}"
-        said = f"is {low} at {over}" + (": what is varied here does not matter" if alike else "")
+        alike = len(evaluated) > 1 and f"{ends[0][0].p95_mm:.4f}" == f"{ends[1][0].p95_mm:.4f}"
+        range_text = f"is {low} at {over}" + (": what is varied here does not matter" if alike else "")
     more = f"; {refused:,} could not be evaluated and are not among them" if refused else ""
-    return f"P95 of {error} {said}{more}."
+    return f"P95 of {error} {range_text}{more}."
 
 
 def _kept_sentence(sweep: Sweep) -> tuple[str, ...]:
@@ -117,15 +119,15 @@ def _kept_sentence(sweep: Sweep) -> tuple[str, ...]:
 
 def _matters(sweep: Sweep) -> tuple[str, ...]:
     """What the design as it stands has, what could not be evaluated."""
-    said = []
+    sentences = []
     as_it_is = [f"{axis.short} = {axis.base:g} {axis.unit}".strip() for axis in sweep.axes if axis.base is not None]
     if as_it_is:
-        said.append(f"The design as it stands has {', '.join(as_it_is)}.")
+        sentences.append(f"The design as it stands has {', '.join(as_it_is)}.")
     refused = [point for point in sweep.points if point.status == "refused"]
     if refused:
         first = f"{_place(sweep, refused[0].values)}: {refused[0].reason}"
-        said.append(f"{len(refused):,} points were refused, the first at {first}.")
-    return tuple(said)
+        sentences.append(f"{len(refused):,} points were refused, the first at {first}.")
+    return tuple(sentences)
 
 
 def _method(sweep: Sweep) -> Bullets:

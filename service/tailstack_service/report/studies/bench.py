@@ -219,8 +219,8 @@ def tails_table(levels: Sequence[LevelCompared]) -> Table:
 
 def _name(study: StudyComparison) -> Callable[[Explanation], str]:
     """The source of an explanation, with its target where there are several."""
-    several = len({one.target for one in study.explanations}) > 1
-    return lambda one: (f"{one.target}: " if several else "") + source_name(one)
+    several = len({explanation.target for explanation in study.explanations}) > 1
+    return lambda explanation: (f"{explanation.target}: " if several else "") + source_name(explanation)
 
 
 def factors_table(study: StudyComparison) -> Table:
@@ -228,9 +228,9 @@ def factors_table(study: StudyComparison) -> Table:
     columns = (
         Column("Contributor", of=_name(study)),
         Column("Plausible factor", kind="fixed", of=write_interval),
-        Column("Held against", kind="fixed", of=lambda one: one.explains),
+        Column("Held against", kind="fixed", of=lambda explanation: explanation.explains),
     )
-    chosen = [one for one in study.explanations if one.kind == "factor"]
+    chosen = [explanation for explanation in study.explanations if explanation.kind == "factor"]
     caption = "One contributor alone: how many times its declared size is plausible (95 %), all else as declared"
     return tabulate("Factors", caption, columns, chosen)
 
@@ -241,27 +241,36 @@ def values_table(study: StudyComparison) -> Table:
     columns = (
         Column("Component", of=_name(study)),
         Column("Plausible value", kind="fixed",
-               of=lambda one: write_interval(one) + (f" {one.unit}" if one.intervals else "")),
+               of=lambda explanation: write_interval(explanation)
+               + (f" {explanation.unit}" if explanation.intervals else "")),
         Column("Declared half-width", kind="fixed", brief="declared\nhalf-width",
-               of=lambda one: None if one.declared is None else f"{number(one.declared, 3)} {one.unit}"),
+               of=lambda explanation: None if explanation.declared is None
+               else f"{number(explanation.declared, 3)} {explanation.unit}"),
         Column("Half-widths", kind="fixed", digits=1, brief="half-\nwidths",
-               of=lambda one: abs(one.most_plausible) / one.declared
-               if one.declared and one.most_plausible is not None else None),
+               of=lambda explanation: abs(explanation.most_plausible) / explanation.declared
+               if explanation.declared and explanation.most_plausible is not None else None),
     )  # fmt: skip
-    chosen = [one for one in study.explanations if one.kind == "value" and one.target in wanted]
+    chosen = [
+        explanation
+        for explanation in study.explanations
+        if explanation.kind == "value" and explanation.target in wanted
+    ]
     return tabulate("Values", "One component alone, at a fixed value that explains the mean (95 %)", columns, chosen)
 
 
 def explanations_table(study: StudyComparison) -> Table:
     """How large one contributor alone would have to be."""
     columns = (
-        Column("Contributor", of=lambda one: one.contributor),
-        Column("Component", of=lambda one: one.component),
-        Column("Kind", of=lambda one: one.kind),
-        Column("Unit", of=lambda one: one.unit),
-        Column("Declared", kind="significant", of=lambda one: one.declared),
-        Column("Most plausible", kind="significant", of=lambda one: one.most_plausible),
-        Column("95 % intervals", of=lambda one: "; ".join(f"{low:.4g} to {high:.4g}" for low, high in one.intervals)),
+        Column("Contributor", of=lambda explanation: explanation.contributor),
+        Column("Component", of=lambda explanation: explanation.component),
+        Column("Kind", of=lambda explanation: explanation.kind),
+        Column("Unit", of=lambda explanation: explanation.unit),
+        Column("Declared", kind="significant", of=lambda explanation: explanation.declared),
+        Column("Most plausible", kind="significant", of=lambda explanation: explanation.most_plausible),
+        Column(
+            "95 % intervals",
+            of=lambda explanation: "; ".join(f"{low:.4g} to {high:.4g}" for low, high in explanation.intervals),
+        ),
     )
     return tabulate("Explanations", "How large one contributor alone would have to be", columns, study.explanations)
 

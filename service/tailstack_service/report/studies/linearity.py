@@ -35,7 +35,9 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
         "By how many % the estimate is off: no mark within 1 %, ~ within 5 %, + within 20 %, # beyond; ? open, as the "
         f"{percent(study.confidence, 0)} % interval reaches across; - refused."
     )
-    refused = tuple(("refused", said) for said in list_reasons([point.reason for point in study.points], MOST_REASONS))
+    refused = tuple(
+        ("refused", reason) for reason in list_reasons([point.reason for point in study.points], MOST_REASONS)
+    )
     return compose_study(
         study,
         sha256,
@@ -193,8 +195,8 @@ def draw_linearity(study: StudyLinearity) -> str:
                 draw_cells(axes, [(k, j, *_field(point)) for k, j, point in places])
         axis = "standard deviation of the rotations of the structure; up the page: noise of each image coordinate"
         page.say(118, page.height - 14, f"to the right: {axis}", color=MUTED)
-        said = " ".join(study.sentences)
-        return page.svg(title, f"P95 at target {study.target}, deviation in per cent. {said}")
+        summary = " ".join(study.sentences)
+        return page.svg(title, f"P95 at target {study.target}, deviation in per cent. {summary}")
 
 
 def _with_unit(values: Sequence[float], unit: str) -> list[str]:

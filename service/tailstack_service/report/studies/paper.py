@@ -42,7 +42,7 @@ def paper_document(study: StudyPaper, sha256: str) -> Document:
         sum(getattr(geometry, name) for geometry in compared) for name in ("compared_cells", "outside_cells")
     )
     pictures = tuple(Figure(name.replace("_", "-"), draw, "") for name, draw in _list_charts(study).items())
-    statements = Facts("Statements", tuple((one.about, one.sentence) for one in study.statements))
+    statements = Facts("Statements", tuple((statement.about, statement.sentence) for statement in study.statements))
     own = [geometry.design_sha256 or "not known" for geometry in study.geometries]
     how = (
         f"Ours: Monte Carlo on the full chain, {study.trials:,} shots a value, seed {study.seed}; all numbers in mm. * "
@@ -71,11 +71,14 @@ def paper_document(study: StudyPaper, sha256: str) -> Document:
                 "Printed beside ours",
                 (
                     Paragraph(how),
-                    Facts("Geometries", tuple((letter, _describe(one)) for letter, one in lettered)),
+                    Facts("Geometries", tuple((letter, _describe(geometry)) for letter, geometry in lettered)),
                     *(printed_table(study, name, words) for name, words in TABLES),
                     means_table(study),
                     bench_table(study),
-                    Facts("Outside", tuple((letter, _count(study, one)) for letter, one in lettered if one.compared)),
+                    Facts(
+                        "Outside",
+                        tuple((letter, _count(study, geometry)) for letter, geometry in lettered if geometry.compared),
+                    ),
                 ),
                 on=OWN,
             ),
@@ -84,20 +87,20 @@ def paper_document(study: StudyPaper, sha256: str) -> Document:
                 Section(
                     f"Geometry {letter}",
                     (
-                        Paragraph(f"{letter}: {one.reading} reading, nu = {one.nu:.2g} at 5 px."),
-                        *_squares(one),
-                        parts_table(letter, one),
-                        propagations_table(letter, one),
-                        Paragraph(one.factor.sentence),
-                        levels_table(letter, one),
+                        Paragraph(f"{letter}: {geometry.reading} reading, nu = {geometry.nu:.2g} at 5 px."),
+                        *_squares(geometry),
+                        parts_table(letter, geometry),
+                        propagations_table(letter, geometry),
+                        Paragraph(geometry.factor.sentence),
+                        levels_table(letter, geometry),
                     ),
                     on=On.DETAIL | On.PAGE,
                 )
-                for letter, one in lettered
+                for letter, geometry in lettered
             ),
             *(
-                Section(f"Cells of geometry {letter}", (cells_table(one, k),), on=PAPER)
-                for k, (letter, one) in enumerate(lettered, 1)
+                Section(f"Cells of geometry {letter}", (cells_table(geometry, k),), on=PAPER)
+                for k, (letter, geometry) in enumerate(lettered, 1)
             ),
             Section("Printed cells", (every_printed_table(study),), on=PAPER),
             Section("Pictures", pictures[1:], on=On.PAGE),
@@ -113,7 +116,7 @@ def paper_document(study: StudyPaper, sha256: str) -> Document:
             "Provenance",
             (
                 ("Source", study.source),
-                *((f"SHA-256 of design {k}", one) for k, one in enumerate(own, 1)),
+                *((f"SHA-256 of design {k}", digest) for k, digest in enumerate(own, 1)),
                 ("SHA-256 of this record", sha256),
                 ("Record", study.schema),
                 ("Computed by", f"tailstack {study.tailstack_version}"),
@@ -173,7 +176,11 @@ def _tell_tool(study: StudyPaper) -> str:
 def printed_table(study: StudyPaper, name: str, words: str) -> Table:
     """One of the paper's tables, ours beside the printed cells, a column for each geometry."""
     chosen = [[cell for cell in geometry.cells if cell.table == name] for geometry in study.geometries]
-    printed = {(one.row, one.column): f"{one.value:g}" for one in study.printed if one.table == name}
+    printed = {
+        (printed_cell.row, printed_cell.column): f"{printed_cell.value:g}"
+        for printed_cell in study.printed
+        if printed_cell.table == name
+    }
     places = [_place_in_print(cell) for cell in chosen[0]]
     kinds = [k for k in (0, 1) if any(entry[k] for entry in places)]  # the 3-D error, the error at the tool
     columns = [
@@ -216,7 +223,7 @@ def _write_value(value: float) -> str:
 
 def means_table(study: StudyPaper) -> Table:
     """S3's means, and by how much ours differ from that of first order."""
-    printed = {(one.row, one.column): one.printed for one in study.printed}
+    printed = {(cell.row, cell.column): cell.printed for cell in study.printed}
     compared = next((geometry.factor for geometry in study.geometries if geometry.compared), None)
     difference = None if compared is None else compared.printed_mean_difference_mm
     rows = []
@@ -237,24 +244,24 @@ def means_table(study: StudyPaper) -> Table:
             for letter, _ in zip(LETTERS, study.geometries, strict=False)
         ),
     )
-    remark = next(one.remark for one in study.printed if (one.table, one.column) == ("S3", "mc_mean"))
+    remark = next(cell.remark for cell in study.printed if (cell.table, cell.column) == ("S3", "mc_mean"))
     note = f"Means: {remark}. Ours: mean simulated less estimated."
     return Table("S3 means", "S3: means, as printed", columns, tuple(rows), note)
 
 
 def bench_table(study: StudyPaper) -> Table:
     """S4 as printed, what its figures say, and why ours are not compared."""
-    cells = [one for one in study.printed if one.table == "S4"]
-    printed = {(one.row, one.column): one for one in cells}
+    cells = [cell for cell in study.printed if cell.table == "S4"]
+    printed = {(cell.row, cell.column): cell for cell in cells}
     rows = []
-    for level in dict.fromkeys(one.row for one in cells):
-        mean, std, p95, pixels = (printed[level, column] for column in dict.fromkeys(one.column for one in cells))
+    for level in dict.fromkeys(cell.row for cell in cells):
+        mean, std, p95, pixels = (printed[level, column] for column in dict.fromkeys(cell.column for cell in cells))
         ratios: list[Cell] = [None, None, None]
         if std.value > 0:
             ratios = [mean.value / pixels.value, f"{(p95.value - mean.value) / std.value:.2f}", p95.value / mean.value]
-        shapes = [next(one for one in geometry.shapes if one.level == level) for geometry in study.geometries]
+        shapes = [next(shape for shape in geometry.shapes if shape.level == level) for geometry in study.geometries]
         rows.append(Row((level, mean.printed, std.printed, p95.printed, pixels.printed, *ratios,
-                         *(one.standard_deviations for one in shapes))))  # fmt: skip
+                         *(shape.standard_deviations for shape in shapes))))  # fmt: skip
     columns = (
         Column("Level"),
         Column("Mean", kind="fixed", brief="mean\n"),
@@ -267,7 +274,7 @@ def bench_table(study: StudyPaper) -> Table:
         *(Column(f"Ours, {letter}", kind="fixed", digits=2, brief=f"ours,\n{letter}")
           for letter, _ in zip(LETTERS, study.geometries, strict=False)),
     )  # fmt: skip
-    words = f"{'; '.join(dict.fromkeys(one.remark for one in cells))}. Ours: (P95 - mean) / std is at 2 px."
+    words = f"{'; '.join(dict.fromkeys(cell.remark for cell in cells))}. Ours: (P95 - mean) / std is at 2 px."
     return Table("S4", "S4, as printed", columns, tuple(rows), words[0].upper() + words[1:])
 
 
@@ -278,19 +285,19 @@ def _millimetres(title: str, brief: str, of: Callable[[Any], Cell]) -> Column:
 def parts_table(letter: str, geometry: Geometry) -> Table:
     """S2 and its parts."""
     columns = [
-        Column("Row", of=lambda one: one.row),
-        _millimetres("P95", "P95\n", lambda one: one.joint_mm),
-        _millimetres("First order", "first\norder", lambda one: one.first_order_mm),
-        _millimetres("|bias|", "|bias|\n", lambda one: one.bias_mm),
-        _millimetres("Noise P95", "noise\nP95", lambda one: one.noise_mm),
-        _millimetres("Quadrature", "quad-\nrature", lambda one: one.quadrature_mm),
-        _millimetres("Sum", "sum\n", lambda one: one.sum_mm),
+        Column("Row", of=lambda part: part.row),
+        _millimetres("P95", "P95\n", lambda part: part.joint_mm),
+        _millimetres("First order", "first\norder", lambda part: part.first_order_mm),
+        _millimetres("|bias|", "|bias|\n", lambda part: part.bias_mm),
+        _millimetres("Noise P95", "noise\nP95", lambda part: part.noise_mm),
+        _millimetres("Quadrature", "quad-\nrature", lambda part: part.quadrature_mm),
+        _millimetres("Sum", "sum\n", lambda part: part.sum_mm),
     ]
     if geometry.compared:
         columns += [
-            _millimetres("Printed", "printed\n", lambda one: one.printed_joint_mm),
+            _millimetres("Printed", "printed\n", lambda part: part.printed_joint_mm),
             _millimetres("Quadrature of printed parts", "quadrature of\nprinted parts",
-                         lambda one: one.printed_quadrature_mm),
+                         lambda part: part.printed_quadrature_mm),
         ]  # fmt: skip
     return tabulate(f"Parts {letter}", f"{letter}: S2 and its parts, mm", columns, geometry.additivity)
 
@@ -303,9 +310,9 @@ def propagations_table(letter: str, geometry: Geometry) -> Table:
     if factor.printed_monte_carlo_mm is not None and factor.printed_analytic_mm is not None:
         rows.append(Row(("printed, Monte Carlo", *(f"{v:g}" for v in factor.printed_monte_carlo_mm), *empty)))
         rows.append(Row(("printed, analytic", *(f"{v:g}" for v in factor.printed_analytic_mm), *empty)))
-    for one in factor.propagations:
-        same = {True: "yes", False: "no", None: ""}[one.reproduces_printed]
-        rows.append(Row((one.name, *one.std_mm, *one.over_monte_carlo, same)))
+    for way in factor.propagations:
+        same = {True: "yes", False: "no", None: ""}[way.reproduces_printed]
+        rows.append(Row((way.name, *way.std_mm, *way.over_monte_carlo, same)))
     columns = [
         Column("Way"),
         *(Column(f"Std {axis}", "mm", "significant", 4, brief=f"std {axis}\nmm") for axis in "xyz"),
@@ -320,15 +327,15 @@ def propagations_table(letter: str, geometry: Geometry) -> Table:
 def levels_table(letter: str, geometry: Geometry) -> Table:
     """S4 without noise."""
     columns = (
-        Column("Level", of=lambda one: f"{one.level}: {one.rotation_deg:g} deg, {one.translation_mm:g} mm"),
-        Column("Error", "mm", "fixed", brief="error\nmm", of=lambda one: _write_value(one.error_mm)),
+        Column("Level", of=lambda level: f"{level.level}: {level.rotation_deg:g} deg, {level.translation_mm:g} mm"),
+        Column("Error", "mm", "fixed", brief="error\nmm", of=lambda level: _write_value(level.error_mm)),
         Column("Reprojection", "px", "fixed", brief="reprojection,\npx",
-               of=lambda one: _write_value(one.reprojection_estimated_px)),
+               of=lambda level: _write_value(level.reprojection_estimated_px)),
         Column("With 2 px of noise", "px", "fixed", 4, brief="with 2 px of\nnoise, px",
-               of=lambda one: one.reprojection_noisy_px),
+               of=lambda level: level.reprojection_noisy_px),
         Column("With L0's matrices", "px", "fixed", brief="with L0's\nmatrices, px",
-               of=lambda one: _write_value(one.reprojection_kept_px)),
-        Column("Error over it", "mm/px", "significant", brief="error over it\nmm/px", of=lambda one: one.mm_per_px),
+               of=lambda level: _write_value(level.reprojection_kept_px)),
+        Column("Error over it", "mm/px", "significant", brief="error over it\nmm/px", of=lambda level: level.mm_per_px),
     )  # fmt: skip
     return tabulate(f"Levels {letter}", f"{letter}: S4, without noise", columns, geometry.levels)
 
@@ -467,11 +474,11 @@ def draw_paper_levels(geometry: Geometry, study: StudyPaper) -> str:
 def draw_paper_factor(geometry: Geometry) -> str:
     """S3: standard deviations per axis, every way of propagating beside Monte Carlo and the printed columns."""
     factor = geometry.factor
-    ways = [one for one in factor.propagations if not one.name.startswith(NOT_DRAWN)]
-    bars = [("Monte Carlo", factor.monte_carlo_mm), *((one.name, one.std_mm) for one in ways)]
+    ways = [way for way in factor.propagations if not way.name.startswith(NOT_DRAWN)]
+    bars = [("Monte Carlo", factor.monte_carlo_mm), *((way.name, way.std_mm) for way in ways)]
     printed = []
     if factor.printed_monte_carlo_mm is not None and factor.printed_analytic_mm is not None:
-        same = next((one.name for one in factor.propagations if one.reproduces_printed), "full")
+        same = next((way.name for way in factor.propagations if way.reproduces_printed), "full")
         printed = [("printed, Monte Carlo", "s", factor.printed_monte_carlo_mm, "Monte Carlo"),
                    ("printed, analytic", "o", factor.printed_analytic_mm, same)]  # fmt: skip
     title = f"S3 at {factor.noise_px:g} px: {geometry.name}"

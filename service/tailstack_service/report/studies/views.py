@@ -35,8 +35,8 @@ def views_document(study: StudyViews, sha256: str) -> Document:
         sentences=study.conclusions,
         numbers=(
             KeyNumber("As designed", f"{study.p95_mm:.3f} mm", f"P95 at {study.target}"),
-            *(KeyNumber(name, f"{one.best.p95_mm:.3f} mm", "P95 of the best direction") for name, one in maps
-              if one.best is not None),
+            *(KeyNumber(name, f"{view_map.best.p95_mm:.3f} mm", "P95 of the best direction") for name, view_map in maps
+              if view_map.best is not None),
         ),
         figure=("views", partial(draw_views, study), caption) if maps else None,
         sections=(
@@ -59,8 +59,8 @@ def views_document(study: StudyViews, sha256: str) -> Document:
 def maps_table(study: StudyViews) -> Table:
     """The best direction of each map."""
 
-    def write_beam(one: ViewMap) -> str:
-        return "-" if one.best is None else "  ".join(f"{value:+.3f}" for value in one.best.beam_direction)
+    def write_beam(view_map: ViewMap) -> str:
+        return "-" if view_map.best is None else "  ".join(f"{value:+.3f}" for value in view_map.best.beam_direction)
 
     columns = (
         Column("View", brief="view\n", of=lambda row: row[0]),
@@ -81,7 +81,7 @@ def angles_table(study: StudyViews) -> Table:
         Column("To", of=lambda row: row[1].view),
         Column("Angle", "deg", "fixed", 1, of=lambda row: row[1].angle_deg),
     )
-    angles = [(name, each) for name, one in maps_of(study) for each in one.angles]
+    angles = [(name, each) for name, view_map in maps_of(study) for each in view_map.angles]
     return tabulate("Angles", "Between the best beam of each map and those of the other views", columns, angles)
 
 
@@ -96,7 +96,7 @@ def directions_table(study: StudyViews) -> Table:
         Column("Beam direction in con", of=lambda row: ", ".join(f"{value:g}" for value in row[1].beam_direction)),
         Column("Not allowed because", of=lambda row: row[1].reason),
     )
-    directions = [(name, each) for name, one in maps_of(study) for each in one.directions]
+    directions = [(name, each) for name, view_map in maps_of(study) for each in view_map.directions]
     caption = f"P95 of the {study.error} error, at the target where it is largest"
     return tabulate("Directions", caption, columns, directions, most=MOST_ROWS)
 
@@ -116,26 +116,26 @@ def draw_views(study: StudyViews) -> str:
         best = page.sample(marker="*", linestyle="", color=VERMILION, markersize=13)
         hidden = page.sample(marker="x", linestyle="", color=MUTED)
         page.explain(15, top + 6, [(best, "smallest P95"), (hidden, "not allowed: it hides something, mostly")])
-        for number, (name, one) in enumerate(maps):
+        for number, (name, view_map) in enumerate(maps):
             left, upper = 70 + 390 * (number % 2), top + 106 + (SQUARE + 130) * (number // 2)
             page.say(left - 40, upper - 44, f"{shorten(name, 40)}: P95, mm", weight="bold")
             axes = page.axes(
                 left, upper, left + SQUARE, upper + SQUARE, "turned to the right of the image, deg", "up, deg"
             )
-            levels = _draw_view_map(axes, one)
+            levels = _draw_view_map(axes, view_map)
             marks = [(page.patch(color=shade(k / SHADES)), f"{level:.3f}") for k, level in enumerate(levels)]
             if marks:
                 page.explain(left - 48, upper - 38, marks, columnspacing=0.7, handlelength=0.9, handletextpad=0.3)
         return page.svg(title, " ".join(study.conclusions))
 
 
-def _draw_view_map(axes: Axes, one: ViewMap) -> list[float]:
+def _draw_view_map(axes: Axes, view_map: ViewMap) -> list[float]:
     """Contours where a direction and its neighbours are allowed; returns where each shade begins, mm."""
-    reach = 1.06 * one.cone_deg
+    reach = 1.06 * view_map.cone_deg
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
     axes.grid(False)
-    steps = sorted({each.right_deg for each in one.directions})
-    values = {(each.right_deg, each.up_deg): each.p95_mm for each in one.directions if each.p95_mm is not None}
+    steps = sorted({each.right_deg for each in view_map.directions})
+    values = {(each.right_deg, each.up_deg): each.p95_mm for each in view_map.directions if each.p95_mm is not None}
     levels: list[float] = []
     if len(steps) > 1 and values:
         low, high = min(values.values()), max(values.values())
@@ -146,11 +146,11 @@ def _draw_view_map(axes: Axes, one: ViewMap) -> list[float]:
         field = [[values.get((x, y), nan) for x in steps] for y in steps]
         colours = [shade(k / SHADES) for k in range(SHADES)]
         axes.contourf(steps, steps, field, [*levels, 1.001 * high], colors=colours)
-    for each in one.directions:
+    for each in view_map.directions:
         look: dict[str, Any] = (
             {"marker": "x", "markersize": 5} if each.p95_mm is None else {"marker": ".", "markersize": 2}
         )
         axes.plot(each.right_deg, each.up_deg, linestyle="", color=MUTED, **look)
-    if one.best is not None:
-        axes.plot(one.best.right_deg, one.best.up_deg, "*", color=VERMILION, markersize=13, clip_on=False)
+    if view_map.best is not None:
+        axes.plot(view_map.best.right_deg, view_map.best.up_deg, "*", color=VERMILION, markersize=13, clip_on=False)
     return levels

@@ -320,14 +320,14 @@ class Assembly(Shapes):
                 )
             return 1000.0 if prefix is None else 1000.0 * _PREFIXES[prefix]
         name, measure = file.part(unit, "CONVERSION_BASED_UNIT", 2)
-        found = file.read(reference_of(file, measure, number), number)
-        values = next(iter(found.parts.values()))
-        if len(found.parts) > 1:
-            values = found.parts.get("MEASURE_WITH_UNIT", [])
+        instance = file.read(reference_of(file, measure, number), number)
+        values = next(iter(instance.parts.values()))
+        if len(instance.parts) > 1:
+            values = instance.parts.get("MEASURE_WITH_UNIT", [])
         if len(values) != 2 or depth > 3:
             raise file.refuse(measure, "wrong-count", f"#{number} is a measure and its unit")
-        inner = file.read(reference_of(file, values[1], found.number), found.number)
-        factor = file.number(values[0], found.number) * self._millimetres(inner, depth + 1)
+        inner = file.read(reference_of(file, values[1], instance.number), instance.number)
+        factor = file.number(values[0], instance.number) * self._millimetres(inner, depth + 1)
         called = decode_text(name).upper()
         known = _INCHES.get(called)
         if factor <= 0 or (known is not None and abs(factor / known - 1) > 1e-6):

@@ -121,8 +121,8 @@ class Part21:
         begin = max(self._content.find(b"DATA;"), 0)
         try:
             self._content[begin:].decode("utf-8")
-        except UnicodeDecodeError as found:
-            line = self._line(begin + found.start)
+        except UnicodeDecodeError as error:
+            line = self._line(begin + error.start)
             return (
                 f"names are not UTF-8 from line {line} on (Shift-JIS, Windows-1252?): letters beyond ASCII are lost or "
                 "others; export it in UTF-8, or rename the bodies"
@@ -143,8 +143,8 @@ class Part21:
             return ""
         start, _ = self._span(number, referrer)
         self._spend(ACCESS_BYTES, number)
-        found = re.compile(rb"\w*").match(self._content, start)
-        return "" if found is None else found[0].decode("ascii", "replace").upper()
+        match = re.compile(rb"\w*").match(self._content, start)
+        return "" if match is None else match[0].decode("ascii", "replace").upper()
 
     def read(self, number: int, referrer: int | None = None) -> Instance:
         """Parse an instance.  Raises StepError if it is not there or is none, LimitError when that was too much."""
@@ -203,16 +203,16 @@ class Part21:
         numbers, starts, ends = array("q"), array("q"), array("q")
         position, in_data, ended = content.index(b"ISO-10303-21"), False, False
         while not ended:
-            found = _INSTANCE.match(content, position) if in_data else None
-            if found is not None:
-                start, position = found.start(2), found.end()
+            match = _INSTANCE.match(content, position) if in_data else None
+            if match is not None:
+                start, position = match.start(2), match.end()
                 if position - start > MOST_INSTANCE_BYTES:
-                    detail = f"an instance has at most {MOST_INSTANCE_BYTES} bytes; #{int(found[1])} has more"
+                    detail = f"an instance has at most {MOST_INSTANCE_BYTES} bytes; #{int(match[1])} has more"
                     raise LimitError(Problem("", "too-large", detail, "", self.name, self._line(start)))
-                numbers.append(int(found[1]))
+                numbers.append(int(match[1]))
                 starts.append(start)
                 ends.append(position - 1)
-                self._list(found, int(found[1]))
+                self._list(match, int(match[1]))
                 if len(numbers) > MOST_INSTANCES:
                     detail = f"a file has at most {MOST_INSTANCES} instances; {self.name} has more"
                     raise LimitError(Problem("", "too-many", detail, "export the structure alone", self.name))
@@ -231,15 +231,15 @@ class Part21:
         return tuple(np.frombuffer(part, dtype=np.int64) if part else np.zeros(0, np.int64)
                      for part in (numbers, starts, ends))  # type: ignore[return-value]  # fmt: skip
 
-    def _list(self, found: re.Match[bytes], number: int) -> None:
-        keyword = found[2]
+    def _list(self, match: re.Match[bytes], number: int) -> None:
+        keyword = match[2]
         if keyword:
             listed = self._listed.get(keyword.decode("ascii", "replace").upper())
             if listed is not None:
                 listed.append(number)
-        elif b"REPRESENTATION_RELATIONSHIP" in found[0]:  # the only complex ones that are listed
+        elif b"REPRESENTATION_RELATIONSHIP" in match[0]:  # the only complex ones that are listed
             for each, listed in self._listed.items():
-                if each.encode() in re.findall(rb"\w+", found[0]):
+                if each.encode() in re.findall(rb"\w+", match[0]):
                     listed.append(number)
 
     def _span(self, number: int, referrer: int | None) -> tuple[int, int]:
@@ -333,8 +333,8 @@ def _value(token: re.Match[bytes], kind: int | None) -> Any:
 
 
 def _count_space(content: bytes, position: int) -> int:
-    found = re.compile(_SPACE, re.DOTALL).match(content, position)
-    return 0 if found is None else len(found[0])
+    match = re.compile(_SPACE, re.DOTALL).match(content, position)
+    return 0 if match is None else len(match[0])
 
 
 def _show(value: Any) -> str:
@@ -363,8 +363,8 @@ def decode_text(value: Any) -> str:
     return " ".join("".join(each if each.isprintable() else " " for each in text).split())
 
 
-def _resolve(found: re.Match[str]) -> str:
-    wide, wider, byte, shifted = found.groups()
+def _resolve(match: re.Match[str]) -> str:
+    wide, wider, byte, shifted = match.groups()
     if wide is not None:
         return bytes.fromhex(wide).decode("utf-16-be", "replace")
     if wider is not None:
@@ -373,4 +373,4 @@ def _resolve(found: re.Match[str]) -> str:
         return chr(int(byte, 16))
     if shifted is not None:
         return chr((ord(shifted) + 128) % 256) if ord(shifted) < 128 else shifted
-    return {"\\\\": "\\", "''": "'"}.get(found[0], "")
+    return {"\\\\": "\\", "''": "'"}.get(match[0], "")

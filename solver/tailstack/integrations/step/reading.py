@@ -94,14 +94,14 @@ def read_step(
         raise StepError(Problem("", "unknown-format", detail, "export it as STEP AP214 or AP242", name))
     assembly = Assembly(file)
     to_con = _find_frame(assembly, selection.frame)
-    found = [*_find_bodies(assembly, selection, to_con)]
+    candidates = [*_find_bodies(assembly, selection, to_con)]
     if selection.diameter_mm is None:
-        _refuse_several_diameters(found, name)
-    taken, notes = _drop_repeated([body for body in found if not body.reason], name)
+        _refuse_several_diameters(candidates, name)
+    taken, notes = _drop_repeated([body for body in candidates if not body.reason], name)
     encoding = file.describe_encoding()
     if encoding:
         notes.append(f"{name}: {encoding}")
-    left = [body for body in found if body.reason]
+    left = [body for body in candidates if body.reason]
     if not taken:
         raise _nothing_found(left, selection, name, encoding)
     if len(taken) > limits.fiducials:
@@ -159,8 +159,8 @@ def _find_bodies(assembly: Assembly, selection: StepSelection, to_con: Array) ->
                 yield StepBody("", path, None, None, "nothing says where in the assembly it is")
 
 
-def _refuse_several_diameters(found: Sequence[StepBody], name: str) -> None:
-    counts = _count_diameters([body for body in found if not body.reason])
+def _refuse_several_diameters(bodies: Sequence[StepBody], name: str) -> None:
+    counts = _count_diameters([body for body in bodies if not body.reason])
     if len(counts) > 1:
         detail = f"{name} holds balls of several diameters: {_list_diameters(counts)}"
         hint = f"say which are fiducials: --sphere-diameter {next(iter(counts)):g} (sphere_diameter_mm), or their name"
@@ -243,19 +243,19 @@ def _find_frame(assembly: Assembly, name: str | None) -> Array:
     """The matrix from the file's own frame to con."""
     if name is None:
         return np.eye(4)
-    found = [frame for each, frame in assembly.frames if each == name]
-    if not found:
+    frames = [frame for each, frame in assembly.frames if each == name]
+    if not frames:
         known = sorted({each for each, _ in assembly.frames})
         hint = ask_meant(name, known, "there is " + ", ".join(known[:8]) if known else "leave --frame out")
         detail = f"{assembly.file.name} holds no coordinate system, part or instance called {name[:80]!r}"
         raise StepError(Problem("", "no-frame", detail, hint, assembly.file.name))
-    if any(np.abs(other - found[0]).max() > 1e-6 for other in found[1:]):
-        detail = f"{len(found)} coordinate systems, parts or instances are called {name[:80]!r}, at different places"
+    if any(np.abs(other - frames[0]).max() > 1e-6 for other in frames[1:]):
+        detail = f"{len(frames)} coordinate systems, parts or instances are called {name[:80]!r}, at different places"
         raise StepError(Problem("", "several-frames", detail, "give one of them a name of its own", assembly.file.name))
-    if np.abs(found[0][:3, :3].T @ found[0][:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(found[0]) < 0:
+    if np.abs(frames[0][:3, :3].T @ frames[0][:3, :3] - np.eye(3)).max() > 1e-6 or np.linalg.det(frames[0]) < 0:
         detail = f"{name[:80]!r} is placed mirrored or scaled, so that it is no frame"
         raise StepError(Problem("", "mirrored-frame", detail, "name another one", assembly.file.name))
-    return invert(found[0])
+    return invert(frames[0])
 
 
 # --- seats and pins ---------------------------------------------------------------------------------------

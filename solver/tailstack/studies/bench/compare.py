@@ -81,13 +81,13 @@ def study_comparison(
     benches = [describe_bench(system, read, group, error, instrument_sd_mm) for group in read.groups]
     count = count_benches([bench.trials for bench in benches], sum(map(count_tests, benches)), 1 - CONFIDENCE)
     draws = BenchDraws(seed, count, instrument_sd_mm=instrument_sd_mm, threads=threads)
-    found: list[LevelCompared] = []
+    compared: list[LevelCompared] = []
     firsts: dict[str, int] = {}
     for number, bench in enumerate(benches):
         first = firsts.setdefault(bench.group.level, len(firsts) << 36)
         report = _report_part(progress, 0.0, SHARE_OF_BENCHES, number, len(benches))
-        found.append(compare_level(bench, error, replace(draws, first=first), report))
-    levels = _adjust_p_values(found)
+        compared.append(compare_level(bench, error, replace(draws, first=first), report))
+    levels = _adjust_p_values(compared)
     explained = _explain_targets(benches, levels, error, draws, progress)
     verdict = judge_levels(levels)
     models = {bench.model.target.name: bench.model for bench in benches}
@@ -138,15 +138,15 @@ def _adjust_p_values(levels: Sequence[LevelCompared]) -> tuple[LevelCompared, ..
     """p-values of all tests of the file adjusted for their number, and what each test says."""
     raw = [test.p_value for level in levels for test in level.tests]
     adjusted = iter(holm(raw))
-    found = []
+    compared = []
     for level in levels:
         tests = []
         for test in level.tests:
             p = next(adjusted)
             differs = p < 1 - CONFIDENCE
             tests.append(replace(test, p_adjusted=p, differs=differs, says=describe_test(level, test.test, differs)))
-        found.append(replace(level, tests=tuple(tests)))
-    return tuple(found)
+        compared.append(replace(level, tests=tuple(tests)))
+    return tuple(compared)
 
 
 # --- explanations ---------------------------------------------------------------------------------
@@ -174,7 +174,7 @@ def _explain_targets(
     """Of every target, over all its levels that could be tested."""
     tested = [bench for bench, level in zip(benches, levels, strict=True) if level.benches]
     targets = list(dict.fromkeys(bench.group.target for bench in tested))
-    found: list[Explanation] = []
+    explanations: list[Explanation] = []
     for number, target in enumerate(targets):
         here = [bench for bench in tested if bench.group.target == target]
         least = count_least_benches(sum(map(count_tests, here)), 1 - CONFIDENCE, FEWEST_EXPLAINING)
@@ -192,8 +192,8 @@ def _explain_targets(
             for bench in here
         ]
         report = _report_part(progress, SHARE_OF_BENCHES, 1.0, number, len(targets))
-        found += explain(scenes, 1 - CONFIDENCE, draws.threads, report)
-    return tuple(found)
+        explanations += explain(scenes, 1 - CONFIDENCE, draws.threads, report)
+    return tuple(explanations)
 
 
 MOST_LISTED = 6
@@ -248,18 +248,20 @@ def _write_ratio(spread: SpreadCompared | None) -> str:
 
 def find_remarks(levels: Sequence[LevelCompared], same_ratio: float) -> tuple[Finding, ...]:
     """What the numbers of the file themselves give away."""
-    found = []
+    findings = []
     for level in levels:
         if level.not_tested:
-            found.append(Finding("not-tested", "warning", f"level {level.level} at {level.target}: {level.not_tested}"))
+            findings.append(
+                Finding("not-tested", "warning", f"level {level.level} at {level.target}: {level.not_tested}")
+            )
         elif level.spread is not None and level.spread.measured_mm == 0:
             message = f"level {level.level} at {level.target}: all trials are alike to the last digit"
-            found.append(Finding("no-spread", "warning", message))
+            findings.append(Finding("no-spread", "warning", message))
     if any(level.trials is None for level in levels):
         message = (
             f"where the number of trials is not stated, the prediction beside it is of benches of {UNKNOWN} trials"
         )
-        found.append(Finding("assumed-trials", "note", message))
+        findings.append(Finding("assumed-trials", "note", message))
     ratios = [level.ratio_to_reprojection_mm_per_px for level in levels]
     known = [ratio for ratio in ratios if ratio]
     if len(known) >= 2 and max(known) - min(known) <= same_ratio * max(known):
@@ -268,14 +270,14 @@ def find_remarks(levels: Sequence[LevelCompared], same_ratio: float) -> tuple[Fi
             f"to within {100 * same_ratio:g} %: the two columns are one quantity times a constant, and carry one "
             "degree of freedom between them"
         )
-        found.append(Finding("constant-ratio", "warning", message, value=known[0]))
-    return (*found, *_describe_tails(levels))
+        findings.append(Finding("constant-ratio", "warning", message, value=known[0]))
+    return (*findings, *_describe_tails(levels))
 
 
 def _describe_tails(levels: Sequence[LevelCompared]) -> list[Finding]:
     """What a stated P95 says of the tail, without a number of trials."""
     shapes = [(level, level.tail_shape) for level in levels if level.tail_shape is not None]
-    found = []
+    findings = []
     for level, shape in shapes:
         if shape.standard_deviations is None:
             continue
@@ -286,13 +288,13 @@ def _describe_tails(levels: Sequence[LevelCompared]) -> list[Finding]:
             + ("" if ours is None else f" and benches like this one {ours:.2f}")
             + ("" if shape.standard_deviations > NORMAL_P95 else ": no heavy tail at P95")
         )
-        found.append(Finding("tail-shape", "note", message, value=shape.standard_deviations))
+        findings.append(Finding("tail-shape", "note", message, value=shape.standard_deviations))
     if len(shapes) > 1:
         listed = ", ".join(f"{shape.p95_over_mean:.4g}" for _, shape in shapes)
         grows = all(a.p95_over_mean < b.p95_over_mean for (_, a), (_, b) in pairwise(shapes))
         words = "grows from level to level" if grows else "does not grow with the level"
-        found.append(Finding("tail-growth", "note", f"P95 over mean {words}: {listed}"))
-    return found
+        findings.append(Finding("tail-growth", "note", f"P95 over mean {words}: {listed}"))
+    return findings
 
 
 def write_conclusions(
@@ -304,38 +306,50 @@ def write_conclusions(
         return ("Nothing in the file can be tested against the prediction; it is only shown beside it.",)
     if verdict == "agrees":
         ratios = [level.spread for level in levels if level.tests and level.spread is not None]
-        said = [f"None of {len(tests)} tests tells the measurements from the prediction (5 % for all together)."]
+        sentences = [f"None of {len(tests)} tests tells the measurements from the prediction (5 % for all together)."]
         known = [spread.interval for spread in ratios if spread.interval is not None]
         if known:
             low, high = min(ends[0] for ends in known), max(ends[1] for ends in known)
-            said.append(
+            sentences.append(
                 f"That is not equality: a spread {low:.2g} to {high:.2g} times the predicted one would look the same."
             )
-        return tuple(said)
+        return tuple(sentences)
     differing = [(level, test) for level, test in tests if test.differs]
-    said = [f"{len(differing)} of {len(tests)} tests tell the measurements from the prediction (5 % for all together)."]
-    said += [
+    sentences = [
+        f"{len(differing)} of {len(tests)} tests tell the measurements from the prediction (5 % for all together)."
+    ]
+    sentences += [
         f"Level {level.level} at {level.target}: {test.says} (p = {test.p_value:.2g})." for level, test in differing
     ]
-    for target in dict.fromkeys(one.target for one in explained):
+    for target in dict.fromkeys(explanation.target for explanation in explained):
         here = [test.test for level, test in differing if level.target == target]
         if here:
-            said.append(_write_explanations([one for one in explained if one.target == target], here, target))
-    return tuple(said)
+            sentences.append(
+                _write_explanations(
+                    [explanation for explanation in explained if explanation.target == target], here, target
+                )
+            )
+    return tuple(sentences)
 
 
 def _write_explanations(explained: Sequence[Explanation], differing: Sequence[str], target: str) -> str:
     """Factors are held against mean and spread; a fixed value can only explain a mean."""
-    factors = sorted((one for one in explained if one.kind == "factor" and one.intervals), key=_distance_from_one)
-    values = sorted((one for one in explained if one.kind == "value" and one.intervals), key=_count_half_widths)
+    factors = sorted(
+        (explanation for explanation in explained if explanation.kind == "factor" and explanation.intervals),
+        key=_distance_from_one,
+    )
+    values = sorted(
+        (explanation for explanation in explained if explanation.kind == "value" and explanation.intervals),
+        key=_count_half_widths,
+    )
     only_mean = set(differing) <= {"mean", "tail"}
-    said = []
+    clauses = []
     if factors:
-        said.append("one contributor alone, if it were this many times as large: " + _list_explanations(factors))
+        clauses.append("one contributor alone, if it were this many times as large: " + _list_explanations(factors))
     if values and only_mean:
-        said.append("a fixed value of one component: " + _list_explanations(values))
-    if said:
-        return f"At {target} this would explain it: {'; or '.join(said)}."
+        clauses.append("a fixed value of one component: " + _list_explanations(values))
+    if clauses:
+        return f"At {target} this would explain it: {'; or '.join(clauses)}."
     if values and "mean" in differing:
         return (
             f"At {target} no contributor's size alone explains all of it. A fixed value of one component would explain "
@@ -344,32 +358,32 @@ def _write_explanations(explained: Sequence[Explanation], differing: Sequence[st
     return f"At {target} no contributor alone explains it, of whatever size: look for several, or for a wrong datum."
 
 
-def _distance_from_one(one: Explanation) -> float:
-    return abs(log((one.most_plausible or 0.0) + 1e-9))
+def _distance_from_one(explanation: Explanation) -> float:
+    return abs(log((explanation.most_plausible or 0.0) + 1e-9))
 
 
-def _count_half_widths(one: Explanation) -> float:
-    return abs(one.most_plausible or 0.0) / one.declared if one.declared else inf
+def _count_half_widths(explanation: Explanation) -> float:
+    return abs(explanation.most_plausible or 0.0) / explanation.declared if explanation.declared else inf
 
 
 def _list_explanations(explained: Sequence[Explanation]) -> str:
     parts = []
-    for one in explained[:MOST_LISTED]:
-        name = one.label if one.kind == "factor" else f"{one.label} {one.component}"
-        parts.append(f"{name} {write_interval(one)}" + (f" {one.unit}" if one.unit else ""))
+    for explanation in explained[:MOST_LISTED]:
+        name = explanation.label if explanation.kind == "factor" else f"{explanation.label} {explanation.component}"
+        parts.append(f"{name} {write_interval(explanation)}" + (f" {explanation.unit}" if explanation.unit else ""))
     more = len(explained) - MOST_LISTED
     return ", ".join(parts) + (f" and {more} more" if more > 0 else "")
 
 
-def write_interval(one: Explanation) -> str:
+def write_interval(explanation: Explanation) -> str:
     """``0.31 (0.25 .. 0.37)``; an end of the search is not an end."""
-    if one.most_plausible is None:
+    if explanation.most_plausible is None:
         return "none"
     ends = []
-    for low, high in one.intervals:
-        upper = "no upper end" if one.kind == "factor" and high >= one.search_end else f"{high:.3g}"
+    for low, high in explanation.intervals:
+        upper = "no upper end" if explanation.kind == "factor" and high >= explanation.search_end else f"{high:.3g}"
         ends.append(f"{low:.3g} .. {upper}")
-    return f"{one.most_plausible:.3g} ({' or '.join(ends)})"
+    return f"{explanation.most_plausible:.3g} ({' or '.join(ends)})"
 
 
 @dataclass(frozen=True, slots=True)

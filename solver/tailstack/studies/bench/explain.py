@@ -50,13 +50,13 @@ def explain(
     moved = {(d.contributor, d.component) for scene in scenes for d in scene.law.displacements}
     asked: list[Callable[[], Explanation]] = [partial(find_factor, scenes, name, alpha) for name in names]
     asked += [partial(find_value, scenes, key, alpha) for key in sorted(moved)]
-    found: list[Explanation] = []
+    explanations: list[Explanation] = []
     with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
-        for one in pool.map(lambda ask: ask(), asked):
-            found.append(one)
+        for explanation in pool.map(lambda ask: ask(), asked):
+            explanations.append(explanation)
             if progress is not None:
-                progress(len(found) / len(asked))
-    return tuple(found)
+                progress(len(explanations) / len(asked))
+    return tuple(explanations)
 
 
 FACTORS = np.concatenate([[0.0], np.geomspace(0.05, 30.0, 40)])
@@ -126,7 +126,7 @@ def _test_vectors(scene: TargetLevel, part: Contribution) -> Scaled:
     """p-values of a scene's tests when one contributor is scaled, and minus twice the Gaussian log-likelihood."""
     law, sizes, base = scene.law, scene.sizes, scene.expected
     assert scene.errors is not None
-    found = moments_of(scene.errors[None], sizes)
+    moments = moments_of(scene.errors[None], sizes)
     freedom, several = sum(sizes) - len(sizes), len(sizes) - 1
     whole = _Pieces.of(law.total - law.bias_mm, sizes)
     own = _Pieces.of(part.errors, sizes)
@@ -142,15 +142,15 @@ def _test_vectors(scene: TargetLevel, part: Contribution) -> Scaled:
         if np.linalg.eigvalsh(expected.shot)[0] <= VANISHING_MM2:
             return [0.0]
         about = expected.of_mean(sizes)
-        at = distance(found.mean - law.bias_mm, about)[0]
+        at = distance(moments.mean - law.bias_mm, about)[0]
         p_values = [p_value(at, distance(mean + more * own_mean, about), both_sides=False)]
-        if found.within is not None:
-            at = departure(found.within, expected.shot, freedom)[0]
+        if moments.within is not None:
+            at = departure(moments.within, expected.shot, freedom)[0]
             simulated = departure(within.at(more), expected.shot, freedom)
             p_values.append(p_value(at, simulated, both_sides=two_sided(freedom, True)))
-        if found.between is not None:
+        if moments.between is not None:
             between = expected.between(sizes)
-            at = departure(found.between, between, several)[0]
+            at = departure(moments.between, between, several)[0]
             simulated = departure(between_them.at(more), between, several)
             p_values.append(p_value(at, simulated, both_sides=two_sided(several, True)))
         return p_values
@@ -160,10 +160,10 @@ def _test_vectors(scene: TargetLevel, part: Contribution) -> Scaled:
         if np.linalg.eigvalsh(expected.shot)[0] <= VANISHING_MM2:
             return inf
         about = expected.of_mean(sizes)
-        value = float(distance(found.mean - law.bias_mm, about)[0] + np.linalg.slogdet(about)[1])
+        value = float(distance(moments.mean - law.bias_mm, about)[0] + np.linalg.slogdet(about)[1])
         for covariance, predicted, degrees in (
-            (found.within, expected.shot, freedom),
-            (found.between, expected.between(sizes), several),
+            (moments.within, expected.shot, freedom),
+            (moments.between, expected.between(sizes), several),
         ):
             if covariance is not None:
                 value += degrees * float(np.trace(np.linalg.solve(predicted, covariance[0])))
@@ -219,12 +219,12 @@ def _test_norms(scene: TargetLevel, part: Contribution) -> Scaled:
     sketch = along.first(SKETCH)
 
     def tests(factor: float) -> list[float]:
-        found = simulated_norm_statistics(along.at(factor - 1), sizes)
-        return [p_value(at, sample, both_sides=True) for at, sample in zip(observed, found, strict=False)]
+        simulated = simulated_norm_statistics(along.at(factor - 1), sizes)
+        return [p_value(at, sample, both_sides=True) for at, sample in zip(observed, simulated, strict=False)]
 
     def cost(factor: float) -> float:
-        found = simulated_norm_statistics(sketch.at(factor - 1), sizes)
-        return sum(_deviance(at, sample) for at, sample in zip(observed, found, strict=False))
+        simulated = simulated_norm_statistics(sketch.at(factor - 1), sizes)
+        return sum(_deviance(at, sample) for at, sample in zip(observed, simulated, strict=False))
 
     return tests, cost
 
@@ -495,18 +495,18 @@ def _draw_components(
         scaled = gain * block.std
         values, vectors = np.linalg.eigh(scaled @ scaled.T)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        found = {(0, "all"): rng.standard_normal((count, draws, 3)) @ root.T}
+        drawn = {(0, "all"): rng.standard_normal((count, draws, 3)) @ root.T}
     elif block.grouped:
         xi = np.stack([_draw_scalars(block, j, rng, (count, draws)) for j in range(len(block.laws))], axis=-1)
-        found = {(0, "all"): xi @ gain.T}
+        drawn = {(0, "all"): xi @ gain.T}
     else:
-        found = {
+        drawn = {
             (j, name): _draw_scalars(block, j, rng, (count, draws))[..., None] * gain[:, j]
             for j, name in enumerate(block.components)
         }
     if draw_time(block) == "installation":
-        return {key: np.repeat(errors, sizes, axis=1) for key, errors in found.items()}
-    return found
+        return {key: np.repeat(errors, sizes, axis=1) for key, errors in drawn.items()}
+    return drawn
 
 
 def _draw_scalars(block: Block, j: int, rng: np.random.Generator, shape: tuple[int, int]) -> Array:
@@ -531,7 +531,7 @@ def _list_displacements(
     """All six components of every mount, whether the design gives them a tolerance or not."""
     probed = put_links(system, map(_free_six, system.mounts))
     full = linearise(probed, system.targets[target])
-    found = []
+    displacements = []
     for block in full.blocks:
         if block.grouped or block.effect.acts_at(Place.TOOL):
             continue
@@ -546,7 +546,7 @@ def _list_displacements(
                 scaled = declared.gain(error)[:, k] * declared.std[k]
                 covariance, half = np.outer(scaled, scaled), float(declared.half_width[k])
                 errors = np.broadcast_to(drawn, shape)
-            found.append(
+            displacements.append(
                 MountComponent(
                     contributor=block.contributor,
                     label=block.label,
@@ -559,7 +559,7 @@ def _list_displacements(
                     when=draw_time(block),
                 )
             )
-    return found
+    return displacements
 
 
 def _free_six(mount: DirectEffect) -> DirectEffect:

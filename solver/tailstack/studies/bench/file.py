@@ -107,20 +107,20 @@ def _groups(table: MeasurementTable, rows: Sequence[MeasuredRow], targets: Seque
         by_key.setdefault((level, target), []).append(row)
     _one_deliberate(table, rows)
     make = _summary_group if table.form == "summary" else _trials_group
-    return tuple(make(table, level, target, found) for (level, target), found in by_key.items())
+    return tuple(make(table, level, target, group_rows) for (level, target), group_rows in by_key.items())
 
 
 def _target(table: MeasurementTable, row: MeasuredRow, targets: Sequence[str]) -> str:
-    said = row.labels.get("target")
-    if said is None:
+    target = row.labels.get("target")
+    if target is None:
         if len(targets) == 1:
             return targets[0]
         detail = f"the design has {len(targets)} targets, and the file does not say which was measured"
         raise refusal(table.name, table.header_line, "csv-header", detail, "add a column target")
-    if said not in targets:
-        detail = f"the design has no target {shown(said)}"
+    if target not in targets:
+        detail = f"the design has no target {shown(target)}"
         raise refusal(table.name, row.line, "unknown-target", detail, f"targets: {', '.join(targets[:20])}", "target")
-    return said
+    return target
 
 
 def _one_deliberate(table: MeasurementTable, rows: Sequence[MeasuredRow]) -> None:
@@ -265,18 +265,20 @@ class MeasurementTable:
         text = read_people_table(content, name, MeasurementError, _is_header)
         at, header = text.header_line, text.delimiter.join(text.header)
         numberings = tuple(cell for cell in text.header if cell.lower() in NUMBERINGS)
-        said = ["" if cell in numberings else _heading(cell) for cell in text.header]
+        headings = ["" if cell in numberings else _heading(cell) for cell in text.header]
         for place, unit in enumerate(text.units or ()):
             stem, own = split_heading(text.header[place])
             if unit and own and unit != own:
                 detail = f"column {shown(text.header[place])} has the unit {unit} in the row below"
                 raise refusal(name, at, "mixed-units", detail, "state one unit")
-            if unit and not own and said[place]:
-                said[place] = f"{stem}_{unit}"
-        used = [cell for cell, own in zip(said, text.header, strict=True) if own not in numberings]
+            if unit and not own and headings[place]:
+                headings[place] = f"{stem}_{unit}"
+        used = [cell for cell, own in zip(headings, text.header, strict=True) if own not in numberings]
         form = _form(name, at, header, used)
-        columns, unit = _columns(name, at, said, form, {k for k, own in enumerate(text.header) if own in numberings})
-        heads = {stem: said[place] for stem, place in columns.items()}
+        columns, unit = _columns(
+            name, at, headings, form, {k for k, own in enumerate(text.header) if own in numberings}
+        )
+        heads = {stem: headings[place] for stem, place in columns.items()}
         return cls(name, at, columns, heads, form, unit, text, numberings)
 
     def rows(self) -> list[MeasuredRow]:
@@ -287,10 +289,10 @@ class MeasurementTable:
         if len(lines) > MOST_LINES:
             detail = f"{len(lines):,} lines of measurements; at most {MOST_LINES:,} are read"
             raise refusal(self.name, lines[MOST_LINES][0], "too-many", detail, "several files are compared one by one")
-        found = [self._row(line, cells) for line, cells in lines if not self._is_missing(line, cells)]
-        if not found:
+        rows = [self._row(line, cells) for line, cells in lines if not self._is_missing(line, cells)]
+        if not rows:
             raise refusal(self.name, None, "empty-document", "no row is left", " ".join(self.text.describe()))
-        return found
+        return rows
 
     def describe(self) -> tuple[str, ...]:
         """What was left out of the file, and what was read in another way than it is written."""
@@ -312,12 +314,12 @@ class MeasurementTable:
         scale = LENGTHS_MM[self.unit]
         values = tuple(scale * self._number(cells, line, axis) for axis in AXES[self.form])
         labels = {name: cells[self.columns[name]] for name in LABELS[self.form] if name in self.columns}
-        for label, said in labels.items():
+        for label, text in labels.items():
             if label in ("trial", "installation"):
-                self.text.refuse_summary(said, line, f"one more {label}")
-            if not said or len(said) > 120 or not said.isprintable():
-                detail = f"{label} is a name of at most 120 printable characters; got {shown(said)}"
-                hint = "every row has one; without it, leave the column out" if not said else "shorten it"
+                self.text.refuse_summary(text, line, f"one more {label}")
+            if not text or len(text) > 120 or not text.isprintable():
+                detail = f"{label} is a name of at most 120 printable characters; got {shown(text)}"
+                hint = "every row has one; without it, leave the column out" if not text else "shorten it"
                 raise refusal(self.name, line, "wrong-type", detail, hint, label)
         if max(map(abs, values)) > FARTHEST_MM:
             detail = f"a length of more than {FARTHEST_MM / 1000:g} m: {max(values, key=abs):g} mm"
@@ -332,24 +334,24 @@ class MeasurementTable:
 
     def _number(self, cells: Sequence[str], line: int, column: str) -> float:
         place, column = self.columns[column], self.heads[column]
-        said = cells[place]
-        if not said:
+        cell = cells[place]
+        if not cell:
             raise refusal(
                 self.name, line, "missing-value", f"{column} is empty", "leave out what was not measured", column
             )
-        value = self.text.find_number(said, line, place)
+        value = self.text.find_number(cell, line, place)
         if value is None:
-            if re.fullmatch(r"[-+]?(nan|inf|infinity|#n/a|n/a|na)", said.lower()):
-                detail, hint = f"{column} is not a finite number: {shown(said)}", "leave out what was not measured"
+            if re.fullmatch(r"[-+]?(nan|inf|infinity|#n/a|n/a|na)", cell.lower()):
+                detail, hint = f"{column} is not a finite number: {shown(cell)}", "leave out what was not measured"
             else:
-                detail, hint = f"{column} is a number; got {shown(said)}", self.text.cure(said, column)
+                detail, hint = f"{column} is a number; got {shown(cell)}", self.text.cure(cell, column)
             raise refusal(self.name, line, "wrong-type", detail, hint, column)
         return value
 
     def _deliberate(self, cells: Sequence[str], line: int) -> tuple[float, ...] | None:
         if not any(component in self.columns for component in TORSOR_COMPONENTS):
             return None
-        found = []
+        torsor = []
         for component in TORSOR_COMPONENTS:
             value = self._number(cells, line, component) if component in self.columns else 0.0
             factor = np.pi / 180 if component in ROTATIONS else LENGTHS_MM[self.unit]
@@ -360,19 +362,19 @@ class MeasurementTable:
                 head = self.heads[component]
                 hint = "is the unit in the header the right one?"
                 raise refusal(self.name, line, "out-of-range", f"{head} is more than 100 m: {value:g}", hint, head)
-            found.append(float(value * factor))
-        return tuple(found)
+            torsor.append(float(value * factor))
+        return tuple(torsor)
 
     def _n(self, cells: Sequence[str], line: int) -> int | None:
         if "n" not in self.columns or self.form != "summary":
             return None
-        said = cells[self.columns["n"]]
-        if not re.fullmatch(r"[0-9]{1,9}", said) or not 2 <= int(said) <= MOST_TRIALS:
-            detail = f"n is a whole number from 2 to {MOST_TRIALS:,}; got {shown(said)}"
-            code = "too-few-trials" if said in ("0", "1") else "out-of-range"
-            hint = "leave the column out where the number is not known" if not said else ""
+        cell = cells[self.columns["n"]]
+        if not re.fullmatch(r"[0-9]{1,9}", cell) or not 2 <= int(cell) <= MOST_TRIALS:
+            detail = f"n is a whole number from 2 to {MOST_TRIALS:,}; got {shown(cell)}"
+            code = "too-few-trials" if cell in ("0", "1") else "out-of-range"
+            hint = "leave the column out where the number is not known" if not cell else ""
             raise refusal(self.name, line, code, detail, hint, "n")
-        return int(said)
+        return int(cell)
 
     def _optional_length(self, cells: Sequence[str], line: int, column: str) -> float | None:
         """A length that may be absent, mm."""
@@ -407,9 +409,9 @@ def _is_header(cells: Sequence[str]) -> bool:
     return any(set(axes) <= stems for axes in AXES.values())
 
 
-def _form(name: str, line: int, header: str, said: Sequence[str]) -> Form:
+def _form(name: str, line: int, header: str, headings: Sequence[str]) -> Form:
     """Which form the header names; a number without a unit is told so."""
-    stems = {cell.rpartition("_")[0] for cell in said}
+    stems = {cell.rpartition("_")[0] for cell in headings}
     fits = [form for form, axes in AXES.items() if set(axes) <= stems]
     if len(fits) == 1:
         return fits[0]
@@ -417,7 +419,7 @@ def _form(name: str, line: int, header: str, said: Sequence[str]) -> Form:
     if len(fits) > 1:
         detail = f"the header fits several forms ({', '.join(fits)})"
         raise refusal(name, line, "csv-header", detail, f"one of: {known}")
-    bare = [cell for cell in said if any(cell in axes for axes in AXES.values())]
+    bare = [cell for cell in headings if any(cell in axes for axes in AXES.values())]
     if bare:
         detail = f"column {shown(bare[0])} states no unit"
         raise refusal(name, line, "csv-header", detail, f"for example {bare[0]}_mm; units: {UNITS}")
@@ -431,12 +433,12 @@ def _form(name: str, line: int, header: str, said: Sequence[str]) -> Form:
     )
 
 
-def _columns(name: str, line: int, said: Sequence[str], form: Form, passed: set[int]) -> tuple[dict[str, int], str]:
+def _columns(name: str, line: int, headings: Sequence[str], form: Form, passed: set[int]) -> tuple[dict[str, int], str]:
     """Place of every column by its name without unit, and the one unit of all lengths."""
     columns: dict[str, int] = {}
     units: dict[str, str] = {}
     allowed = {*LABELS[form], *(("n",) if form == "summary" else ())}
-    for place, cell in enumerate(said):
+    for place, cell in enumerate(headings):
         stem, _, unit = cell.rpartition("_")
         if place in passed:
             continue

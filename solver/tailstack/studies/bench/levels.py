@@ -392,13 +392,13 @@ def _compare_norm(bench: Bench, norms: Array, tested: bool) -> NormCompared:
 
 
 def _compare_spread(
-    of: Literal["vectors", "norms"], found: float, simulated: Array, known: bool = True
+    of: Literal["vectors", "norms"], measured: float, simulated: Array, known: bool = True
 ) -> SpreadCompared:
     """A spread against those of benches; its interval assumes the predicted shape, scaled."""
     predicted = sqrt(float((simulated**2).mean()))
     low, high = _middle_share(simulated / predicted)
-    ratio = found / predicted
-    return SpreadCompared(of, found, predicted, ratio, (ratio / high, ratio / low) if known and low > 0 else None)
+    ratio = measured / predicted
+    return SpreadCompared(of, measured, predicted, ratio, (ratio / high, ratio / low) if known and low > 0 else None)
 
 
 def _compare_within(bench: Bench, errors: Array, norms: Array, tested: bool) -> SpreadCompared | None:
@@ -406,11 +406,11 @@ def _compare_within(bench: Bench, errors: Array, norms: Array, tested: bool) -> 
     if sum(sizes) == len(sizes):
         return None
     if bench.vectors is not None:
-        found = moments_of(bench.vectors[None], sizes).within
+        measured = moments_of(bench.vectors[None], sizes).within
         within = moments_of(errors, sizes).within
-        assert found is not None
+        assert measured is not None
         assert within is not None
-        return _compare_spread("vectors", sqrt(np.trace(found[0])), np.sqrt(np.trace(within, axis1=1, axis2=2)))
+        return _compare_spread("vectors", sqrt(np.trace(measured[0])), np.sqrt(np.trace(within, axis1=1, axis2=2)))
     summary = bench.group.summary
     if summary is not None:
         return (
@@ -424,13 +424,16 @@ def _compare_between(bench: Bench, errors: Array, norms: Array) -> SpreadCompare
     if len(bench.sizes) < 2:
         return None
     if bench.vectors is not None:
-        found, between = moments_of(bench.vectors[None], bench.sizes).between, moments_of(errors, bench.sizes).between
-        assert found is not None
+        measured, between = (
+            moments_of(bench.vectors[None], bench.sizes).between,
+            moments_of(errors, bench.sizes).between,
+        )
+        assert measured is not None
         assert between is not None
-        return _compare_spread("vectors", sqrt(np.trace(found[0])), np.sqrt(np.trace(between, axis1=1, axis2=2)))
+        return _compare_spread("vectors", sqrt(np.trace(measured[0])), np.sqrt(np.trace(between, axis1=1, axis2=2)))
     assert bench.norms is not None
-    found_sd = float(installation_means(bench.norms[None], bench.sizes).std(axis=1, ddof=1)[0])
-    return _compare_spread("norms", found_sd, installation_means(norms, bench.sizes).std(axis=1, ddof=1))
+    measured_sd = float(installation_means(bench.norms[None], bench.sizes).std(axis=1, ddof=1)[0])
+    return _compare_spread("norms", measured_sd, installation_means(norms, bench.sizes).std(axis=1, ddof=1))
 
 
 # --- tests ----------------------------------------------------------------------------------------
@@ -438,10 +441,10 @@ def _compare_between(bench: Bench, errors: Array, norms: Array) -> SpreadCompare
 
 def test_bench(bench: Bench, errors: Array, norms: Array) -> tuple[ComparisonTest, ...]:
     """Every test of a bench against simulated ones: errors (R, n, 3), norms (R, n), mm."""
-    found = _test_vectors(bench, errors) if bench.vectors is not None else _test_norms(bench, norms)
+    tests = _test_vectors(bench, errors) if bench.vectors is not None else _test_norms(bench, norms)
     if bench.norms is not None and len(bench.norms) >= LEAST_FOR_TAIL:
-        found.append(_test("tail", float(tail_mean(bench.norms[None])[0]), tail_mean(norms), True))
-    return tuple(found)
+        tests.append(_test("tail", float(tail_mean(bench.norms[None])[0]), tail_mean(norms), True))
+    return tuple(tests)
 
 
 def _test(name: TestName, statistic: float, simulated: Array, both: bool) -> ComparisonTest:
@@ -474,9 +477,9 @@ def _test_norms(bench: Bench, norms: Array) -> list[ComparisonTest]:
         names.append("spread")
     if len(bench.sizes) > 1:
         names.append("between installations")
-    found = norm_statistics(bench.norms, stated_moments(bench), bench.sizes)
+    observed = norm_statistics(bench.norms, stated_moments(bench), bench.sizes)
     many = simulated_norm_statistics(norms, bench.sizes)
-    return [_test(name, at, sample, True) for name, at, sample in zip(names, found, many, strict=False)]
+    return [_test(name, at, sample, True) for name, at, sample in zip(names, observed, many, strict=False)]
 
 
 def stated_moments(bench: Bench) -> tuple[float, ...] | None:

@@ -110,14 +110,14 @@ def distance(vectors: Array, covariance: Array) -> Array:
     return np.asarray((whitened**2).sum(axis=0))
 
 
-def departure(found: Array, expected: Array, freedom: int) -> Array:
+def departure(covariances: Array, expected: Array, freedom: int) -> Array:
     """(R,) how far covariances (R, 3, 3) with so many degrees of freedom are from an expected one.
 
     The likelihood-ratio statistic of ``Sigma = Sigma_0`` (Anderson 2003, section 10.8), large for any difference;
     with few degrees of freedom the ratio of traces in the expected metric, which is small or large.
     """
     factor = np.linalg.cholesky(expected)
-    half = np.linalg.solve(factor, found)
+    half = np.linalg.solve(factor, covariances)
     whitened = np.linalg.solve(factor, half.swapaxes(1, 2))
     trace = np.trace(whitened, axis1=1, axis2=2)
     if freedom < LEAST_FREEDOM:
@@ -153,21 +153,21 @@ def norm_statistics(norms: Array | None, summary: tuple[float, ...] | None, size
 
 def simulated_norm_statistics(norms: Array, sizes: Sequence[int]) -> list[Array]:
     """The same of many benches (R, n), each (R,)."""
-    found = [bench_mean(norms, sizes)]
+    statistics = [bench_mean(norms, sizes)]
     if sum(sizes) > len(sizes):
-        found.append(pooled_sd(norms, sizes))
+        statistics.append(pooled_sd(norms, sizes))
     if len(sizes) > 1:
-        found.append(np.asarray(installation_means(norms, sizes).std(axis=1, ddof=1)))
-    return found
+        statistics.append(np.asarray(installation_means(norms, sizes).std(axis=1, ddof=1)))
+    return statistics
 
 
-def p_value(found: float, simulated: Array, *, both_sides: bool) -> float:
+def p_value(observed: float, simulated: Array, *, both_sides: bool) -> float:
     """Of one bench among simulated ones (R,)."""
     count = len(simulated)
-    above = (1 + int((simulated >= found).sum())) / (count + 1)
+    above = (1 + int((simulated >= observed).sum())) / (count + 1)
     if not both_sides:
         return above
-    below = (1 + int((simulated <= found).sum())) / (count + 1)
+    below = (1 + int((simulated <= observed).sum())) / (count + 1)
     return min(1.0, 2 * min(above, below))
 
 

@@ -103,20 +103,20 @@ def _cell(table: Table, row: str, quantity: Quantity, setting: Setting, text: st
 
 def _s1() -> tuple[Printed, ...]:
     """Mean of the 3-D error, which is that of the error at the tool too, and P95 of the error at the tool."""
-    found = []
+    cells = []
     for row, mean, _, p95 in TABLES["S1"]["rows"]:
         kind, size, _ = row.split(" ")
         degrees, millimetres = (float(size), 0.0) if kind == "rotation" else (0.0, float(size))
         setting = Setting(degrees, millimetres, S1_NOISE_PX)
-        found.append(_cell("S1", row, "mean", setting, mean))
+        cells.append(_cell("S1", row, "mean", setting, mean))
         if p95 is not None:
-            found.append(_cell("S1", row, "p95", setting, p95))
-    return tuple(found)
+            cells.append(_cell("S1", row, "p95", setting, p95))
+    return tuple(cells)
 
 
 def _s2() -> tuple[Printed, ...]:
     """P95 of the error at the tool.  Without noise and installation error it is zero in any geometry: left out."""
-    found = []
+    cells = []
     at_rest, displaced = TABLES["text"]["S2, 2 px, L0 and L2, mm"]
     more = {("L0", 2.0): at_rest, ("L2", 2.0): displaced}  # the text has two decimals of a millimetre
     for level, *texts in TABLES["S2"]["rows"]:
@@ -126,8 +126,8 @@ def _s2() -> tuple[Printed, ...]:
                 continue
             if (level, noise) in more:
                 text = f"{float(more[level, noise]) / MM_PER_PRINTED_UNIT:.5f}"
-            found.append(_cell("S2", f"{level}, {noise:g} px", "p95", Setting(*LEVELS[level], noise), text))
-    return tuple(found)
+            cells.append(_cell("S2", f"{level}, {noise:g} px", "p95", Setting(*LEVELS[level], noise), text))
+    return tuple(cells)
 
 
 def _s3() -> tuple[Printed, ...]:

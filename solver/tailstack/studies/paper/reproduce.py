@@ -313,13 +313,13 @@ SPREAD = "the bench's noise, instrument and number of trials are not stated: no 
 
 def list_printed(geometries: Sequence[Geometry]) -> tuple[PrintedCell, ...]:
     """In the order of the tables, row by row."""
-    found = []
+    cells = []
     for table in ("S1", "S2", "S3", "S4"):
         for row, *texts in TABLES[table]["rows"]:
             for column, text in zip(TABLES[table]["columns"], texts, strict=True):
                 if text is not None:
-                    found.append(_show_cell(table, row, column, text, geometries))
-    return tuple(found)
+                    cells.append(_show_cell(table, row, column, text, geometries))
+    return tuple(cells)
 
 
 def _show_cell(table: str, row: str, column: str, text: str, geometries: Sequence[Geometry]) -> PrintedCell:
@@ -360,7 +360,7 @@ def _of_s3(geometry: Geometry, row: str, column: str) -> float | None:
     axis = AXES.index(row)
     if column == "mc_std":
         return geometry.factor.monte_carlo_mm[axis]
-    full = next(one for one in geometry.factor.propagations if one.name == "full")
+    full = next(propagation for propagation in geometry.factor.propagations if propagation.name == "full")
     return full.std_mm[axis] if column == "analytic_std" else None
 
 
@@ -395,19 +395,19 @@ class PaperGeometry:
 
 def list_rows() -> tuple[Row, ...]:
     """Every cell of S1, S2 and S3."""
-    found: list[Row] = []
+    rows: list[Row] = []
     for degrees in ROTATIONS_DEG:
         for quantity in NORMS:
-            found.append(("S1", f"rotation {degrees:g} deg", quantity, Setting(degrees, 0.0, S1_NOISE_PX)))
+            rows.append(("S1", f"rotation {degrees:g} deg", quantity, Setting(degrees, 0.0, S1_NOISE_PX)))
     for millimetres in TRANSLATIONS_MM:
         for quantity in NORMS:
-            found.append(("S1", f"translation {millimetres:g} mm", quantity, Setting(0.0, millimetres, S1_NOISE_PX)))
+            rows.append(("S1", f"translation {millimetres:g} mm", quantity, Setting(0.0, millimetres, S1_NOISE_PX)))
     for level, (degrees, millimetres) in LEVELS.items():
         for noise in NOISES_PX:
-            found.append(("S2", f"{level}, {noise:g} px", "p95", Setting(degrees, millimetres, noise)))
+            rows.append(("S2", f"{level}, {noise:g} px", "p95", Setting(degrees, millimetres, noise)))
     for spread in AXIS:
-        found.append(("S3", f"Monte Carlo, {spread[-1]}", spread, Setting(0.0, 0.0, S3_NOISE_PX)))
-    return tuple(found)
+        rows.append(("S3", f"Monte Carlo, {spread[-1]}", spread, Setting(0.0, 0.0, S3_NOISE_PX)))
+    return tuple(rows)
 
 
 def study_paper(
@@ -438,8 +438,8 @@ def study_paper(
     settings = list(dict.fromkeys(row[3] for row in table))
     asked = [(k, setting) for k in range(len(cases)) for setting in settings]
 
-    def work(one: Condition) -> tuple[ConditionErrors, dict[int, PaperCell]]:
-        k, setting = one
+    def work(condition: Condition) -> tuple[ConditionErrors, dict[int, PaperCell]]:
+        k, setting = condition
         at = take_sample(systems[k], cases[k].target, setting, trials, seed)
         made = {}
         for place, (name, row, quantity, there) in enumerate(table):
@@ -449,7 +449,7 @@ def study_paper(
         return at, made
 
     cells: list[dict[int, PaperCell]] = [{} for _ in cases]
-    kept: list[dict[Setting, ConditionErrors]] = [{} for _ in cases]
+    samples: list[dict[Setting, ConditionErrors]] = [{} for _ in cases]
     needed = {Setting(0.0, 0.0, S3_NOISE_PX)}
     noisy: list[dict[str, float]] = [{} for _ in cases]
     shapes: list[dict[str, LevelShape]] = [{} for _ in cases]
@@ -457,7 +457,7 @@ def study_paper(
     for done, ((k, setting), (at, made)) in enumerate(_compute_in_order(work, asked, threads)):
         cells[k].update(made)
         if setting in needed:
-            kept[k][setting] = at
+            samples[k][setting] = at
         if setting in levels:
             noisy[k][levels[setting]] = at.reprojection_px
             shapes[k][levels[setting]] = describe_tail(levels[setting], at.localisation)
@@ -468,7 +468,7 @@ def study_paper(
             case,
             system,
             tuple(cells[k][place] for place in range(len(table))),
-            kept[k],
+            samples[k],
             noisy[k],
             tuple(shapes[k][level] for level in LEVELS),
         )
@@ -501,14 +501,14 @@ def _assemble_geometry(
     case: PaperGeometry,
     system: System,
     cells: tuple[PaperCell, ...],
-    kept: dict[Setting, ConditionErrors],
+    samples: dict[Setting, ConditionErrors],
     noisy: dict[str, float],
     shapes: tuple[LevelShape, ...],
 ) -> Geometry:
-    compared = [one for one in cells if one.z is not None]
+    compared = [cell for cell in cells if cell.z is not None]
     target = system.targets[case.target]
     pivot = system.structure_connector.pivot_mm
-    second = {(one.row.partition(",")[0], one.noise_px): one for one in cells if one.table == "S2"}
+    second = {(cell.row.partition(",")[0], cell.noise_px): cell for cell in cells if cell.table == "S2"}
     loud = with_noise(system, max(NOISES_PX))
     return Geometry(
         name=case.system.name,
@@ -520,10 +520,10 @@ def _assemble_geometry(
         nu=linearise(loud, target).nu,
         cells=cells,
         compared_cells=len(compared),
-        outside_cells=sum(bool(one.outside) for one in compared),
-        chi_square=sum(one.z**2 for one in compared if one.z is not None) if compared else None,
+        outside_cells=sum(bool(cell.outside) for cell in compared),
+        chi_square=sum(cell.z**2 for cell in compared if cell.z is not None) if compared else None,
         additivity=compare_parts(second, case.compared),
-        factor=compare_factor(system, case.target, kept[Setting(0.0, 0.0, S3_NOISE_PX)], case.compared),
+        factor=compare_factor(system, case.target, samples[Setting(0.0, 0.0, S3_NOISE_PX)], case.compared),
         levels=compute_level_ratios(system, case.target, noisy),
         shapes=shapes,
     )
@@ -590,12 +590,12 @@ def estimate(errors: Array, quantity: Quantity) -> Statistic:
         x = errors[AXIS[quantity]] - errors[AXIS[quantity]].mean()
         value = sqrt(float(x @ x) / max(count - 1, 1))
         fourth = float((x**4).mean())
-        one = sqrt(max(fourth - value**4, 0.0)) / (2 * value) if value > 0 else 0.0
-        return Statistic(value, one / sqrt(TRIALS), one / sqrt(count))
+        per_trial = sqrt(max(fourth - value**4, 0.0)) / (2 * value) if value > 0 else 0.0
+        return Statistic(value, per_trial / sqrt(TRIALS), per_trial / sqrt(count))
     norms = np.linalg.norm(errors, axis=0)
     if quantity == "mean":
-        one = float(norms.std())
-        return Statistic(float(norms.mean()), one / sqrt(TRIALS), one / sqrt(count))
+        per_trial = float(norms.std())
+        return Statistic(float(norms.mean()), per_trial / sqrt(TRIALS), per_trial / sqrt(count))
     ordered = np.sort(norms)
     rank = round(P95 * TRIALS)
     ends = np.quantile(ordered, betaincinv(rank, TRIALS - rank + 1, ndtr([-1.0, 1.0])))
@@ -613,10 +613,10 @@ def predict(model: LinearModel, quantity: Quantity) -> float:
 
 def compare_cell(at: ConditionErrors, table: Table, row: str, quantity: Quantity, printed: Printed | None) -> PaperCell:
     """One cell; ``printed`` is what stands there, if it is held and compared with."""
-    found = estimate(at.localisation, quantity)
+    statistic = estimate(at.localisation, quantity)
     rounding = 0.0 if printed is None else printed.rounding_mm
-    width = sqrt(found.published_error**2 + found.standard_error**2 + rounding**2 / 3)
-    z = None if printed is None else (printed.value_mm - found.value) / width
+    width = sqrt(statistic.published_error**2 + statistic.standard_error**2 + rounding**2 / 3)
+    z = None if printed is None else (printed.value_mm - statistic.value) / width
     return PaperCell(
         table=table,
         row=row,
@@ -624,15 +624,15 @@ def compare_cell(at: ConditionErrors, table: Table, row: str, quantity: Quantity
         rotation_deg=at.setting.rotation_deg,
         translation_mm=at.setting.translation_mm,
         noise_px=at.setting.noise_px,
-        value_mm=found.value,
-        standard_error_mm=found.standard_error,
+        value_mm=statistic.value,
+        standard_error_mm=statistic.standard_error,
         tcp_mm=estimate(at.tcp, quantity).value,
         first_order_mm=predict(at.model, quantity),
         other_reading_mm=predict(at.other, quantity),
         printed_mm=None if printed is None else printed.value_mm,
         rounding_mm=None if printed is None else rounding,
-        published_error_mm=found.published_error,
-        band_mm=(found.value - WIDTH * width, found.value + WIDTH * width),
+        published_error_mm=statistic.published_error,
+        band_mm=(statistic.value - WIDTH * width, statistic.value + WIDTH * width),
         z=z,
         outside=None if z is None else abs(z) > WIDTH,
     )
@@ -661,19 +661,21 @@ def list_propagations(system: System, target: int, at: ConditionErrors) -> list[
     full = covariance(model, "localisation")
     views = [view.name for view in system.views]
     blocks = {block.contributor: block for block in model.blocks}
-    found = [("full", "Eqs 15-16 with the covariance of every view's matrix and of the target's images", _std(full))]
-    found += propagate_second_order(apply_setting(system, at.setting), target, model)
+    propagations = [
+        ("full", "Eqs 15-16 with the covariance of every view's matrix and of the target's images", _std(full))
+    ]
+    propagations += propagate_second_order(apply_setting(system, at.setting), target, model)
     for place, view in enumerate(views):
         left_out = full - blocks[f"fiducial_noise:{view}"].covariance("localisation")
         words = f"the covariance of the matrix of view {place + 1} ({view}) left out of Eq 16"
-        found.append((f"without matrix {place + 1}", words, _std(left_out)))
+        propagations.append((f"without matrix {place + 1}", words, _std(left_out)))
         nothing = left_out - blocks[f"target_noise:{view}"].covariance("localisation")
         words = f"everything that comes through view {place + 1} ({view}) left out, its target noise too"
-        found.append((f"without view {place + 1}", words, _std(nothing)))
+        propagations.append((f"without view {place + 1}", words, _std(nothing)))
     targets = sum((blocks[f"target_noise:{view}"].covariance("localisation") for view in views), np.zeros((3, 3)))
-    found.append(("target noise alone", "every matrix taken as exact", _std(targets)))
-    found.append(("matrices alone", "the target's images taken as exact", _std(full - targets)))
-    return found
+    propagations.append(("target noise alone", "every matrix taken as exact", _std(targets)))
+    propagations.append(("matrices alone", "the target's images taken as exact", _std(full - targets)))
+    return propagations
 
 
 def propagate_second_order(here: System, target: int, model: LinearModel) -> list[tuple[str, str, Array]]:
@@ -690,8 +692,8 @@ def propagate_second_order(here: System, target: int, model: LinearModel) -> lis
 
 def compare_factor(system: System, target: int, at: ConditionErrors, compared: bool) -> Factor:
     """S3 of one geometry."""
-    found = [estimate(at.localisation, quantity) for quantity in AXIS]
-    sampled = np.array([one.value for one in found])
+    statistics = [estimate(at.localisation, quantity) for quantity in AXIS]
+    sampled = np.array([statistic.value for statistic in statistics])
     analytic = np.array(S3_ANALYTIC) * MM_PER_PRINTED_UNIT
     own = at.localisation
     propagations = []
@@ -710,14 +712,14 @@ def compare_factor(system: System, target: int, at: ConditionErrors, compared: b
     return Factor(
         noise_px=at.setting.noise_px,
         monte_carlo_mm=vector3(sampled),
-        standard_error_mm=vector3(np.array([one.standard_error for one in found])),
+        standard_error_mm=vector3(np.array([statistic.standard_error for statistic in statistics])),
         printed_monte_carlo_mm=_printed_monte_carlo() if compared else None,
         printed_analytic_mm=vector3(analytic) if compared else None,
         mean_error_mm=vector3(own.mean(axis=1)),
         mean_standard_error_mm=vector3(own.std(axis=1) / np.sqrt(own.shape[1])),
         printed_mean_difference_mm=vector3(S3_MEAN_DIFFERENCE_MM) if compared else None,
         propagations=tuple(propagations),
-        sentence=_sentence(propagations, found, compared),
+        sentence=_sentence(propagations, statistics, compared),
     )
 
 
@@ -725,9 +727,9 @@ def _printed_monte_carlo() -> Vector3:
     return vector3(np.array([cell.value_mm for cell in S3]))
 
 
-def _sentence(propagations: list[Propagation], found: list[Statistic], compared: bool) -> str:
-    sampled = np.array([one.value for one in found])
-    own = max(one.standard_error / one.value for one in found)
+def _sentence(propagations: list[Propagation], statistics: list[Statistic], compared: bool) -> str:
+    sampled = np.array([statistic.value for statistic in statistics])
+    own = max(statistic.standard_error / statistic.value for statistic in statistics)
     worst = max(abs(ratio - 1) for ratio in propagations[0].over_monte_carlo)
     words = (
         f"Propagated in full, first order is within {100 * worst:.2g} % of Monte Carlo on every axis (whose own "
@@ -735,7 +737,7 @@ def _sentence(propagations: list[Propagation], found: list[Statistic], compared:
     )
     if not compared:
         return words + "."
-    same = [one for one in propagations if one.reproduces_printed]
+    same = [propagation for propagation in propagations if propagation.reproduces_printed]
     if not same:
         return words + "; none of these simplifications gives the printed analytic column."
     listed = " / ".join(f"{value:.1f}" for value in same[0].std_mm)
@@ -781,7 +783,7 @@ def compute_level_ratios(system: System, target: int, noisy_px: Mapping[str, flo
     noisy_px: mean RMS reprojection error of the chain with noise, by level, passed on."""
     fiducials = system.fiducials_mm
     seen_at_rest = [project(view.projection, fiducials) for view in system.views]
-    kept = np.array([resect(fiducials, seen) for seen in seen_at_rest])
+    matrices_at_rest = np.array([resect(fiducials, seen) for seen in seen_at_rest])
     position = system.targets[target].position_mm
     rows = []
     for level, (degrees, millimetres) in LEVELS.items():
@@ -791,11 +793,11 @@ def compute_level_ratios(system: System, target: int, noisy_px: Mapping[str, flo
         images = [project(matrix, assumed) for matrix in seen_by]
         estimated = np.array([resect(assumed, image) for image in images])
         aims = np.array([project(view.projection, position[None])[0] for view in system.views])
-        found = triangulate(estimated, aims, assumed, system.triangulation)
-        error = float(np.linalg.norm(found - position))
+        point = triangulate(estimated, aims, assumed, system.triangulation)
+        error = float(np.linalg.norm(point - position))
         # With the matrices of L0: a moved structure is seen elsewhere (physical), or looked for elsewhere (Eq 18).
         looked_for = assumed if system.reading is Reading.EQ18 else fiducials
-        kept_px = _rms([project(m, looked_for) - image for m, image in zip(kept, images, strict=True)])
+        kept_px = _rms([project(m, looked_for) - image for m, image in zip(matrices_at_rest, images, strict=True)])
         rows.append(
             LevelRatio(
                 level=level,
@@ -831,9 +833,9 @@ S4_HALVES = {"mean": 0.0005, "std": 0.00005, "p95": 0.0005}  # half of the last 
 
 
 def _read_printed(table: str, row: str, column: str) -> float:
-    found = read_printed(table, row, column)
-    assert found is not None
-    return float(found)
+    value = read_printed(table, row, column)
+    assert value is not None
+    return float(value)
 
 
 def write_statements(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
@@ -897,7 +899,7 @@ def _falling() -> Statement:
 def _means(geometries: Sequence[Geometry]) -> Statement:
     pairs = [(row[1], row[2]) for row in TABLES["S3"]["rows"]]
     listed = ", ".join(f"{sampled} and {analytic}" for sampled, analytic in pairs)
-    largest = max(max(map(abs, one.factor.mean_error_mm)) for one in geometries)
+    largest = max(max(map(abs, geometry.factor.mean_error_mm)) for geometry in geometries)
     spread = max(MM_PER_PRINTED_UNIT * float(row[3]) for row in TABLES["S3"]["rows"])
     scatter = spread / sqrt(TRIALS)
     return Statement(
@@ -914,7 +916,8 @@ def _means(geometries: Sequence[Geometry]) -> Statement:
 def _bench(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
     at_rest, *measured = S4
     ratios = [
-        (one.name, [level.mm_per_px for level in one.levels if level.mm_per_px is not None]) for one in geometries
+        (geometry.name, [level.mm_per_px for level in geometry.levels if level.mm_per_px is not None])
+        for geometry in geometries
     ]
     listed = "; ".join(f"{name}: {' and '.join(f'{value:.3g}' for value in values)}" for name, values in ratios)
     per_px = " and ".join(f"{row.mean:g} / {row.reprojection_px:g} = {row.per_px:.4f}" for row in measured)
@@ -925,7 +928,7 @@ def _bench(geometries: Sequence[Geometry]) -> tuple[Statement, ...]:
         (row.p95 - row.mean + S4_HALVES["p95"] + S4_HALVES["mean"]) / (row.std - S4_HALVES["std"]) for row in measured
     )
     over = " and ".join(f"{row.p95 / row.mean:.3f}" for row in measured)
-    ours = [shape.standard_deviations for one in geometries for shape in one.shapes]
+    ours = [shape.standard_deviations for geometry in geometries for shape in geometry.shapes]
     return (
         Statement(
             "S4",
