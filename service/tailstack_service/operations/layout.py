@@ -157,12 +157,12 @@ def _scene(design: Design) -> dict[str, Any]:
 
 def _image_points(beam: Beam, labels: Sequence[str], points: Array, used: Array) -> tuple[ImagedPoint, ...]:
     low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
-    found = []
+    imaged = []
     for label, image, weight in zip(labels, beam.images(points), used, strict=True):
         seen = bool((image == image).all())  # NaN behind the source
         inside = seen and (not beam.sized or bool(((image >= low) & (image <= high)).all()))
-        found.append(ImagedPoint(label, _numbers(image) if seen else None, inside, bool(weight)))
-    return tuple(found)
+        imaged.append(ImagedPoint(label, _numbers(image) if seen else None, inside, bool(weight)))
+    return tuple(imaged)
 
 
 def _displacement(system: System) -> Array:

@@ -15,7 +15,7 @@ from ..blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Parag
 from ..charts import draw_sweep, refuse_undrawable
 from .tables import closing_sections, provenance_facts
 
-Found = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
+EvaluatedPoint = tuple[SweepTarget, SweepPoint]  # a point, and its worst target
 
 
 def sweep_document(sweep: Sweep, sha256: str) -> Document:
@@ -83,12 +83,12 @@ def _axes(sweep: Sweep) -> Facts:
     return Facts("Axes", tuple(pairs))
 
 
-def _find_ends(evaluated: Sequence[Found]) -> tuple[Found, Found]:
+def _find_ends(evaluated: Sequence[EvaluatedPoint]) -> tuple[EvaluatedPoint, EvaluatedPoint]:
     """The points with the least and the largest P95 at their worst targets."""
     return min(evaluated, key=lambda entry: entry[0].p95_mm), max(evaluated, key=lambda entry: entry[0].p95_mm)
 
 
-def _range_sentence(sweep: Sweep, evaluated: Sequence[Found]) -> str:
+def _range_sentence(sweep: Sweep, evaluated: Sequence[EvaluatedPoint]) -> str:
     """Where the error is least and largest."""
     if not evaluated:
         return "No point could be evaluated."
