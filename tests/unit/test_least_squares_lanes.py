@@ -207,17 +207,22 @@ def test_digits_of_a_trial_do_not_depend_on_its_company(estimator: Estimator) ->
 
 
 def test_digits_of_least_squares_are_those_written_down() -> None:
-    """On every processor: nothing here is left to a library that chooses its order of summation."""
+    """On every processor and Python: nothing here is left to a library that chooses its order of summation.
+
+    The random rotations come from LAPACK's QR, whose last bit is another one in NumPy's wheel for Python 3.12.
+    """
+    random = random_scene(3, **STRETCHED)
+    exact = {name: np.round(getattr(random, name), 12) for name in ("T_flange_con", "T_tcp_flange")}
     digest = sha256()
     systems = [scene(), scene(reading=Reading.EQ18), scene(views=with_noise(0.3, azimuths_rad=(0.0, 0.8, 1.6)))]
     systems += [by(estimator, scene()) for estimator in (Estimator.POSE_WITH_PRIOR, Estimator.REPROJECTION)]
     systems += [scene(triangulation=form) for form in (Triangulation.WEIGHTED, Triangulation.REPROJECTION)]
-    systems.append(by(Estimator.POSE_WITH_PRIOR, mistaken(random_scene(3, **STRETCHED))))
+    systems.append(by(Estimator.POSE_WITH_PRIOR, mistaken(replace(random, **exact))))
     for system in systems:
         outcome = run_indices(compile_plan(system), 5, 0, 4096, reprojection=True)
         digest.update(outcome.errors.tobytes())
         digest.update(outcome.reprojection.tobytes())
-    assert digest.hexdigest() == "5de04e2ede219d7e64e0780c4dde89e0d68d2ddece454e5d6508709f6019689c"
+    assert digest.hexdigest() == "484866745bc2adae7074859391f7fa0011e16dedf34bffffc1b119c21f85cab8"
 
 
 def test_every_estimator_by_least_squares_has_its_lanes() -> None:
