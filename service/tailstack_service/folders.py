@@ -6,16 +6,13 @@ temporary files.  What can be lent is lent, and said; for the rest a refusal nam
 
 from __future__ import annotations
 
-import logging
 import os
 import stat
-import tempfile
 from functools import cache
 from pathlib import Path
 
 from tailstack.errors import Problem, TailstackError
 
-log = logging.getLogger("tailstack.service")
 CURE = "TAILSTACK_DATABASE or XDG_STATE_HOME names one that stays"
 
 
@@ -67,6 +64,9 @@ def lent_directory() -> Path:
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != user or status.st_mode & 0o077:
         raise _refuse_lent(folder, "others may write or read it")
     words = "this user has no home: jobs and results are kept in %s, which may be emptied; %s"
+    import logging  # late, as tempfile below: 5 ms of every command
+
+    log = logging.getLogger("tailstack.service")
     log.warning(words, folder, CURE, extra={"action": "home-lent"})
     return folder
 
@@ -78,6 +78,8 @@ def _refuse_lent(folder: Path, why: str) -> FolderError:
 
 def temporary_directory() -> str:
     """Where temporary files go.  Raises FolderError, which names the variable that says another place."""
+    import tempfile
+
     try:
         return tempfile.gettempdir()
     except FileNotFoundError:

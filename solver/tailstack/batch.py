@@ -59,7 +59,8 @@ from .propagation.systematic import shift_together
 from .propagation.validity_bounds import ValidityBounds, is_certainly_valid
 from .results import Check
 from .results.record import data_frame
-from .scoring import P95, ErrorScore, check_requirement, score, tightest_limit, trust_of
+from .results.verdicts import P95
+from .scoring import ErrorScore, check_requirement, score, tightest_limit, trust_of
 from .sweeping import SweepError
 from .system import (
     MOUNTED_AT,

@@ -30,7 +30,8 @@ from .errors import DesignError, OutOfRangeError, Problem
 from .propagation.linear import Block, Chain, LinearModel, chain_of, common_shifts, image_gains, linearise_at
 from .propagation.systematic import systematic_errors
 from .results import Score
-from .scoring import P95, score
+from .results.verdicts import P95
+from .scoring import score
 from .system import System, Target, Way
 from .tail.declared import LawGradient, LawQuantile, column_gradient, law_gradient, law_quantile
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 from shlex import quote
@@ -36,6 +35,8 @@ def install_command(*extras: str) -> str:
     pip noted (PEP 610, ``direct_url.json``). Only what an index delivered is asked of an index, in the same version:
     elsewhere that name may be anybody's.
     """
+    from importlib.metadata import PackageNotFoundError, distribution  # late: 25 ms, of every command
+
     wanted = f"[{','.join(extras)}]"
     checkout = Path(__file__).resolve().parents[2]
     if (checkout / "solver" / "tailstack").is_dir() and (checkout / "pyproject.toml").is_file():

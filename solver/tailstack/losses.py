@@ -29,6 +29,7 @@ from .propagation.linear import Chain, LinearModel, believed_directions, believe
 from .propagation.noise import Eliminated, Estimation, eliminate_for, gains_after, room_for, stack_columns_jit
 from .propagation.systematic import shift_together
 from .results import Loss, Mixture
+from .results.verdicts import P95
 from .system import Effect, System, Way
 from .tail.approximation import columns_in_cumulants, pearson_square
 from .tail.bounded import worst_case
@@ -38,7 +39,6 @@ PAIRS_UP_TO = 30  # fiducials; beyond, trying every pair would take longer than 
 # By which Pearson's form may rank a loss too low: a P95 by up to 1.3 %, 1.2 % more where laws are uniform; further out
 # in the tail by more.
 MARGIN, MARGIN_BEYOND_P95 = 0.025, 0.06
-P95 = 0.95
 SLOPE = 0.1  # by which it may rank a loss too low beside another, per relative difference of the covariances
 ALIKE = 1e-9  # losses whose cumulants differ by less are one by symmetry
 WORSE = 10.0  # only a loss that multiplies the quantile by so much may leave a structure that determines nothing

@@ -43,6 +43,7 @@ from .results import (
     Vector3,
     ViewCheck,
 )
+from .results.verdicts import P95
 from .sources import digest_of_package
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
@@ -52,7 +53,6 @@ from .tail.per_unit import UnitRisk, unit_risk
 from .verdict import conclude, judge
 from .version import __version__
 
-P95 = 0.95
 FRAMES = {"tcp": "tcp", "localisation": "con"}
 
 

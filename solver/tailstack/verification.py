@@ -52,7 +52,8 @@ from .results import (
     Validity,
     Verification,
 )
-from .scoring import FRAMES, P95, checked_system, provenance, tightest_limit, trust_of, vector3
+from .results.verdicts import P95
+from .scoring import FRAMES, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
 from .tail.declared import MixedLaw, law_exceedance, law_quantile
 from .verdict import conclude, decide, judge

@@ -163,11 +163,19 @@ def _speak_utf8_where_possible() -> None:
 def command() -> NoReturn:
     """The program: ``main``, and the end of the process with its code."""
     sys.unraisablehook = _repeat_interrupt
-    gc.set_threshold(10_000)  # the usual 700 searches a start, which makes a quarter of a million objects, 330 times
+    gc.set_threshold(300_000)  # a start makes a quarter of a million objects: the usual 700 searches them 330 times
+    gc.callbacks.append(_search_more_often)
     code = main()
     if code == INTERRUPTED:
         _forget_interrupt()
     sys.exit(code)
+
+
+def _search_more_often(phase: str, _: dict[str, int]) -> None:
+    """For cycles, after the first search: a short command never comes to one, a service keeps its memory."""
+    if phase == "stop":
+        gc.callbacks.remove(_search_more_often)
+        gc.set_threshold(10_000)
 
 
 def _repeat_interrupt(ignored: sys.UnraisableHookArgs) -> None:

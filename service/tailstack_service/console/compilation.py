@@ -11,13 +11,14 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, TextIO
 
-from ..clock import Clock
 from ..processes.interpreter import make_command, make_environment
 from ..rendering.tables import wrap
 from .progress import Progress
 
 if TYPE_CHECKING:
     from tailstack.ahead import KernelCall
+
+    from ..clock import Clock
 
 # What a verb computes, by the names of tailstack.ahead; every other verb may compute everything
 _COMPUTATIONS: dict[str, tuple[str, ...]] = {

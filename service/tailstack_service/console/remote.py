@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import httpx
 from httpx_sse import EventSource
@@ -22,7 +22,9 @@ from ..clock import SYSTEM_CLOCK, Clock
 from ..names import KEY, URL
 from ..task import ENDED
 from .answer import BAD_INPUT, NOT_EVALUATED
-from .progress import Progress
+
+if TYPE_CHECKING:
+    from .progress import Progress
 
 DEFAULT_URL = "http://127.0.0.1:8321"
 SECONDS = 30.0  # for an answer that does not wait for anything

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from itertools import groupby
 from math import dist
+from typing import TYPE_CHECKING
 
-from tailstack.results import Optimisation, Score, Verification
 from tailstack.results.digits import decimal, decimals_of, number, percent
 
 from .document import write_ending
 from .sentences import ending_of
 from .tables import draw_table, paint, prose_width, visible, wrap
+
+if TYPE_CHECKING:
+    from tailstack.results import Optimisation, Score, Verification
 
 
 def chapter(title: str) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Hashable, Sequence
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from tailstack.results import Finding
+if TYPE_CHECKING:
+    from tailstack.results import Finding
 
 T = TypeVar("T")
 FEWEST = 3  # two are still read one by one

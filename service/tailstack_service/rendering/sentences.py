@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from tailstack.results import Check, Contributor, Losses, Mixture, Score, TargetScore, Validity, Verdict, ViewCheck
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, percent, saving
 from tailstack.results.score import group, single_lines, source_name, tenth_of, width_of
 from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis
+
+if TYPE_CHECKING:
+    from tailstack.results import Check, Contributor, Losses, Mixture, Score, TargetScore, Validity, Verdict, ViewCheck
 
 
 def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float | None]) -> str:

@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil, inf
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tailstack.arrays import Array
 from tailstack.design import Design, design_to_data
 from tailstack.errors import Problem
 from tailstack.montecarlo import ChainPlan, run_indices
 from tailstack.montecarlo.estimators import interval_ranks
-from tailstack.montecarlo.simulate import Progress
 from tailstack.precision import MAX_TRIALS, PRECISION
-from tailstack.results import Optimisation, Score, TargetScore, Verification
 from tailstack.results.verdicts import decisive_check
 from tailstack.scoring import score as score_design
 from tailstack.verification import PreparedDesign, prepare
@@ -26,6 +23,11 @@ from .chapters.optimisation import optimise_command
 from .half_widths import allowances
 from .headline import headline_of
 from .records import Convergence, ConvergencePoint, ErrorDistribution, Report, Reproduction
+
+if TYPE_CHECKING:
+    from tailstack.arrays import Array
+    from tailstack.montecarlo.simulate import Progress
+    from tailstack.results import Optimisation, Score, TargetScore, Verification
 
 PARTS = ("score", "verification", "optimisation")
 DEFAULT_PARTS = ("score", "verification")

@@ -13,13 +13,11 @@ from tailstack.results import ERRORS, Contributor, Interval, TargetScore
 from tailstack.results.digits import decimal, number, percent
 from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
 from tailstack.results.score import single_lines, source_name
-from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 from tailstack.results.verdicts import headline_of
 
 from ..problems import RequestError
 from ..rendering.sentences import budget_line
 from ..rendering.tables import columns
-from .half_widths import ToleranceCurve, ToleranceCurves
 from .page import (
     DASHED,
     DOTTED,
@@ -36,13 +34,16 @@ from .page import (
     titled_page,
     upright,
 )
-from .records import Convergence, Difference, ErrorDistribution
 from .svg import CHARACTER, LONGEST, WIDTH, broken, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from tailstack.results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
+
+    from .half_widths import ToleranceCurve, ToleranceCurves
     from .matplotlib_svg import Chart
+    from .records import Convergence, Difference, ErrorDistribution
 
 BAR_BEYOND, LAW_COLOUR = "#e8aaa5", "#a84600"
 FIRST_BAR, FIRST_LINE = "#b4bcc3", "#6b7780"  # of two designs the first

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite
+from typing import TYPE_CHECKING
 
-from tailstack.arrays import Array
 from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
-from tailstack.montecarlo.simulate import Progress
 from tailstack.results import Verification
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent
 from tailstack.results.verdicts import check_sentence, decisive_check, urgency
@@ -21,6 +20,10 @@ from .assembling import ReportContents, assemble, draw_norms, drawing_options
 from .changes import changes_of
 from .headline import decided_difference
 from .records import Comparison, ComparisonHeadline, Difference, Report
+
+if TYPE_CHECKING:
+    from tailstack.arrays import Array
+    from tailstack.montecarlo.simulate import Progress
 
 MOST_COMPARED = 2**18  # trials of each design
 FEWEST = 64 * SECTIONS  # trials: below, the P95 of a section hangs on three of them

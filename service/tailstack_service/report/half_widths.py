@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import degrees
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -15,13 +15,15 @@ from tailstack.budget import BudgetEntry, lines_of
 from tailstack.contributors import error_law, unit_for_people
 from tailstack.design import Design, compile_design
 from tailstack.propagation.linear import LinearModel, linearise
-from tailstack.results import Check
 from tailstack.scoring import risk_of_units
-from tailstack.system import System
 from tailstack.tail.declared import law_quantile
 
 from .headline import tightest_check
 from .records import Allowance
+
+if TYPE_CHECKING:
+    from tailstack.results import Check
+    from tailstack.system import System
 
 FURTHEST = 1024.0  # times the half-width as it is: beyond, it has no influence worth a number
 MOST = 12  # curves: those that could change the quantile most

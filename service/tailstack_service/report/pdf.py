@@ -8,15 +8,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import MissingExtraError, Problem
 from tailstack.extras import install_command
 
 from ..folders import temporary_directory
-from .blocks import Document
 from .errors import PdfUnavailable
 from .html import html_report
+
+if TYPE_CHECKING:
+    from .blocks import Document
 
 PACKAGES = "apt install libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"
 FONTS = "apt install fonts-dejavu-core, or any other font that fontconfig finds (fc-list shows them)"

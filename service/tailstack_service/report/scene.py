@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import cos, radians, sin, sqrt
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -19,12 +19,14 @@ from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
 from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
 from tailstack.geometry.rotation import unit
-from tailstack.results import Score, TargetScore
-from tailstack.scoring import Errors, TargetErrors
-from tailstack.system import DirectEffect, System
 
 from .beams import Beam, beams_of
 from .svg import LONGEST, in_lines, printable, round_step
+
+if TYPE_CHECKING:
+    from tailstack.results import Score, TargetScore
+    from tailstack.scoring import Errors, TargetErrors
+    from tailstack.system import DirectEffect, System
 
 Point3 = tuple[float, float, float]
 Kind = Literal["mark", "line", "face", "ellipsoid", "arrow"]

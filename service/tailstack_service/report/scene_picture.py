@@ -9,16 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from math import atan2, degrees, sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
 from tailstack.errors import IllPosedError
 from tailstack.results.look import FONT, INK, MUTED
 from tailstack.scoring import score
-from tailstack.system import System
 
 from .images import images_parts
 from .scene import LOOKS, Item, LayoutScene, Point3, ViewDirection, differ, scene_of
@@ -38,6 +36,10 @@ from .svg import (
     text,
     trim,
 )
+
+if TYPE_CHECKING:
+    from tailstack.arrays import Array
+    from tailstack.system import System
 
 NEAR, FAR = (8, 26, 436, 400), (460, 26, 252, 212)  # left, top, width, height of the two panels
 PAD = 26

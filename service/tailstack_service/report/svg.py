@@ -10,14 +10,16 @@ import textwrap
 from dataclasses import dataclass
 from html import escape
 from math import floor, log10
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from tailstack.arrays import Array
 from tailstack.results.look import BLUE, FONT, GREEN, INK, PURPLE, VERMILION
 
 from ..rendering.tables import columns, shorten
+
+if TYPE_CHECKING:
+    from tailstack.arrays import Array
 
 Kind = Literal["fiducial", "new", "target", "pivot 1", "pivot 2"]
 

@@ -8,8 +8,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from ..errors import MissingExtraError, Problem
-from . import plot
-from .notebook import html_of
 from .outline import Outline, plain
 
 if TYPE_CHECKING:
@@ -69,6 +67,8 @@ class Result(Published):
 
         ax: where to draw; without it in a new figure.  Raises MissingExtraError where matplotlib is not installed.
         """
+        from . import plot  # late, as below: no command draws or writes HTML of it
+
         return plot.draw(self.outline().chart, ax)
 
     def __repr__(self) -> str:
@@ -80,4 +80,6 @@ class Result(Published):
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
+        from .notebook import html_of
+
         return html_of(self.outline())

@@ -15,6 +15,7 @@ Matrix3 = tuple[Vector3, Vector3, Vector3]
 Interval = tuple[float, float]
 
 Severity = Literal["error", "warning", "note"]
+P95 = 0.95  # the quantile that is shown everywhere
 STATED = ("requirement-failed", "requirement-inconclusive")  # rules of findings that repeat the verdict
 
 

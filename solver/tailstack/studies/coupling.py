@@ -32,7 +32,8 @@ from ..montecarlo.tables import INSTALLATION, SHOT
 from ..propagation.linear import LinearModel, linearise_all
 from ..results import Interval, Provenance, Validity
 from ..results.record import Published
-from ..scoring import P95, provenance
+from ..results.verdicts import P95
+from ..scoring import provenance
 from ..system import Reading, System, put_links
 from ..tail.declared import law_quantile
 from ..verification import prepare

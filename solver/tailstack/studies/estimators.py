@@ -17,7 +17,8 @@ from ..estimation.checks import examine
 from ..propagation.linear import linearise_all
 from ..results import Interval, Provenance
 from ..results.record import Published
-from ..scoring import P95, provenance, trust_of
+from ..results.verdicts import P95
+from ..scoring import provenance, trust_of
 from ..system import ESTIMATORS, INTRINSICS, EstimatorTraits, Law, Place, Sources, System
 from ..tail.declared import law_quantile
 from ..verification import verify

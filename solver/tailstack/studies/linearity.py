@@ -31,7 +31,8 @@ from ..propagation.second_order import refuse_outside_range, second_order_moment
 from ..propagation.validity import validity
 from ..results import Interval, Provenance
 from ..results.record import Published
-from ..scoring import FRAMES, P95, checked_system, provenance, score
+from ..results.verdicts import P95
+from ..scoring import FRAMES, checked_system, provenance, score
 from ..system import DirectEffect, Law, Sources, System
 from ..tail.declared import law_quantile
 from ..tail.gaussian import norm_quantile

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from tailstack.results.batch import ScoredTable
 from tailstack.results.tables import EVERYWHERE, PAPER, TERMINAL, Column, Row, Table
 
 from ..blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
 from .tables import closing_sections, provenance_facts
+
+if TYPE_CHECKING:
+    from tailstack.results.batch import ScoredTable
 
 MOST_ROWS, SHOWN = 400, 40  # of a page, of a terminal; a spreadsheet has all
 

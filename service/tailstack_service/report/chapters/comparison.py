@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
 from tailstack.results.digits import in_percent, signed_decimal
@@ -12,6 +12,7 @@ from tailstack.results.score import source_name
 from tailstack.results.tables import Cell, Column, On, Row, Table, tabulate
 from tailstack.results.verdicts import (
     MARGIN_NOTE,
+    P95,
     Judged,
     check_columns,
     checks_table,
@@ -19,18 +20,19 @@ from tailstack.results.verdicts import (
     findings_table,
     name_basis,
 )
-from tailstack.scoring import P95
 
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import Scaled, draw_budgets, draw_differences, draw_errors, draw_scale, draw_tolerances
 from ..comparing import comparison_decimals, difference_decimals
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import decided_difference, tightest_check
-from ..records import Comparison, Difference, Report
 from .layout import layout_blocks, load_inside
 from .optimisation import design_listing
 from .report import method_chapter
 from .tables import closing_sections
+
+if TYPE_CHECKING:
+    from ..records import Comparison, Difference, Report
 
 TOLD = ("First", "Second")
 DESIGNS = ("first design", "second design")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from typing import TYPE_CHECKING
 
-from tailstack.results import Check, Optimisation, SurvivedLoss
 from tailstack.results.digits import count_decimals, decimals_of, number, percent
 from tailstack.results.optimisation import (
     MOST_OPTIMA,
@@ -43,6 +43,9 @@ from ..blocks import (
 from .layout import Known, layout_blocks, score_if_determined
 from .tables import closing_sections, provenance_facts, verdict_blocks
 from .verification import sampling_blocks
+
+if TYPE_CHECKING:
+    from tailstack.results import Check, Optimisation, SurvivedLoss
 
 MOST_BINDING = 3  # said on the first page
 MOST_LISTED = 4  # said in a terminal without details

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from tailstack.results.digits import decimals_of
 from tailstack.results.score import targets_table, views_table
 from tailstack.results.verdicts import checks_table, findings_table, requirements_table
@@ -11,7 +13,6 @@ from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph
 from ..charts import draw_convergence, draw_distribution, draw_tolerances
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
-from ..records import Report
 from .layout import layout_blocks, load_inside, score_if_determined
 from .optimisation import (
     certificate_blocks,
@@ -32,6 +33,9 @@ from .score import (
 )
 from .tables import closing_sections, provenance_facts
 from .verification import sampling_blocks
+
+if TYPE_CHECKING:
+    from ..records import Report
 
 
 def report_document(report: Report, sha256: str) -> Document:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from operator import attrgetter
+from typing import TYPE_CHECKING
 
 from tailstack.results import ERRORS, Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, percent, signed_decimal
 from tailstack.results.score import budget_table, source_name, targets_table, views_table
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill
-from tailstack.results.verdicts import decisive_check, name_basis, requirements_table
-from tailstack.scoring import P95
+from tailstack.results.verdicts import P95, decisive_check, name_basis, requirements_table
 
 from ...rendering.sentences import (
     LOCATED,
@@ -42,8 +42,11 @@ from ..blocks import (
 )
 from ..charts import PHONE, Scaled, draw_scale, draw_shares, draw_without
 from ..headline import headline_of
-from ..records import Allowance, Headline
 from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
+
+if TYPE_CHECKING:
+    from ..headline import Headline
+    from ..records import Allowance
 
 LISTED = 4  # tolerances in a sentence
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details

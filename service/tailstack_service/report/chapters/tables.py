@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from tailstack.results import Provenance, TargetScore, Verdict
 from tailstack.results.score import BudgetLine, budget_table
 from tailstack.results.tables import PAPER, Cell, Column, On, Table
 from tailstack.results.verdicts import checks_table, findings_table
 
 from ..blocks import Block, Bullets, Facts, Section
-from ..records import Allowance
+
+if TYPE_CHECKING:
+    from tailstack.results import Provenance, TargetScore, Verdict
+
+    from ..records import Allowance
 
 SLACK_NOTE = (
     " Half-width at limit: the one at which the requirement that decides at the target, of all units together or of "

@@ -14,8 +14,6 @@ from tailstack.results.score import source_name
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Table, fill, tabulate
 from tailstack.results.verdicts import findings_table
 from tailstack.studies.bench.compare import StudyComparison, write_interval
-from tailstack.studies.bench.explain import Explanation
-from tailstack.studies.bench.levels import LevelCompared
 
 from ...rendering.sentences import trust_sentence
 from ...rendering.tables import visible
@@ -27,6 +25,9 @@ from .study import compose_study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from tailstack.studies.bench.explain import Explanation
+    from tailstack.studies.bench.levels import LevelCompared
 
 TAIL_ROWS, MOST_TAILS = 6, 4  # of a terminal and a page; a spreadsheet has all
 TONE: dict[str, Tone] = {"agrees": "pass", "differs": "fail", "not testable": "inconclusive"}

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from tailstack.results.tables import Column, On, Table, tabulate
-from tailstack.studies.estimators import EstimatorCase, StudyEstimators
 
 from ..blocks import Bullets, Document, KeyNumber, Paragraph, Section
 from .study import compose_study
+
+if TYPE_CHECKING:
+    from tailstack.studies.estimators import EstimatorCase, StudyEstimators
 
 
 def estimators_document(study: StudyEstimators, sha256: str) -> Document:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from tailstack.results.digits import number
 from tailstack.results.look import COLOURS, INK
 from tailstack.results.tables import IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Row, Table, tabulate
-from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
 
 from ...rendering.rows import csv_text, plain_text
 from ...rendering.tables import visible
@@ -20,6 +19,8 @@ from .study import MOST_ROWS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from tailstack.studies.paper.reproduce import Geometry, PaperCell, StudyPaper
 
     from ..matplotlib_svg import Chart
 

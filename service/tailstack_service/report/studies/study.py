@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tailstack.results import Provenance
 from tailstack.results.tables import IN_DETAIL
 
 from ..blocks import Block, Bullets, Document, Figure, KeyNumber, Listing, Paragraph, Section, Tone
 from ..chapters.tables import closing_sections, provenance_facts
+
+if TYPE_CHECKING:
+    from tailstack.results import Provenance
 
 MOST_ROWS = 400  # of a page
 REPRODUCTION = (

@@ -30,6 +30,7 @@ from ...propagation.linear import LinearModel, covariance, estimator_geometry, l
 from ...propagation.second_order import refuse_outside_range, second_order_moments
 from ...results import Interval, Vector3
 from ...results.record import Published
+from ...results.verdicts import P95
 from ...scoring import checked_system, vector3
 from ...system import Reading, System
 from ...tail.gaussian import norm_mean, norm_quantile
@@ -531,7 +532,6 @@ def _assemble_geometry(
 
 BAND = 0.99
 WIDTH = float(ndtri(0.5 + BAND / 2))
-P95 = 0.95
 PART = 20_000  # trials sampled in one go
 AXIS: dict[Quantity, int] = {"std_x": 0, "std_y": 1, "std_z": 2}
 OTHER = {Reading.PHYSICAL: Reading.EQ18, Reading.EQ18: Reading.PHYSICAL}
