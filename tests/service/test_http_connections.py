@@ -105,7 +105,7 @@ def test_a_kept_connection_serves_one_request_after_another(patient: httpx.Clien
             until(lambda: b"{" in pieces, lambda: pieces)
             connection.sendall(b"}")
             status, _ = read_answer(connection)
-            assert status == b"HTTP/1.1 422 Unprocessable Entity"
+            assert status.split(b" ")[:2] == [b"HTTP/1.1", b"422"]  # Python 3.13 has another phrase
 
 
 def test_a_body_that_breaks_off_hurts_nobody(client: httpx.Client) -> None:

@@ -138,7 +138,9 @@ def _run_verb(arguments: argparse.Namespace) -> int:
     except BrokenPipeError:
         return _reader_left(answer.exit_code)
     except (TailstackError, OSError) as error:
-        return report_error(error, arguments)
+        code = report_error(error, arguments)
+        _drop_unwritten()
+        return code
     except Exception as error:
         return report_failure(error, arguments)
     finally:
@@ -148,9 +150,22 @@ def _run_verb(arguments: argparse.Namespace) -> int:
 
 def _reader_left(exit_code: int) -> int:
     """The reader of a pipe closed it: what was computed still decides the exit code."""
+    _silence_stdout()
+    return exit_code
+
+
+def _drop_unwritten() -> None:
+    """What stdout does not take: Python 3.13 tries it once more at its end, and then leaves with 120."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        _silence_stdout()
+
+
+def _silence_stdout() -> None:
     devnull = os.open(os.devnull, os.O_WRONLY)
     os.dup2(devnull, sys.stdout.fileno())  # or the interpreter's last flush would complain
-    return exit_code
 
 
 def _speak_utf8_where_possible() -> None:
