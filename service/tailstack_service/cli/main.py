@@ -105,8 +105,9 @@ def _run(argv: Sequence[str] | None) -> int:
             return BAD_INPUT
     except SystemExit as leaving:  # argparse: --help, or a usage error that it has already explained
         return leaving.code if isinstance(leaving.code, int) else BAD_INPUT
-    except BrokenPipeError:
-        return _reader_left(PASS)
+    except BrokenPipeError:  # the reader has left
+        _drop_unwritten()
+        return PASS
     return _run_verb(arguments)
 
 
@@ -135,8 +136,8 @@ def _run_verb(arguments: argparse.Namespace) -> int:
         with name_missing_extra(), write_on(page_of(arguments)):
             answer = arguments.run(arguments)
         _write(answer.body)
-    except BrokenPipeError:
-        return _reader_left(answer.exit_code)
+    except BrokenPipeError:  # the reader has left: what was computed still decides the exit code
+        _drop_unwritten()
     except (TailstackError, OSError) as error:
         code = report_error(error, arguments)
         _drop_unwritten()
@@ -148,24 +149,13 @@ def _run_verb(arguments: argparse.Namespace) -> int:
     return int(answer.exit_code)
 
 
-def _reader_left(exit_code: int) -> int:
-    """The reader of a pipe closed it: what was computed still decides the exit code."""
-    _silence_stdout()
-    return exit_code
-
-
 def _drop_unwritten() -> None:
-    """What stdout does not take: Python 3.13 tries it once more at its end, and then leaves with 120."""
+    """What stdout does not take: the interpreter would complain of it at its end, and Python 3.13 leave with 120."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError:
-        _silence_stdout()
-
-
-def _silence_stdout() -> None:
-    devnull = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(devnull, sys.stdout.fileno())  # or the interpreter's last flush would complain
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _speak_utf8_where_possible() -> None:

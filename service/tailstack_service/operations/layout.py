@@ -197,5 +197,5 @@ OPERATION = Operation(
     record=lambda: Layout,
     run=lambda call: lay_out(call.design, scene=call.options.scene),
     immediate=True,
-    document=LateImport("..report.chapters.layout", "layout_document"),
+    document=LateImport("..report.chapters.coordinates", "layout_document"),
 )
