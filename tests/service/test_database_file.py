@@ -171,14 +171,13 @@ def test_a_log_that_went_with_the_last_connection_is_made_anew(migrated_file: Pa
     db, log = open_database(f"sqlite:///{path}"), path.with_name(path.name + "-wal")
     with writing(db) as connection:
         connection.exec_driver_sql("CREATE TABLE kept (x)")
-    before = log.stat().st_ino
-    db.close()
-    assert not log.exists()
-    (tmp_path / "another").touch()  # which takes the number of its inode, where numbers are given again
-    for number in (1, 2):
-        with writing(db) as connection:
-            connection.exec_driver_sql(f"INSERT INTO kept VALUES ({number})")
-    assert log.stat().st_ino != before
+    with log.open("rb") as held:  # the number of its inode is not given to another file as long as this one is open
+        db.close()
+        assert not log.exists()
+        for number in (1, 2):
+            with writing(db) as connection:
+                connection.exec_driver_sql(f"INSERT INTO kept VALUES ({number})")
+        assert log.stat().st_ino != os.fstat(held.fileno()).st_ino
     assert count_kept(db) == 2
 
 
