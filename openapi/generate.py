@@ -23,6 +23,7 @@ HERE = Path(__file__).resolve().parent
 DOCUMENT = HERE / "openapi.json"
 PACKAGE = "tailstack_client"
 METHODS = frozenset({"get", "put", "post", "delete", "patch"})
+JSON = "application/json"
 
 STREAMS = "text/event-stream"  # a generated call would wait for the end of the stream: read it line by line instead
 FILE = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
@@ -47,8 +48,9 @@ packages = ["{package}"]
 def client_document(document: dict[str, Any]) -> dict[str, Any]:
     """The document as the Python client is made from: the overlay that openapi/README.md explains.
 
-    The design stays a mapping; bodies are JSON, with no options in the query; event streams are left out; an answer
-    that may be binary is a file in any of its forms; classes are called what the schemas are.
+    The design stays a mapping; bodies are JSON, with no options in the query; event streams are left out; what may be
+    answered as a record is that; another answer that may be binary is a file in any of its forms; classes are called
+    what the schemas are.
     """
     document = copy.deepcopy(document)
     schemas = document["components"]["schemas"]
@@ -61,14 +63,17 @@ def client_document(document: dict[str, Any]) -> dict[str, Any]:
         item = document["paths"][path]
         for method in METHODS & set(item):
             content = item[method].get("requestBody", {}).get("content", {})
-            for media in [m for m in content if m != "application/json"]:
+            for media in [m for m in content if m != JSON]:
                 del content[media]
             if content:  # what stands in the query belongs to the bodies that were just left out
                 kept = [entry for entry in item[method].get("parameters", ()) if entry.get("in") != "query"]
                 item[method]["parameters"] = kept
             answers = item[method]["responses"].values()
             for answer in answers:  # a call reads an answer in one way: as text, a PDF would be destroyed
-                if any(_is_binary(content) for content in answer.get("content", {}).values()):
+                content = answer.get("content", {})
+                if "$ref" in content.get(JSON, {}).get("schema", {}):  # what is answered unless Accept says otherwise
+                    answer["content"] = {JSON: content[JSON]}
+                elif any(map(_is_binary, content.values())):
                     answer["content"] = FILE
             if any(STREAMS in answer.get("content", {}) for answer in answers):
                 del item[method]

@@ -10,11 +10,16 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from browsing import browser, used
+from served import served
 from service_scenes import EXAMPLES, ROOT
 
 from waiting import LIMIT_SECONDS
+
+__all__ = ["browser"]
 
 BEFORE = '        Column("dP95/dh", "mm/unit", "significant", on=IN_DETAIL, of=lambda row: row.line.dp95_per_unit),\n'
 TOY = '        Column("Toyness", "toys", "fixed", 1, of=lambda row: 1000 * row.line.variance_share),\n'
@@ -46,8 +51,8 @@ print(json.dumps({"told": told, "largest": 1000 * largest}))
 
 
 @pytest.fixture(scope="module")
-def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], float]:
-    """What a copy with one more column shows of a score, and the largest number in the column."""
+def copy(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """PYTHONPATH with a copy of the sources, in which the column is added and the field renamed."""
     folder = tmp_path_factory.mktemp("copy")
     shutil.copytree(ROOT / "solver" / "tailstack", folder / "tailstack", ignore=shutil.ignore_patterns("*.nb?"))
     file = folder / "tailstack" / "results" / "score.py"
@@ -58,15 +63,20 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], flo
         text = each.read_text(encoding="utf-8")
         assert FIELD in text
         each.write_text(text.replace(FIELD, RENAMED), encoding="utf-8")
-    path = os.pathsep.join(str(place) for place in (folder, ROOT / "service"))
+    return os.pathsep.join(str(place) for place in (folder, ROOT / "service"))
+
+
+@pytest.fixture(scope="module")
+def shown(copy: str) -> tuple[dict[str, str], float]:
+    """What the copy shows of a score, and the largest number in the column."""
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(EXAMPLES / "demo.yaml")],
-        env={**os.environ, "PYTHONPATH": path},
+        env={**os.environ, "PYTHONPATH": copy},
         capture_output=True,
         text=True,
         timeout=5 * LIMIT_SECONDS,
         check=False,
-        cwd=folder,
+        cwd=copy.partition(os.pathsep)[0],
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -80,6 +90,18 @@ def test_every_writer_has_the_column(shown: tuple[dict[str, str], float], writer
     assert "toyness" in words
     assert "toys" in words
     assert (f"{largest:.1f}" if writer != "xlsx" else f"{largest:.4f}"[:-2]) in words
+
+
+@pytest.mark.long
+def test_the_page_has_the_column(copy: str, tmp_path: Path, browser: None) -> None:
+    with served(tmp_path, PYTHONPATH=copy) as service:
+        found = used(service.url, "figures", script="shown.mjs")
+    for state in ("before", "after"):
+        shown = found[state]
+        assert "Toyness toys" in [" ".join(head.split()) for head in shown["heads"]]
+        assert len(shown["rows"]) > 5
+    assert found["after"]["rows"] != found["before"]["rows"]
+    assert f"P95 {found['p95']} mm" in found["after"]["caption"]
 
 
 def test_a_field_that_is_renamed_where_it_is_declared_and_computed_is_renamed_in_what_is_published(

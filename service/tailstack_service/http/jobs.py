@@ -29,8 +29,10 @@ from ..operations.rendering import FORMATS, MEDIA_TYPES, render
 from ..operations.request import single
 from ..problems import RequestError, TransportError
 from .answers import JSON, path_of, record_response, tagged_response
-from .dependencies import Needs, TheService, query
+from .dependencies import Needs, query
 from .openapi import (
+    REPORT,
+    REPORT_FORMS,
     component,
     extra,
     job_links,
@@ -258,16 +260,6 @@ def failure_response(request: Request, job: Job, *, bare_design: bool = False) -
 
 UNCHANGING = {"ETag": "ETag", "Cache_Control": "CacheControl", "Vary": "Vary"}
 ANY_RECORD = [reference("schemas", component(kind)) for kind in KINDS]
-REPORT = {
-    "ETag": "ETag", "Cache_Control": "CacheControl", "Content_Disposition": "ContentDisposition",
-    "Content_Security_Policy": "ContentSecurityPolicy", "X_Content_Type_Options": "ContentTypeOptions",
-}  # fmt: skip
-PAGES = {
-    "html": {"type": "string"},
-    # bytes: contentMediaType is how 3.1 says it, format what generators of clients look at
-    **{form: {"type": "string", "format": "binary", "contentMediaType": MEDIA_TYPES[form]} for form in ("pdf", "xlsx")},
-    "json": {"type": "object"},
-}
 # private: whoever may read a result is decided by the credential, which a shared cache does not look at
 result_router = APIRouter(tags=["results"], dependencies=[Depends(Needs("read"))], default_response_class=Response)
 FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable", "Vary": "Authorization"}
@@ -312,8 +304,8 @@ async def get_result(request: Request) -> Response:
     description="Any result, rendered for people: html (one self-contained file), pdf, xlsx; or json, the record "
     "itself. Nothing is computed anew, and the record stands in every format.",
     responses={
-        200: response_of("The report.", {MEDIA_TYPES[form]: {"schema": PAGES[form]} for form in FORMATS}, **REPORT),
-        304: response_of("The client has it.", None, **REPORT),
+        200: response_of("The report.", REPORT_FORMS, ETag="ETag", Cache_Control="CacheControl", **REPORT),
+        304: response_of("The client has it.", None, ETag="ETag", Cache_Control="CacheControl", **REPORT),
     },
     openapi_extra=extra(
         parameter("Sha256"),
@@ -322,22 +314,31 @@ async def get_result(request: Request) -> Response:
         problems=(404, 422, 501, 503),
     ),
 )
-async def get_report(request: Request, service: TheService) -> Response:
+async def get_report(request: Request) -> Response:
     form = single(request.query_params.multi_items(), "format")
     form = "html" if form is None else form
     if form not in FORMATS:
         detail = f"format is one of {', '.join(FORMATS)}; got {form[:40]!r}"
         raise RequestError(Problem("/format", "unknown-value", detail))
     result = await find_result(request)
-    call = partial(render, result.schema_name, result.body, form)
-    body, media_type = await service.pool.run(request, call, LONG if form != "json" else 0.0)
-    headers = {
-        "Cache-Control": "private, no-cache",
-        "Content-Disposition": f'inline; filename="tailstack-{result.sha256[:12]}.{form}"',
+    body, headers = await render_report(request, result.schema_name, result.body, form, result.sha256)
+    return tagged_response(request, body, MEDIA_TYPES[form], {**REVALIDATE, **headers})
+
+
+async def render_report(
+    request: Request, name: str, record: bytes, form: str, sha256: str
+) -> tuple[bytes, dict[str, str]]:
+    """A record as a report, and the headers that it is sent with.
+
+    name: of the operation that made it.  record: its JSON, with its sha256.  form: one of FORMATS.
+    """
+    call = partial(render, name, record, form)
+    body, _ = await service_of(request).pool.run(request, call, LONG if form != "json" else 0.0)
+    return body, {
+        "Content-Disposition": f'inline; filename="tailstack-{sha256[:12]}.{form}"',
         "X-Content-Type-Options": "nosniff",
         **_policy(form),
     }
-    return tagged_response(request, body, media_type, headers)
 
 
 def _policy(form: str) -> dict[str, str]:

@@ -22,6 +22,7 @@ from ..operations.example import EXAMPLE_DESIGN
 from ..operations.operation import Operation
 from ..operations.patches import NAMED, PATCH
 from ..operations.registry import OPERATIONS
+from ..operations.rendering import MEDIA_TYPES
 from ..problems import CATALOGUE
 from ..schemas import json_schema
 from .dependencies import Needs
@@ -248,10 +249,28 @@ def _file(media: str, example: str | None) -> dict[str, Any]:
     return media_types(media, {"type": "string", **({} if text else bytewise)}, example)
 
 
+REPORT = {  # headers of one
+    "Content_Disposition": "ContentDisposition", "Content_Security_Policy": "ContentSecurityPolicy",
+    "X_Content_Type_Options": "ContentTypeOptions",
+}  # fmt: skip
+REPORT_FORMS: dict[str, Any] = {
+    MEDIA_TYPES["html"]: {"schema": {"type": "string"}},
+    # bytes: contentMediaType is how 3.1 says it, format what generators of clients look at
+    **{
+        media: {"schema": {"type": "string", "format": "binary", "contentMediaType": media}}
+        for media in (MEDIA_TYPES["pdf"], MEDIA_TYPES["xlsx"])
+    },
+    JSON: {"schema": {"type": "object"}},
+}
+
+
 def _answers_at_once(operation: Operation) -> dict[int | str, Any]:
-    return {
-        200: response_of(f"{operation.summary}.", media_types(JSON, reference("schemas", component(operation.name))))
-    }
+    record = media_types(JSON, reference("schemas", component(operation.name)))
+    if operation.document is None:
+        return {200: response_of(f"{operation.summary}.", record)}
+    content = record | {media: form for media, form in REPORT_FORMS.items() if media != JSON}  # clients take the first
+    done = response_of(f"{operation.summary}; as a report, where Accept asks for one.", content, **REPORT)
+    return {200: {**done, "headers": only_with("when it is a report", done["headers"])}}
 
 
 def _job_answers(operation: Operation) -> dict[int | str, Any]:

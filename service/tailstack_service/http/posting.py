@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -20,6 +21,7 @@ from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
 from ..names import variable
+from ..operations import rendering
 from ..operations.effort import reading_seconds
 from ..operations.operation import JobRequest, Operation, Pieces, Reception
 from ..operations.patches import NAMED
@@ -30,10 +32,10 @@ from ..processes.interpreter import running_code
 from ..tables import MEDIA_TYPES
 from ..task import UnitResult
 from . import computations
-from .answers import JSON, asks_for_job, idempotency_key, wait_seconds
+from .answers import JSON, asks_for_job, idempotency_key, takes, wait_seconds
 from .body import strict_body
 from .dependencies import Needs, TheService
-from .jobs import accepted_response, failure_response, result_response
+from .jobs import accepted_response, failure_response, render_report, result_response
 from .openapi import describe
 from .service import Service, note_policy, service_of
 
@@ -71,7 +73,13 @@ def _endpoint(operation: Operation) -> Callable[..., Awaitable[Response]]:
             return await _send_pieces(request, sent, reception.pieces)
         if reception.job is not None:
             return await submit(request, reception.job, key)
-        return Response(reception.answer, media_type=JSON)
+        assert reception.answer is not None
+        form = _answer_form(request, rendering.MEDIA_TYPES if operation.document else {}, "json")
+        if form == "json":
+            return Response(reception.answer, media_type=JSON)
+        sha256 = hashlib.sha256(reception.answer).hexdigest()
+        report, headers = await render_report(request, operation.name, reception.answer, form, sha256)
+        return Response(report, headers=headers, media_type=rendering.MEDIA_TYPES[form])
 
     return create
 
@@ -119,7 +127,7 @@ async def _send_pieces(request: Request, sent: RawRequest, pieces: Pieces) -> Re
         detail = f"this takes some {pieces.seconds:.0f} s; {service.settings.max_seconds:g} s are computed at once"
         hint = "send Prefer: respond-async, and it becomes a job; or send fewer rows"
         raise LimitError(Problem("", "too-much-work", detail, hint))
-    form = _answer_form(request, pieces.form)
+    form = _answer_form(request, MEDIA_TYPES, pieces.form)
 
     async def compute(function: Callable[..., T], *arguments: object, **named: object) -> T:
         call = partial(function, sent, service.settings, *arguments, **named)
@@ -144,11 +152,11 @@ async def _send_pieces(request: Request, sent: RawRequest, pieces: Pieces) -> Re
     return StreamingResponse(send(), headers={"Content-Type": MEDIA_TYPES[form]})
 
 
-def _answer_form(request: Request, usual: str) -> Any:
-    """The first format that Accept names and that there is; otherwise the usual one."""
-    forms = {media: form for form, media in MEDIA_TYPES.items()} | {JSON: "json"}
-    accepted = [part.partition(";")[0].strip().lower() for part in request.headers.get("accept", "").split(",")]
-    return next((forms[media] for media in accepted if media in forms), usual)
+def _answer_form(request: Request, media_types: Mapping[Any, str], usual: str) -> Any:
+    """The first format that Accept names and that there is; otherwise the usual one.  JSON is always there."""
+    forms = {media.partition(";")[0]: form for form, media in media_types.items()} | {JSON: "json"}
+    named = [part.partition(";")[0].strip().lower() for part in request.headers.get("accept", "").split(",")]
+    return next((forms[media] for media in named if media in forms and takes(request, "accept", media)), usual)
 
 
 async def submit(request: Request, posted: JobRequest, key: str | None) -> Response:

@@ -120,6 +120,25 @@ scenarios.units = async () => {
   return { p95, variants, opened, said, slack, listed, rows, head, verified: await page.locator("#p95").textContent(), caption: await page.locator(".histogram figcaption").first().textContent() };
 };
 
+// The tables of the report below the list, before and after a change
+scenarios.figures = async () => {
+  const page = await begun(await newContext()), figures = page.locator(".figures:not(.outdated)");
+  await page.getByText("Every figure of the budget").click();
+  const read = async () => {
+    const table = figures.locator("table").first();
+    await table.waitFor();
+    return { caption: await table.locator("caption").innerText(), heads: await table.locator("thead th").allInnerTexts(), rows: await table.locator("tbody tr").allInnerTexts() };
+  };
+  const before = await read();
+  if (asked.shot) {
+    await page.locator(".figures").scrollIntoViewIfNeeded();
+    await page.screenshot({ path: asked.shot });
+  }
+  await number(page, "F1 x, mm", "-31");
+  await current(page);
+  return { before, after: await read(), p95: await page.locator("#p95").textContent() };
+};
+
 // While a newer score is awaited, or refused, nothing of an older design is in full colour
 scenarios.grey = async () => {
   const context = await newContext(), page = await begun(context), found = {}, release = [];

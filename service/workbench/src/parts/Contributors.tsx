@@ -1,15 +1,17 @@
 // Who is to blame, and what is changed about it: one list of the contributors, each with its half-width to slide and to
 // type, its share of the variance, what P95 would be without it, and how far it may be loosened.
 
-import { effect, signal } from "@preact/signals";
+import { effect, signal, untracked } from "@preact/signals";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
 import { type Line, placeOf } from "../advice";
-import { answer, current, late, refused, type Score, type TargetScore } from "../api";
+import { answer, current, late, readRefusal, type Refusal, refused, type Score, send, type TargetScore, unreachable } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
-import { cancelGesture, design, edit, finishGesture, type Json, opened, type Path, PRESSES, preview, valueAt } from "../state";
+import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, type Path, PRESSES, preview, valueAt } from "../state";
 import { before, decimals, decisive, shareKey } from "../verdicts";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
+import { Problems } from "./Problems";
 import { Term } from "./Words";
 
 type Allowance = components["schemas"]["Allowance"];
@@ -190,7 +192,8 @@ export function Contributors() {
           })}
         </table>
       </div>
-      {target && <Matrix targets={ranked.slice(0, 8)} of={ranked.length} lines={target.contributors} />}
+      {target && ranked.length > 1 && <Matrix targets={ranked.slice(0, 8)} of={ranked.length} lines={target.contributors} />}
+      {target && <Figures />}
     </div>
   );
 }
@@ -245,26 +248,69 @@ function Slider({ slide }: { slide: Slide }) {
   );
 }
 
-/** What the list has no room for: every target at once, and the slope of P95. */
+/** Every target at once. */
 function Matrix({ targets, of, lines }: { targets: TargetScore[]; of: number; lines: readonly Line[] }) {
   return (
     <details>
-      <summary>{`${of > 1 ? "Shares at every target, and " : ""}P95 per unit of half-width`}</summary>
+      <summary>Shares at every target</summary>
       <div class="scroll" tabIndex={0} role="region" aria-label="Contributors by target">
         <table>
           <caption><Term word="budget">Budget</Term>{`${of > targets.length ? `: the ${targets.length} of ${of} targets with the largest P95` : ""}`}</caption>
-          <thead><tr><th>Contributor</th><th class="number">P95 per unit of half-width</th>{targets.map((t) => <th class="number" key={t.name}>{t.name}</th>)}</tr></thead>
+          <thead><tr><th>Contributor</th>{targets.map((t) => <th class="number" key={t.name}>{t.name}</th>)}</tr></thead>
           <tbody>
             {lines.map((c, k) => (
               <tr key={lineKey(c)} class={c.component === "all" ? "" : "below"}>
                 <th scope="row">{c.component === "all" ? c.label || c.name : `${c.label || c.name} ${c.component}`}</th>
-                <td class="number">{c.dp95_per_unit === null ? "" : `${brief(c.dp95_per_unit)} mm/${unit(c.unit)}`}</td>
                 {targets.map((t) => <td class="number" key={t.name}>{percent(t.contributors[k]?.variance_share ?? 0)}</td>)}
               </tr>
             ))}
           </tbody>
         </table>
       </div>
+    </details>
+  );
+}
+
+// --- every figure: the tables of the report --------------------------------------------------------------------------
+
+const unfoldedFigures = signal(false);
+const figures = signal<{ design: Json; tables: Node[]; problem: Refusal | null } | null>(null);
+let reading = false;
+
+effect(() => {
+  if (unfoldedFigures.value && current.value && !gesture.value.length) void untracked(readFigures);
+});
+
+/** The tables of the budget as the service writes them in a report; one request at a time, for the design of the moment. */
+async function readFigures(): Promise<void> {
+  if (reading) return;
+  reading = true;
+  try {
+    while (unfoldedFigures.value && current.value && !gesture.value.length && figures.value?.design !== design.value) {
+      const sent = design.value, response = await send("POST", "/v1/scores", { design: sent }, { Accept: "text/html" }).catch(() => null);
+      const problem = response?.ok ? null : response ? await readRefusal(response) : unreachable();
+      const page = new DOMParser().parseFromString(problem ? "" : await response!.text(), "text/html");
+      const section = [...page.querySelectorAll("section")].find((part) => part.querySelector("h2")?.textContent?.endsWith(" Budget"));
+      figures.value = { design: sent, tables: [...(section?.querySelectorAll(".scroll:has(table)") ?? [])], problem };
+    }
+  } finally {
+    reading = false;
+  }
+}
+
+function Figures() {
+  const box = useRef<HTMLDivElement>(null), held = figures.value, other = held && held.design !== design.value;
+  useLayoutEffect(() => box.current?.replaceChildren(...(held?.tables ?? []).map((table) => document.importNode(table, true))), [held]);
+  const turn = (open: boolean) => {
+    if (open && figures.value?.problem) figures.value = null; // it is asked for once more
+    unfoldedFigures.value = open;
+  };
+  return (
+    <details open={unfoldedFigures.value} onToggle={(event) => turn(event.currentTarget.open)}>
+      <summary>Every figure of the budget, as the report has it</summary>
+      {unfoldedFigures.value && !held && <p class="note" role="status">being written …</p>}
+      {held?.problem && <Problems problem={held.problem} />}
+      <div ref={box} class={other ? "figures outdated" : "figures"} />
     </details>
   );
 }
