@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 from .digits import count_decimals
 from .outline import Curve, Curves, Frame, Outline, row_of
 from .record import Result
-from .tables import EVERYWHERE, PAPER, TERMINAL, Column, On, Table, fill
+from .tables import EVERYWHERE, LONG_TABLE, PAPER, TERMINAL, Column, On, Table, fill
 from .verdicts import Interval, Provenance
 
 MOST_TARGETS = 6  # with a curve of their own
@@ -200,9 +200,6 @@ class Sweep(Result):
 _NOTHING = dict.fromkeys(row_of(SweepTarget("", 0.0, None, 0.0, 0.0, 0.0)))  # of a point that was refused
 
 
-MOST_ROWS = 400  # of a page
-
-
 def points_table(sweep: Sweep) -> Table:
     """Every point at its worst target; paper has the other targets, too."""
     decimals, checked = sweep.decimals, sweep.check == "verification"
@@ -250,7 +247,7 @@ def points_table(sweep: Sweep) -> Table:
             fill(columns, _Place(number, point, target), on=EVERYWHERE if target is worst else PAPER)
             for target in point.targets or (None,)
         ]
-    return Table("Points", "Every point of the grid", columns, tuple(rows), most=MOST_ROWS)
+    return Table("Points", "Every point of the grid", columns, tuple(rows), most=LONG_TABLE)
 
 
 class _Place(NamedTuple):

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from .digits import decimal, exact, number, percent, saving, signed_decimal
 
 Cell = str | float | int | None
+LONG_TABLE = 400  # rows on a page of one that has a row for each thing of a design or a study
 
 
 class On(Flag):

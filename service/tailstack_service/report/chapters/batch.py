@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal
 
-from tailstack.results.tables import EVERYWHERE, PAPER, TERMINAL, Column, Row, Table
+from tailstack.results.tables import EVERYWHERE, LONG_TABLE, PAPER, TERMINAL, Column, Row, Table
 
 from ..blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
 from .tables import closing_sections, provenance_facts
@@ -13,7 +13,7 @@ from .tables import closing_sections, provenance_facts
 if TYPE_CHECKING:
     from tailstack.results.batch import ScoredTable
 
-MOST_ROWS, SHOWN = 400, 40  # of a page, of a terminal; a spreadsheet has all
+SHOWN = 40  # rows in a terminal
 
 
 def batch_document(record: ScoredTable, sha256: str) -> Document:
@@ -83,4 +83,4 @@ def _table(record: ScoredTable) -> Table:
         Row((str(k + 1), *cells), on=EVERYWHERE if k < SHOWN else PAPER)
         for k, cells in enumerate(zip(*record.columns.values(), strict=True))
     )
-    return Table("Designs", "Every row of the table", columns, rows, most=MOST_ROWS)
+    return Table("Designs", "Every row of the table", columns, rows, most=LONG_TABLE)

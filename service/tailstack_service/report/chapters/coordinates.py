@@ -5,15 +5,13 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from tailstack.results.tables import PAPER, Column, Table, tabulate
+from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 
 from ..blocks import Document, KeyNumber, Listing, Paragraph, Section
 from .tables import closing_sections, provenance_facts
 
 if TYPE_CHECKING:
     from ...operations.layout import ImagedPoint, ImagedView, Layout, PlacedPoint
-
-MOST_POINTS = 400  # of a page
 
 
 def layout_document(layout: Layout, sha256: str) -> Document:
@@ -61,7 +59,7 @@ def _places_table(layout: Layout) -> Table:
         *(Column(axis, "mm", "fixed", of=partial(_coordinate, k)) for k, axis in enumerate("xyz")),
     )
     caption = "Nominal positions in the connector frame con"
-    return tabulate("Positions", caption, columns, (*layout.fiducials, *layout.targets), most=MOST_POINTS)
+    return tabulate("Positions", caption, columns, (*layout.fiducials, *layout.targets), most=LONG_TABLE)
 
 
 def _coordinate(axis: int, point: PlacedPoint) -> float:
@@ -78,7 +76,7 @@ def _image_table(view: ImagedView) -> Table:
     )
     points = (*view.fiducials, *view.targets)
     shown = columns if any(map(_remark, points)) else columns[:-1]
-    return tabulate(f"Images {view.view}", f"In view {view.view}, {size}", shown, points, most=MOST_POINTS)
+    return tabulate(f"Images {view.view}", f"In view {view.view}, {size}", shown, points, most=LONG_TABLE)
 
 
 def _remark(point: ImagedPoint) -> str:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 from tailstack.results import ERRORS
 from tailstack.results.digits import count_decimals, percent
 from tailstack.results.look import BLUE, INK, MUTED, VERMILION
-from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, Column, On, Row, Table, fill, tabulate
+from tailstack.results.tables import EVERYWHERE, IN_DETAIL, LONG_TABLE, PAPER, Column, On, Row, Table, fill, tabulate
 from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, choose_decimals, write_percent
 
 from ..blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section
 from ..page import beside, titled_page
 from ..svg import broken
-from .study import MOST_ROWS, compose_study
+from .study import compose_study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -118,7 +118,7 @@ def parts_table(study: StudyCoupling, shown: Sequence[CouplingCase], more: str) 
     )
     rows = tuple(fill(columns, case, on=EVERYWHERE if case in shown else PAPER) for case in study.cases)
     caption = f"P95 of {ERRORS[study.error]} at {shown[0].target}{more}, and the noise's root mean square"
-    return Table("Parts", caption, columns, rows, most=MOST_ROWS)
+    return Table("Parts", caption, columns, rows, most=LONG_TABLE)
 
 
 def comparisons_table(study: StudyCoupling, cases: Sequence[CouplingCase]) -> Table:
@@ -140,7 +140,7 @@ def comparisons_table(study: StudyCoupling, cases: Sequence[CouplingCase]) -> Ta
         rows.append(Row(("first order", "", *(_write_prediction(ratio) for ratio in ratios)), 1))
     half = f"half of the {percent(study.confidence, 0)} % interval (each by itself)"
     caption = f"Ratios as per cent above or below one, ± {half}"
-    return Table("Comparisons", caption, columns, tuple(rows), most=MOST_ROWS)
+    return Table("Comparisons", caption, columns, tuple(rows), most=LONG_TABLE)
 
 
 def _write_half_width(ratio: Ratio | None) -> str:
@@ -181,7 +181,7 @@ def ratios_table(study: StudyCoupling) -> Table:
         if (ratio := which(case)) is not None
     ]
     caption = f"Each with its {100 * study.confidence:g} % interval by itself"
-    return tabulate("Ratios", caption, columns, compared, most=MOST_ROWS)
+    return tabulate("Ratios", caption, columns, compared, most=LONG_TABLE)
 
 
 NAMES, PANEL, ROW = 178, 186, 26

@@ -8,14 +8,14 @@ from functools import partial
 from tailstack.results import ERRORS
 from tailstack.results.digits import percent
 from tailstack.results.look import FAINT, INK, MUTED
-from tailstack.results.tables import IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Row, Table, tabulate
+from tailstack.results.tables import IN_DETAIL, LONG_TABLE, PAPER, TERMINAL, Cell, Column, On, Row, Table, tabulate
 from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within
 
 from ...rendering.rows import csv_text, list_reasons
 from ...rendering.tables import visible
 from ..blocks import Document, Facts, KeyNumber, Paragraph, Section
 from ..page import draw_cells, titled_page
-from .study import MOST_ROWS, compose_study
+from .study import compose_study
 
 MARK: dict[Within, str] = {"1 %": " ", "5 %": "~", "20 %": "+", "beyond": "#"}
 MOST_REASONS = 8
@@ -125,7 +125,7 @@ def points_table(study: StudyLinearity) -> Table:
         Column("Ratio to", kind="fixed", digits=4, of=lambda point: point.ratio_interval and point.ratio_interval[1]),
         Column("Within", of=tell),
     )
-    return tabulate("Points", "Every point of the grid", columns, study.points, most=MOST_ROWS)
+    return tabulate("Points", "Every point of the grid", columns, study.points, most=LONG_TABLE)
 
 
 def calibration_table(study: StudyLinearity) -> Table:

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.results.digits import number
 from tailstack.results.look import COLOURS, INK
-from tailstack.results.tables import IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Row, Table, tabulate
+from tailstack.results.tables import IN_DETAIL, LONG_TABLE, PAPER, TERMINAL, Cell, Column, On, Row, Table, tabulate
 
 from ...rendering.rows import csv_text, plain_text
 from ...rendering.tables import visible
 from ..blocks import Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section
 from ..charts import RING
 from ..page import DASHED, DOTTED, name_at_right, titled_page
-from .study import MOST_ROWS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -356,7 +355,7 @@ def cells_table(geometry: Geometry, place: int) -> Table:
         Column("z", kind="signed", digits=1, of=lambda cell: cell.z),
     )
     caption = f"Target {geometry.target}, {geometry.reading} reading: our cells beside the printed ones"
-    return tabulate(f"Geometry {place}", caption, columns, geometry.cells, most=MOST_ROWS)
+    return tabulate(f"Geometry {place}", caption, columns, geometry.cells, most=LONG_TABLE)
 
 
 def every_printed_table(study: StudyPaper) -> Table:
@@ -379,7 +378,7 @@ def every_printed_table(study: StudyPaper) -> Table:
         Column("Remark", of=lambda cell: cell.remark),
     )
     caption = "Every printed cell, as it is printed, and why one is not predicted"
-    return tabulate("Printed", caption, columns, study.printed, most=MOST_ROWS)
+    return tabulate("Printed", caption, columns, study.printed, most=LONG_TABLE)
 
 
 def paper_csv(study: StudyPaper) -> str:

@@ -13,7 +13,6 @@ from ..chapters.tables import closing_sections, provenance_facts
 if TYPE_CHECKING:
     from tailstack.results import Provenance
 
-MOST_ROWS = 400  # of a page
 REPRODUCTION = (
     "design.yaml is the design of the hash named on the first page; the record of a study does not hold it. The same "
     "version of tailstack gives the same digits, whatever the number of threads, workers or machines."

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.results import ERRORS
 from tailstack.results.look import MUTED, VERMILION
-from tailstack.results.tables import PAPER, TERMINAL, Column, On, Table, tabulate
+from tailstack.results.tables import LONG_TABLE, PAPER, TERMINAL, Column, On, Table, tabulate
 from tailstack.studies.views import StudyViews, ViewMap, maps_of
 
 from ...rendering.tables import shorten
 from ..blocks import Document, KeyNumber, Paragraph, Section
 from ..charts import shade
 from ..page import titled_page
-from .study import MOST_ROWS, compose_study
+from .study import compose_study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -98,7 +98,7 @@ def directions_table(study: StudyViews) -> Table:
     )
     directions = [(name, each) for name, view_map in maps_of(study) for each in view_map.directions]
     caption = f"P95 of the {study.error} error, at the target where it is largest"
-    return tabulate("Directions", caption, columns, directions, most=MOST_ROWS)
+    return tabulate("Directions", caption, columns, directions, most=LONG_TABLE)
 
 
 SQUARE, SHADES = 300, 6
