@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import shutil
 import subprocess
 from collections.abc import Sequence
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -54,12 +56,31 @@ def place_script(name: str) -> Path:
     return place / name
 
 
+@cache
+def browser_address() -> str:
+    """Of the one browser of this process, which ends with it.  Raises BrowserMissing."""
+    process = subprocess.Popen(
+        ["node", place_script("browser.mjs")], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    atexit.register(_end_browser, process)
+    process.stdin.write(json.dumps({"executable": chromium(), "sandbox": os.geteuid() != 0}) + "\n")
+    process.stdin.flush()
+    address = process.stdout.readline().strip()
+    assert address, "Chromium did not start"
+    return address
+
+
+def _end_browser(process: subprocess.Popen[str]) -> None:
+    process.communicate(timeout=LIMIT_SECONDS)  # which closes its stdin
+
+
 def asked(url: str, scenario: str, design: str = DEMO, **more: Any) -> str:
     shot = os.environ.get("TAILSTACK_SCREENSHOTS")  # a folder: where pictures of the page are wanted
     picture = {"shot": f"{shot}/{more.get('name', scenario)}.png"} if shot else {}
     return json.dumps({
-        "executable": chromium(), "sandbox": os.geteuid() != 0, "url": f"{url}/", "scenario": scenario,
-        "design": design, **picture, **more,
+        "browser": browser_address(), "url": f"{url}/", "scenario": scenario, "design": design, **picture, **more,
     })  # fmt: skip
 
 
@@ -86,9 +107,8 @@ def awaited(condition: str) -> str:
 
 def look(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Open pages one after the other; what each did is described in ``browser/look.mjs``.  Raises BrowserMissing."""
-    executable = chromium()
     script = place_script("look.mjs")
-    asked = {"executable": executable, "sandbox": os.geteuid() != 0, "jobs": list(jobs)}
+    asked = {"browser": browser_address(), "jobs": list(jobs)}
     done = subprocess.run(
         ["node", str(script)], input=json.dumps(asked), capture_output=True, text=True, timeout=LIMIT_SECONDS
     )

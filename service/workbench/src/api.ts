@@ -210,8 +210,11 @@ async function drawOnce(sent: Json): Promise<void> {
   }
 }
 
+let again = 0; // the timer: one, or a design that failed twice would be asked for by two that each go on
+
 function later(sent: Json, seconds: number): void {
-  window.setTimeout(() => {
+  window.clearTimeout(again);
+  again = window.setTimeout(() => {
     if (design.value === sent && refused.value) {
       wanted = sent;
       void follow();

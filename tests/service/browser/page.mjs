@@ -1,4 +1,4 @@
-// A browser with the workbench in it, and how it is used: {executable, sandbox, url, scenario, ...} as JSON on stdin, what a
+// A browser with the workbench in it, and how it is used: {browser, url, scenario, ...} as JSON on stdin, what a
 // scenario found as JSON on stdout.  Beside workbench.mjs, whose scenarios use it.
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
@@ -6,12 +6,8 @@ import { chromium } from "playwright-core";
 
 const require = createRequire(import.meta.url);
 const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
-const FLAGS = [
-  "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-  "--disable-component-update", "--disable-sync",
-];
 export const asked = JSON.parse(readFileSync(0, "utf8"));
-export const browser = await chromium.launch({ executablePath: asked.executable, chromiumSandbox: asked.sandbox, args: FLAGS });
+export const browser = await chromium.connect(asked.browser);
 
 /** Of every wait, ms: the one limit of the tests. */
 export const LIMIT = 1000 * Number(process.env.TAILSTACK_TESTS_LIMIT_SECONDS ?? 180);
@@ -55,6 +51,13 @@ export const sha = async (page) => {
 };
 export const take = (page, text, name = "design.yaml") =>
   page.setInputFiles("header input[type=file]", { name, mimeType: "application/yaml", buffer: Buffer.from(text) });
+
+/** What a download holds: the browser keeps it, which is no child of this process. */
+export async function downloaded(download) {
+  const parts = [];
+  for await (const part of await download.createReadStream()) parts.push(part);
+  return Buffer.concat(parts);
+}
 
 /** A file from elsewhere: text, or bytes, which are not passed to a page as they are. */
 export async function drop(page, name, content) {

@@ -1,6 +1,5 @@
 // What the workbench shows, and how it answers: one scenario of those below.  See tests/service/test_workbench_shown.py.
-import { readFileSync } from "node:fs";
-import { asked, begun, bead, centre, current, drawn, faded, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
+import { asked, begun, bead, centre, current, downloaded, drawn, faded, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
@@ -299,20 +298,23 @@ scenarios.back = async () => {
   await take(page, asked.design);
   await page.clock.runFor(1000);
   await current(page);
-  await page.route("**/v1/**", (route) => route.abort());
-  await page.route("**/health/**", (route) => route.abort());
+  await page.clock.pauseAt((await page.evaluate(() => Date.now())) + 60_000); // from here on it goes as far as it is sent, and not by itself
+  await strip(page).getByRole("button", { name: /^Tighten/ }).waitFor(); // the last thing that is asked for by itself: nothing is on the way
+  await page.evaluate(() => { // a service that is away: every request fails at once, with nothing on the way
+    const fetch = window.fetch;
+    Object.assign(window, { asks: [], back: () => { window.fetch = fetch; } });
+    window.fetch = (address) => {
+      if (String(address).endsWith("/v1/scores")) window.asks.push(Date.now());
+      return Promise.reject(new TypeError("away"));
+    };
+  });
   await number(page, "F1 x, mm", "-31");
   await page.getByText("The service does not answer").first().waitFor();
-  let asks = 0;
-  page.on("request", (request) => { asks += Number(request.url().endsWith("/v1/scores")); });
-  const settle = () => page.evaluate(() => new Promise((done) => { const channel = new MessageChannel(); channel.port1.onmessage = () => done(); channel.port2.postMessage(0); }));
-  for (let k = 0; k < 18; k += 1) { await page.clock.runFor(500); await settle(); } // 0.5, 1, 2 and 4 s are behind, 8 s is awaited
-  const away = asks;
-  await page.unroute("**/v1/**");
-  await page.unroute("**/health/**");
+  for (let k = 0; k < 20; k += 1) await page.clock.runFor(500);
+  const asks = await page.evaluate(() => { window.back(); return window.asks; });
   await page.clock.runFor(2100); // the next look at its health
   await page.waitForFunction(() => window.workbench.state().current, null, { polling: 100 });
-  return { away, current: (await state(page)).current };
+  return { waited: asks.slice(1).map((at, k) => at - asks[k]), current: (await state(page)).current };
 };
 
 // Keys in either case, where the focus is after a choice, regions that are told apart, and the widest table
@@ -366,7 +368,7 @@ scenarios.example = async () => {
   await current(page);
   await part(page, "Share and save");
   const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Save YAML" }).click()]);
-  return { text: readFileSync(await download.path(), "utf8"), sha: await sha(page) };
+  return { text: (await downloaded(download)).toString(), sha: await sha(page) };
 };
 
 // A section of the document that nobody told the page of: its fields, its line of the budget, and its number changed

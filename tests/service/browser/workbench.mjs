@@ -1,6 +1,5 @@
 // Uses the workbench in Chromium as a designer does: one scenario of those below.  See tests/service/test_workbench.py.
-import { readFileSync } from "node:fs";
-import { asked, axe, bead, begun, centre, current, drawn, drop, faded, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
+import { asked, axe, bead, begun, centre, current, downloaded, drawn, drop, faded, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {
   // From nothing: the gallery, the first score, what it shows, how much was fetched
@@ -306,7 +305,7 @@ scenarios.key = async () => {
   const kept = JSON.stringify([await page.evaluate(() => [{ ...localStorage }, { ...sessionStorage }, document.cookie, location.href]), await context.cookies()]);
   await page.reload();
   await field.waitFor();
-  return { sha: right, kept, download: readFileSync(await download.path()).subarray(0, 5).toString() };
+  return { sha: right, kept, download: (await downloaded(download)).subarray(0, 5).toString() };
 };
 
 // Jobs that somebody else started are listed with their reports and can be shown; one of this page outlives a reload
@@ -347,7 +346,7 @@ scenarios.copy = async () => {
     found[name] = await page.evaluate(() => navigator.clipboard.readText());
   }
   const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Save YAML" }).click()]);
-  return { ...found, name: download.suggestedFilename(), yaml: readFileSync(await download.path(), "utf8"), p95: (await state(page)).score.targets[0].p95_mm };
+  return { ...found, name: download.suggestedFilename(), yaml: (await downloaded(download)).toString(), p95: (await state(page)).score.targets[0].p95_mm };
 };
 
 // How far a half-width may change until the limit is reached, tried out
