@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-LIMIT_SECONDS = float(os.environ.get("TAILSTACK_TESTS_LIMIT_SECONDS", "180"))  # of every wait in the tests
+LIMIT_SECONDS = float(os.environ.get("TAILSTACK_TESTS_LIMIT_SECONDS", "600"))  # of every wait in the tests
 LOOK_SECONDS = 0.01  # between two looks at a condition
 
 T = TypeVar("T")

@@ -10,7 +10,7 @@ export const asked = JSON.parse(readFileSync(0, "utf8"));
 export const browser = await chromium.connect(asked.browser);
 
 /** Of every wait, ms: the one limit of the tests. */
-export const LIMIT = 1000 * Number(process.env.TAILSTACK_TESTS_LIMIT_SECONDS ?? 180);
+export const LIMIT = 1000 * Number(process.env.TAILSTACK_TESTS_LIMIT_SECONDS ?? 600);
 
 export const watched = { messages: [], strangers: [] };
 
