@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from importlib.metadata import distribution, packages_distributions
 from pathlib import Path
 
@@ -38,8 +39,11 @@ def plain(requirement: str) -> str:
     return re.split(r"[\[<>=;! ]", requirement)[0].lower().replace("_", "-")
 
 
+packages = cache(packages_distributions)  # a second of reading what is installed
+
+
 def distributions_of(module: str) -> set[str]:
-    return {plain(name) for name in packages_distributions()[module]}
+    return {plain(name) for name in packages()[module]}
 
 
 def command(extras: str) -> str:
@@ -302,7 +306,6 @@ def test_every_package_that_is_imported_belongs_to_the_core_or_to_an_extra() -> 
     assert not strange
 
 
-@pytest.mark.long
 def test_the_extras_of_pyproject_bring_what_is_imported() -> None:
     extras = PROJECT["optional-dependencies"]
     assert set(extras) == {*MODULES_OF, "all"}

@@ -64,5 +64,9 @@ def test_the_code_of_the_page_runs() -> None:
     low, high = map(float, check.strip("()").split(","))
     assert low < float(value) < high
     assert float(sharper) < float(value)
-    assert frame[0].split() == ["p95_mm", "verdict"]
-    assert len(frame) == 4
+    swept, scored = frame[:4], frame[4:]
+    assert swept[0].split() == ["p95_mm", "verdict"]
+    assert scored[0].split() == ["p95_mm:tip"]
+    rows = [float(row.split()[1]) for row in scored[1:]]
+    assert len(rows) == 3
+    assert rows == sorted(rows)  # more noise is never less risk
