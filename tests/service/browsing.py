@@ -18,6 +18,7 @@ import pytest
 from postgres import required
 from service_scenes import EXAMPLES, ROOT
 
+from family import die_with_parent
 from waiting import LIMIT_SECONDS
 
 HOME = ROOT / "tests" / "service" / "browser"
@@ -60,8 +61,9 @@ def place_script(name: str) -> Path:
 def browser_address() -> str:
     """Of the one browser of this process, which ends with it.  Raises BrowserMissing."""
     process = subprocess.Popen(
-        ["node", place_script("browser.mjs")], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
+        ["node", place_script("browser.mjs")], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        preexec_fn=die_with_parent,
+    )  # fmt: skip
     assert process.stdin is not None
     assert process.stdout is not None
     atexit.register(_end_browser, process)
