@@ -78,11 +78,16 @@ def _end_browser(process: subprocess.Popen[str]) -> None:
     process.communicate(timeout=LIMIT_SECONDS)  # which closes its stdin
 
 
+def _surroundings() -> dict[str, Any]:
+    """What every script is told: the browser, and the limit of its waits, ms."""
+    return {"browser": browser_address(), "limit": 1000 * LIMIT_SECONDS}
+
+
 def asked(url: str, scenario: str, design: str = DEMO, **more: Any) -> str:
     shot = os.environ.get("TAILSTACK_SCREENSHOTS")  # a folder: where pictures of the page are wanted
     picture = {"shot": f"{shot}/{more.get('name', scenario)}.png"} if shot else {}
     return json.dumps({
-        "browser": browser_address(), "url": f"{url}/", "scenario": scenario, "design": design, **picture, **more,
+        **_surroundings(), "url": f"{url}/", "scenario": scenario, "design": design, **picture, **more,
     })  # fmt: skip
 
 
@@ -110,7 +115,7 @@ def awaited(condition: str) -> str:
 def look(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Open pages one after the other; what each did is described in ``browser/look.mjs``.  Raises BrowserMissing."""
     script = place_script("look.mjs")
-    asked = {"browser": browser_address(), "jobs": list(jobs)}
+    asked = {**_surroundings(), "jobs": list(jobs)}
     done = subprocess.run(
         ["node", str(script)], input=json.dumps(asked), capture_output=True, text=True, timeout=LIMIT_SECONDS
     )

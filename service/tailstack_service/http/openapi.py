@@ -253,14 +253,14 @@ REPORT = {  # headers of one
     "Content_Disposition": "ContentDisposition", "Content_Security_Policy": "ContentSecurityPolicy",
     "X_Content_Type_Options": "ContentTypeOptions",
 }  # fmt: skip
-REPORT_FORMS: dict[str, Any] = {
+REPORT_FORMS: dict[str, Any] = {  # JSON first: programs that generate clients take what comes first
+    JSON: {"schema": {"type": "object"}},
     MEDIA_TYPES["html"]: {"schema": {"type": "string"}},
     # bytes: contentMediaType is how 3.1 says it, format what generators of clients look at
     **{
         media: {"schema": {"type": "string", "format": "binary", "contentMediaType": media}}
         for media in (MEDIA_TYPES["pdf"], MEDIA_TYPES["xlsx"])
     },
-    JSON: {"schema": {"type": "object"}},
 }
 
 
@@ -268,8 +268,7 @@ def _answers_at_once(operation: Operation) -> dict[int | str, Any]:
     record = media_types(JSON, reference("schemas", component(operation.name)))
     if operation.document is None:
         return {200: response_of(f"{operation.summary}.", record)}
-    content = record | {media: form for media, form in REPORT_FORMS.items() if media != JSON}  # clients take the first
-    done = response_of(f"{operation.summary}; as a report, where Accept asks for one.", content, **REPORT)
+    done = response_of(f"{operation.summary}; as a report, where Accept asks for one.", REPORT_FORMS | record, **REPORT)
     return {200: {**done, "headers": only_with("when it is a report", done["headers"])}}
 
 

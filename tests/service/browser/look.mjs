@@ -27,7 +27,6 @@ const CANVAS = `(() => [...document.querySelectorAll(".viewer canvas")].map((can
   return {width: canvas.width, height: canvas.height, colours: seen.size, drawn: 1 - 4 * ground / data.length, hash};
 }))()`;
 
-const LIMIT = 1000 * Number(process.env.TAILSTACK_TESTS_LIMIT_SECONDS ?? 600); // of every wait, ms: the one limit of the tests
 const FRAMES = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))";
 
 async function looked(browser, job) {
@@ -86,7 +85,7 @@ async function looked(browser, job) {
   return found;
 }
 
-const { browser: address, jobs } = JSON.parse(readFileSync(0, "utf8"));
+const { browser: address, limit: LIMIT, jobs } = JSON.parse(readFileSync(0, "utf8"));
 const browser = await chromium.connect(address);
 try {
   const results = [];

@@ -1,4 +1,4 @@
-// A browser with the workbench in it, and how it is used: {browser, url, scenario, ...} as JSON on stdin, what a
+// A browser with the workbench in it, and how it is used: {browser, limit, url, scenario, ...} as JSON on stdin, what a
 // scenario found as JSON on stdout.  Beside workbench.mjs, whose scenarios use it.
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
@@ -8,9 +8,6 @@ const require = createRequire(import.meta.url);
 const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
 export const asked = JSON.parse(readFileSync(0, "utf8"));
 export const browser = await chromium.connect(asked.browser);
-
-/** Of every wait, ms: the one limit of the tests. */
-export const LIMIT = 1000 * Number(process.env.TAILSTACK_TESTS_LIMIT_SECONDS ?? 600);
 
 export const watched = { messages: [], strangers: [] };
 
@@ -32,7 +29,7 @@ export async function newContext(more = {}) {
     viewport: { width: asked.width ?? 1280, height: asked.height ?? 900 }, colorScheme: asked.scheme ?? "light", reducedMotion: "reduce",
     acceptDownloads: true, serviceWorkers: "block", ...more,
   });
-  context.setDefaultTimeout(LIMIT);
+  context.setDefaultTimeout(asked.limit);
   return context;
 }
 /** What was done to the page so far is drawn. */

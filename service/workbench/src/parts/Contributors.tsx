@@ -275,10 +275,11 @@ function Matrix({ targets, of, lines }: { targets: TargetScore[]; of: number; li
 
 const unfoldedFigures = signal(false);
 const figures = signal<{ design: Json; tables: Node[]; problem: Refusal | null } | null>(null);
+const figuresWanted = () => unfoldedFigures.value && current.value && !gesture.value.length && figures.value?.design !== design.value;
 let reading = false;
 
 effect(() => {
-  if (unfoldedFigures.value && current.value && !gesture.value.length) void untracked(readFigures);
+  if (figuresWanted()) void untracked(readFigures);
 });
 
 /** The tables of the budget as the service writes them in a report; one request at a time, for the design of the moment. */
@@ -286,7 +287,7 @@ async function readFigures(): Promise<void> {
   if (reading) return;
   reading = true;
   try {
-    while (unfoldedFigures.value && current.value && !gesture.value.length && figures.value?.design !== design.value) {
+    while (figuresWanted()) {
       const sent = design.value, response = await send("POST", "/v1/scores", { design: sent }, { Accept: "text/html" }).catch(() => null);
       const problem = response?.ok ? null : response ? await readRefusal(response) : unreachable();
       const page = new DOMParser().parseFromString(problem ? "" : await response!.text(), "text/html");
