@@ -252,7 +252,7 @@ def files_by_distance(changed: list[str]) -> list[str]:
 
 
 def users_of_files() -> dict[str, set[str]]:
-    """For each Python file those that import it, by the text of their import statements."""
+    """For each Python file those that import it, by the text of their import statements and of names of modules."""
     modules: dict[str, str] = {}
     files: set[Path] = set()
     for room in map(Path, ROOMS):
@@ -263,28 +263,45 @@ def users_of_files() -> dict[str, set[str]]:
     users: dict[str, set[str]] = {}
     for path in sorted(files):
         for name in imported_by(path):
-            if (file := modules.get(name)) and file != str(path):
-                users.setdefault(file, set()).add(str(path))
+            if name.endswith("."):  # a name that is put together: any module of that package
+                found = [file for module, file in modules.items() if module.rpartition(".")[0] == name[:-1]]
+            else:
+                found = [modules[name]] if name in modules else []
+            for file in found:
+                if file != str(path):
+                    users.setdefault(file, set()).add(str(path))
     return users
 
 
 IMPORTS = re.compile(
     r"^ *(?:from (?P<base>[.\w]+) import (?P<names>\([^)]*\)|[^#\n]*)|import (?P<modules>[^#\n]*))", re.MULTILINE
 )
+# What import_module is given: f"{__package__}.units.{name}", "..report.chapters.batch", "tailstack.studies.views"
+LOADED = re.compile(r'f"\{__package__\}(?P<below>(?:\.\w+)*)(?P<open>\.\{)?|"(?P<name>(?:\.+|\w+\.)\w+(?:\.\w+)*)"')
 
 
 def imported_by(path: Path) -> Iterator[str]:
-    """Modules that a file names, and names in them that may be modules."""
+    """Modules that a file names, and names in them that may be modules; a package whose modules a table names ends in
+    a point."""
     parts = path.with_suffix("").parts[1:]
-    for found in IMPORTS.finditer(path.read_text(encoding="utf-8")):
+
+    def absolute(name: str) -> str:
+        level = len(name) - len(name.lstrip("."))
+        return ".".join([*parts[: len(parts) - level], *filter(None, [name[level:]])]) if level else name
+
+    text = path.read_text(encoding="utf-8")
+    for found in IMPORTS.finditer(text):
         if found["modules"]:
             yield from (name.split()[0] for name in found["modules"].split(",") if name.strip())
             continue
-        base = found["base"].lstrip(".")
-        if level := len(found["base"]) - len(base):
-            base = ".".join([*parts[: len(parts) - level], *filter(None, [base])])
+        base = absolute(found["base"])
         yield base
         yield from (f"{base}.{name}" for name in re.findall(r"(\w+)(?: as \w+)?", found["names"]))
+    for found in LOADED.finditer(text):
+        if found["name"]:
+            yield absolute(found["name"])
+        else:
+            yield ".".join(parts[:-1]) + found["below"] + ("." if found["open"] else "")
 
 
 # --- what tests cost ------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -111,6 +112,9 @@ def test_what_is_near_to_a_change_comes_first(tmp_path: Path, monkeypatch: pytes
     """By hand: a module, one that imports it, their tests, and a test that imports neither."""
     texts = {
         "solver/deep/__init__.py": "", "solver/deep/inner.py": "", "solver/deep/outer.py": "from .inner import one",
+        "solver/deep/late.py": "", "solver/deep/verbs/first.py": "import json",
+        "solver/deep/table.py": 'LateImport(".late", "x"), import_module(f"{__package__}.verbs.{name}")',
+        "tests/unit/test_table.py": "import deep.table\ndef test_d(): pass",
         "tests/unit/test_inner.py": "from deep import inner\ndef test_a(): pass\ndef test_dear(): pass",
         "tests/unit/test_outer.py": "import pytest\nimport deep.outer\n@pytest.mark.long\ndef test_b(): pass",
         "tests/unit/test_none.py": "import json\ndef test_c(): pass",
@@ -126,12 +130,24 @@ def test_what_is_near_to_a_change_comes_first(tmp_path: Path, monkeypatch: pytes
         "tests/unit/test_inner.py",
         "tests/unit/test_outer.py",
     ]
+    for file in ("solver/deep/late.py", "solver/deep/verbs/first.py"):  # which no import statement names
+        assert tiers.files_by_distance([file]) == [file, "solver/deep/table.py", "tests/unit/test_table.py"]
     (tmp_path / "costs.csv").write_text("test,cpu_seconds\ntests/unit/test_inner.py::test_dear,1.5\n")
     monkeypatch.setattr(tiers, "COSTS", tmp_path / "costs.csv")
     assert tiers.choose_tests(["solver/deep/inner.py"]) == (["tests/unit/test_inner.py::test_a"], 2)
 
 
-def test_every_change_of_the_solver_reaches_tests() -> None:
+def test_every_change_of_the_sources_reaches_tests(monkeypatch: pytest.MonkeyPatch) -> None:
     """The graph by the text of imports follows the lazy names of the packages far enough."""
+    monkeypatch.setattr(tiers, "users_of_files", cache(tiers.users_of_files))
+    sources = [str(file) for room in ("solver", "service") for file in sorted(Path(room).rglob("*.py"))]
+    lost = [
+        file
+        for file in sources
+        if not any(Path(near).name.startswith("test_") for near in tiers.files_by_distance([file]))
+    ]
+    found_by_others = ("__init__.py", "__main__.py", "migrations/env.py", "migrations/versions/", "kernels_wheel/")
+    assert len(sources) > 300
+    assert [file for file in lost if not any(name in file for name in found_by_others)] == []
     for file in ("solver/tailstack/geometry/camera.py", "service/tailstack_service/jobs/store/queue.py"):
         assert len(tiers.choose_tests([file])[0]) > 10
