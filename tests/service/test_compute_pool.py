@@ -23,7 +23,7 @@ from strange_units import begun, expected_answer, request
 
 from family import die_with_parent, ended
 from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.processes import child
+from tailstack_service.processes import child, linux
 from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
 from tailstack_service.processes.interpreter import digest_code, make_command, make_environment
 from tailstack_service.task import ADVANCE, Outcome, Task, UnitResult
@@ -292,3 +292,22 @@ def test_a_task_that_is_too_large_for_the_pipe_of_a_process_that_stands_still() 
         large = engine.submit(Task("verification", request(filler="x" * 5_000_000), UNIT), "large")
         assert large.result(LIMIT_SECONDS).result is not None  # by another process: this one had not begun
         assert not psutil.pid_exists(pid)
+
+
+@pytest.mark.skipif(not linux.HERE, reason="reads what Linux says of a process")
+def test_the_processor_time_of_a_process_is_that_of_its_threads_in_both_modes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """published: proc(5): after the name state, 10 fields, ticks in user and in kernel mode; those of its children."""
+    monkeypatch.setattr(linux, "Path", lambda path: tmp_path / path.lstrip("/"))
+    threads = {
+        "7": "7 (name) of) S 1 1 1 0 -1 4 900 901 902 903 30 5 6000 7000 20 0",
+        "8": "8 (b) S" + " 0" * 10 + " 2 1",
+    }
+    for thread, text in threads.items():
+        (tmp_path / "proc/7/task" / thread).mkdir(parents=True)
+        (tmp_path / "proc/7/task" / thread / "stat").write_text(text)
+    assert linux.read_processor_time(7) == ((30 + 5 + 2 + 1) / linux.TICKS_A_SECOND, False)
+    (tmp_path / "proc/7/task/8/stat").write_text("8 (b) D" + " 0" * 10 + " 2 1")
+    assert linux.read_processor_time(7) == (38 / linux.TICKS_A_SECOND, True)
+    assert linux.read_processor_time(9) is None

@@ -519,10 +519,10 @@ def test_size_says_what_is_quick(size: tuple[int, int, int], quick: bool) -> Non
 
 @pytest.mark.parametrize(
     ("fiducials", "targets", "limits", "missed"),
-    [(8, 1, 1, False), (8, 6, 1, False), (8, 3, 2, True), (12, 6, 4, False), (30, 4, 1, False), (33, 4, 1, True)],
+    [(8, 1, 1, ""), (8, 6, 1, ""), (8, 3, 2, "all"), (12, 6, 4, ""), (30, 4, 1, ""), (33, 4, 1, "one")],
 )
 def test_the_losses_of_a_score_are_expected_at_what_they_take(
-    fiducials: int, targets: int, limits: int, missed: bool, monkeypatch: pytest.MonkeyPatch
+    fiducials: int, targets: int, limits: int, missed: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """independent: what the search is seen to do, gains of images and exact laws, counted while a score is computed."""
     draw = random.Random(4)
@@ -532,7 +532,8 @@ def test_the_losses_of_a_score_are_expected_at_what_they_take(
     ]
     design["targets"] = [{"name": f"t{k}", "position_mm": [k, 0, 70]} for k in range(targets)]
     if missed:
-        design["fiducials"]["loss_probability"] = 0.01
+        holder = design["fiducials"] if missed == "all" else design["fiducials"]["points"][-1]
+        holder["loss_probability"] = 0.01
     gains, laws = [0], [0]
     lose, law_without = losses.lose, losses.LossSearch._law_without
 

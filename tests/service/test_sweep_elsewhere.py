@@ -174,6 +174,9 @@ def test_a_figure_over_one_axis_has_a_mark_for_each_point(design: Path, tmp_path
     assert svg.count("<circle") >= 5
     assert "views.*.fiducial_noise_px, px" in svg
     assert "as designed" in svg
+    held = figure(design, tmp_path, f"{NOISE}=0.1:0.9:5", f"{RZ}=0.3")  # an axis of one value names no curve
+    assert held.count("<circle") == svg.count("<circle")
+    assert ">0.3 deg<" not in held
 
 
 @pytest.mark.long

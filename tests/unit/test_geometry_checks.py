@@ -77,6 +77,20 @@ def test_one_plane_is_named(normal, words):
     assert words in problem.detail
 
 
+@pytest.mark.parametrize("size", [20.0, 80.0])
+def test_a_plane_is_one_by_its_thickness_over_its_length(size):
+    """independent: the ratio of the extents, by the eigenvalues of the second moments; 1e-5 is a plane, in any size."""
+    for ratio, planar in ((0.8e-5, True), (1.25e-5, False)):
+        points = in_plane(9, np.array([0.0, 0.0, 1.0]), size=size)
+        moments = np.linalg.eigvalsh(np.cov(points[:, :2].T))
+        off = np.array([1.0, -1, 0, 1, -1, 0, 1, -1, 0])
+        points[:, 2] = ratio * np.sqrt(moments[-1] / np.var(off, ddof=1)) * off
+        if planar:
+            assert refused(system_of(points)).code == "coplanar-fiducials"
+        else:
+            assert "flat-structure" in rules(system_of(points))
+
+
 def test_a_flat_structure_is_scored_with_its_thickness():
     points = CUBE.copy()
     points[:, 2] = np.where(points[:, 2] > -40, 2.5, -2.5)
