@@ -82,7 +82,7 @@ def test_a_report_of_an_older_version_is_read_rendered_and_verified() -> None:
     names = {line.name for target in record.score.targets for line in target.contributors}
     assert {SEAT, FLANGE} < names
     assert not {"interface_1", "interface_2"} & names
-    page = render("report", content, "html")[0].decode()
+    page = render("report", content, "html").decode()
     assert page.count("interface_1") == content.count(b"interface_1")  # in the record that the page holds, nowhere else
     assert f"{SEAT} rx" in page
     found = audit(content, "report.json", fast=True)

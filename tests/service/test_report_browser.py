@@ -61,7 +61,7 @@ def seen(browser: None, tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[
     names, jobs = [], []
     for kind, body in results().items():
         path = folder / f"{kind}.html"
-        path.write_bytes(render(kind, body, "html")[0])
+        path.write_bytes(render(kind, body, "html"))
         for scheme, width in (("light", WIDE), ("dark", WIDE), ("light", NARROW), ("dark", NARROW)):
             if kind not in WITH_VIEWER and (scheme, width) not in (("light", WIDE), ("dark", NARROW)):
                 continue
@@ -107,7 +107,7 @@ def test_the_layout_is_drawn_and_turns_with_a_key(seen: dict[tuple[str, str, int
 
 def test_on_a_phone_the_limit_and_every_requirement_are_in_sight(browser: None, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    path.write_bytes(render("report", results()["report"], "html")[0])
+    path.write_bytes(render("report", results()["report"], "html"))
     gauge = """[...document.querySelectorAll('#figure-headline text')].filter((text) => /limit/.test(text.textContent)
         && text.getBoundingClientRect().width > 0).map((text) => text.getBoundingClientRect().right)"""
     cells = """[...document.querySelectorAll('.first .scroll td')].map((cell) => cell.getBoundingClientRect().right)"""
@@ -139,7 +139,7 @@ def test_the_value_does_not_lie_across_the_limit_and_the_layout_is_named_above_i
     """The demo, whose P95 is a seventh above its limit: beside its mark there is little room on a phone."""
     path = tmp_path / "report.html"
     demo = load_design(EXAMPLES / "demo.yaml")
-    path.write_bytes(render("report", to_json(compute_report(demo, ReportContents(parts=("score",)))), "html")[0])
+    path.write_bytes(render("report", to_json(compute_report(demo, ReportContents(parts=("score",)))), "html"))
     boxes = """[...document.querySelectorAll('#figure-headline text, #figure-headline path[stroke="#b3261e"]')]
         .map((part) => [part.textContent, part.getBoundingClientRect()]).filter(([, box]) => box.height > 0)
         .map(([words, box]) => [words, box.left, box.top, box.right, box.bottom])"""
@@ -157,7 +157,7 @@ def test_the_value_does_not_lie_across_the_limit_and_the_layout_is_named_above_i
 def test_without_scripts_and_on_paper_the_picture_stands_there(browser: None, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     record = to_json(compute_report(load_design(limited(0.9)), ReportContents(parts=("score",))))
-    path.write_bytes(render("report", record, "html")[0])
+    path.write_bytes(render("report", record, "html"))
     shown = "[...document.querySelectorAll('figure svg')].filter((svg) => svg.getBoundingClientRect().width > 0).length"
     shot = tmp_path / "plain.png"
     live, paper, plain = look(

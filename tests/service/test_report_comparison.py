@@ -179,7 +179,7 @@ def test_of_long_checks_the_interval_is_that_of_the_first_trials(monkeypatch: py
     assert sum(part.interval_mm) / 2 == pytest.approx(part.difference_mm, abs=1e-12)
     assert part.interval_mm[1] - part.interval_mm[0] > all_of_them.interval_mm[1] - all_of_them.interval_mm[0]
     assert made.compared_trials == 4096
-    text = render("comparison", to_json(made), "html")[0].decode()
+    text = render("comparison", to_json(made), "html").decode()
     assert f"{TRIALS:,} trials each" in text
     assert f"P95 is that of all {TRIALS:,}; the first 4,096, whose interval is wider" in text
 
@@ -192,7 +192,7 @@ def test_no_two_regions_of_a_page_have_one_name(found: Comparison) -> None:
     parts = ("score", "verification", "optimisation")
     report = compute_report(load_design(design), ReportContents(parts=parts, trials=500))
     for kind, record in (("comparison", found), ("report", report), ("optimisation", report.optimisation)):
-        page = render(kind, to_json(record), "html")[0].decode().partition('id="tailstack-record"')[0]
+        page = render(kind, to_json(record), "html").decode().partition('id="tailstack-record"')[0]
         names = re.findall(r'role="region" aria-label="([^"]*)"', page)
         assert len(names) > 5
         assert sorted(set(names)) == sorted(names), kind
@@ -238,7 +238,7 @@ def test_a_service_compares_what_it_is_sent(found: Comparison) -> None:
         assert answer.status_code == 200, answer.text
         assert answer.content == to_json(found)
         page = client.get(answer.headers["content-location"] + "/report?format=html")
-        assert page.content == render("comparison", to_json(found), "html")[0]
+        assert page.content == render("comparison", to_json(found), "html")
 
 
 OTHER = limited(0.9, targets=[{"name": "elsewhere", "position_mm": [0.0, 0.0, 60.0]}])
@@ -319,17 +319,17 @@ def test_long_lists_of_changes_are_cut_and_say_so() -> None:
 @pytest.mark.long
 def test_the_pages_show_both(found: Comparison) -> None:
     body = to_json(found)
-    page = render("comparison", body, "html")[0].decode()
+    page = render("comparison", body, "html").decode()
     for word in ("second:", "views AP fiducial_noise_px", "Budgets at target tip", "Student", "The first design"):
         assert word in page
-    book = openpyxl.load_workbook(io.BytesIO(render("comparison", body, "xlsx")[0]))
+    book = openpyxl.load_workbook(io.BytesIO(render("comparison", body, "xlsx")))
     assert {"Provenance", "Differences", "Changes", "Budgets", "Record"} <= set(book.sheetnames)
     cells = [cell.value for row in book["Differences"].iter_rows(min_row=3) for cell in row]
     assert any(
         isinstance(cell, float) and cell == pytest.approx(found.differences[0].difference_mm, rel=1e-15)
         for cell in cells
     )
-    assert render("comparison", body, "html")[0].decode() == page
+    assert render("comparison", body, "html").decode() == page
 
 
 @pytest.mark.long
@@ -342,7 +342,7 @@ def test_a_design_with_missed_beads_is_reported_and_compared() -> None:
     mixture = report.score.losses[0].mixture
     assert mixture is not None
     assert mixture.value_mm is not None
-    page = render("report", to_json(report), "html")[0].decode()
+    page = render("report", to_json(report), "html").decode()
     assert f"with each bead missed in 2 % of shots, 95 % of all shots are within {mixture.value_mm:.3f} mm" in page
     assert compute_comparison(load_design(missed), load_design(limited(0.9)), options).differences
     missed["fiducials"]["loss_probability"] = 0.05
@@ -356,12 +356,12 @@ def test_a_design_with_missed_beads_is_reported_and_compared() -> None:
     assert shown.sampled is not None
     apart = np.abs(np.cumsum(shown.sampled) - np.cumsum(shown.first_order)).max()
     assert apart < 0.03  # of the estimate without losses it is 0.1
-    page = render("comparison", to_json(compared), "html")[0].decode()
+    page = render("comparison", to_json(compared), "html").decode()
     assert "of the shots drawn a fiducial or more is missed" in page
     assert "estimate of such shots, with and without" in " ".join(
         OPERATIONS["verification"].write(drawn.verification).split()
     )
-    alone = render("report", to_json(drawn), "html")[0].decode()
+    alone = render("report", to_json(drawn), "html").decode()
     assert "Trials with a fiducial missed" in alone
 
 

@@ -187,7 +187,7 @@ def test_a_report_without_a_check_says_what_it_rests_on() -> None:
     assert report.verification is None
     assert report.headline.basis == "first order"
     assert report.distributions[0].sampled is None
-    page = Page(render("report", to_json(report), "html")[0])
+    page = Page(render("report", to_json(report), "html"))
     assert "Requirements, by estimate" in "".join(page.texts)
 
 
@@ -196,8 +196,7 @@ def test_a_report_without_a_check_says_what_it_rests_on() -> None:
 
 @pytest.mark.long
 def test_html_asks_nothing_of_any_network(body: bytes) -> None:
-    content, media = rendered("report", body, "html")
-    assert media == "text/html; charset=utf-8"
+    content = rendered("report", body, "html")
     page = Page(content)
     assert not page.open
     for tag, attributes in page.elements:
@@ -221,7 +220,7 @@ def test_html_asks_nothing_of_any_network(body: bytes) -> None:
 
 
 def test_html_can_be_read_without_seeing_it(body: bytes) -> None:
-    page = Page(rendered("report", body, "html")[0])
+    page = Page(rendered("report", body, "html"))
     assert page.of("html")[0]["lang"] == "en"
     levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch(r"h[1-6]", tag)]
     assert levels[0] == 1
@@ -241,7 +240,7 @@ def test_html_can_be_read_without_seeing_it(body: bytes) -> None:
 
 @pytest.mark.long
 def test_the_record_inside_is_the_record(body: bytes) -> None:
-    page = Page(rendered("report", body, "html")[0])
+    page = Page(rendered("report", body, "html"))
     assert json.loads(page.record) == json.loads(body)
     assert hashlib.sha256(body).hexdigest() in "".join(page.texts)
 
@@ -249,7 +248,7 @@ def test_the_record_inside_is_the_record(body: bytes) -> None:
 @pytest.mark.long
 def test_html_shows_names_and_never_runs_them() -> None:
     report = compute_report(load_design(hostile_design()), ReportContents(trials=2_000))
-    page = Page(render("report", to_json(report), "html")[0])
+    page = Page(render("report", to_json(report), "html"))
     running = [text for text, script in zip(page.scripts, page.of("script"), strict=True) if "type" not in script]
     assert running == [viewer()]
     assert not page.of("img")
@@ -287,7 +286,7 @@ def test_text_stands_out_from_its_ground(theme: dict[str, str]) -> None:
 @pytest.mark.long
 def test_the_spreadsheet_holds_the_numbers_with_their_units(report: Report, body: bytes) -> None:
     """independent: read back by openpyxl."""
-    content, _ = rendered("report", body, "xlsx")
+    content = rendered("report", body, "xlsx")
     book = openpyxl.load_workbook(io.BytesIO(content))
     assert book.sheetnames[:2] == ["Summary", "Provenance"]
     front, origin = (
@@ -320,7 +319,7 @@ def test_the_spreadsheet_holds_the_numbers_with_their_units(report: Report, body
 @pytest.mark.long
 def test_the_spreadsheet_shows_as_many_digits_as_the_pages_and_holds_all(report: Report, body: bytes) -> None:
     """independent: Python's own rounding to three significant digits; cells are read back by openpyxl."""
-    book = openpyxl.load_workbook(io.BytesIO(rendered("report", body, "xlsx")[0]))
+    book = openpyxl.load_workbook(io.BytesIO(rendered("report", body, "xlsx")))
     heads, rows = sheet(book["Budget"])
     for column in ("Sensitivity, mm/unit", "dP95/dh, mm/unit", "Half-width at limit, unit", "Slack, unit"):
         place = heads.index(column)
@@ -348,14 +347,14 @@ def sheet(page: Any) -> tuple[list[str], list[list[Any]]]:
 
 
 def test_the_design_in_the_spreadsheet_is_the_design(report: Report, body: bytes) -> None:
-    book = openpyxl.load_workbook(io.BytesIO(rendered("report", body, "xlsx")[0]))
+    book = openpyxl.load_workbook(io.BytesIO(rendered("report", body, "xlsx")))
     lines = [str(row[0].value or "") for row in book["Design"].iter_rows(min_row=2)]
     assert load_design("\n".join(lines) + "\n").sha256 == report.provenance.design_sha256
 
 
 def test_no_text_becomes_a_formula() -> None:
     report = compute_report(load_design(hostile_design()), ReportContents(parts=("score",)))
-    book = openpyxl.load_workbook(io.BytesIO(render("report", to_json(report), "xlsx")[0]))
+    book = openpyxl.load_workbook(io.BytesIO(render("report", to_json(report), "xlsx")))
     cells = [cell for page in book for row in page.iter_rows() for cell in row]
     assert not [cell for cell in cells if cell.data_type == "f"]
     found = [cell for cell in cells if cell.value == FORMULA]
@@ -366,7 +365,7 @@ def test_no_text_becomes_a_formula() -> None:
 def test_every_text_of_the_spreadsheet_fits_into_its_row(every_kind: dict[str, bytes]) -> None:
     """independent: the letters' widths in DejaVu Sans, which is wider than Calibri, and lines broken between words."""
     for kind, body in every_kind.items():
-        book = openpyxl.load_workbook(io.BytesIO(rendered(kind, body, "xlsx")[0]))
+        book = openpyxl.load_workbook(io.BytesIO(rendered(kind, body, "xlsx")))
         for page in book.worksheets:
             across = {str(span).split(":")[0]: span for span in page.merged_cells.ranges}
             for row in page.iter_rows():
@@ -415,7 +414,7 @@ def lines_of(text: str, wide: float, font: Any) -> int:
 def test_the_spreadsheet_prints_on_as_many_pages_as_it_has_sheets_and_few_more(body: bytes, tmp_path: Path) -> None:
     """oracle: LibreOffice.  Only the design, a line a row, is longer than a page."""
     path = tmp_path / "report.xlsx"
-    path.write_bytes(content := rendered("report", body, "xlsx")[0])
+    path.write_bytes(content := rendered("report", body, "xlsx"))
     own = f"-env:UserInstallation={(tmp_path / 'profile').as_uri()}"
     command = ["soffice", own, "--headless", "--convert-to", "pdf", "--outdir", str(tmp_path), str(path)]
     subprocess.run(command, check=True, capture_output=True, timeout=LIMIT_SECONDS)
@@ -429,7 +428,7 @@ def test_the_spreadsheet_prints_on_as_many_pages_as_it_has_sheets_and_few_more(b
 @pytest.mark.long
 def test_no_page_of_the_pdf_but_the_last_is_half_empty(body: bytes) -> None:
     """Where the lowest words of each page stand; those of its pictures count, its foot does not."""
-    pages = PdfReader(io.BytesIO(rendered("report", body, "pdf")[0])).pages
+    pages = PdfReader(io.BytesIO(rendered("report", body, "pdf"))).pages
     for place, page in enumerate(pages[:-1], 1):
         heights: list[float] = []
 
@@ -454,7 +453,7 @@ def test_pictures_of_three_views_are_as_large_in_the_pdf_as_those_of_two() -> No
             if "at the detector" in text:
                 seen.append(size * abs(cm[3] * tm[3]))
 
-        for page in PdfReader(io.BytesIO(render("report", record, "pdf")[0])).pages:
+        for page in PdfReader(io.BytesIO(render("report", record, "pdf"))).pages:
             page.extract_text(visitor_text=note)
         sizes[name] = max(found)
     assert sizes["gallery/third_view"] == pytest.approx(sizes["demo"], rel=0.05)
@@ -466,12 +465,12 @@ def test_pictures_and_comparisons_have_the_digits_of_the_tables(limit_mm: float,
     """closed form: an estimate is good to 1 % of its limit, 0.01 mm of 1 mm and 0.009 mm of 0.9 mm."""
     asked = ReportContents(parts=("score",))
     first, second = (load_design(limited(limit_mm, name=name)) for name in ("this", "other"))
-    page = render("report", to_json(compute_report(first, asked)), "html")[0].decode()
+    page = render("report", to_json(compute_report(first, asked)), "html").decode()
     lengths = re.findall(r"<text[^>]*>(?:P95|as it is,) \d+\.(\d+) mm</text>", page)
     assert len(lengths) >= 3
     assert {len(digits) for digits in lengths} == {decimals}
     found = compute_comparison(first, second, asked)
-    page = render("comparison", to_json(found), "html")[0].decode()
+    page = render("comparison", to_json(found), "html").decode()
     told = re.findall(r"P95 goes from \d+\.(\d+) to \d+\.(\d+) mm", found.headline.sentence)
     drawn = re.findall(r"<text[^>]*>(?:[\w ]+, )?P95 \d+\.(\d+) mm</text>", page)
     assert len(told) == 1
@@ -480,7 +479,7 @@ def test_pictures_and_comparisons_have_the_digits_of_the_tables(limit_mm: float,
 
 
 def test_pictures_are_named_above_them(body: bytes) -> None:
-    text = rendered("report", body, "html")[0].decode()
+    text = rendered("report", body, "html").decode()
     figures = re.findall(r"<figure id=.*?</figure>", text, re.DOTALL)
     assert len(figures) > 5
     for figure in figures:
@@ -492,8 +491,7 @@ def test_pictures_are_named_above_them(body: bytes) -> None:
 
 @pytest.mark.long
 def test_the_pdf_is_a_document_with_its_title(body: bytes) -> None:
-    content, media = rendered("report", body, "pdf")
-    assert media == "application/pdf"
+    content = rendered("report", body, "pdf")
     assert content.startswith(b"%PDF-")
     assert content.rstrip().endswith(b"%%EOF")
     streams = re.findall(rb"stream\n(.*?)\nendstream", content, re.DOTALL)
@@ -562,9 +560,9 @@ def every_kind(report: Report) -> dict[str, bytes]:
 @pytest.mark.parametrize("kind", ["score", "verification", "optimisation", "sweep", "gate", "report"])
 @pytest.mark.parametrize("form", ["html", "xlsx", "pdf", "json"])
 def test_every_kind_in_every_format_and_again_the_same(every_kind: dict[str, bytes], kind: str, form: str) -> None:
-    first, media = rendered(kind, every_kind[kind], form)
+    first = rendered(kind, every_kind[kind], form)
     if form == "html" or kind == "report":  # one writer of PDF and XLSX for all kinds
-        assert (first, media) == render(kind, every_kind[kind], form)
+        assert first == render(kind, every_kind[kind], form)
     assert len(first) < 4_000_000
     if form == "html":
         page = Page(first)
@@ -583,10 +581,10 @@ def test_a_page_shows_the_worst_targets_and_the_spreadsheet_all() -> None:
     spread = [{"name": f"t{k}", "position_mm": [0.0, 0.0, 30.0 + k]} for k in range(45)]
     record = score(load_design({**design, "targets": spread}))
     worst = sorted(record.targets, key=lambda target: target.p95_mm, reverse=True)
-    page = "".join(Page(render("score", to_json(record), "html")[0]).texts)
+    page = "".join(Page(render("score", to_json(record), "html")).texts)
     assert worst[0].name in page
     assert "30 more rows are in the spreadsheet" in page  # of 90: an error at the tool and a localised one per target
-    book = openpyxl.load_workbook(io.BytesIO(render("score", to_json(record), "xlsx")[0]))
+    book = openpyxl.load_workbook(io.BytesIO(render("score", to_json(record), "xlsx")))
     _, rows = sheet(book["Targets"])
     assert [row[0] for row in rows[::2]] == [target.name for target in worst]
 
@@ -605,5 +603,5 @@ def test_a_score_out_of_its_range_still_becomes_a_report() -> None:
     record = score(load_design(design))
     assert isinstance(record, Score)
     assert record.validity.status == "not valid"
-    texts = "".join(Page(render("score", to_json(record), "html")[0]).texts)
+    texts = "".join(Page(render("score", to_json(record), "html")).texts)
     assert "unknown" in texts

@@ -40,7 +40,7 @@ def body() -> bytes:
 
 @pytest.fixture(scope="module")
 def files(body: bytes) -> dict[str, bytes]:
-    return {form: render("report", body, form)[0] for form in FORMATS}
+    return {form: render("report", body, form) for form in FORMATS}
 
 
 def answers(found: Audit) -> dict[str, str]:
@@ -91,9 +91,9 @@ def test_a_comparison_is_verified_and_its_numbers_are_its_own() -> None:
     second = copy.deepcopy(DESIGN)
     second["views"][0]["fiducial_noise_px"] = 0.2
     made = to_json(compute_comparison(load_design(DESIGN), load_design(second), ReportContents(trials=TRIALS)))
-    assert audit(render("comparison", made, "html")[0], "x").verdict == "verified"
+    assert audit(render("comparison", made, "html"), "x").verdict == "verified"
     forged = changed(made, lambda data: data["differences"][0].update(difference_mm=-0.5))
-    found = audit(render("comparison", forged, "html")[0], "x", fast=True)
+    found = audit(render("comparison", forged, "html"), "x", fast=True)
     assert found.verdict == "differs"
     assert "/differences/0/difference_mm: recorded -0.5" in details(found)
 
@@ -208,7 +208,7 @@ def test_a_result_without_its_design_takes_the_design(kind: str) -> None:
         "verification": lambda: verify(design, trials=TRIALS, seed=9),
         "sweep": lambda: sweep(design, read_axes(design, [axis]), check="verification", trials=TRIALS, seed=4),
     }[kind]()
-    content = render(kind, to_json(made), "html")[0]
+    content = render(kind, to_json(made), "html")
     assert audit(content, "x", design).verdict == "verified"
     assert answers(audit(content, "x", fast=True))["numbers"] == "trusted"
 
@@ -247,7 +247,7 @@ def test_a_changed_number_of_the_record_is_found_even_if_the_pages_were_made_fro
         data[path[-1]] *= 1.001
 
     forged = changed(body, forge)
-    found = audit(render("report", forged, "html")[0], "x")
+    found = audit(render("report", forged, "html"), "x")
     assert answers(found)["pages"] == "same"
     assert answers(found)["numbers"] == "different"
     assert "/" + "/".join(map(str, path)) + ": recorded" in details(found)
@@ -564,7 +564,7 @@ def test_an_untouched_report_of_a_fiducial_file_is_verified(name: str, tmp_path:
     made = to_json(compute_report(design, ReportContents(trials=TRIALS)))
     assert sum(note.startswith(name) for note in json.loads(made)["score"]["provenance"]["notes"]) >= 2
     for form in ("html", "xlsx"):
-        found = audit(render("report", made, form)[0], "x", fast=form != "html")
+        found = audit(render("report", made, form), "x", fast=form != "html")
         assert found.verdict == "verified", details(found)
 
 

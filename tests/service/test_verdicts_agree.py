@@ -177,7 +177,7 @@ class Rows(HTMLParser):
 
 @pytest.mark.long
 def test_the_first_page_of_a_report_lists_each_requirement(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
-    page = render("report", report, "html")[0].decode()
+    page = render("report", report, "html").decode()
     first = page[: page.index("<nav")]
     reader = Rows()
     reader.feed(first)
@@ -194,7 +194,7 @@ def test_the_first_page_of_a_report_lists_each_requirement(report: bytes, checks
 
 
 def test_a_spreadsheet_has_them_as_numbers(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
-    book = openpyxl.load_workbook(io.BytesIO(render("report", report, "xlsx")[0]))
+    book = openpyxl.load_workbook(io.BytesIO(render("report", report, "xlsx")))
     numbers = ("Value, mm", "From, mm", "To, mm", "Limit, mm", "Margin, mm")
     for sheet in ("Requirements", "Checks"):
         rows = list(book[sheet].iter_rows(values_only=True))
@@ -244,7 +244,7 @@ def pdf_text(content: bytes) -> str:
 
 @pytest.mark.long
 def test_paper_says_the_same(report: bytes, checks: dict[str, dict[str, Any]]) -> None:
-    text = pdf_text(render("report", report, "pdf")[0])
+    text = pdf_text(render("report", report, "pdf"))
     for name, check in checks.items():
         found = re.search(
             rf"{name} tip P[\d.]+ of the error at the tool[^−+]*?((?:[\d.]+ ){{4}}[−+][\d.]+) \S+ \S+ (\w+)", text
@@ -261,7 +261,7 @@ def test_the_gauge_shows_one_distribution(values: dict[tuple[float, float | None
         record = to_json(
             compute_report(load_design(small_design(requirements=[entry])), ReportContents(parts=("score",)))
         )
-        page = render("report", record, "html")[0].decode()
+        page = render("report", record, "html").decode()
         gauge = page[page.index('id="figure-headline"') : page.index("<table")]
         assert ("CVaR95" in gauge) == beside
         assert ("mean" in gauge) == beside
@@ -278,7 +278,7 @@ def test_a_comparison_says_what_fails_and_has_one_p95_of_each_target(
     first, second = (load_design(small_design(requirements=entries)) for entries in (kept, missed))
     for options in (ReportContents(parts=("score",)), ReportContents(trials=20_000, seed=2)):
         found = compute_comparison(first, second, options)
-        page = render("comparison", to_json(found), "html")[0].decode()
+        page = render("comparison", to_json(found), "html").decode()
         start = page[page.index("<main") : page.index("<nav")]
         sentence = re.search(r'<p class="sentence">([^<]*)', start)[1]  # type: ignore[index]
         assert sentence.startswith("The second design misses ")
@@ -352,7 +352,7 @@ def test_a_check_decides_at_the_yield_that_is_asked_for(values: dict[tuple[float
     with write_on(Page(160, details=True)):
         text = OPERATIONS["verification"].write(found)
     reader = Rows()
-    page = render("verification", to_json(found), "html")[0].decode()
+    page = render("verification", to_json(found), "html").decode()
     reader.feed(page[: page.index("<nav")])
     for check in checks:
         line = next(line for line in text.splitlines() if line.startswith(check["requirement"]))

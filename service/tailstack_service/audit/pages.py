@@ -32,7 +32,7 @@ def pages_question(held: ReportFile, written_by: str, file: str) -> AuditCheck:
         words = f"written by tailstack {written_by}, this is {__version__}: install that version to compare them"
         return AuditCheck("pages", NOT_COMPARED, words)
     try:
-        fresh, _ = render(held.result.kind, held.result.body, held.form)
+        fresh = render(held.result.kind, held.result.body, held.form)
     except PdfUnavailable as error:
         return AuditCheck("pages", NOT_COMPARED, f"PDF cannot be rendered here: {error.problems[0].detail}")
     if fresh == held.content:

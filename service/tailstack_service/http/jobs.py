@@ -333,7 +333,7 @@ async def render_report(
     name: of the operation that made it.  record: its JSON, with its sha256.  form: one of FORMATS.
     """
     call = partial(render, name, record, form)
-    body, _ = await service_of(request).pool.run(request, call, LONG if form != "json" else 0.0)
+    body = await service_of(request).pool.run(request, call, LONG if form != "json" else 0.0)
     return body, {
         "Content-Disposition": f'inline; filename="tailstack-{sha256[:12]}.{form}"',
         "X-Content-Type-Options": "nosniff",

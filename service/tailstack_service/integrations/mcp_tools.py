@@ -213,7 +213,7 @@ class Tools:
 def _make_file(operation: Operation, content: dict[str, Any], body: bytes, suffix: str) -> bytes:
     """What is written: the new design of an optimisation, or a document made of a record."""
     if operation.name != "optimisation":
-        return render(operation.name, body, suffix.removeprefix("."))[0]
+        return render(operation.name, body, suffix.removeprefix("."))
     from tailstack.design.write import data_to_yaml
     from tailstack.design.write import to_json as design_json
 

@@ -18,15 +18,15 @@ MEDIA_TYPES = {
 FORMATS = ("html", "pdf", "xlsx", "json")
 
 
-def render(name: str, body: bytes, form: str) -> tuple[bytes, str]:
-    """A published result as a document: its bytes and their media type; the same body gives the same bytes.
+def render(name: str, body: bytes, form: str) -> bytes:
+    """A published result as a document; the same body gives the same bytes.
 
     name: of an operation whose record has chapters.  body: the record's JSON, as recorded.  Raises PdfUnavailable
     where the libraries for PDF are missing, ValueError for a name or format that does not exist.
     """
     if form not in MEDIA_TYPES:
         raise ValueError(f"no format is called {form!r}; there are {', '.join(MEDIA_TYPES)}")
-    return render_all(name, body, (form,))[0][1], MEDIA_TYPES[form]
+    return render_all(name, body, (form,))[0][1]
 
 
 def render_all(name: str, body: bytes, forms: Sequence[str]) -> list[tuple[str, bytes]]:
