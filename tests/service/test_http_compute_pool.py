@@ -550,6 +550,7 @@ def test_the_losses_of_a_score_are_expected_at_what_they_take(
     loaded = load_design(design)
     score(loaded)
     size = effort.size_of(loaded)
+    assert size.missed == {"": 0, "one": 1, "all": fiducials}[missed]
     plain = effort.score_seconds([size], losses=False)
     for seconds, other in (("GAIN_SECONDS", "LAW_SECONDS"), ("LAW_SECONDS", "GAIN_SECONDS")):
         with monkeypatch.context() as alone:
@@ -569,7 +570,7 @@ def test_what_is_asked_without_losses_is_expected_without_them() -> None:
     found = [computations.receive("score", RawRequest("json", body), Settings()) for body in bodies]
     assert all(isinstance(one, Estimated) for one in found)
     size = effort.size_of(load_design(design))
-    assert size == (200, 2, 35, 35, True)
+    assert size == (200, 2, 35, 35, 200)
     assert [one.seconds for one in found] == [  # type: ignore[union-attr]
         effort.score_seconds([size]), effort.score_seconds([size], losses=False)
     ]  # fmt: skip

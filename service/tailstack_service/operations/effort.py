@@ -28,15 +28,13 @@ class Size(NamedTuple):
     views: int
     targets: int  # with regions expanded
     judged: int = 0  # targets of all requirements together: of each the losses of fiducials are looked for; 0: of none
-    missed: bool = False  # fiducials are missed with a probability: the law of every loss is put together, too
+    missed: int = 0  # fiducials that are missed with a probability: the law of every loss of them is put together, too
 
-    @property
-    def losses(self) -> int:
-        """Ways to lose none, one or two fiducials that are looked at."""
+    def losses(self, among: int) -> int:
+        """Ways to lose none, one or two of so many of the fiducials, as far as they are looked at."""
         from tailstack.losses import PAIRS_UP_TO
 
-        pairs = self.fiducials * (self.fiducials - 1) // 2 if self.fiducials <= PAIRS_UP_TO else 0
-        return 1 + self.fiducials + pairs
+        return 1 + among + (among * (among - 1) // 2 if self.fiducials <= PAIRS_UP_TO else 0)
 
 
 def reading_seconds(sent: RawRequest) -> float:
@@ -61,9 +59,10 @@ def size_of(design: Design) -> Size:
         targets if item.targets == "all" else sum(samples.get(name, 1) for name in item.targets)
         for item in document.requirements
     )
+    shared, count = document.fiducials.loss_probability or 0.0, len(design.fiducials.labels)
     own = [point.loss_probability for point in document.fiducials.points or ()]
-    missed = any((document.fiducials.loss_probability, *own))
-    return Size(len(design.fiducials.labels), len(document.views), targets, judged or targets, missed)
+    missed = sum(bool(shared if each is None else each) for each in own or [None] * count)
+    return Size(count, len(document.views), targets, judged or targets, missed)
 
 
 GAIN_SECONDS = 1e-7  # of one fiducial in one view, with one loss, at one target
@@ -78,8 +77,8 @@ def score_seconds(sizes: Iterable[Size], *, second_order: bool = False, losses: 
         fiducials, views, targets, judged, missed = size
         seconds += 0.004 + 0.0005 * fiducials + 0.0035 * targets * (1 + fiducials * views / 200)
         if losses and judged:
-            seconds += GAIN_SECONDS * targets * size.losses * views * fiducials
-            seconds += LAW_SECONDS * judged * (ASKED + (size.losses if missed else 0))
+            seconds += GAIN_SECONDS * targets * size.losses(fiducials) * views * fiducials
+            seconds += LAW_SECONDS * judged * (ASKED + (size.losses(missed) if missed else 0))
         if second_order:
             seconds += 2e-5 * (targets * fiducials * views) ** 2
     return seconds
