@@ -19,6 +19,8 @@ from service_scenes import check_problem, client_with, small_design
 from tailstack import load_design, score
 from tailstack_service.http import posting
 from tailstack_service.http.compute_pool import ComputePool
+from tailstack_service.operations.units.batch import compute
+from tailstack_service.problems import RefusedAt
 from tailstack_service.schemas import read_record
 from tailstack_service.settings import Settings
 from tailstack_service.tables import MEDIA_TYPES, Format
@@ -183,6 +185,14 @@ def test_tables_are_refused_before_the_first_byte(client: httpx.Client, body: An
     problem = check_problem(answer, 422, answer.json()["type"].rpartition("/")[2])
     assert problem["errors"][0]["pointer"] == pointer
     assert said in str(problem["errors"])
+
+
+def test_a_unit_refuses_its_table_as_the_request_that_it_is_of() -> None:
+    """In this process: what a body of a request is refused for has its place in that body."""
+    request = {"header": ["x"], "cells": [["1"]], "places": [0], "columns": ["verdict"], "pointers": ["/views/0/noise"]}
+    with pytest.raises(RefusedAt) as refused:
+        compute({**request, "design": small_design()}, {"first": 0, "count": 1})
+    assert refused.value.slug == "invalid-request"
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from tailstack.results.score import group
 from tailstack.results.verdicts import requirements_table
 from tailstack.scoring import score
 from tailstack_service.operations.registry import OPERATIONS
-from tailstack_service.rendering.demo import before_after_text
+from tailstack_service.rendering.demo import before_after_text, summary_text
 from tailstack_service.rendering.document import findings_text
 from tailstack_service.rendering.page import WIDTH, Page, write_on
 from tailstack_service.rendering.tables import columns, draw_table, fold, visible, wrap, write_table
@@ -393,6 +393,10 @@ def test_the_chapter_of_the_demo_takes_a_layout_that_had_no_price() -> None:
     assert row_of(text, "tip: P95, simulated")[2:] == ["1.200", "0.999"]
     assert row_of(text, "carrier on connector, two dowel pins rx, half-width")[1:] == ["deg", "0.100", "0.123"]
     assert row_of(text, "verdict") == ["verdict", "fail", "pass"]
+    for before in (None, 0.0):  # nothing that the new cost could be a share of
+        assert "cost" not in summary_text(*checks, full_result(cost_before=before))
+    priced = summary_text(*checks, full_result(cost_before=1000.0))
+    assert "cost of these tolerances: 1000 -> 1120 (+12 %)" in priced
 
 
 def test_an_error_of_hundreds_of_millimetres_is_not_advised_a_tenth_tighter() -> None:
