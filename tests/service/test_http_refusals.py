@@ -6,6 +6,7 @@ import gc
 import json
 import socket
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import httpx
@@ -66,7 +67,7 @@ def test_nothing_of_a_refused_request_is_kept(client: httpx.Client) -> None:
             content = body if isinstance(body, bytes) else json.dumps(body).encode()
             assert client.post(path, content=content, headers={"Content-Type": media}).status_code == status
             # The answer may be here before the frames that made it have ended; a cycle would stay
-            until(lambda: not kept(), lambda path=path: f"{path}: {len(kept())} requests are kept")
+            until(lambda: not kept(), partial("{}: {} is kept".format, path, media))
     finally:
         gc.enable()
 

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from optimise_scenes import BOX_MM, fixed_layout, free_rotations, oracle_problem, places_in_box, requirement
 from scenes import cube_fiducials, mount, read_only, with_noise
-from tailstack.errors import DesignError, InfeasibleError, Problem
-from tailstack.optimisation import PlacementProblem, solve_placement
+from tailstack import load_design, optimise
+from tailstack.errors import DesignError, InfeasibleError, NotConvergedError, Problem
+from tailstack.optimisation import PlacementProblem, solve_placement, tightening
 from tailstack.optimisation.contradictions import refuse_contradictions
 from tailstack.optimisation.prices import PricedGrade, of_grades
 from tailstack.optimisation.problem import FreeFiducial, FreeSpacing, PivotVariable
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, Shape, mirror, turns
+from tailstack.verification import verify
 
 UP = np.array([0.0, 0.0, 1.0])
 CENTRE_MM = np.array([0.0, 0.0, -40.0])
@@ -302,3 +306,30 @@ def test_spacing_that_only_the_solver_finds_impossible_is_named() -> None:
         solve_placement(problem, starts=3, seed=0)
     assert _only(error).code == "layout-out-of-reach"
     assert "spacing of F" in _only(error).detail
+
+
+def test_an_optimum_that_its_check_never_confirms_is_refused_with_the_first_two_reasons(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Every check is made to fail here, at three targets: none of the optima may be returned."""
+    checked = []
+
+    def fail(system: Any, **settings: Any) -> Any:
+        found = verify(system, **{**settings, "trials": 2**12})
+        checks = tuple(replace(check, status="fail") for check in found.verdict.checks)
+        checked.append(len(checks))
+        return replace(found, verdict=replace(found.verdict, checks=checks))
+
+    monkeypatch.setattr(tightening, "verify", fail)
+    design = yaml.safe_load((Path(__file__).parents[2] / "examples" / "demo.yaml").read_text(encoding="utf-8"))
+    del design["optimise"]["box"]  # the tolerances alone
+    tip = design["targets"][0]
+    places = [[at + 3 * k for at in tip["position_mm"]] for k in range(3)]
+    design["targets"] = [{**tip, "name": f"t{k}", "position_mm": place} for k, place in enumerate(places)]
+    with pytest.raises(NotConvergedError) as error:
+        optimise(load_design(design), starts=1)
+    problem = _only(error)
+    assert problem.code == "not-verified"
+    assert checked == [3] * tightening.MAX_TIGHTENING
+    assert f"after {tightening.MAX_TIGHTENING} rounds" in problem.detail
+    assert [name for name in ("t0", "t1", "t2") if f"target {name}:" in problem.detail] == ["t0", "t1"]
