@@ -447,10 +447,15 @@ def _goes_on(text: str) -> bool:
 
 
 def _find_delimiter(texts: Sequence[str]) -> str:
-    """The first of tab, semicolon and comma that stands outside of quotes in two lines, or in the only one."""
+    """The first of tab, semicolon and comma that stands outside of quotes in two lines, or in the only one.
+
+    Not where another splits twice as many numbers off: it is one of what labels hold then.
+    """
     bare = [re.sub(r'"[^"]*"', "", text) for text in texts]
-    for mark in DELIMITERS:
-        if sum(mark in text for text in bare) >= min(2, len(bare)):
+    marks = [mark for mark in DELIMITERS if sum(mark in text for text in bare) >= min(2, len(bare))]
+    numbers = {mark: sum(looks_like_number(cell) for text in bare for cell in text.split(mark)) for mark in marks}
+    for mark in marks:
+        if 2 * numbers[mark] >= max(numbers.values()):
             return mark
     return next((mark for mark in DELIMITERS if mark in bare[0]), ",")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -50,9 +51,8 @@ def test_a_changed_result_is_refused_its_job_says_so_and_asked_again_it_is_compu
         result, job = first.headers["content-location"], first.headers["location"]
         tag = {"If-None-Match": client.get(result).headers["etag"]}
         assert client.get(result, headers=tag).status_code == 304
-        with sqlite3.connect(path) as other:
+        with closing(sqlite3.connect(path)) as other, other:
             other.execute("UPDATE results SET body = ?", (FORGED,))
-        other.close()
 
         for _ in range(2):  # and it stays so
             for address, headers in ((result, {}), (result, tag), (f"{result}/report", {}), (f"{job}/result", {})):
@@ -145,9 +145,8 @@ def test_an_answer_that_is_gone_is_told_apart_from_one_that_never_was(tmp_path: 
     db = open_database(f"sqlite:///{path}")
     try:
         job = finished_job(db)
-        with sqlite3.connect(path) as other:  # which knows of no foreign keys
+        with closing(sqlite3.connect(path)) as other, other:  # which knows of no foreign keys
             other.execute("DELETE FROM results")
-        other.close()
         with pytest.raises(DamagedStore):
             results.read_result(db, "acme", str(job.result_sha256))
         assert find(db, job).state == "failed"

@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import httpx
@@ -162,7 +162,7 @@ def test_no_connection_is_opened_beside_another_log_and_used_once_the_log_is_bac
         connection.exec_driver_sql("INSERT INTO kept VALUES (1)")
     assert count_kept(db) == 1
     db.close()
-    with sqlite3.connect(path) as checked:
+    with closing(sqlite3.connect(path)) as checked:
         assert checked.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
 
 

@@ -357,9 +357,13 @@ def test_a_killed_gate_leaves_files_that_say_so(folder: Path) -> None:
 
 def test_an_interrupted_process_leaves_with_130(folder: Path) -> None:
     code = (
-        "import sys, threading\n"
+        "import sys\n"
         "from tailstack_service.cli import gate, main\n"
-        "gate._judge = lambda *_: (print('judging', flush=True), threading.Event().wait())\n"
+        "def judge(*_):\n"
+        "    print('judging', flush=True)\n"
+        "    while True:  # a signal that comes just before a wait for a lock would not end that wait\n"
+        "        pass\n"
+        "gate._judge = judge\n"
         "sys.exit(main.main(sys.argv[1:]))\n"
     )
     environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"}

@@ -14,7 +14,7 @@ import sqlite3
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, closing
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -721,7 +721,7 @@ def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monke
     path, body = tmp_path / "jobs.sqlite3", {"design": small_design(), "trials": 1000}
     with client_with(Settings(database=f"sqlite:///{path}")) as client, ThreadPoolExecutor(20) as pool:
         assert client.post("/v1/verifications", json=body).status_code == 202
-        with sqlite3.connect(path, isolation_level=None) as other:
+        with closing(sqlite3.connect(path, isolation_level=None)) as other:
             other.execute("BEGIN IMMEDIATE")
             waiting = [pool.submit(client.post, "/v1/verifications", json=body) for _ in range(12)]
             until(lambda: len(submitting) > 1)  # somebody writes, as far as that goes
@@ -739,7 +739,6 @@ def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monke
                 assert int(response.headers["retry-after"]) > 0
             monkeypatch.setattr(database, "BUSY_SECONDS", LIMIT_SECONDS)
             other.execute("ROLLBACK")
-        other.close()
         assert client.post("/v1/verifications", json=body).status_code == 202
 
 

@@ -64,28 +64,32 @@ def jobs_and_results(client: httpx.Client) -> tuple[list[str], list[str]]:
     return jobs, results
 
 
-def configuration(service: Served, key: str, directory: Path) -> Path:
-    """The configuration file of this run."""
+def prepare(service: Served, key: str, directory: Path) -> tuple[Path, Path]:
+    """The configuration file of this run, and the document that the service gives, which schemathesis itself would not
+    wait for: the first time it is put together."""
     with httpx.Client(
         base_url=service.url, headers={"Authorization": f"Bearer {key}"}, timeout=LIMIT_SECONDS, trust_env=False
     ) as c:
         jobs, results = jobs_and_results(c)
+        document = directory / "openapi.json"
+        document.write_bytes(c.get("/openapi.json").raise_for_status().content)
     text = (HERE / "schemathesis.toml").read_text(encoding="utf-8")
     for name, values in (("jobs", jobs), ("results", results)):
         text += f"\n[dictionaries.{name}]\nvalues = {json.dumps(values)}\n"
     path = directory / "schemathesis.toml"
     path.write_text(text, encoding="utf-8")
-    return path
+    return path, document
 
 
 def report_of(service: Served, directory: Path, seed: int) -> tuple[dict[str, Any], str]:
     """What schemathesis found, as its own record and as text for people."""
     scopes = [part for scope in ("read", "compute", "metrics") for part in ("--scope", scope)]
     key = service.run("keys", "create", "--tenant", "a", "--name", "test", *scopes).strip()
-    config, record = configuration(service, key, directory), directory / "report.json"
+    config, document = prepare(service, key, directory)
+    record = directory / "report.json"
     command = [
         str(Path(sys.executable).parent / "schemathesis"), "--config-file", str(config), "run",
-        f"{service.url}/openapi.json", "--seed", str(seed), "--report", "json", "--report-json-path", str(record),
+        str(document), "--seed", str(seed), "--report", "json", "--report-json-path", str(record),
         "--no-color",
     ]  # fmt: skip
     hooks = str(HERE / "schemathesis_hooks.py")

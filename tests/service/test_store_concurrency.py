@@ -11,7 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event, Thread
@@ -303,7 +303,10 @@ def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the
         return "no other program may hold the file" in error.value.problems[0].hint
 
     try:
-        with sqlite3.connect(tmp_path / "a.sqlite3", isolation_level=None) as other, ThreadPoolExecutor(12) as pool:
+        with (
+            closing(sqlite3.connect(tmp_path / "a.sqlite3", isolation_level=None)) as other,
+            ThreadPoolExecutor(12) as pool,
+        ):
             other.execute("BEGIN IMMEDIATE")  # and then nothing more: as if it were stopped here
             first = pool.submit(submit, db.within(2 * LIMIT_SECONDS))
             until(db.turn.locked)
@@ -311,7 +314,6 @@ def test_many_writers_behind_one_that_is_stopped_wait_together_not_one_after_the
             assert not first.done()
             other.execute("ROLLBACK")
             assert first.result(LIMIT_SECONDS).state == "queued"
-        other.close()
         assert find(db, submit(db)).state == "queued"
     finally:
         db.close()

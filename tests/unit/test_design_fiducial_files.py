@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tailstack.design import convert, convert_file, load_design
@@ -33,12 +33,30 @@ label = st.text(st.characters(codec="utf-8", categories=("L", "N", "P", "Zs")), 
 
 
 @pytest.mark.parametrize("ending", FORMATS)
+@example([("a;1;2", 0.5, 1.0, 2.0), ("b;3;4", -0.5, 1.0, 2.0)])  # where a half of the cells could be a semicolon's
 @given(st.lists(st.tuples(label, coordinate, coordinate, coordinate), min_size=1, max_size=9))
 def test_write_and_read_keep_every_digit(ending, rows):
     labels = tuple(text.strip().lstrip("#") or f"F{i + 1}" for i, (text, *_) in enumerate(rows))
     fiducials = FiducialList(labels, tuple((x, y, z) for _, x, y, z in rows))
     again = read(write_fiducials(fiducials, "beads" + ending), "beads" + ending)
     assert (again.labels, again.positions_mm, again.notes) == (fiducials.labels, fiducials.positions_mm, ())
+
+
+@pytest.mark.parametrize(
+    ("text", "labels", "first_mm"),
+    [
+        ("label,x_mm,y_mm,z_mm\nA;left,1,2,-3.5\nB;left,4,5,6\n", ("A;left", "B;left"), (1.0, 2.0, -3.5)),
+        ("label,x_mm,y_mm,z_mm\nA;1,1,2,-3.5\nB;2,4,5,6\n", ("A;1", "B;2"), (1.0, 2.0, -3.5)),
+        (
+            "Report, 3 May\nlabel;x_mm;y_mm;z_mm\nA, left;1;2;-3.5\nB, left;4;5;6\n",
+            ("A, left", "B, left"),
+            (1, 2, -3.5),
+        ),
+    ],
+)
+def test_what_labels_hold_separates_no_cells(text, labels, first_mm):
+    found = read(text, "b.csv")
+    assert (found.labels, found.positions_mm[0]) == (labels, first_mm)
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0), ("um", 0.001)])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import io
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -20,6 +19,7 @@ from ..cures import cure_text
 from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
 from ..people_tables import (
+    DELIMITERS,
     KEPT_ENDS,
     LENGTHS_MM,
     NUMBERINGS,
@@ -178,19 +178,19 @@ def write_fiducials(fiducials: FiducialList, name: str) -> str:
         markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm", "controlPoints": points}
         schema = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
         return write_json({"@schema": schema + "markups-schema-v1.0.3.json#", "markups": [markup]}, indent=1) + "\n"
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
+    rows = zip(map(_quote, fiducials.labels), (",".join(map(repr, p)) for p in fiducials.positions_mm), strict=True)
     if ending == ".csv":
-        writer.writerow(["label", "x_mm", "y_mm", "z_mm"])
-        writer.writerows(
-            [label, *map(repr, p)] for label, p in zip(fiducials.labels, fiducials.positions_mm, strict=True)
-        )
-        return stream.getvalue()
-    stream.write("# Markups fiducial file version = 5.0\n# CoordinateSystem = LPS\n")
-    stream.write("# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n")
-    for number, (label, p) in enumerate(zip(fiducials.labels, fiducials.positions_mm, strict=True), 1):
-        writer.writerow([number, *map(repr, p), 0, 0, 0, 1, 1, 1, 0, label, "", ""])
-    return stream.getvalue()
+        return "".join(["label,x_mm,y_mm,z_mm\n", *(f"{label},{place}\n" for label, place in rows)])
+    return "".join([
+        "# Markups fiducial file version = 5.0\n# CoordinateSystem = LPS\n",
+        "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n",
+        *(f"{k},{place},0,0,0,1,1,1,0,{label},,\n" for k, (label, place) in enumerate(rows, 1)),
+    ])  # fmt: skip
+
+
+def _quote(label: str) -> str:
+    """A cell of CSV, in quotes where it holds what separates cells here or in another country."""
+    return '"' + label.replace('"', '""') + '"' if re.search(f'["\r\n{DELIMITERS}]', label) else label
 
 
 def _is_name(label: str) -> bool:
