@@ -54,20 +54,19 @@ def test_nothing_of_a_refused_request_is_kept(client: httpx.Client) -> None:
         ("/v1/verifications", "application/json", {"design": design, "trials": 10**12}, 422),
     ]
 
-    def kept() -> list[RawRequest]:
-        return [each for each in gc.get_objects() if isinstance(each, RawRequest) and id(each) not in others]
+    def kept(beside: tuple[RawRequest, ...] = ()) -> tuple[RawRequest, ...]:
+        found = (each for each in gc.get_objects() if isinstance(each, RawRequest))
+        return tuple(each for each in found if all(each is not other for other in beside))
 
-    others: set[int] = set()
     gc.collect()
-    of_other_tests = kept()  # held, so that no other object gets a number of theirs
-    others |= {id(each) for each in of_other_tests}
+    others = kept()  # of other tests
     gc.disable()
     try:
         for path, media, body, status in refused:
             content = body if isinstance(body, bytes) else json.dumps(body).encode()
             assert client.post(path, content=content, headers={"Content-Type": media}).status_code == status
             # The answer may be here before the frames that made it have ended; a cycle would stay
-            until(lambda: not kept(), partial("{}: {} is kept".format, path, media))
+            until(lambda: not kept(others), partial("{}: {} is kept".format, path, media))
     finally:
         gc.enable()
 

@@ -20,7 +20,7 @@ from typing import Any
 import psutil
 import pytest
 import sqlalchemy as sa
-from strange_units import begun, expected_answer, request
+from strange_units import begun, expected_answer, request, units_begun
 from worker_scenes import TENANT, VERSION, Stops, finished, job, prepared_database, submit, working
 
 from tailstack.errors import SourcesChangedError
@@ -55,6 +55,12 @@ def by_turned_clock(db: Database) -> tuple[Database, TurnedClock]:
     """The same database by a clock that stands still, and the clock."""
     clock = TurnedClock()
     return replace(db, clock=clock), clock
+
+
+def computes(caplog: pytest.LogCaptureFixture, note: Path, units: int) -> bool:
+    """Whether these units are being computed and the worker knows of them all, so that a beat which ends them does so:
+    a process that is killed before it begins is followed by another one."""
+    return len(units_begun(note)) == units and len(told(caplog, "begun")) == 1 + units
 
 
 def pass_a_beat(clock: TurnedClock) -> None:
@@ -167,11 +173,13 @@ def test_an_outcome_that_a_unit_cannot_have_is_a_defect(db: Database, monkeypatc
 
 
 @pytest.mark.long("postgresql")
-def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
-    db, clock = by_turned_clock(db)
+def test_a_cancelled_job_stops_computing_within_a_lease(
+    db: Database, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    (db, clock), note = by_turned_clock(db), tmp_path / "note"
     with working(db, lease_seconds=LEASE) as (_, engine):
-        submitted = submit(db, request("burn", units=2))
-        until(lambda: len(engine._children.seconds()) == 2)
+        submitted = submit(db, request("burn", units=2, note=str(note)))
+        until(lambda: computes(caplog, note, 2))
         before = set(engine.pids())
         assert jobs.cancel_job(db, TENANT, submitted.id) is not None
         pass_a_beat(clock)
@@ -182,11 +190,11 @@ def test_a_cancelled_job_stops_computing_within_a_lease(db: Database) -> None:
 
 
 @pytest.mark.long
-def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogCaptureFixture) -> None:
-    db, clock = by_turned_clock(db)
+def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:
+    (db, clock), note = by_turned_clock(db), tmp_path / "note"
     with working(db, max_job_seconds=1.5 * BEAT, lease_seconds=LEASE) as (_, engine):
-        submitted = submit(db, request("wait"))
-        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+        submitted = submit(db, request("wait", note=str(note)))
+        until(lambda: computes(caplog, note, 1))
         pass_a_beat(clock)
         clock.until_waits(BEAT)
         assert not job(db, submitted).finished
@@ -366,14 +374,12 @@ def test_a_defect_of_the_second_thread_ends_the_worker(db: Database, monkeypatch
     assert [row.state for row in unit_rows(db, held)] == ["recorded", "ready"]
 
 
-def test_a_lost_unit_is_stopped_and_left_alone(
-    db: Database, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lost_unit_is_stopped_and_left_alone(db: Database, caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:
     """Another worker has the unit by now: the computation ends, nothing is released or recorded."""
-    db, clock = by_turned_clock(db)
-    submitted = submit(db, request("burn"))
+    (db, clock), note = by_turned_clock(db), tmp_path / "note"
+    submitted = submit(db, request("burn", note=str(note)))
     with working(db, lease_seconds=LEASE) as (_, engine):
-        until(lambda: len(unit_rows(db, submitted)) == 2 and engine._children.seconds())
+        until(lambda: computes(caplog, note, 1))
         with db.engine.connect() as connection:
             held = tables.units.c.number == 1
             taken = {"token": tables.units.c.token + 1, "worker_id": "another", "lease_until": clock.time() + LEASE}

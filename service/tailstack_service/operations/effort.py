@@ -50,6 +50,7 @@ def text_reading_seconds(sent: RawRequest) -> float:
 
 def size_of(design: Design) -> Size:
     """What a design holds."""
+    from tailstack.design.compile import loss_probabilities
     from tailstack.design.target_points import expand_target
 
     document = design.document
@@ -59,9 +60,8 @@ def size_of(design: Design) -> Size:
         targets if item.targets == "all" else sum(samples.get(name, 1) for name in item.targets)
         for item in document.requirements
     )
-    shared, count = document.fiducials.loss_probability or 0.0, len(design.fiducials.labels)
-    own = [point.loss_probability for point in document.fiducials.points or ()]
-    missed = sum(bool(shared if each is None else each) for each in own or [None] * count)
+    count = len(design.fiducials.labels)
+    missed = sum(map(bool, loss_probabilities(document.fiducials, count)))
     return Size(count, len(document.views), targets, judged or targets, missed)
 
 

@@ -106,7 +106,7 @@ def _compile(design: Design) -> System:
         triangulation=document.model.triangulation,
         effects=effects,
         fiducial_radius_mm=None if document.fiducials.diameter_mm is None else document.fiducials.diameter_mm / 2,
-        loss_probability=_loss_probability(document.fiducials, len(fiducials)),
+        loss_probability=loss_probabilities(document.fiducials, len(fiducials)),
         notes=tuple(notes),
     )
 
@@ -200,7 +200,8 @@ def _load(compliance: Compliance) -> Sources:
     return _along_axes("load", "N", compliance.load_half_width_n, str(law), coverage, matrix)
 
 
-def _loss_probability(fiducials: Fiducials, count: int) -> tuple[float, ...]:
+def loss_probabilities(fiducials: Fiducials, count: int) -> tuple[float, ...]:
+    """Of each of ``count`` fiducials in a shot; () where none is ever missed."""
     every = fiducials.loss_probability or 0.0
     own = [point.loss_probability for point in fiducials.points or ()] or [None] * count
     each = tuple(every if probability is None else probability for probability in own)
