@@ -13,7 +13,9 @@ from postgres import database_url, postgres_server, postgres_url
 from store_scenes import clock, command, migrated_database, migrated_file, store
 
 from tailstack_service.console.progress import Progress
+from tailstack_service.jobs.store import database
 from turned_clock import TurnedClock
+from waiting import LIMIT_SECONDS
 
 __all__ = [
     "clock",
@@ -43,6 +45,14 @@ def no_progress_by_the_time() -> Iterator[None]:
     """The clock of progress stands still: a command says the same on stderr however long the machine takes."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Progress, "usual_clock", TurnedClock())
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def patience_with_the_disk() -> Iterator[None]:
+    """A transaction of these processes does not give itself up because others keep the disk or the processors."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(database, "BUSY_SECONDS", LIMIT_SECONDS)
         yield
 
 

@@ -107,7 +107,6 @@ def test_readiness_waits_for_nobody_who_waits(
 ) -> None:
     """Those who read wait for as long as the server stands still, in every thread that there is for them."""
     schema.migrate_database(postgres_url)
-    monkeypatch.setattr(database, "BUSY_SECONDS", LIMIT_SECONDS)
     monkeypatch.setattr(database, "CONNECTING_SECONDS", LIMIT_SECONDS)
     monkeypatch.setattr(service, "LOOK_SECONDS", 0.3)
     listing: list[bool] = []

@@ -709,7 +709,6 @@ def test_yaml_and_json_designs_score_alike() -> None:
 @pytest.mark.long
 def test_a_writer_that_is_stopped_keeps_nobody_from_reading(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Who writes waits for it, as long as anybody waits, and is then refused."""
-    monkeypatch.setattr(database, "BUSY_SECONDS", LIMIT_SECONDS)
     submitting: list[bool] = []
     submit_job = jobs.submit_job
 
