@@ -83,18 +83,29 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-@pytest.fixture
-def installed(wheels: Path, tmp_path: Path) -> Environment:
-    quietly(sys.executable, "-m", "venv", "--without-pip", str(tmp_path / "environment"))
-    python = str(tmp_path.joinpath("environment", *Path(sys.executable).parts[-2:]))
-    packages = Path(quietly(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
-    (packages / "libraries.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
+def packages_of(environment: Path) -> Path:
+    return next(environment.glob("lib/python*/site-packages"))
+
+
+@pytest.fixture(scope="module")
+def environment(wheels: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where both wheels are installed, as pip installs them."""
+    place = tmp_path_factory.mktemp("installed") / "environment"
+    quietly(sys.executable, "-m", "venv", "--without-pip", str(place))
+    (packages_of(place) / "libraries.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
     quietly(
-        sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", "--ignore-installed",
-        *map(str, wheels.glob("*.whl")),
+        sys.executable, "-m", "pip", "--python", str(place / "bin" / "python"), "install", "--no-deps", "--no-index",
+        "--ignore-installed", *map(str, wheels.glob("*.whl")),
     )  # fmt: skip
+    return place
+
+
+@pytest.fixture
+def installed(environment: Path, tmp_path: Path) -> Environment:
+    """A copy of it, which a test may change."""
+    copy = shutil.copytree(environment, tmp_path / "environment", symlinks=True)
     shutil.copy(EXAMPLES / "demo.yaml", tmp_path / "design.yaml")
-    return Environment(tmp_path, python, packages)
+    return Environment(tmp_path, str(copy / "bin" / "python"), packages_of(copy))
 
 
 @pytest.mark.long

@@ -316,6 +316,17 @@ def test_long_lists_of_changes_are_cut_and_say_so() -> None:
 # --- pages ----------------------------------------------------------------------------------------
 
 
+def test_a_requirement_stands_once_for_each_design(found: Comparison) -> None:
+    table = document_of("comparison", to_json(found)).requirements
+    assert table is not None
+    titles = [column.title for column in table.columns]
+    rows = [dict(zip(titles, row.cells, strict=True)) for row in table.rows]
+    checks = [report.verification.targets[0] for report in (found.first, found.second) if report.verification]
+    assert [(row["Design"], row["Requirement"], row["Value"]) for row in rows] == [
+        ("First", "tip-accuracy", checks[0].p95_mm), ("Second", "tip-accuracy", checks[1].p95_mm),
+    ]  # fmt: skip
+
+
 @pytest.mark.long
 def test_the_pages_show_both(found: Comparison) -> None:
     body = to_json(found)

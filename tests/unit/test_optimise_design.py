@@ -104,6 +104,10 @@ def test_the_record_is_plain_and_explains_itself() -> None:
     limit = next(price for price in result.shadow_prices if price.name == "limit")
     assert limit.cost_per_unit < 0
     assert limit.sentence.startswith("0.1 mm more on the limit of 1 mm saves ")
+    assert result.cost_exact_law is not None
+    for price in result.shadow_prices:  # a sentence says what its unit, or a tenth of the limit, is worth
+        step = 0.1 if price is limit else 1
+        assert f" {100 * step * abs(price.cost_per_unit) / result.cost_exact_law:.3g} %" in price.sentence
 
 
 @pytest.mark.long
