@@ -42,7 +42,7 @@ from tailstack_service.report.half_widths import Judgement, ToleranceCurves, tol
 from tailstack_service.report.images import draw_images
 from tailstack_service.report.records import Convergence, ConvergencePoint, Difference, ErrorDistribution
 from tailstack_service.report.scene import Item, LayoutScene, scene_json, scene_of, semi_axes
-from tailstack_service.report.scene_picture import draw_scene
+from tailstack_service.report.scene_picture import CIRCLE, draw_scene
 from tailstack_service.report.svg import WIDTH
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -347,6 +347,9 @@ def test_an_ellipsoid_is_drawn_as_its_outline() -> None:
     turn = np.deg2rad(numbers(drawn.attrib["transform"])[0])
     along = np.linalg.eigh(flat)[1][:, 1]
     assert abs(along @ [np.cos(turn), np.sin(turn)]) > 0.999
+    rings = [entry.attrib["d"] for entry in root.iter(f"{SVG}path") if entry.attrib.get("stroke-width") == "0.6"]
+    steps = [ring.count("L") for ring in rings if ring.count("M") > 10]
+    assert sum(steps[:3]) == pytest.approx(3 * CIRCLE / 2, abs=3)  # the near half of each, once
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -23,7 +23,7 @@ from scenes import cube_fiducials, mount
 from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
-from tailstack.optimisation.exact_law import correction_at, evaluate_demand
+from tailstack.optimisation.exact_law import Evaluation, closed_form_at, correction_at, evaluate_demand
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, build_program, kkt_residual
@@ -232,6 +232,24 @@ def test_a_per_unit_quantile_is_brought_to_its_limit() -> None:
     pooled = solve_placement(fixed_layout(oracle_problem(8, 0.6), cube_fiducials()))
     # 95 % of units must each keep 95 % of their shots: more is asked than 95 % of all shots
     assert solution.cost > pooled.cost
+
+
+def test_the_slopes_of_a_per_unit_quantile_tell_what_a_shot_draws_from_what_a_unit_keeps() -> None:
+    """independent: differences of the quantile itself where the noise of the images alone is scaled."""
+    problem = replace(oracle_problem(8, law=Law.NORMAL), requirements=(requirement(0.6, risk="per_unit"),))
+    made = replace(problem.system, manufacturing_half_width_mm=np.full((8, 3), 0.15))  # by a unit, the noise by a shot
+    problem = replace(problem, system=made)
+    (terms,), choice = (terms_of(problem, demand) for demand in problem.demands), present_choice(problem)
+    correction = correction_at(problem, terms, choice, evaluate_demand(problem, terms, choice), None)
+
+    def noisier(factor: float) -> Evaluation:
+        views = [replace(view, fiducial_noise_px=factor * view.fiducial_noise_px) for view in problem.system.views]
+        return evaluate_demand(replace(problem, system=replace(problem.system, views=tuple(views))), terms, choice)
+
+    low, high = noisier(1 - 1e-2), noisier(1 + 1e-2)
+    closed = [closed_form_at(problem, terms, evaluation, choice) for evaluation in (low, high)]
+    promised = 2 * np.log(closed[1] / closed[0]) + correction.slopes[:15] @ (high.images.numbers - low.images.numbers)
+    assert promised == pytest.approx(2 * np.log(high.exact_mm / low.exact_mm), rel=1e-2)
 
 
 @pytest.mark.long

@@ -13,6 +13,7 @@ from datetime import date
 from typing import TYPE_CHECKING
 
 from tailstack.design import Design, compile_design
+from tailstack.design.compile import loss_probabilities
 from tailstack.design.refusals import place
 from tailstack.errors import Problem, TailstackError
 from tailstack.estimation.checks import DETERMINATION
@@ -195,8 +196,9 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
     if gate.mode == "auto":
         numbers = [entry.number for entry in compare_numbers(scored.score, None, scored.requirements)]
         near = is_near_limit(numbers, policy.guard_band_percent, lambda n: [*waived_up_to(n.rule, n.target)])
-        assert scored.limited is not None
-        missed = bool(compile_design(scored.limited).loss_probability)  # a score is of shots that have all fiducials
+        design = scored.limited
+        fiducials = design.document.fiducials
+        missed = loss_probabilities(fiducials, len(design.fiducials.labels))  # a score has all in each shot
         if not near and ((_trust_first_order(scored.score) and not missed) or not numbers):
             return None
 
