@@ -210,9 +210,9 @@ def walk(name: str) -> list[tuple[str, str]]:
             check=False,
         )
         assert done.returncode == 0, done.stderr
-        lines = sorted(notes.read_text(encoding="utf-8").splitlines())
+        noted = [line.split(" ") for line in notes.read_text(encoding="utf-8").splitlines()]
     callers: dict[str, str] = {}
-    for _, module, caller in (line.split(" ") for line in lines):
+    for _, module, caller in sorted(noted, key=lambda line: int(line[0])):  # nanoseconds, not their digits
         if module == "end":
             return list(callers.items())
         callers.setdefault(module, caller)

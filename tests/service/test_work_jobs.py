@@ -157,6 +157,15 @@ def test_the_points_of_a_front_are_units() -> None:
     assert statuses.count("verified") >= 1
 
 
+def test_the_points_of_a_front_of_tolerances_alone_are_units() -> None:
+    """The layout stays, so that nothing is started from several places."""
+    front = {"points": 2, "min_limit_mm": 1.0, "max_limit_mm": 2.0}
+    data = document(6, rotation_bounds={"min_deg": 0.01, "max_deg": 0.5}, objective="pareto", front=front)
+    outcome, recorded = run_job("optimisation", {"design": data}, twice=False)
+    assert outcome.answer == to_json(optimise(load_design(data), threads=2))
+    assert [json.loads(unit.spec)["what"] for unit in recorded] == ["front"] * 2
+
+
 @pytest.mark.long
 def test_an_infeasible_optimisation_is_refused_as_in_process() -> None:
     """The search is refused before any start is solved: the units come to nothing, the last look says why."""
