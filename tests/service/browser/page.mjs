@@ -39,12 +39,14 @@ export async function faded(page) {
   await drawn(page);
   await page.evaluate(() => Promise.allSettled(document.getAnimations().filter((one) => one instanceof CSSTransition).map((one) => one.finished)));
 }
+// Not at each frame, which is what playwright does: frames are drawn for it, by the processor
+export const ASKED_AGAIN = { polling: 50 };
 export const state = (page) => page.evaluate(() => window.workbench.state());
-export const current = (page) => page.waitForFunction(() => window.workbench.state().current && !window.workbench.state().busy);
+export const current = (page) => page.waitForFunction(() => window.workbench.state().current && !window.workbench.state().busy, null, ASKED_AGAIN);
 /** Of the design whose score stands there: asked in one go, for a file that is being opened takes the score away. */
 export const sha = async (page) => {
   const shown = () => { const { current, busy, score } = window.workbench.state(); return current && !busy && score?.provenance.design_sha256; };
-  return (await page.waitForFunction(shown)).jsonValue();
+  return (await page.waitForFunction(shown, null, ASKED_AGAIN)).jsonValue();
 };
 export const take = (page, text, name = "design.yaml") =>
   page.setInputFiles("header input[type=file]", { name, mimeType: "application/yaml", buffer: Buffer.from(text) });
