@@ -105,7 +105,7 @@ def test_an_optimisation_is_run_again() -> None:
     made = to_json(optimise(load_design(design)))
     found = audit(changed(made, lambda data: data.update(cost_after=1.0)), "x")
     assert "/cost_after: recorded 1.0" in details(found)
-    assert "1 of " in details(found)  # and nothing else
+    assert "\n1 of " in details(found)  # and nothing else
     moved = changed(made, lambda data: data["design"]["fiducials"]["points"][0]["position_mm"].__setitem__(0, 1.25))
     assert answers(audit(moved, "x", fast=True))["new design"] == "different"
 
@@ -249,7 +249,7 @@ def test_changed_numbers_of_the_record_are_found_even_if_the_pages_were_made_fro
     assert answers(found)["numbers"] == "different"
     for path in CHANGED:
         assert "/" + "/".join(map(str, path)) + ": recorded" in details(found)
-    assert f"{len(CHANGED)} of " in details(found)  # and nothing else
+    assert f"\n{len(CHANGED)} of " in details(found)  # and nothing else
 
 
 def test_another_design_under_the_same_numbers_is_found(body: bytes) -> None:

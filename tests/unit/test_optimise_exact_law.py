@@ -19,7 +19,7 @@ from optimise_scenes import (
     requirement,
     score_mm,
 )
-from scenes import cube_fiducials, mount
+from scenes import cube_fiducials, mount, with_noise
 from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
@@ -237,14 +237,14 @@ def test_a_per_unit_quantile_is_brought_to_its_limit() -> None:
 def test_the_slopes_of_a_per_unit_quantile_tell_what_a_shot_draws_from_what_a_unit_keeps() -> None:
     """independent: differences of the quantile itself where the noise of the images alone is scaled."""
     problem = replace(oracle_problem(8, law=Law.NORMAL), requirements=(requirement(0.6, risk="per_unit"),))
-    made = replace(problem.system, manufacturing_half_width_mm=np.full((8, 3), 0.15))  # by a unit, the noise by a shot
-    problem = replace(problem, system=made)
+    made = np.full((8, 3), 0.15)  # once in a unit, where noise is drawn by each shot
+    problem = replace(problem, system=replace(problem.system, manufacturing_half_width_mm=made))
     (terms,), choice = (terms_of(problem, demand) for demand in problem.demands), present_choice(problem)
     correction = correction_at(problem, terms, choice, evaluate_demand(problem, terms, choice), None)
 
     def noisier(factor: float) -> Evaluation:
-        views = [replace(view, fiducial_noise_px=factor * view.fiducial_noise_px) for view in problem.system.views]
-        return evaluate_demand(replace(problem, system=replace(problem.system, views=tuple(views))), terms, choice)
+        system = replace(problem.system, views=with_noise(0.5 * factor))
+        return evaluate_demand(replace(problem, system=system), terms, choice)
 
     low, high = noisier(1 - 1e-2), noisier(1 + 1e-2)
     closed = [closed_form_at(problem, terms, evaluation, choice) for evaluation in (low, high)]

@@ -197,8 +197,8 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
         numbers = [entry.number for entry in compare_numbers(scored.score, None, scored.requirements)]
         near = is_near_limit(numbers, policy.guard_band_percent, lambda n: [*waived_up_to(n.rule, n.target)])
         design = scored.limited
-        fiducials = design.document.fiducials
-        missed = loss_probabilities(fiducials, len(design.fiducials.labels))  # a score has all in each shot
+        # A score is of shots that have all fiducials
+        missed = loss_probabilities(design.document.fiducials, len(design.fiducials.labels))
         if not near and ((_trust_first_order(scored.score) and not missed) or not numbers):
             return None
 

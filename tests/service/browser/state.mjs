@@ -1,9 +1,9 @@
 // What becomes of the design on the workbench: opened, linked, saved, undone, read and written as YAML.
 // See tests/service/test_workbench_state.py.
-import { asked, begun, bead, centre, current, drop, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
+import { ASKED_AGAIN, asked, begun, bead, centre, current, drop, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
 
 const scenarios = {};
-const settled = (page) => page.waitForFunction(() => !window.workbench.state().busy && (window.workbench.state().current || window.workbench.state().refused));
+const settled = (page) => page.waitForFunction(() => !window.workbench.state().busy && (window.workbench.state().current || window.workbench.state().refused), null, ASKED_AGAIN);
 const words = async (page) => (await page.locator(".message").allInnerTexts()).join("\n");
 
 // The design that is open is opened again: as an example, and as a file
