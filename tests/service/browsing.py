@@ -7,7 +7,8 @@ import json
 import os
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -22,8 +23,8 @@ from family import die_with_parent
 from waiting import LIMIT_SECONDS
 
 HOME = ROOT / "tests" / "service" / "browser"
-NAMES = ("chromium", "chromium-browser", "google-chrome")
-USED_SECONDS = 3 * LIMIT_SECONDS  # of a scenario on the workbench, which waits under the one limit again and again
+# First the one that cannot open a window: the same pages take two thirds of the CPU
+NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 DEMO = (EXAMPLES / "demo.yaml").read_text(encoding="utf-8")
 
 
@@ -35,15 +36,14 @@ def chromium() -> str:
     """Path of the browser.  Raises BrowserMissing."""
     found = next((path for name in NAMES if (path := shutil.which(name)) is not None), None)
     if found is None:
-        raise BrowserMissing("no Chromium on the PATH: on Debian apt-get install chromium")
+        raise BrowserMissing("no Chromium on the PATH: on Debian apt-get install chromium-headless-shell")
     return found
 
 
-def place_script(name: str) -> Path:
-    """A script of ``browser/`` beside those that it imports, below the packages they use: Node looks for them there.
+def place_scripts() -> Path:
+    """The folder of the scripts of ``browser/``, below the packages they use: Node looks for them there.
 
-    The folder is named by what the scripts say, so that another checkout's do not take their place.  Raises
-    BrowserMissing.
+    It is named by what the scripts say, so that another checkout's do not take their place.  Raises BrowserMissing.
     """
     try:
         packages = node.tools(HOME).parent.parent
@@ -54,53 +54,80 @@ def place_script(name: str) -> Path:
     place.mkdir(exist_ok=True)
     for called, content in scripts.items():
         (place / called).write_bytes(content)
-    return place / name
+    return place
 
 
-@cache
-def browser_address() -> str:
-    """Of the one browser of this process, which ends with it.  Raises BrowserMissing."""
-    process = subprocess.Popen(
-        ["node", place_script("browser.mjs")], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        preexec_fn=die_with_parent,
-    )  # fmt: skip
-    assert process.stdin is not None
-    assert process.stdout is not None
-    atexit.register(_end_browser, process)
-    process.stdin.write(json.dumps({"executable": chromium(), "sandbox": os.geteuid() != 0}) + "\n")
-    process.stdin.flush()
-    address = process.stdout.readline().strip()
-    assert address, "Chromium did not start"
-    return address
+class Browser:
+    """The one browser of this process, which ends with it.  It plays one scenario after the other."""
+
+    def __init__(self) -> None:
+        """Raises BrowserMissing."""
+        self.process = subprocess.Popen(
+            ["node", place_scripts() / "browser.mjs"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            preexec_fn=die_with_parent,
+        )  # fmt: skip
+        atexit.register(self.end)
+        self.ask({"executable": chromium(), "sandbox": os.geteuid() != 0})
+
+    def ask(self, job: dict[str, Any]) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(json.dumps(job) + "\n")
+        self.process.stdin.flush()
+
+    def read(self) -> dict[str, Any]:
+        """What comes next from the scenario; one that does not end says so by itself."""
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        assert line, "the browser ended"
+        return json.loads(line)  # type: ignore[no-any-return]
+
+    def said(self) -> str:
+        """What the scenario tells while it is played."""
+        answer = self.read()
+        assert "said" in answer, answer
+        return str(answer["said"])
+
+    def found(self) -> dict[str, Any]:
+        """What the scenario found in the end, without a request to another host."""
+        answer = self.read()
+        assert "found" in answer, answer.get("error", answer)
+        found: dict[str, Any] = answer["found"]
+        assert found["watched"]["strangers"] == []
+        return found
+
+    def end(self) -> None:
+        atexit.unregister(self.end)
+        self.process.communicate(timeout=LIMIT_SECONDS)  # which closes its stdin
 
 
-def _end_browser(process: subprocess.Popen[str]) -> None:
-    process.communicate(timeout=LIMIT_SECONDS)  # which closes its stdin
+started = cache(Browser)
 
 
-def _surroundings() -> dict[str, Any]:
-    """What every script is told: the browser, and the limit of its waits, ms."""
-    return {"browser": browser_address(), "limit": 1000 * LIMIT_SECONDS}
+@contextmanager
+def playing(script: str, scenario: str, **more: Any) -> Iterator[Browser]:
+    """While a scenario of a script in ``browser/`` is played.  Where it was not read to its end, the next gets another
+    browser.  Raises BrowserMissing."""
+    one = started()
+    try:
+        one.ask({"script": script, "scenario": scenario, "limit": 1000 * LIMIT_SECONDS, **more})
+        yield one
+    except BaseException:
+        started.cache_clear()
+        one.end()
+        raise
 
 
-def asked(url: str, scenario: str, design: str = DEMO, **more: Any) -> str:
+def asked(url: str, scenario: str, design: str = DEMO, **more: Any) -> dict[str, Any]:
+    """Of a scenario on the workbench."""
     shot = os.environ.get("TAILSTACK_SCREENSHOTS")  # a folder: where pictures of the page are wanted
     picture = {"shot": f"{shot}/{more.get('name', scenario)}.png"} if shot else {}
-    return json.dumps({
-        **_surroundings(), "url": f"{url}/", "scenario": scenario, "design": design, **picture, **more,
-    })  # fmt: skip
+    return {"url": f"{url}/", "scenario": scenario, "design": design, **picture, **more}
 
 
 def used(url: str, scenario: str, design: str = DEMO, *, script: str = "workbench.mjs", **more: Any) -> dict[str, Any]:
     """What a scenario of a script in ``browser/`` found on the workbench.  Raises BrowserMissing."""
-    done = subprocess.run(
-        ["node", place_script(script)], input=asked(url, scenario, design, **more), capture_output=True, text=True,
-        timeout=USED_SECONDS,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-3000:]
-    found: dict[str, Any] = json.loads(done.stdout)
-    assert found["watched"]["strangers"] == []  # no request to another host
-    return found
+    with playing(script, **asked(url, scenario, design, **more)) as page:
+        return page.found()
 
 
 def awaited(condition: str) -> str:
@@ -114,14 +141,9 @@ def awaited(condition: str) -> str:
 
 def look(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Open pages one after the other; what each did is described in ``browser/look.mjs``.  Raises BrowserMissing."""
-    script = place_script("look.mjs")
-    asked = {**_surroundings(), "jobs": list(jobs)}
-    done = subprocess.run(
-        ["node", str(script)], input=json.dumps(asked), capture_output=True, text=True, timeout=LIMIT_SECONDS
-    )
-    assert done.returncode == 0, done.stderr[-4000:]
-    results: list[dict[str, Any]] = json.loads(done.stdout)["results"]
-    return results
+    with playing("look.mjs", "look", jobs=list(jobs)) as page:
+        results: list[dict[str, Any]] = page.found()["results"]
+        return results
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,7 @@ import httpx
 import node
 import pytest
 import yaml
-from browsing import DEMO, asked, browser, place_script, used
+from browsing import DEMO, asked, browser, playing, used
 from served import COMMAND, Served, served
 from service_scenes import EXAMPLES, ROOT
 
@@ -125,30 +125,18 @@ def test_the_whole_job_by_keyboard(service: Served) -> None:
 
 @pytest.mark.long
 def test_a_killed_service_is_waited_for_and_its_job_goes_on(tmp_path: Path, browser: None) -> None:
-    with served(tmp_path) as running, ExitStack() as stack:
+    with served(tmp_path) as running, playing(SCRIPT, **asked(running.url, "restart")) as page, ExitStack() as stack:
         port = running.url.rpartition(":")[2]
-        page = subprocess.Popen(
-            ["node", place_script(SCRIPT)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            text=True, preexec_fn=die_with_parent,
-        )  # fmt: skip
-        stack.enter_context(ended(page))
-        assert page.stdin is not None
-        assert page.stderr is not None
-        page.stdin.write(asked(running.url, "restart"))
-        page.stdin.close()
-        page.stdin = None
-        assert page.stderr.readline() == "kill\n"
+        assert page.said() == "kill"
         os.kill(running.pid, signal.SIGKILL)
         running.process.wait(LIMIT_SECONDS)
-        assert page.stderr.readline() == "told\n"  # the page says that nobody answers
+        assert page.said() == "told"  # the page says that nobody answers
         again = subprocess.Popen(
             [*COMMAND, "serve", "--port", port], env=running.environment, stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL, preexec_fn=die_with_parent,
         )  # fmt: skip
         stack.enter_context(ended(again))
-        out, error = page.communicate(timeout=3 * LIMIT_SECONDS)
-        assert page.returncode == 0, error[-3000:]
-        assert json.loads(out)["sha"]
+        assert page.found()["sha"]
 
 
 # --- jobs, keys, what is taken away --------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 // How the workbench leads: from points of one's own to a first design, to what to do next, and to a verified optimum.
 // See tests/service/test_workbench_leads.py.
-import { asked, axe, begun, bead, centre, current, drawn, drop, faded, newContext, open, part, play, sha, state, take, wide } from "./page.mjs";
+import { asked, axe, begun, bead, centre, current, drawn, drop, faded, newContext, open, part, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
@@ -266,4 +266,4 @@ scenarios.screen = async () => {
   return found;
 };
 
-await play(scenarios);
+export default scenarios;

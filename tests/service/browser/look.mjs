@@ -1,8 +1,8 @@
-// Opens pages in Chromium and says what happened: a list of jobs as JSON on stdin, what was found as JSON on stdout.
-// A job: {url, width, height, scheme, media, script, axe, keys, shot, viewer}; see tests/service/browsing.py.
+// Opens pages in Chromium and says what happened.  A page that is asked for:
+// {url, width, height, scheme, media, script, axe, keys, shot, viewer}; see tests/service/browsing.py.
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { chromium } from "playwright-core";
+import { asked, browser } from "./page.mjs";
 
 const require = createRequire(import.meta.url);
 const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
@@ -29,12 +29,12 @@ const CANVAS = `(() => [...document.querySelectorAll(".viewer canvas")].map((can
 
 const FRAMES = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))";
 
-async function looked(browser, job) {
+async function looked(job) {
   const context = await browser.newContext({
     viewport: { width: job.width ?? 1280, height: job.height ?? 900 }, colorScheme: job.scheme ?? "light",
     javaScriptEnabled: job.script ?? true, reducedMotion: "reduce", serviceWorkers: "block",
   });
-  context.setDefaultTimeout(LIMIT);
+  context.setDefaultTimeout(asked.limit);
   const page = await context.newPage();
   const found = { messages: [], requests: [], failed: [], violations: [], canvases: [] };
   page.on("console", (said) => found.messages.push(`${said.type()}: ${said.text()}`));
@@ -85,12 +85,10 @@ async function looked(browser, job) {
   return found;
 }
 
-const { browser: address, limit: LIMIT, jobs } = JSON.parse(readFileSync(0, "utf8"));
-const browser = await chromium.connect(address);
-try {
+async function look() {
   const results = [];
-  for (const job of jobs) results.push(await looked(browser, job));
-  process.stdout.write(JSON.stringify({ version: browser.version(), results }));
-} finally {
-  await browser.close();
+  for (const job of asked.jobs) results.push(await looked(job));
+  return { results };
 }
+
+export default { look };

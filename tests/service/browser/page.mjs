@@ -1,15 +1,11 @@
-// A browser with the workbench in it, and how it is used: {browser, limit, url, scenario, ...} as JSON on stdin, what a
-// scenario found as JSON on stdout.  Beside workbench.mjs, whose scenarios use it.
+// How the workbench is used by the scenarios of the scripts beside this one; what is asked of one is {limit, url, ...}.
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { chromium } from "playwright-core";
 
 const require = createRequire(import.meta.url);
 const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
-export const asked = JSON.parse(readFileSync(0, "utf8"));
-export const browser = await chromium.connect(asked.browser);
-
-export const watched = { messages: [], strangers: [] };
+export let asked, browser; // of the scenario that is played
+let watched;
 
 export async function open(context, url = asked.url, answered = true) {
   const page = await context.newPage();
@@ -103,12 +99,15 @@ export const number = async (page, label, value) => {
 };
 export const wide = (page) => page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
 
-/** Play the scenario that was asked for, say what was found, and end the browser, whatever happens. */
-export async function play(scenarios) {
+/** To whoever asked for the scenario, while it is played. */
+export const tell = (what) => process.stdout.write(`${JSON.stringify(what)}\n`);
+
+/** What the scenario that is asked for finds; its pages are closed, whatever happens. */
+export async function play(scenarios, where, job) {
+  [browser, asked, watched] = [where, job, { messages: [], strangers: [] }];
   try {
-    const found = await scenarios[asked.scenario]();
-    process.stdout.write(JSON.stringify({ ...found, watched }));
+    return { ...(await scenarios[asked.scenario]()), watched };
   } finally {
-    await browser.close();
+    await Promise.all(browser.contexts().map((context) => context.close()));
   }
 }

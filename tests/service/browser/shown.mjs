@@ -1,5 +1,5 @@
 // What the workbench shows, and how it answers: one scenario of those below.  See tests/service/test_workbench_shown.py.
-import { asked, begun, bead, centre, current, downloaded, drawn, faded, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
+import { asked, begun, bead, centre, current, downloaded, drawn, faded, newContext, number, open, part, sha, state, take, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
@@ -386,4 +386,4 @@ scenarios.section = async () => {
   return { before, after: await look(), sliders };
 };
 
-await play(scenarios);
+export default scenarios;

@@ -1,6 +1,6 @@
 // What becomes of the design on the workbench: opened, linked, saved, undone, read and written as YAML.
 // See tests/service/test_workbench_state.py.
-import { ASKED_AGAIN, asked, begun, bead, centre, current, drop, newContext, number, open, part, play, sha, state, take } from "./page.mjs";
+import { ASKED_AGAIN, asked, begun, bead, centre, current, drop, newContext, number, open, part, sha, state, take } from "./page.mjs";
 
 const scenarios = {};
 const settled = (page) => page.waitForFunction(() => !window.workbench.state().busy && (window.workbench.state().current || window.workbench.state().refused), null, ASKED_AGAIN);
@@ -285,4 +285,4 @@ scenarios.written = async () => {
   return { before, moved, lost: (await state(page)).text };
 };
 
-await play(scenarios);
+export default scenarios;

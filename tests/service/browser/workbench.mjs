@@ -1,5 +1,5 @@
 // Uses the workbench in Chromium as a designer does: one scenario of those below.  See tests/service/test_workbench.py.
-import { asked, axe, bead, begun, centre, current, downloaded, drawn, drop, faded, newContext, number, open, part, play, sha, state, take, wide } from "./page.mjs";
+import { asked, axe, bead, begun, centre, current, downloaded, drawn, drop, faded, newContext, number, open, part, sha, state, take, tell, wide } from "./page.mjs";
 
 const scenarios = {
   // From nothing: the gallery, the first score, what it shows, how much was fetched
@@ -200,9 +200,9 @@ const scenarios = {
     await part(page, "Run");
     await page.getByRole("button", { name: "Optimise", exact: true }).click();
     await page.locator('.run[data-kind=optimisation][data-state=running]').waitFor();
-    process.stderr.write("kill\n");
+    tell({ said: "kill" });
     await page.getByText("The service does not answer").first().waitFor();
-    process.stderr.write("told\n");
+    tell({ said: "told" });
     await page.locator('.run[data-kind=optimisation][data-state=succeeded]').waitFor();
     const field = page.getByLabel("F2 x, mm", { exact: true });
     await field.fill("28");
@@ -534,4 +534,4 @@ scenarios.drag = async () => {
   return { shown, tops: [...tops], alone, mostInFlight, requests, position };
 };
 
-await play(scenarios);
+export default scenarios;
