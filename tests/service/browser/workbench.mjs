@@ -412,9 +412,10 @@ scenarios.offer = async () => {
   await part(page, "Run");
   await page.getByRole("button", { name: "Optimise", exact: true }).click();
   const run = page.locator(".run[data-kind=optimisation][data-state=succeeded]");
-  await run.waitFor();
+  const taking = run.getByRole("button", { name: /Take this design/ });
+  await taking.waitFor(); // a run has ended before its result is there
   const words = await run.innerText();
-  await page.getByRole("button", { name: /Take this design/ }).click();
+  await taking.click();
   return { words, taken: await sha(page) };
 };
 

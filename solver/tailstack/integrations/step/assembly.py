@@ -108,8 +108,8 @@ class Assembly(Shapes):
                     if number not in used:
                         first, second, operator = self._relation(instance)
                         self._held[second].append((number, operator, first))
-                elif len(instance.parts[keyword]) == 4:
-                    first, second = (reference_of(file, each, number) for each in instance.parts[keyword][2:])
+                elif len(values := file.part(instance, keyword)) == 4:
+                    first, second = (reference_of(file, each, number) for each in values[2:])
                     self._links[first].append(second)
                     self._links[second].append(first)
 

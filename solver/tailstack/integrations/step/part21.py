@@ -160,13 +160,13 @@ class Part21:
             raise self.refuse(referrer, "wrong-type", detail, "export it anew")
         return self.part(self.read(number, referrer), keyword, count)
 
-    def part(self, instance: Instance, keyword: str, count: int) -> list[Any]:
-        """The values of an instance that has this keyword; it has ``count`` of them.  Raises StepError."""
+    def part(self, instance: Instance, keyword: str, count: int | None = None) -> list[Any]:
+        """The values of an instance that has this keyword; it has ``count`` of them, or any.  Raises StepError."""
         values = instance.parts.get(keyword)
         if values is None:
             detail = f"#{instance.number} is {' '.join(instance.parts)[:80]} where {keyword} is wanted"
             raise self.refuse(instance.number, "wrong-type", detail, "export it anew")
-        if len(values) != count:
+        if count is not None and len(values) != count:
             detail = f"{keyword} has {count} values; #{instance.number} has {len(values)}"
             raise self.refuse(instance.number, "wrong-count", detail, "export it anew")
         return values
