@@ -260,6 +260,21 @@ def test_a_file_that_lies_is_refused_at_its_line(old: str, new: str, line: int, 
         assert problem.line == line, problem
 
 
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "'of UNIT and SHAPE_REPRESENTATION_RELATIONSHIP(3)'", "''/* SHAPE_REPRESENTATION_RELATIONSHIP() */",
+        "'(REPRESENTATION_RELATIONSHIP)NEXT_ASSEMBLY_USAGE_OCCURRENCE()'", ".SHAPE_REPRESENTATION_RELATIONSHIP.",
+        "SHAPE_REPRESENTATION_RELATIONSHIP(3.)",
+    ],
+)  # fmt: skip
+def test_what_is_only_called_like_a_relationship_is_none(kind: str) -> None:
+    text = text_of(ONE).decode()
+    assert text.count("REPRESENTATION_CONTEXT('','')") == 1
+    named = text.replace("REPRESENTATION_CONTEXT('','')", f"REPRESENTATION_CONTEXT('',{kind})")
+    assert read(named.encode()).fiducials.positions_mm == read(text.encode()).fiducials.positions_mm
+
+
 def test_an_inch_of_another_length_is_refused() -> None:
     with pytest.raises(StepError, match=r"INCH is 25.4 mm; #1 makes it 2.54 mm"):
         read(text_of(ONE, unit=INCH.replace("25.4", "2.54")))

@@ -1,11 +1,7 @@
 // Opens pages in Chromium and says what happened.  A page that is asked for:
 // {url, width, height, scheme, media, script, axe, keys, shot, viewer}; see tests/service/browsing.py.
-import { readFileSync } from "node:fs";
-import { createRequire } from "node:module";
-import { asked, browser } from "./page.mjs";
+import { asked, AXE, browser } from "./page.mjs";
 
-const require = createRequire(import.meta.url);
-const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
 // Of what axe-core calls best practice: regions that a screen reader lists must be told apart by their names.
 const BEYOND = { "landmark-unique": { enabled: true } };
 const TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"];

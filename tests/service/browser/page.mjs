@@ -3,7 +3,7 @@ import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
 
 const require = createRequire(import.meta.url);
-const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
+export const AXE = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
 export let asked, browser; // of the scenario that is played
 let watched;
 

@@ -108,7 +108,7 @@ class Assembly(Shapes):
                     if number not in used:
                         first, second, operator = self._relation(instance)
                         self._held[second].append((number, operator, first))
-                elif len(values := file.part(instance, keyword)) == 4:
+                elif len(values := instance.parts.get(keyword, ())) == 4:
                     first, second = (reference_of(file, each, number) for each in values[2:])
                     self._links[first].append(second)
                     self._links[second].append(first)

@@ -28,6 +28,8 @@ _SPACE = rb"(?:\s++|/\*.*?\*/)*+"
 _BODY = rb"(?:[^;'/]++|'[^']*+'|/\*.*?\*/|/(?!\*))*+;"
 _INSTANCE = re.compile(_SPACE + rb"#(\d{1,18})\s*+=\s*+(\w*+)" + _BODY, re.DOTALL)
 _SECTION = re.compile(_SPACE + rb"(ENDSEC|DATA|END-ISO-10303-21|[A-Z]\w*+)\b" + _BODY, re.DOTALL)
+_TEXTS = re.compile(rb"'[^']*+'|/\*.*?\*/", re.DOTALL)  # and comments: no keyword stands in them
+_KEYWORDS = re.compile(rb"(\w++)\s*+\(")  # also of typed values
 _TOKEN = re.compile(
     _SPACE + rb"(?:#(\d{1,18})"
     rb"|([-+]?+\d++\.?+\d*+(?:[eE][-+]?+\d++)?+)(?![\w.])"
@@ -160,13 +162,13 @@ class Part21:
             raise self.refuse(referrer, "wrong-type", detail, "export it anew")
         return self.part(self.read(number, referrer), keyword, count)
 
-    def part(self, instance: Instance, keyword: str, count: int | None = None) -> list[Any]:
-        """The values of an instance that has this keyword; it has ``count`` of them, or any.  Raises StepError."""
+    def part(self, instance: Instance, keyword: str, count: int) -> list[Any]:
+        """The values of an instance that has this keyword; it has ``count`` of them.  Raises StepError."""
         values = instance.parts.get(keyword)
         if values is None:
             detail = f"#{instance.number} is {' '.join(instance.parts)[:80]} where {keyword} is wanted"
             raise self.refuse(instance.number, "wrong-type", detail, "export it anew")
-        if count is not None and len(values) != count:
+        if len(values) != count:
             detail = f"{keyword} has {count} values; #{instance.number} has {len(values)}"
             raise self.refuse(instance.number, "wrong-count", detail, "export it anew")
         return values
@@ -238,8 +240,9 @@ class Part21:
             if listed is not None:
                 listed.append(number)
         elif b"REPRESENTATION_RELATIONSHIP" in match[0]:  # the only complex ones that are listed
+            keywords = _KEYWORDS.findall(_TEXTS.sub(b" ", match[0]))
             for each, listed in self._listed.items():
-                if each.encode() in re.findall(rb"\w+", match[0]):
+                if each.encode() in keywords:
                     listed.append(number)
 
     def _span(self, number: int, referrer: int | None) -> tuple[int, int]:
