@@ -13,24 +13,30 @@ from collections.abc import Callable
 from typing import TypeVar
 
 LIMIT_SECONDS = float(os.environ.get("TAILSTACK_TESTS_LIMIT_SECONDS", "600"))  # of every wait in the tests
-LOOK_SECONDS = 0.01  # between two looks at a condition
+LOOK_SECONDS = 0.01  # between the first looks at a condition
+# Of what was waited for already, between later ones: to look takes from what is waited for, where processors are few
+SHARE, MOST_LOOK_SECONDS = 0.1, 0.25
 
 T = TypeVar("T")
 
 
 def until(condition: Callable[[], T], says: Callable[[], object] = lambda: "it never came true") -> T:
     """What the condition gives once it is true; ``says`` is asked what there is to see where it never becomes so."""
-    ends = time.monotonic() + LIMIT_SECONDS
+    begun = time.monotonic()
     while not (found := condition()):
-        assert time.monotonic() < ends, f"after {LIMIT_SECONDS:g} s: {says()}"
-        time.sleep(LOOK_SECONDS)
+        time.sleep(_gap(time.monotonic() - begun, says))
     return found
 
 
 async def until_async(condition: Callable[[], T], says: Callable[[], object] = lambda: "it never came true") -> T:
     """The same inside of an event loop, which goes on meanwhile."""
-    ends = time.monotonic() + LIMIT_SECONDS
+    begun = time.monotonic()
     while not (found := condition()):
-        assert time.monotonic() < ends, f"after {LIMIT_SECONDS:g} s: {says()}"
-        await asyncio.sleep(LOOK_SECONDS)
+        await asyncio.sleep(_gap(time.monotonic() - begun, says))
     return found
+
+
+def _gap(waited: float, says: Callable[[], object]) -> float:
+    """Seconds until the next look."""
+    assert waited < LIMIT_SECONDS, f"after {LIMIT_SECONDS:g} s: {says()}"
+    return min(max(LOOK_SECONDS, SHARE * waited), MOST_LOOK_SECONDS)

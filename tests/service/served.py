@@ -86,11 +86,13 @@ def served(directory: Path, **changes: str) -> Iterator[Served]:
 
 
 def _await_ready(url: str, process: subprocess.Popen[str], log: Path) -> None:
-    def ready() -> bool:
-        assert process.poll() is None, log.read_text()
-        return httpx.get(url + "/health/ready", timeout=LIMIT_SECONDS, trust_env=False).status_code == 200
+    with httpx.Client(base_url=url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client:
 
-    until(ready, log.read_text)
+        def ready() -> bool:
+            assert process.poll() is None, log.read_text()
+            return client.get("/health/ready").status_code == 200
+
+        until(ready, log.read_text)
 
 
 def _end(process: subprocess.Popen[str]) -> None:

@@ -43,7 +43,7 @@ def test_a_changed_result_is_refused_its_job_says_so_and_asked_again_it_is_compu
     keyed = {"Idempotency-Key": "one", "Prefer": "wait=600"}
     with (
         running_service(settings, worker=True, worker_log=tmp_path / "worker.log") as (host, port),
-        httpx.Client(base_url=f"http://{host}:{port}", timeout=LIMIT_SECONDS, trust_env=False) as client,
+        httpx.Client(base_url=f"http://{host}:{port}", timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client,
     ):
         until(lambda: client.get("/health/ready").status_code == 200)
         first = client.post("/v1/verifications", json=BODY, headers=keyed)

@@ -51,7 +51,7 @@ def service(disk: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Se
 
 @pytest.fixture
 def client(service: Served) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False) as connected:
+    with httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as connected:
         until(lambda: ready(connected) == 200)
         yield connected
 

@@ -31,7 +31,7 @@ def lives(process: psutil.Process) -> bool:
 def test_without_what_linux_has_a_service_answers_computes_and_leaves_nothing(tmp_path: Path) -> None:
     with served(tmp_path, **{PLAIN_PROCESSES: "1"}) as service:
         process = psutil.Process(service.pid)
-        with httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False) as client:
+        with httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client:
             score = client.post("/v1/scores", json={"design": EXAMPLE_DESIGN})
             assert score.status_code == 200, score.text
             body = {"design": EXAMPLE_DESIGN, "trials": 2_000, "seed": 1}

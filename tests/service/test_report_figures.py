@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 from math import log10, sqrt
 from typing import Any
@@ -61,7 +62,11 @@ def scene(design: Design, before: Design | None = None) -> LayoutScene:
 
 
 DEMO = example("demo")
-DEMO_SCENE = scene(DEMO)
+
+
+@cache
+def demo_scene() -> LayoutScene:
+    return scene(DEMO)
 
 
 def of(found: LayoutScene, kind: str, look: str) -> list[Item]:
@@ -209,23 +214,23 @@ def test_a_bias_is_an_arrow_from_its_target() -> None:
 
 def test_beams_are_those_of_the_data_sheet() -> None:
     """closed form: AP runs along +y; source 700 mm before the isocentre, detector of 1536 x 0.194 mm at 1020 mm."""
-    points = {item.label: np.array(item.points[0]) for item in of(DEMO_SCENE, "mark", "source")}
+    points = {item.label: np.array(item.points[0]) for item in of(demo_scene(), "mark", "source")}
     np.testing.assert_allclose(points["AP source"], [0, -700, 0], atol=WRITTEN)
     np.testing.assert_allclose(points["LAT source"], [700, 0, 0], atol=WRITTEN)
     half = 1536 * 0.194 / 2
-    corners = {item.label: np.array(item.points) for item in of(DEMO_SCENE, "face", "detector")}
+    corners = {item.label: np.array(item.points) for item in of(demo_scene(), "face", "detector")}
     expected = [[-half, 320, half], [half, 320, half], [half, 320, -half], [-half, 320, -half]]
     np.testing.assert_allclose(corners["AP detector"], expected, atol=WRITTEN)
-    assert not of(DEMO_SCENE, "face", "guessed")
+    assert not of(demo_scene(), "face", "guessed")
 
 
 def test_an_image_lies_on_the_line_from_the_source_through_its_fiducial() -> None:
     """independent: collinear with the structure as it sits, which the demo's bias moves by less than 0.2 mm."""
     source = np.array([0.0, -700.0, 0.0])
-    images = np.array([item.points[0] for item in of(DEMO_SCENE, "mark", "image")])
+    images = np.array([item.points[0] for item in of(demo_scene(), "mark", "image")])
     on_ap = images[np.abs(images[:, 1] - 320) < WRITTEN]
     assert len(on_ap) == len(images) / 2 == 12
-    through = np.array([item.points[0] for item in of(DEMO_SCENE, "mark", "fiducial")])
+    through = np.array([item.points[0] for item in of(demo_scene(), "mark", "fiducial")])
     expected = source + (through - source) * (1020 / (through[:, 1] + 700))[:, None]
     np.testing.assert_allclose(on_ap, expected, atol=0.4)
 
@@ -321,12 +326,12 @@ def near_panel(found: LayoutScene) -> tuple[Array, ElementTree.Element]:
 
 def test_the_picture_is_orthographic_and_its_bar_has_its_length() -> None:
     """independent: rows of the fitted map are orthogonal and of the bar's scale, and those of the first camera."""
-    affine, root = near_panel(DEMO_SCENE)
+    affine, root = near_panel(demo_scene())
     right, down = affine[:3].T
     scale = float(np.linalg.norm(right))
     assert right @ down == pytest.approx(0, abs=2e-3 * scale**2)
     assert float(np.linalg.norm(down)) == pytest.approx(scale, rel=3e-3)
-    camera = DEMO_SCENE.cameras[0]
+    camera = demo_scene().cameras[0]
     np.testing.assert_allclose(right / scale, camera.right, atol=3e-3)
     np.testing.assert_allclose(-down / scale, camera.up, atol=3e-3)
     bars = [numbers(path.attrib["d"]) for path in root.iter(f"{SVG}path") if path.attrib.get("stroke-width") == "1.6"]
@@ -337,8 +342,8 @@ def test_the_picture_is_orthographic_and_its_bar_has_its_length() -> None:
 
 def test_an_ellipsoid_is_drawn_as_its_outline() -> None:
     """independent: the shadow of x' S^-1 x = 1 across the page is the ellipse of P S P'."""
-    affine, root = near_panel(DEMO_SCENE)
-    (item,) = of(DEMO_SCENE, "ellipsoid", "tcp")
+    affine, root = near_panel(demo_scene())
+    (item,) = of(demo_scene(), "ellipsoid", "tcp")
     axes = np.array(item.points[1:])
     flat = affine[:3].T @ axes.T @ axes @ affine[:3]
     (drawn,) = [entry for entry in root.iter(f"{SVG}ellipse") if entry.attrib.get("transform")]

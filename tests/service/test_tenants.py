@@ -95,7 +95,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     }
     with (
         served(directory, **settings) as service,
-        httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False) as c,
+        httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as c,
     ):
         every = ("--scope", "read", "--scope", "compute", "--scope", "metrics")
         keys = {tenant: _key(service, tenant, *every) for tenant in ("a", "b", "c", "d", "e")}

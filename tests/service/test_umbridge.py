@@ -189,7 +189,7 @@ def test_a_service_with_keys_asks_for_one(tmp_path: Path) -> None:
     with served(tmp_path, TAILSTACK_AUTH="required") as service:
         key = service.run("keys", "create", "--tenant", "a", "--name", "test", "--scope", "compute").strip()
         reader = service.run("keys", "create", "--tenant", "a", "--name", "reader", "--scope", "read").strip()
-        with httpx.Client(base_url=service.url, trust_env=False, timeout=LIMIT_SECONDS) as client:
+        with httpx.Client(base_url=service.url, trust_env=False, verify=False, timeout=LIMIT_SECONDS) as client:
             for path in ("Info", "Evaluate"):
                 send = client.get if path == "Info" else client.post
                 check_problem(send(f"/umbridge/{path}"), 401, "unauthenticated")

@@ -66,13 +66,13 @@ def test_whoever_opens_the_address_is_one_click_from_a_score(service: Served) ->
 
 @pytest.mark.long
 def test_a_drag_shows_its_own_numbers_and_sends_one_request_at_a_time(service: Served) -> None:
-    """Of 200 moves each is awaited until its number is there, and asks once for it."""
-    found = used(service.url, "drag", moves=200)
+    """Of 89 moves, the last near to the first, each is awaited until its number is there, and asks once for it."""
+    found = used(service.url, "drag", moves=89)
     assert found["mostInFlight"] == 1 < found["requests"]
     assert found["position"] == 1  # the whole drag is one step
-    assert found["alone"] <= 201
+    assert found["alone"] <= 90
     assert len(found["tops"]) == 1  # whatever is said of the design meanwhile, the picture stays under the pointer
-    assert len(found["shown"]) == 200
+    assert len(found["shown"]) == 89
     assert len(set(found["shown"])) > 20  # P95 has two decimals; its change has one more
 
 
@@ -153,16 +153,16 @@ def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page
     found = used(service.url, "jobs", job=posted["id"])
     assert "from a script" in found["words"]
     assert {link.rpartition("=")[2] for link in found["links"]} == {"html", "pdf", "xlsx", "json"}
-    assert all(httpx.get(link, timeout=LIMIT_SECONDS).status_code == 200 for link in found["links"])
+    assert all(httpx.get(link, timeout=LIMIT_SECONDS, verify=False).status_code == 200 for link in found["links"])
     assert found["sha"] == load_design(design).sha256  # what somebody else computed can be gone on with
 
 
 @pytest.mark.long
 def test_a_verification_asks_for_what_the_operator_allows(tmp_path: Path, browser: None) -> None:
     with served(tmp_path, TAILSTACK_MAX_TRIALS="50000") as running:
-        assert httpx.get(f"{running.url}/version", timeout=LIMIT_SECONDS).json()["max_trials"] == 50_000
+        assert httpx.get(f"{running.url}/version", timeout=LIMIT_SECONDS, verify=False).json()["max_trials"] == 50_000
         found = used(running.url, "verify")
-        (job,) = httpx.get(f"{running.url}/v1/jobs", timeout=LIMIT_SECONDS).json()["jobs"]
+        (job,) = httpx.get(f"{running.url}/v1/jobs", timeout=LIMIT_SECONDS, verify=False).json()["jobs"]
         made = httpx.get(f"{running.url}{job['links']['result']}", timeout=LIMIT_SECONDS).json()
     assert made["verification"]["trials"] == made["verification"]["max_trials"] == 50_000
     assert "50,000 simulated shots" in found["words"]
