@@ -251,6 +251,7 @@ def test_what_judges_optimises_and_reports_names_it(copy: subprocess.Popen[str],
     assert TIP in " ".join(compared.split())
 
 
+@pytest.mark.long
 def test_the_page_shows_it_and_changes_it(variables: dict[str, str], tmp_path: Path, browser: None) -> None:
     path = variables["PYTHONPATH"]
     with served.served(tmp_path, PYTHONPATH=path) as service:

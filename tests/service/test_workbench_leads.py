@@ -161,6 +161,7 @@ def test_a_design_that_says_nothing_of_an_optimum_is_optimised_from_a_box_round_
     assert found["p95"] < score(load_design(data)).targets[0].p95_mm
 
 
+@pytest.mark.long
 def test_the_buttons_of_the_strip_are_a_few_presses_of_tab_away(service: Served) -> None:
     """But for a message that stands there for a while."""
     stops = [stop for stop in led(service, "tabs")["stops"] if stop != "Close the message"]

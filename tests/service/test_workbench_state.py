@@ -54,6 +54,7 @@ def with_rotations(value: str) -> str:
 # --- opened -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_design_that_is_open_is_opened_again_and_keeps_its_numbers(service: Served) -> None:
     found = seen(service, "again", example=yaml.safe_load(DEMO)["name"])
     for after in found["found"]:
