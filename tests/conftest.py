@@ -116,20 +116,26 @@ def leaves_the_process_as_it_was() -> Iterator[None]:
     if sys.path != path:
         changes += [f"sys.path was {path}, is {sys.path}"]
         sys.path[:] = path
-    known = {name: logging.NOTSET for name in _log_levels() if name.split(".")[0] in OUR_LOGGERS} | levels
-    # A package that this test is the first to import may set its own levels: distributed does
-    first = {name for name in sys.modules.keys() - modules if "." not in name} - {*OUR_LOGGERS}
-    known = {name: level for name, level in known.items() if name.split(".")[0] not in first}
-    now_levels = {name: logging.getLogger(name).level for name in known}
-    if now_levels != known:
-        changes += _differences("log level of", known, now_levels)
-        for name, level in known.items():
-            logging.getLogger(name).setLevel(level)
+    if _log_levels() != levels:
+        changes += _restore_log_levels(levels, first=sys.modules.keys() - modules)
     if logging.root.manager.disable != disabled:
         changes.append(f"logging.disable was {disabled}, is {logging.root.manager.disable}")
         logging.disable(disabled)
     if changes:
         pytest.fail("the test left the process changed:\n  " + "\n  ".join(changes), pytrace=False)
+
+
+def _restore_log_levels(levels: dict[str, int], first: set[str]) -> list[str]:
+    """What had changed of them; first: the modules that the test is the first to import."""
+    known = {name: logging.NOTSET for name in _log_levels() if name.split(".")[0] in OUR_LOGGERS} | levels
+    # A package that this test is the first to import may set its own levels: distributed does
+    own = {name for name in first if "." not in name} - {*OUR_LOGGERS}
+    known = {name: level for name, level in known.items() if name.split(".")[0] not in own}
+    now = {name: logging.getLogger(name).level for name in known}
+    changed = [name for name in known if now[name] != known[name]]
+    for name in changed:
+        logging.getLogger(name).setLevel(known[name])
+    return _differences("log level of", known, now)
 
 
 def _environment() -> dict[str, str]:

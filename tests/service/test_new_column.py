@@ -50,25 +50,25 @@ print(json.dumps({"told": told, "largest": 1000 * largest}))
 """
 
 
-@pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """PYTHONPATH with a copy of the sources, in which the column is added and the field renamed."""
-    folder = tmp_path_factory.mktemp("copy")
+def copy_with_column(folder: Path) -> str:
+    """PYTHONPATH with a copy of the sources in which the column is added, to a file of which no kernel is made."""
     shutil.copytree(ROOT / "solver" / "tailstack", folder / "tailstack", ignore=shutil.ignore_patterns("*.nb?"))
     file = folder / "tailstack" / "results" / "score.py"
     text = file.read_text(encoding="utf-8")
     assert text.count(BEFORE) == 1
     file.write_text(text.replace(BEFORE, TOY + BEFORE), encoding="utf-8")
-    for each in (file, folder / "tailstack" / "budget.py"):
-        text = each.read_text(encoding="utf-8")
-        assert FIELD in text
-        each.write_text(text.replace(FIELD, RENAMED), encoding="utf-8")
     return os.pathsep.join(str(place) for place in (folder, ROOT / "service"))
 
 
 @pytest.fixture(scope="module")
-def shown(copy: str) -> tuple[dict[str, str], float]:
-    """What the copy shows of a score, and the largest number in the column."""
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], float]:
+    """What a copy with the column, and with the field renamed, shows of a score; the largest number in the column."""
+    folder = tmp_path_factory.mktemp("copy")
+    copy = copy_with_column(folder)
+    for each in (folder / "tailstack" / "results" / "score.py", folder / "tailstack" / "budget.py"):
+        text = each.read_text(encoding="utf-8")
+        assert FIELD in text
+        each.write_text(text.replace(FIELD, RENAMED), encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(EXAMPLES / "demo.yaml")],
         env={**os.environ, "PYTHONPATH": copy},
@@ -76,7 +76,7 @@ def shown(copy: str) -> tuple[dict[str, str], float]:
         text=True,
         timeout=5 * LIMIT_SECONDS,
         check=False,
-        cwd=copy.partition(os.pathsep)[0],
+        cwd=folder,
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -93,8 +93,8 @@ def test_every_writer_has_the_column(shown: tuple[dict[str, str], float], writer
 
 
 @pytest.mark.long
-def test_the_page_has_the_column(copy: str, tmp_path: Path, browser: None) -> None:
-    with served(tmp_path, PYTHONPATH=copy) as service:
+def test_the_page_has_the_column(tmp_path: Path, browser: None) -> None:
+    with served(tmp_path, PYTHONPATH=copy_with_column(tmp_path)) as service:
         found = used(service.url, "figures", script="shown.mjs")
     for state in ("before", "after"):
         shown = found[state]
