@@ -359,6 +359,7 @@ def test_a_worker_that_dies_is_replaced(after_a_death: tuple[httpx.Response, lis
     assert [line["kind"] for line in lines if line.get("action") == "child-ended"] == ["worker"]
 
 
+@pytest.mark.long
 def test_a_log_for_machines(after_a_death: tuple[httpx.Response, list[dict[str, Any]]]) -> None:
     answer, lines = after_a_death
     job = answer.headers["location"].rpartition("/")[2]

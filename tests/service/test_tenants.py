@@ -125,6 +125,7 @@ def owned(place: Place) -> Property:
             assert response.status_code in (200, 202), response.text
             if response.status_code == 202:
                 pending.append(response.headers["location"])
+                break
     for location in pending:
         job = finished(place, location, place.keys["a"])
         assert job["state"] == "succeeded", job
