@@ -132,9 +132,9 @@ def _restore_log_levels(levels: dict[str, int], first: set[str]) -> list[str]:
     own = {name for name in first if "." not in name} - {*OUR_LOGGERS}
     known = {name: level for name, level in known.items() if name.split(".")[0] not in own}
     now = {name: logging.getLogger(name).level for name in known}
-    changed = [name for name in known if now[name] != known[name]]
-    for name in changed:
-        logging.getLogger(name).setLevel(known[name])
+    if now != known:
+        for name, level in known.items():
+            logging.getLogger(name).setLevel(level)
     return _differences("log level of", known, now)
 
 

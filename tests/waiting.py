@@ -37,6 +37,6 @@ async def until_async(condition: Callable[[], T], says: Callable[[], object] = l
 
 
 def _gap(waited: float, says: Callable[[], object]) -> float:
-    """Seconds until the next look."""
+    """Seconds until the next look, for who has waited so long; an AssertionError beyond the limit."""
     assert waited < LIMIT_SECONDS, f"after {LIMIT_SECONDS:g} s: {says()}"
     return min(max(LOOK_SECONDS, SHARE * waited), MOST_LOOK_SECONDS)

@@ -39,6 +39,7 @@ from dask_cluster import Cluster
 from dask_cluster import installed as dask_installed
 from floods import run_floods
 from postgres import Server, find_binaries
+from service_scenes import ask
 from worker_scenes import end
 
 from family import die_with_parent
@@ -537,9 +538,7 @@ class Chaos:
             begun = time.monotonic()
             self._expect(200, "large gates were abandoned")
             try:
-                small = httpx.post(
-                    f"{url}/v1/scores", json={"design": EXAMPLE_DESIGN}, timeout=300, trust_env=False, verify=False
-                )
+                small = ask("POST", f"{url}/v1/scores", json={"design": EXAMPLE_DESIGN}, timeout=300)
                 told = f"{small.status_code} after {time.monotonic() - begun:.1f} s"
                 answered = small.status_code == 200 and time.monotonic() - begun < ANSWERED_WITHIN_SECONDS
             except httpx.HTTPError as error:
@@ -556,7 +555,7 @@ class Chaos:
         if self.fleet.url is None:
             return None
         with suppress(httpx.HTTPError):
-            return httpx.get(f"{self.fleet.url}/health/ready", timeout=300, trust_env=False, verify=False).status_code
+            return ask("GET", f"{self.fleet.url}/health/ready", timeout=300).status_code
         return 0
 
     def _expect(self, status: int, state: str) -> None:

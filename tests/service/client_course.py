@@ -18,7 +18,7 @@ import openpyxl
 import pytest
 from pypdf import PdfReader
 from served import Served
-from service_scenes import client_with, coplanar_design, small_design
+from service_scenes import ask, client_with, coplanar_design, small_design
 from tailstack_client import AuthenticatedClient, Client
 from tailstack_client.api.computations import (
     create_gate,
@@ -121,7 +121,7 @@ def a_report_arrives_whole_in_every_format(service: Served, client: Authenticate
         assert isinstance(report, File), report
         found[form] = report.payload.read()  # type: ignore[union-attr]
         url = f"{service.url}/v1/results/{job.result_sha256}/report?format={form}"
-        assert found[form] == httpx.get(url, trust_env=False, verify=False, timeout=LIMIT_SECONDS).content
+        assert found[form] == ask("GET", url).content
 
     pages = PdfReader(io.BytesIO(found["pdf"]), strict=True).pages
     assert "eight beads, two seats" in pages[0].extract_text()

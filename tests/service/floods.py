@@ -22,10 +22,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import httpx
 from bombs import BOMBS
 from served import served
-from service_scenes import small_design
+from service_scenes import ask, client_of, small_design
 from test_http_load import LOOK_SECONDS, SMALL, Place, flooded, large, large_gate
 
 from family import forget_peak, peak_bytes
@@ -111,9 +110,7 @@ def list_floods(sha256: str) -> Iterator[Flood]:
 def seconds_of_small_scores(place: Place, count: int) -> list[float]:
     took = []
     headers = {"Authorization": f"Bearer {place.keys['modest']}", "Content-Type": JSON}
-    with httpx.Client(
-        base_url=place.service.url, headers=headers, timeout=300, trust_env=False, verify=False
-    ) as client:
+    with client_of(place.service.url, timeout=300, headers=headers) as client:
         for _ in range(count):
             begun = time.perf_counter()
             assert client.post("/v1/scores", content=SMALL).status_code == 200
@@ -144,9 +141,9 @@ def run_floods(connections: int, scores: int, tell: Callable[[str], Any] = print
             tenant: service.run("keys", "create", "--tenant", tenant, "--name", "flood", "--scope", "compute").strip()
             for tenant in ("greedy", "modest")
         }
-        named = httpx.post(
-            f"{service.url}/v1/validations", json={"design": small_design()}, timeout=300,
-            headers={"Authorization": f"Bearer {keys['greedy']}"}, trust_env=False, verify=False,
+        named = ask(
+            "POST", f"{service.url}/v1/validations", json={"design": small_design()}, timeout=300,
+            headers={"Authorization": f"Bearer {keys['greedy']}"},
         )  # fmt: skip
         place = Place(service, keys)
         seconds_of_small_scores(place, 10)

@@ -24,6 +24,8 @@ from tailstack_service.tables import MEDIA_TYPES
 POLICY = {"schema": "tailstack/policy/1", "verification": {"max_trials": 1000, "precision": 0.3}}
 CHECKS = {"/v1/verifications", "/v1/comparisons", "/v1/reports"}  # they draw more than that unless told otherwise
 FEW = {"trials": None, "max_trials": 1000}
+# As many starts as the service that is asked allows; trials as in the example, for without them it takes two seconds
+LITTLE = {"/v1/optimisations": {"starts": 1}, "/v1/studies/coupling": {"trials": 8192}}
 
 
 @schemathesis.serializer(*STEP_MEDIA)
@@ -53,10 +55,7 @@ def before_call(context: Any, case: Any, kwargs: Any) -> None:
             case.body = {"design": design, "parts": parts, "max_trials": 1000}
         elif "design" in case.body and draw % 2:
             case.body = {**case.body, "design": copy.deepcopy(EXAMPLE_DESIGN)}
-            if case.operation.path == "/v1/optimisations":
-                case.body["starts"] = 1  # the limit of the service that is asked
-            if case.operation.path == "/v1/studies/coupling":
-                case.body["trials"] = 8192  # as its example; of its own it takes two seconds
+            case.body |= LITTLE.get(case.operation.path, {})
         elif case.operation.path in CHECKS and draw % 2:
             sides = {side: copy.deepcopy(EXAMPLE_DESIGN) for side in ("first", "second")}
             case.body = {**case.body, **sides, **FEW}

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
-import httpx
-from service_scenes import ROOT
+from service_scenes import ROOT, client_of
 
 from family import die_with_parent, ended
 from tailstack_service.cli.main import main
@@ -86,7 +85,7 @@ def served(directory: Path, **changes: str) -> Iterator[Served]:
 
 
 def _await_ready(url: str, process: subprocess.Popen[str], log: Path) -> None:
-    with httpx.Client(base_url=url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client:
+    with client_of(url) as client:
 
         def ready() -> bool:
             assert process.poll() is None, log.read_text()

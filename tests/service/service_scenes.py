@@ -73,15 +73,23 @@ def write_json(path: Path, data: Any) -> Path:
     return path
 
 
+def client_of(url: str, timeout: float = LIMIT_SECONDS, **options: Any) -> httpx.Client:
+    """Speaks plain HTTP with a service at the address: it reads no proxies, and no certificates, which takes 20 ms."""
+    return httpx.Client(base_url=url, timeout=timeout, trust_env=False, verify=False, **options)
+
+
+def ask(method: str, url: str, **options: Any) -> httpx.Response:
+    """The answer to one request by such a client."""
+    with client_of("") as client:
+        return client.request(method, url, **options)
+
+
 @contextmanager
 def client_with(settings: Settings | None = None, *, worker: bool = False) -> Iterator[httpx.Client]:
-    """A client of a service that runs in this process, over a real connection; jobs end only with a worker.
-
-    As wherever tests speak plain HTTP, it is told that there are no certificates: to read them takes it 20 ms.
-    """
+    """A client of a service that runs in this process, over a real connection; jobs end only with a worker."""
     with (
         running_service(settings or Settings(worker_processes=1), warm_up=False, worker=worker) as (host, port),
-        httpx.Client(base_url=f"http://{host}:{port}", timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client,
+        client_of(f"http://{host}:{port}") as client,
     ):
         yield client
 

@@ -17,7 +17,7 @@ import pyarrow
 import pytest
 from bombs import BOMBS, NOISE
 from served import Served, served
-from service_scenes import check_problem, small_design
+from service_scenes import ask, check_problem, small_design
 
 from family import forget_peak, forked_of, peak_bytes
 from tailstack.errors import LimitError
@@ -36,9 +36,9 @@ class Place:
     sha256: str
 
     def post(self, media: str, body: bytes) -> httpx.Response:
-        return httpx.post(
-            f"{self.service.url}/v1/scores/batch", params={"design_sha256": self.sha256}, content=body,
-            headers={"Content-Type": media}, timeout=LIMIT_SECONDS, trust_env=False, verify=False,
+        return ask(
+            "POST", f"{self.service.url}/v1/scores/batch", params={"design_sha256": self.sha256}, content=body,
+            headers={"Content-Type": media},
         )  # fmt: skip
 
     def computing(self) -> psutil.Process:
@@ -50,13 +50,7 @@ class Place:
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     with served(tmp_path_factory.mktemp("bombs")) as service:
-        answer = httpx.post(
-            f"{service.url}/v1/validations",
-            json={"design": small_design()},
-            timeout=LIMIT_SECONDS,
-            trust_env=False,
-            verify=False,
-        )
+        answer = ask("POST", f"{service.url}/v1/validations", json={"design": small_design()})
         yield Place(service, answer.json()["design_sha256"])
 
 

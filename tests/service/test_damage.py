@@ -8,9 +8,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
-from service_scenes import client_with, small_design
+from service_scenes import client_of, client_with, small_design
 from store_scenes import Clock, claim, claim_one, find, finish, record, split, submit, url_of
 
 from tailstack_service.cli.main import main
@@ -19,7 +18,7 @@ from tailstack_service.jobs.store import events, jobs, results, upkeep, usage
 from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.jobs.store.errors import DamagedStore, StoreError
 from tailstack_service.settings import Settings
-from waiting import LIMIT_SECONDS, until
+from waiting import until
 
 BODY = {"design": small_design(), "trials": 1000}
 FORGED = b'{"schema":"tailstack/verification/1","p95_mm":0.0}'
@@ -43,7 +42,7 @@ def test_a_changed_result_is_refused_its_job_says_so_and_asked_again_it_is_compu
     keyed = {"Idempotency-Key": "one", "Prefer": "wait=600"}
     with (
         running_service(settings, worker=True, worker_log=tmp_path / "worker.log") as (host, port),
-        httpx.Client(base_url=f"http://{host}:{port}", timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client,
+        client_of(f"http://{host}:{port}") as client,
     ):
         until(lambda: client.get("/health/ready").status_code == 200)
         first = client.post("/v1/verifications", json=BODY, headers=keyed)

@@ -15,7 +15,7 @@ import psutil
 import pytest
 import sqlalchemy as sa
 from served import Served, served
-from service_scenes import small_design
+from service_scenes import client_of, small_design
 
 from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.errors import StoreError
@@ -51,7 +51,7 @@ def service(disk: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Se
 
 @pytest.fixture
 def client(service: Served) -> Iterator[httpx.Client]:
-    with httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as connected:
+    with client_of(service.url) as connected:
         until(lambda: ready(connected) == 200)
         yield connected
 

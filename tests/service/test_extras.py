@@ -18,11 +18,10 @@ from functools import cache
 from importlib.metadata import distribution, packages_distributions
 from pathlib import Path
 
-import httpx
 import pytest
 import served
 from packaging.requirements import Requirement
-from service_scenes import EXAMPLES, ROOT
+from service_scenes import EXAMPLES, ROOT, client_of
 
 from tailstack.extras import MODULES_OF, install_command
 from tailstack.version import __version__
@@ -180,7 +179,7 @@ def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) ->
         tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{served.PATH}", TAILSTACK_MAX_WAIT_SECONDS="600"
     ) as service:
         design = {"Content-Type": "application/yaml"}, (EXAMPLES / "demo.yaml").read_bytes()
-        with httpx.Client(base_url=service.url, headers=design[0], timeout=LIMIT_SECONDS) as client:
+        with client_of(service.url, headers=design[0]) as client:
             assert client.post("/v1/scores", content=design[1]).status_code == 200
             refused = client.post("/v1/optimisations", content=design[1], headers={"Prefer": "wait=600"})
             assert refused.status_code == 501, refused.text

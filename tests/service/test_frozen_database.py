@@ -18,7 +18,7 @@ import pytest
 import strange_units
 from postgres import Server
 from served import served
-from service_scenes import client_with, small_design
+from service_scenes import client_of, client_with, small_design
 from store_scenes import submit
 from worker_scenes import finished, prepared_database, worker_process
 from worker_scenes import submit as submit_strange
@@ -74,7 +74,7 @@ def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wake
     body = {"design": small_design(), "trials": 1000}
     with (
         served(tmp_path, TAILSTACK_DATABASE=postgres_url, TAILSTACK_LEASE_SECONDS="3") as service,
-        httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client,
+        client_of(service.url) as client,
         ThreadPoolExecutor(24) as pool,
     ):
         serve = next(p for p in psutil.Process().children() if p.cmdline()[-3:] == ["serve", "--port", "0"])

@@ -22,7 +22,7 @@ import httpx
 import psutil
 import pytest
 from served import Served, served
-from service_scenes import read_answer, small_design
+from service_scenes import ask, read_answer, small_design
 
 from family import forked_of
 from waiting import LIMIT_SECONDS, until
@@ -43,7 +43,7 @@ class Place:
     def post(self, key: str, path: str, body: bytes) -> httpx.Response:
         headers = {"Authorization": f"Bearer {self.keys[key]}", "Content-Type": "application/json"}
         url = self.service.url + path
-        return httpx.post(url, content=body, headers=headers, timeout=LIMIT_SECONDS, trust_env=False, verify=False)
+        return ask("POST", url, content=body, headers=headers)
 
     def begin(self, key: str, path: str, body: bytes, media: str = "application/json") -> socket.socket:
         """Send a request and leave the answer for later."""

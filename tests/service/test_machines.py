@@ -17,7 +17,7 @@ import httpx
 import pytest
 from containers import USER, contain, run_contained, surroundings
 from served import COMMAND, PATH
-from service_scenes import ROOT, small_design
+from service_scenes import ROOT, ask, small_design
 
 from family import die_with_parent, ended
 from tailstack.errors import MissingExtraError
@@ -266,17 +266,15 @@ def test_a_service_of_a_user_without_name_and_home(room: Path) -> None:
         found = re.search(r"http://\S+", process.stdout.readline())
         assert found is not None, (room / "log").read_text()
 
-        def ask(method: str, path: str, **more: Any) -> httpx.Response | None:
+        def answer_to(method: str, path: str, **more: Any) -> httpx.Response | None:
             assert process.poll() is None, (room / "log").read_text()
             try:
-                return httpx.request(
-                    method, found.group() + path, timeout=LIMIT_SECONDS, trust_env=False, verify=False, **more
-                )
+                return ask(method, found.group() + path, **more)
             except httpx.TransportError:
                 return None
 
-        until(lambda: (answer := ask("GET", "/health/ready")) is not None and answer.status_code == 200)
-        answer = ask("POST", "/v1/scores", json={"design": small_design()})
+        until(lambda: (answer := answer_to("GET", "/health/ready")) is not None and answer.status_code == 200)
+        answer = answer_to("POST", "/v1/scores", json={"design": small_design()})
         assert answer is not None
         assert answer.status_code == 200, answer.text
         process.send_signal(signal.SIGTERM)

@@ -9,11 +9,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import httpx
 import jsonschema
 import pytest
 import served
-from service_scenes import ROOT, copy_with_toy
+from service_scenes import ROOT, client_of, copy_with_toy
 
 from waiting import LIMIT_SECONDS
 
@@ -160,7 +159,7 @@ def test_its_route_is_in_the_document(variables: dict[str, str]) -> None:
 def test_over_http_it_is_a_job_whose_record_is_that_of_the_command(url: str, variables: dict[str, str]) -> None:
     here = tailstack(variables, "spacing", str(DESIGN), "--neighbours", "2", "--json").rstrip("\n")
     yaml, header = DESIGN.read_bytes(), {"content-type": "application/yaml", "prefer": "wait=60"}
-    with httpx.Client(base_url=url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client:
+    with client_of(url) as client:
         there = client.post("/v1/spacings", params={"neighbours": 2}, content=yaml, headers=header)
         assert (there.status_code, there.text) == (200, here)
         (job,) = client.get("/v1/jobs", params={"kind": "spacing"}).json()["jobs"]

@@ -19,6 +19,7 @@ import httpx
 import pytest
 from openapi_scenes import ended_job, json_examples, light, operations, parameters
 from served import served
+from service_scenes import client_of
 
 from plain_data import replaced
 from waiting import LIMIT_SECONDS, until
@@ -139,8 +140,7 @@ def requests(
 def test_no_address_is_followed(tmp_path: Path) -> None:
     sent = accepted = 0
     with canary() as bird, served(tmp_path, TAILSTACK_MAX_QUEUED_JOBS="10000") as service:
-        client = httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False, verify=False)
-        with client:
+        with client_of(service.url) as client:
             jobs: list[dict[str, Any]] = []
             free: dict[str, list[list[Way]]] = {}  # by design: where the first operation took each kind of bait
             for path, method, operation in operations():

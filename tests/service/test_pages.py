@@ -10,11 +10,10 @@ from typing import Any
 import httpx
 import pytest
 from browsing import awaited, browser, look
-from service_scenes import ROOT, check_problem, client_with
+from service_scenes import ROOT, check_problem, client_of, client_with
 
 from tailstack_service.http import pages
 from tailstack_service.settings import Settings
-from waiting import LIMIT_SECONDS
 
 __all__ = ["browser"]
 
@@ -80,7 +79,7 @@ def test_assets_are_kept_for_ever_and_sent_compressed(client: httpx.Client) -> N
 
 @pytest.mark.parametrize("name", ["nothing.js", "%2e%2e", "..%2Fsecret.txt", "%2e%2e%2fsecret.txt", "a%00b", "."])
 def test_nothing_but_an_asset_is_read(client: httpx.Client, name: str) -> None:
-    with httpx.Client(base_url=client.base_url, timeout=LIMIT_SECONDS) as raw:
+    with client_of(str(client.base_url)) as raw:
         request = raw.build_request("GET", "/")
         request.url = request.url.copy_with(raw_path=f"/assets/{name}".encode())
         check_problem(raw.send(request), 404, "not-found")

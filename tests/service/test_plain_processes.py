@@ -5,14 +5,14 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-import httpx
 import psutil
 from openapi_scenes import ended_job
 from served import served
+from service_scenes import client_of
 
 from tailstack_service.names import PLAIN_PROCESSES
 from tailstack_service.operations.example import EXAMPLE_DESIGN
-from waiting import LIMIT_SECONDS, until
+from waiting import until
 
 
 def children_of(process: psutil.Process) -> list[psutil.Process]:
@@ -31,7 +31,7 @@ def lives(process: psutil.Process) -> bool:
 def test_without_what_linux_has_a_service_answers_computes_and_leaves_nothing(tmp_path: Path) -> None:
     with served(tmp_path, **{PLAIN_PROCESSES: "1"}) as service:
         process = psutil.Process(service.pid)
-        with httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client:
+        with client_of(service.url) as client:
             score = client.post("/v1/scores", json={"design": EXAMPLE_DESIGN})
             assert score.status_code == 200, score.text
             body = {"design": EXAMPLE_DESIGN, "trials": 2_000, "seed": 1}

@@ -20,7 +20,7 @@ from unittest.mock import patch
 import httpx
 import psutil
 import pytest
-from service_scenes import EXAMPLES, ROOT, small_design
+from service_scenes import EXAMPLES, ROOT, ask, client_of, small_design
 
 from family import die_with_parent, ended
 from tailstack_service.cli.main import main
@@ -185,7 +185,7 @@ def running_worker(process: subprocess.Popen[str], other_than: int = 0) -> psuti
 
 
 def answers(url: str, path: str) -> bool:
-    return httpx.get(url + path, timeout=LIMIT_SECONDS, trust_env=False, verify=False).status_code == 200
+    return ask("GET", url + path).status_code == 200
 
 
 def await_ready(url: str) -> None:
@@ -198,12 +198,8 @@ def await_ready(url: str) -> None:
 def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, code: int, api_processes: str) -> None:
     with service(tmp_path, TAILSTACK_API_PROCESSES=api_processes) as (process, url):
         await_ready(url)
-        assert httpx.get(url + "/health/live", timeout=LIMIT_SECONDS, trust_env=False, verify=False).json() == {
-            "status": "alive"
-        }
-        answer = httpx.post(
-            url + "/v1/scores", json={"design": small_design()}, timeout=LIMIT_SECONDS, trust_env=False, verify=False
-        )
+        assert ask("GET", url + "/health/live").json() == {"status": "alive"}
+        answer = ask("POST", url + "/v1/scores", json={"design": small_design()})
         assert answer.status_code == 200
         running_worker(process)
         family = family_of(process)
@@ -249,7 +245,7 @@ def test_a_service_that_still_compiles_stops_all_the_same(tmp_path: Path) -> Non
     cache = tmp_path / "cache"
     cache.mkdir()
     with service(tmp_path, "--no-worker", NUMBA_CACHE_DIR=str(cache)) as (process, url):
-        response = httpx.get(url + "/health/ready", timeout=LIMIT_SECONDS, trust_env=False, verify=False)
+        response = ask("GET", url + "/health/ready")
         assert (response.status_code, response.json()["kernels"]) == (503, "warming up")
         until(lambda: any(path.is_file() for path in cache.rglob("*")))  # it has compiled one of them
         process.send_signal(signal.SIGTERM)
@@ -274,7 +270,7 @@ def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
         await_ready(url)
         body = {"design": small_design(), "trials": 1000}
         with (
-            httpx.Client(base_url=url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client,
+            client_of(url) as client,
             ThreadPoolExecutor(2) as pool,
         ):
             job = client.post("/v1/verifications", json=body).json()
@@ -289,7 +285,7 @@ def test_a_stop_ends_waits_and_streams_and_loses_no_job(tmp_path: Path) -> None:
         assert process.wait(timeout=LIMIT_SECONDS) == 0
     with (
         service(tmp_path) as (process, url),
-        httpx.Client(base_url=url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as client,
+        client_of(url) as client,
     ):
         for job_id in (job["id"], waiting.result().json()["id"]):
             text = client.get(f"/v1/jobs/{job_id}/events").text
@@ -303,15 +299,12 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
     limit = {"TAILSTACK_MAX_TRIALS": "10000000"}
     with service(tmp_path, **limit) as (process, url):
         await_ready(url)
-        job = httpx.post(
-            url + "/v1/verifications", json=body, trust_env=False, verify=False, timeout=LIMIT_SECONDS
-        ).json()
+        job = ask("POST", url + "/v1/verifications", json=body).json()
         first: list[ServerSentEvent] = []
         with (
             suppress(httpx.HTTPError),
-            httpx.stream(
-                "GET", url + job["links"]["events"], timeout=LIMIT_SECONDS, trust_env=False, verify=False
-            ) as r,
+            client_of(url) as client,
+            client.stream("GET", job["links"]["events"]) as r,
         ):
             for event in read_events(r):
                 first.append(event)
@@ -323,9 +316,7 @@ def test_events_go_on_after_the_service_was_killed(tmp_path: Path) -> None:
         check_gone(family)  # the worker notices that its parent has gone
     with service(tmp_path, TAILSTACK_LEASE_SECONDS="1", **limit) as (_, url):
         header = {"Last-Event-ID": first[-1].id}
-        with httpx.stream(
-            "GET", url + job["links"]["events"], headers=header, timeout=LIMIT_SECONDS, trust_env=False, verify=False
-        ) as r:
+        with client_of(url) as client, client.stream("GET", job["links"]["events"], headers=header) as r:
             rest = list(read_events(r))
     ids = [int(event.id) for event in first + rest]
     assert ids == list(range(1, len(ids) + 1))
@@ -344,9 +335,7 @@ def after_a_death(tmp_path_factory: pytest.TempPathFactory) -> tuple[httpx.Respo
         assert second.pid != first.pid
         headers = {"X-Request-ID": "trace-1", "Prefer": "wait=600"}
         body = {"design": small_design(), "trials": 1000}
-        answer = httpx.post(
-            url + "/v1/verifications", json=body, headers=headers, timeout=LIMIT_SECONDS, trust_env=False, verify=False
-        )
+        answer = ask("POST", url + "/v1/verifications", json=body, headers=headers)
         process.send_signal(signal.SIGTERM)
         _, err = said_by(process, folder)
     return answer, [json.loads(line) for line in err.splitlines() if line.startswith("{")]
@@ -395,7 +384,7 @@ def test_one_of_several_api_processes_that_dies_is_replaced_and_counters_are_sha
 
 
 def requests_counted(url: str, route: str) -> float:
-    text = httpx.get(url + "/metrics", timeout=LIMIT_SECONDS, trust_env=False, verify=False).text
+    text = ask("GET", url + "/metrics").text
     found = re.search(rf'tailstack_http_requests_total{{method="GET",route="{route}",status="200"}} (\S+)', text)
     return float(found.group(1)) if found else 0.0
 
@@ -431,10 +420,8 @@ def test_only_loopback_without_authentication(host: str, capsys: pytest.CaptureF
 def test_other_addresses_with_authentication(tmp_path: Path) -> None:
     with service(tmp_path, "--no-worker", "--host", "0.0.0.0", TAILSTACK_AUTH="required") as (_, url):
         local = url.replace("0.0.0.0", "127.0.0.1")
-        assert (
-            httpx.get(local + "/health/live", trust_env=False, verify=False, timeout=LIMIT_SECONDS).status_code == 200
-        )
-        assert httpx.get(local + "/v1/jobs", trust_env=False, verify=False, timeout=LIMIT_SECONDS).status_code == 401
+        assert ask("GET", local + "/health/live").status_code == 200
+        assert ask("GET", local + "/v1/jobs").status_code == 401
         database = {"TAILSTACK_DATABASE": f"sqlite:///{tmp_path / 'jobs.sqlite3'}"}
         made = run("keys", "create", "--tenant", "a", "--name", "test", "--scope", "read", env=database)
         assert made.returncode == 0, made.stderr

@@ -15,7 +15,7 @@ import httpx
 import psutil
 import pytest
 from postgres import required
-from service_scenes import ROOT, check_problem, client_with, read_answer, small_design
+from service_scenes import ROOT, check_problem, client_of, client_with, read_answer, small_design
 
 from family import die_with_parent, ended
 from tailstack_service.settings import Settings
@@ -174,9 +174,7 @@ def test_an_answer_that_nobody_takes_leaves_the_service_at_once(places: Places) 
 
 def test_event_streams_come_as_they_happen_and_refusals_as_they_are(places: Places) -> None:
     proxy, _ = places
-    with httpx.Client(
-        base_url=f"http://127.0.0.1:{proxy.port}", timeout=LIMIT_SECONDS, trust_env=False, verify=False
-    ) as client:
+    with client_of(f"http://127.0.0.1:{proxy.port}") as client:
         job = client.post("/v1/verifications", json={"design": small_design(), "trials": 1000}).json()
         with client.stream("GET", job["links"]["events"]) as stream:
             lines = stream.iter_lines()

@@ -16,6 +16,7 @@ import httpx
 import pytest
 from openapi_scenes import ended_job, json_examples, light, operations
 from served import Served, served
+from service_scenes import client_of
 
 from waiting import LIMIT_SECONDS
 
@@ -67,13 +68,7 @@ def jobs_and_results(client: httpx.Client) -> tuple[list[str], list[str]]:
 def prepare(service: Served, key: str, directory: Path) -> tuple[Path, Path]:
     """The configuration file of this run, and the document that the service gives, which schemathesis itself would not
     wait for: the first time it is put together."""
-    with httpx.Client(
-        base_url=service.url,
-        headers={"Authorization": f"Bearer {key}"},
-        timeout=LIMIT_SECONDS,
-        trust_env=False,
-        verify=False,
-    ) as c:
+    with client_of(service.url, headers={"Authorization": f"Bearer {key}"}) as c:
         jobs, results = jobs_and_results(c)
         document = directory / "openapi.json"
         document.write_bytes(c.get("/openapi.json").raise_for_status().content)

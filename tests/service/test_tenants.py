@@ -20,8 +20,9 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from openapi_scenes import ended_job, is_secured, json_examples, light, operations, parameters
 from served import Served, served
+from service_scenes import client_of
 
-from waiting import LIMIT_SECONDS, until
+from waiting import until
 
 PAST, NEVER = 1_577_836_800, 4_102_444_800  # the years 2020 and 2100
 ISSUER, AUDIENCE = "https://identity.example", "tailstack"
@@ -95,7 +96,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     }
     with (
         served(directory, **settings) as service,
-        httpx.Client(base_url=service.url, timeout=LIMIT_SECONDS, trust_env=False, verify=False) as c,
+        client_of(service.url) as c,
     ):
         every = ("--scope", "read", "--scope", "compute", "--scope", "metrics")
         keys = {tenant: _key(service, tenant, *every) for tenant in ("a", "b", "c", "d", "e")}

@@ -16,7 +16,7 @@ import umbridge
 from door_pages import run_page
 from scipy.stats import qmc
 from served import served
-from service_scenes import ROOT, check_problem, client_with, small_design
+from service_scenes import ROOT, check_problem, client_of, client_with, small_design
 
 from tailstack import DesignFunction, compile_design, load_design, score
 from tailstack.montecarlo import compile_plan, evaluate
@@ -189,7 +189,7 @@ def test_a_service_with_keys_asks_for_one(tmp_path: Path) -> None:
     with served(tmp_path, TAILSTACK_AUTH="required") as service:
         key = service.run("keys", "create", "--tenant", "a", "--name", "test", "--scope", "compute").strip()
         reader = service.run("keys", "create", "--tenant", "a", "--name", "reader", "--scope", "read").strip()
-        with httpx.Client(base_url=service.url, trust_env=False, verify=False, timeout=LIMIT_SECONDS) as client:
+        with client_of(service.url) as client:
             for path in ("Info", "Evaluate"):
                 send = client.get if path == "Info" else client.post
                 check_problem(send(f"/umbridge/{path}"), 401, "unauthenticated")

@@ -18,13 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import generate
-import httpx
 import node
 import pytest
 import yaml
 from browsing import DEMO, asked, browser, playing, used
 from served import COMMAND, Served, served
-from service_scenes import EXAMPLES, ROOT
+from service_scenes import EXAMPLES, ROOT, ask
 
 from family import die_with_parent, ended
 from optimise_documents import document, moving, optimised
@@ -147,23 +146,21 @@ def test_jobs_of_the_service_are_listed_with_their_reports_and_those_of_the_page
     service: Served,
 ) -> None:
     design = yaml.safe_load(DEMO) | {"name": "from a script"}
-    posted = httpx.post(
-        f"{service.url}/v1/reports", json={"design": design, "trials": 20000}, timeout=LIMIT_SECONDS
-    ).json()
+    posted = ask("POST", f"{service.url}/v1/reports", json={"design": design, "trials": 20000}).json()
     found = used(service.url, "jobs", job=posted["id"])
     assert "from a script" in found["words"]
     assert {link.rpartition("=")[2] for link in found["links"]} == {"html", "pdf", "xlsx", "json"}
-    assert all(httpx.get(link, timeout=LIMIT_SECONDS, verify=False).status_code == 200 for link in found["links"])
+    assert all(ask("GET", link).status_code == 200 for link in found["links"])
     assert found["sha"] == load_design(design).sha256  # what somebody else computed can be gone on with
 
 
 @pytest.mark.long
 def test_a_verification_asks_for_what_the_operator_allows(tmp_path: Path, browser: None) -> None:
     with served(tmp_path, TAILSTACK_MAX_TRIALS="50000") as running:
-        assert httpx.get(f"{running.url}/version", timeout=LIMIT_SECONDS, verify=False).json()["max_trials"] == 50_000
+        assert ask("GET", f"{running.url}/version").json()["max_trials"] == 50_000
         found = used(running.url, "verify")
-        (job,) = httpx.get(f"{running.url}/v1/jobs", timeout=LIMIT_SECONDS, verify=False).json()["jobs"]
-        made = httpx.get(f"{running.url}{job['links']['result']}", timeout=LIMIT_SECONDS).json()
+        (job,) = ask("GET", f"{running.url}/v1/jobs").json()["jobs"]
+        made = ask("GET", f"{running.url}{job['links']['result']}").json()
     assert made["verification"]["trials"] == made["verification"]["max_trials"] == 50_000
     assert "50,000 simulated shots" in found["words"]
 

@@ -7,12 +7,11 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-import httpx
 import pytest
 import yaml
 from browsing import DEMO, browser, used
 from served import Served, served
-from service_scenes import EXAMPLES, ROOT
+from service_scenes import EXAMPLES, ROOT, ask
 
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
@@ -225,6 +224,6 @@ def test_words_are_explained_by_mouse_and_by_keyboard_and_an_answer_of_another_v
     assert "trace of the covariance" in found["list"]
     assert (found["axe"], found["manual"], found["closed"]) == ([], [], 0)
     assert len(found["pages"]) > 40
-    assert {httpx.get(page).status_code for page in found["pages"]} == {200}
+    assert {ask("GET", page).status_code for page in found["pages"]} == {200}
     assert "another version" in found["strip"]
     assert "reload" in found["strip"]
