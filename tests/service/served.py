@@ -61,12 +61,15 @@ def environment(directory: Path, **changes: str) -> dict[str, str]:
 
 
 @contextmanager
-def served(directory: Path, **changes: str) -> Iterator[Served]:
-    """A service that is ready; it and everything it started are ended when the block is left, whatever way."""
+def served(directory: Path, *arguments: str, **changes: str) -> Iterator[Served]:
+    """A service that is ready; it and everything it started are ended when the block is left, whatever way.
+
+    ``arguments`` are of ``tailstack serve``, ``changes`` of its environment.
+    """
     log, variables = directory / "serve.log", environment(directory, **changes)
     with log.open("w") as stderr:
         process = subprocess.Popen(
-            [*COMMAND, "serve", "--port", "0"],
+            [*COMMAND, "serve", "--port", "0", *arguments],
             stdout=subprocess.PIPE,
             stderr=stderr,
             text=True,

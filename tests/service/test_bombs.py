@@ -49,7 +49,7 @@ class Place:
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    with served(tmp_path_factory.mktemp("bombs")) as service:
+    with served(tmp_path_factory.mktemp("bombs"), "--no-worker") as service:
         answer = ask("POST", f"{service.url}/v1/validations", json={"design": small_design()})
         yield Place(service, answer.json()["design_sha256"])
 

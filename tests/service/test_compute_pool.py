@@ -13,7 +13,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import psutil
@@ -26,6 +26,7 @@ from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes import child, linux
 from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
 from tailstack_service.processes.interpreter import digest_code, make_command, make_environment
+from tailstack_service.processes.nursery import share_nursery
 from tailstack_service.task import ADVANCE, Outcome, Task, UnitResult
 from waiting import LIMIT_SECONDS, until
 
@@ -246,6 +247,54 @@ def test_processes_end_with_their_parent_even_while_they_compute() -> None:
         assert len(pids) == 2
         parent.kill()
         until(lambda: all(gone(pid) for pid in pids))
+
+
+JOINED = """
+import json, sys, threading
+from strange_units import FUNCTION
+from tailstack_service.jobs.engines.pool import PoolEngine
+from tailstack_service.processes.nursery import join_nursery
+join_nursery(sys.argv[1])
+print(json.dumps(PoolEngine(1, function=FUNCTION).pids()), flush=True)
+threading.Event().wait()
+"""
+
+
+@contextmanager
+def beside(address: str) -> Iterator[tuple[subprocess.Popen[str], psutil.Process]]:
+    """A process that was told of a shared nursery, and a computing process of its."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", JOINED, address],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=make_environment(),
+        preexec_fn=die_with_parent,
+    )
+    with ended(process):
+        assert process.stdout is not None
+        (pid,) = json.loads(process.stdout.readline())
+        yield process, psutil.Process(pid)
+
+
+def test_processes_of_one_service_fork_from_one_and_end_with_their_own() -> None:
+    """kill -9 of the one beside: its computing process could not leave by itself, and the others go on."""
+    with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine:
+        mine = engine.pids()
+        with beside(share_nursery()) as (process, computing):
+            assert computing.ppid() == psutil.Process(mine[0]).ppid()
+            computing.suspend()
+            process.kill()
+            until(lambda: gone(computing.pid))
+        assert engine.submit(task(), "beside").result(LIMIT_SECONDS).result
+        assert engine.pids() == mine
+
+
+@pytest.mark.parametrize("lost", ["gone", "of other sources"])
+def test_a_shared_nursery_that_cannot_be_had_is_replaced_by_an_own(lost: str) -> None:
+    name, _, kind = share_nursery().rpartition(" ")
+    address = f"{name}0 {kind}" if lost == "gone" else f"{name} {kind[::-1]}"
+    with beside(address) as (process, computing):
+        assert computing.parents()[1].pid == process.pid
 
 
 def test_a_process_whose_parent_is_already_another_leaves() -> None:

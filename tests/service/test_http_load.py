@@ -145,7 +145,11 @@ LARGE = json.dumps({"design": large(200)}).encode()
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     folder = tmp_path_factory.mktemp("load")
     with served(
-        folder, TAILSTACK_AUTH="required", TAILSTACK_MAX_TARGETS="200", TAILSTACK_SHORT_WORKERS=str(WORKERS)
+        folder,
+        "--no-worker",
+        TAILSTACK_AUTH="required",
+        TAILSTACK_MAX_TARGETS="200",
+        TAILSTACK_SHORT_WORKERS=str(WORKERS),
     ) as service:
         keys = {
             tenant: service.run("keys", "create", "--tenant", tenant, "--name", "test", "--scope", "compute").strip()

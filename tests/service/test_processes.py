@@ -20,6 +20,7 @@ from unittest.mock import patch
 import httpx
 import psutil
 import pytest
+from openapi_scenes import ended_job
 from service_scenes import EXAMPLES, ROOT, ask, client_of, small_design
 
 from family import die_with_parent, ended
@@ -165,6 +166,12 @@ def api_processes_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     return found
 
 
+def nurseries_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    """What computing processes are forked from, in which they are called like it."""
+    found = {each.pid: each for each in family_of(process) if "tailstack_service.processes.nursery" in each.cmdline()}
+    return [each for each in found.values() if each.ppid() not in found]
+
+
 def check_gone(family: list[psutil.Process]) -> None:
     """Nobody is left of the processes that a service had started."""
     _, alive = psutil.wait_procs(family, timeout=LIMIT_SECONDS)
@@ -201,8 +208,13 @@ def test_serve_answers_and_stops_cleanly(tmp_path: Path, sign: signal.Signals, c
         assert ask("GET", url + "/health/live").json() == {"status": "alive"}
         answer = ask("POST", url + "/v1/scores", json={"design": small_design()})
         assert answer.status_code == 200
+        job = ask("POST", url + "/v1/verifications", json={"design": small_design(), "trials": 1000})
+        with client_of(url) as client:
+            assert ended_job(client, f"/v1/jobs/{job.json()['id']}")["state"] == "succeeded"
         running_worker(process)
         family = family_of(process)
+        (nursery,) = nurseries_of(process)  # from which both answers and jobs are computed
+        assert nursery.ppid() == process.pid
         assert len(family) >= (1 if api_processes == "1" else 3)
         process.send_signal(sign)
         out, err = said_by(process, tmp_path)

@@ -270,8 +270,10 @@ def test_a_worker_ends_with_the_process_that_started_it(tmp_path: Path, sign: si
             assert parent.stdout is not None
             worker = psutil.Process(int(parent.stdout.readline()))
             until(lambda: at_work(db))
-            until(lambda: len(worker.children(recursive=True)) == 2)  # a computing process, and what it was forked from
-            family = [worker, *worker.children(recursive=True)]
+            # The worker, a computing process of its, and what that was forked from
+            until(lambda: len(psutil.Process(parent.pid).children(recursive=True)) == 3)
+            family = psutil.Process(parent.pid).children(recursive=True)
+            assert worker in family
             os.kill(worker.pid, signal.SIGINT)  # a Ctrl-C in the terminal is for the parent to act on
             after = submit(db, b"{}")
             until(lambda: job(db, after).state != "queued")  # it still takes what there is to do

@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--check", action="store_true", help="compute nothing: exit code 0 if a worker of this host is alive, else 3"
     )
     parser.add_argument("--with-parent", action="store_true", help=argparse.SUPPRESS)  # end when stdin ends
+    parser.add_argument("--nursery", default="", help=argparse.SUPPRESS)  # the address of the parent's
 
 
 def run(arguments: argparse.Namespace) -> Answer:
@@ -40,6 +41,6 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     refuse_unusable_kernels()
     log_to_stderr(settings.log_format)
-    if run_worker(settings, with_parent=arguments.with_parent) == signal.SIGINT:
+    if run_worker(settings, with_parent=arguments.with_parent, nursery=arguments.nursery) == signal.SIGINT:
         raise KeyboardInterrupt
     return Answer("", PASS)

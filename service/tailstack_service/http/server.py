@@ -27,6 +27,7 @@ from ..jobs.store.schema import open_database
 from ..logs import log_to_stderr
 from ..names import variable
 from ..problems import RequestError
+from ..processes.nursery import join_nursery, share_nursery
 from ..settings import Settings
 from .access import is_loopback, read_token_settings
 from .origins import read_origins
@@ -187,7 +188,7 @@ def _serve_with_several(
         announce()
         with tempfile.TemporaryDirectory(prefix="tailstack-counters-", dir=temporary_directory()) as counters:
             os.environ[SHARED_COUNTERS] = counters
-            supervisor = _Supervisor(_config(partial(_app_of_child, settings), settings), [bound])
+            supervisor = _Supervisor(_config(partial(_app_of_child, settings, share_nursery()), settings), [bound])
             supervisor.signal_queue += stopped
             family.stop_with(supervisor.should_exit)
             supervisor.run()
@@ -215,8 +216,9 @@ class _Supervisor(Multiprocess):
         super().handle_term()
 
 
-def _app_of_child(settings: Settings) -> FastAPI:
-    """The application of one of several API processes, in that process."""
+def _app_of_child(settings: Settings, nursery: str) -> FastAPI:
+    """The application of one of several API processes, in that process; nursery: an address of the parent's."""
+    join_nursery(nursery)
     log_to_stderr(settings.log_format)
     from .app import create_app
 

@@ -74,7 +74,7 @@ def running_code() -> str:
 
 def make_environment() -> dict[str, str]:
     """The environment of this process, with its module path."""
-    path = os.pathsep.join(entry for entry in sys.path if entry)
+    path = os.pathsep.join(dict.fromkeys(entry for entry in sys.path if entry))
     return {**os.environ, **SINGLE_THREADED, **ALLOCATORS, "PYTHONPATH": path}
 
 
