@@ -14,6 +14,7 @@ import hashlib
 import json
 import os
 import signal
+import sys
 import threading
 import time
 from pathlib import Path
@@ -109,6 +110,8 @@ def _behave(asked: dict[str, Any]) -> None:
             wait_for(until)
     elif do == "burn":
         burn(until)
+    elif do == "need":
+        assert asked["module"] in sys.modules
     elif do == "print":
         print("solvers print where they like")
         os.write(1, b"and not only through Python\n")

@@ -249,6 +249,34 @@ def test_processes_end_with_their_parent_even_while_they_compute() -> None:
         until(lambda: all(gone(pid) for pid in pids))
 
 
+PREPARED = """
+from strange_units import FUNCTION, request
+from tailstack_service.jobs.engines.pool import PoolEngine
+from tailstack_service.processes.nursery import prepare_children
+from tailstack_service.task import Task
+prepare_children("tailstack_service.http.computations:warm_up", ("score", "batch", "optimise"))
+engine = PoolEngine(1, function=FUNCTION)
+asked = request("need", module="tailstack.verification")
+assert engine.submit(Task("verification", asked, b'{"unit":0}'), "x").result().result
+engine.close()
+"""
+
+
+@pytest.mark.long
+def test_what_is_born_while_something_is_prepared_has_the_modules() -> None:
+    """As the first process of a worker, whose service is about to load its kernels in the same nursery."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", PREPARED],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=make_environment(),
+        preexec_fn=die_with_parent,
+    )
+    with ended(process):
+        _, err = process.communicate(timeout=LIMIT_SECONDS)
+        assert process.returncode == 0, err
+
+
 JOINED = """
 import json, sys, threading
 from strange_units import FUNCTION

@@ -281,6 +281,7 @@ MODULE = "tailstack_service.processes.nursery"
 _finding = threading.Lock()
 _nurseries: list[Nursery] = []  # the one of this process, if there is one
 _prepared: dict[str, tuple[str, ...]] = {}  # what is called in each
+_address = ""  # of the one that another process has shared, until it is asked
 
 
 def start_child(function: str, stdin: int, stdout: int, most_bytes: int = 0) -> ForkedProcess | StartedProcess:
@@ -333,9 +334,6 @@ def join_nursery(address: str) -> None:
     """
     global _address
     _address = address
-
-
-_address = ""
 
 
 def _at_start(environment: dict[str, str]) -> dict[str, str]:
@@ -411,7 +409,7 @@ class Line:
         return (pickle.loads(packet) if packet else None), descriptors
 
 
-@dataclass
+@dataclass(eq=False)
 class Step:
     """Something that is loaded here while nobody wants a process."""
 
@@ -504,7 +502,9 @@ class _Keeper:
             self._ends.recv(4096)
         for pid, code in _collect_ends():
             if pid == self._scout:
-                self._scout, self._steps[0].tried = 0, True
+                self._scout = 0
+                if self._steps:  # nobody hears any more where there is none
+                    self._steps[0].tried = True
             for line in self._lines.values():
                 if pid in line.forked:
                     line.tell(Ended(line.forked.pop(pid), code))
@@ -536,14 +536,20 @@ class _Keeper:
             self._steps.insert(1 if self._scout else 0, step)
             self._patience_seconds = 0.0
         else:
-            while self._steps and not self._steps[0].computations:  # whoever is born would import them itself
-                self._steps.popleft().take()
+            self._import()
             pid = self._fork(partial(_compute, wish, descriptors, os.getpid()))
             line.forked[pid] = wish.number
             descriptor = os.pidfd_open(pid)
             line.tell(Born(wish.number, pid), [descriptor])
             for opened in (*descriptors, descriptor):
                 os.close(opened)
+
+    def _import(self) -> None:
+        """Take what imports modules, wherever it stands: whoever is born without would import them itself."""
+        modules = [step for step in self._steps if not step.computations]
+        self._steps = deque(step for step in self._steps if step.computations)
+        for step in modules:
+            step.take()
 
     def _hang_up(self, line: Line) -> None:
         """Its process has ended, and nobody can want anything of what was forked for it."""
