@@ -218,6 +218,21 @@ def test_closing_leaves_no_process() -> None:
     assert all(future.done() for future in futures)
 
 
+@contextmanager
+def running(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A process of its own, with a nursery of its own; nothing of it outlives the block."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=make_environment(),
+        preexec_fn=die_with_parent,
+    )
+    with ended(process):
+        yield process
+
+
 PARENT = """
 import json, threading
 from strange_units import FUNCTION, request
@@ -234,14 +249,7 @@ threading.Event().wait()
 
 def test_processes_end_with_their_parent_even_while_they_compute() -> None:
     """kill -9 of the parent: one process is busy, one idle."""
-    parent = subprocess.Popen(
-        [sys.executable, "-c", PARENT],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=make_environment(),
-        preexec_fn=die_with_parent,
-    )
-    with ended(parent):
+    with running(PARENT) as parent:
         assert parent.stdout is not None
         pids = json.loads(parent.stdout.readline())
         assert len(pids) == 2
@@ -265,14 +273,7 @@ engine.close()
 @pytest.mark.long
 def test_what_is_born_while_something_is_prepared_has_the_modules() -> None:
     """As the first process of a worker, whose service is about to load its kernels in the same nursery."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", PREPARED],
-        stderr=subprocess.PIPE,
-        text=True,
-        env=make_environment(),
-        preexec_fn=die_with_parent,
-    )
-    with ended(process):
+    with running(PREPARED) as process:
         _, err = process.communicate(timeout=LIMIT_SECONDS)
         assert process.returncode == 0, err
 
@@ -291,14 +292,7 @@ threading.Event().wait()
 @contextmanager
 def beside(address: str) -> Iterator[tuple[subprocess.Popen[str], psutil.Process]]:
     """A process that was told of a shared nursery, and a computing process of its."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", JOINED, address],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=make_environment(),
-        preexec_fn=die_with_parent,
-    )
-    with ended(process):
+    with running(JOINED, address) as process:
         assert process.stdout is not None
         (pid,) = json.loads(process.stdout.readline())
         yield process, psutil.Process(pid)

@@ -38,9 +38,11 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     from ..jobs.process import run_worker
     from ..processes.interpreter import refuse_unusable_kernels
+    from ..processes.nursery import join_nursery
 
     refuse_unusable_kernels()
     log_to_stderr(settings.log_format)
-    if run_worker(settings, with_parent=arguments.with_parent, nursery=arguments.nursery) == signal.SIGINT:
+    join_nursery(arguments.nursery)
+    if run_worker(settings, with_parent=arguments.with_parent) == signal.SIGINT:
         raise KeyboardInterrupt
     return Answer("", PASS)

@@ -22,7 +22,7 @@ from tailstack.errors import TailstackError
 from ..clock import SYSTEM_CLOCK, Clock
 from ..processes.frames import PERFORM
 from ..processes.interpreter import make_command, make_environment
-from ..processes.nursery import join_nursery, share_nursery
+from ..processes.nursery import share_nursery
 from ..settings import Settings, child_environment
 from .engines.engine import start_engine
 from .store.database import Database, now, parse_url, reading
@@ -45,16 +45,14 @@ PURGE_ENDING_SECONDS = 1.0
 
 
 def run_worker(
-    settings: Settings, *, with_parent: bool = False, nursery: str = "", function: str = PERFORM,
-    solver_version: str | None = None, clock: Clock = SYSTEM_CLOCK,
+    settings: Settings, *, with_parent: bool = False, function: str = PERFORM, solver_version: str | None = None,
+    clock: Clock = SYSTEM_CLOCK,
 ) -> int:  # fmt: skip
     """Work until SIGTERM or SIGINT; the number of the signal that ended it, 0 if the parent's end did.
 
     A second signal ends the process at once.  ``with_parent``: end when stdin ends, and leave Ctrl-C to the parent.
-    ``nursery``: address of the one to have computing processes from; empty: its own.
     Raises StoreError (the database cannot be used), RequestError (the engine cannot be had).  For the main thread.
     """
-    join_nursery(nursery)
     stop = _Stop(with_parent, clock)
     with stop, closing(_await_database(settings, stop, with_parent=with_parent, clock=clock)) as db:
         if stop.requested:
