@@ -318,6 +318,18 @@ def test_deep_nesting_is_refused(client: httpx.Client) -> None:
     check_problem(client.post("/v1/scores", content=b'{"design":' + b"[" * 90_000, headers=JSON), 422, "limit-exceeded")
 
 
+def test_a_name_that_no_field_has_is_a_limit_of_what_can_be_read(client: httpx.Client) -> None:
+    """The schema of a patch allows any name: JSON that fits it is not malformed."""
+    name, patch = "k" * 210, {"views": [{"k" * 101: 1}]}
+    body = {"design": small_design(), "patch": patch}
+    document = check_problem(client.post("/v1/verifications", json=body), 422, "limit-exceeded")
+    assert [(error["pointer"], error["code"]) for error in document["errors"]] == [("/patch/views/0", "key-too-long")]
+    check_problem(
+        client.post("/v1/scores/batch", json={**body, "patch": {}, "table": {name: [1]}}), 422, "limit-exceeded"
+    )
+    check_problem(client.post("/v1/validations", content=f"{name}: 1", headers=YAML), 422, "limit-exceeded")
+
+
 @pytest.mark.parametrize("name", ["secret.csv", "/etc/passwd.csv", "../x.mrk.json", "C:\\x.csv"])
 def test_files_are_never_read_for_a_stranger(client: httpx.Client, name: str) -> None:
     body = {"design": small_design(fiducials={"file": name})}

@@ -204,7 +204,7 @@ def decode(content: bytes, name: str | None) -> str:
 
 
 def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | None, form: Format) -> DocumentSource:
-    """Parse a document.  Raises DesignError (syntax, tags, duplicate keys) or LimitError (size)."""
+    """Parse a document.  Raises DesignError (syntax, tags, duplicate keys) or LimitError (size, long keys)."""
     if len(text) > limits.document_bytes:
         raise LimitError(
             problem("too-large", f"the document is longer than {limits.document_bytes} characters", file=file)
@@ -260,7 +260,7 @@ def point_list_problem(file: str | None) -> Problem:
 def plain_data(value: Any, limits: Limits) -> Any:
     """A copy of data that a caller handed over, with nothing in it but JSON's types.
 
-    Raises DesignError for other types and keys, LimitError for nesting (cycles included) and size.
+    Raises DesignError for other types and keys, LimitError for nesting (cycles included), size and long keys.
     """
     try:
         return _quick_copy(value, limits)
@@ -322,7 +322,7 @@ def _careful_copy(value: Any, limits: Limits) -> Any:
                 if not isinstance(key, str):
                     raise DesignError(Problem(path, "bad-key", f"keys are texts; got {show(key)}"))
                 if len(key) > LONGEST_KEY:
-                    raise DesignError(Problem(path, "bad-key", f"no field has a name of {len(key)} characters"))
+                    raise LimitError(replace(_long_key_problem(key, None, None), pointer=path))
                 _refuse_surrogates(key, path, None)
             return {
                 key: copy(child, f"{path}/{key.replace('~', '~0').replace('/', '~1')}", depth + 1)
@@ -579,7 +579,7 @@ class _Builder:
         if not isinstance(key, str):
             raise self._refuse("bad-key", f"keys are texts; got {show(key)}", "put it in quotes", mark)
         if len(key) > LONGEST_KEY:
-            raise self._refuse("bad-key", f"no field has a name of {len(key)} characters", "", mark)
+            raise LimitError(_long_key_problem(key, self.file, mark))
         if key in mapping.data:
             line = mapping.children[key][0].line
             detail = f"the field {key[:60]!r} is given twice (first in line {line})"
@@ -685,3 +685,9 @@ def size_problem(limits: Limits, file: str | None, mark: Any) -> Problem:
         file=file,
         mark=mark,
     )
+
+
+def _long_key_problem(key: str, file: str | None, mark: Any) -> Problem:
+    """The name of a field that no schema could have."""
+    detail = f"no field has a name of {len(key)} characters: {LONGEST_KEY} at most"
+    return problem("key-too-long", detail, file=file, mark=mark)
