@@ -186,7 +186,7 @@ const scenarios = {
     await page.locator('.run[data-kind=report][data-state=succeeded] table').first().waitFor();
     await page.keyboard.press("Tab");
     await page.keyboard.press("Enter");
-    await page.locator('.run[data-kind=optimisation][data-state=succeeded]').waitFor();
+    await page.locator('.run[data-kind=optimisation][data-state=succeeded] table').waitFor();
     await tabTo(/Take this design/);
     await page.keyboard.press("Enter");
     const taken = await sha(page);
@@ -331,7 +331,7 @@ scenarios.verify = async () => {
   const context = await newContext(), page = await begun(context);
   await part(page, "Run");
   await page.getByRole("button", { name: /^Verify by Monte Carlo/ }).click();
-  await page.locator(".run[data-kind=report][data-state=succeeded]").waitFor();
+  await page.locator(".run[data-kind=report][data-state=succeeded] .histogram").waitFor();
   return { words: await page.locator(".run[data-kind=report]").innerText() };
 };
 
