@@ -52,6 +52,8 @@ def results() -> dict[str, bytes]:
 
 
 WITH_VIEWER = ("report", "comparison")
+# Each kind in both schemes and at both widths; the two with a viewer show it in all four
+USUALLY, OTHERWISE = (("light", WIDE), ("dark", NARROW)), (("dark", WIDE), ("light", NARROW))
 
 
 @pytest.fixture(scope="module")
@@ -62,9 +64,7 @@ def seen(browser: None, tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[
     for kind, body in results().items():
         path = folder / f"{kind}.html"
         path.write_bytes(render(kind, body, "html"))
-        for scheme, width in (("light", WIDE), ("dark", WIDE), ("light", NARROW), ("dark", NARROW)):
-            if kind not in WITH_VIEWER and (scheme, width) not in (("light", WIDE), ("dark", NARROW)):
-                continue
+        for scheme, width in OTHERWISE if kind == "comparison" else USUALLY:
             names.append((kind, scheme, width))
             jobs.append(page_of(path, scheme=scheme, width=width, axe=True, viewer=True, keys=["ArrowRight", "+"]))
     return dict(zip(names, look(jobs), strict=True))

@@ -191,10 +191,13 @@ scenarios.presses = async () => {
   await page.keyboard.press("ArrowRight");
   found.push(await steps());
   const field = page.getByLabel("F2 x, mm", { exact: true });
-  for (let k = 0; k < 350; k += 1) await field.evaluate((node, value) => {
-    node.value = value;
-    node.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
-  }, String(20 + k / 100));
+  await field.evaluate(async (node) => { // from inside: each edit that is asked for from here is a frame that is drawn
+    for (let k = 0; k < 350; k += 1) {
+      node.value = String(20 + k / 100);
+      node.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+      await null; // what follows of it is done before the next
+    }
+  });
   found.push(await steps());
   const last = await sha(page);
   await page.reload();
