@@ -104,7 +104,7 @@ def run_tier_of_processors(*options: str) -> int:
     print("run: tests of the kernels as on a processor without AVX-512", file=sys.stderr, flush=True)
     os.environ.update(NUMBA_CPU_NAME="x86-64-v3", NUMBA_CPU_FEATURES="")
     files = sorted(str(file) for pattern in OF_PROCESSORS for file in Path("tests").glob(pattern))
-    return pytest(*SIDE_BY_SIDE, *options, *files)
+    return pytest(*SIDE_BY_SIDE, "-n", "2", *options, *files)  # these compute all the time: none waits for another
 
 
 def has_avx512() -> bool:

@@ -173,7 +173,7 @@ def test_what_is_wrong_in_an_image_and_large_is_not_called_good_to_one_per_cent(
     1 % and four standard errors: each was called good to 1 % before its size counted."""
     trust = trust_of(system, linearise_all(system))
     assert trust.nu < 0.02
-    found, error = ratio(system, "localisation", 0.95, 32_768, 3)
+    found, error = ratio(system, "localisation", 0.95, 8_192, 3)
     assert found - 4 * error > 1.01
     assert trust.expected_error_percent is None or found < 1 + trust.expected_error_percent / 100
     assert words in trust.statement
