@@ -23,11 +23,11 @@ scenarios.doors = async () => {
   return { found };
 };
 
-// From a list of beads to a verified optimum and its report, by what the strip offers: with a mouse, with a finger on a
-// phone, or with nothing but keys
+// From a list of beads to a verified optimum and its report, by what the strip offers: with a finger on a phone, or
+// with nothing but keys
 scenarios.job = async () => {
-  const phone = { hasTouch: true, isMobile: true, viewport: { width: 390, height: 844 } }, found = { seen: [], stops: {} };
-  const context = await newContext(asked.by === "touch" ? phone : {}), page = await open(context, asked.url, false), keys = asked.by === "keyboard";
+  const touch = asked.by === "touch", phone = { hasTouch: true, isMobile: true, viewport: { width: 390, height: 844 } }, found = { seen: [], stops: {} };
+  const context = await newContext(touch ? phone : {}), page = await open(context, asked.url, false);
   const reach = async (locator, key) => {
     for (let k = 1; k <= 40; k += 1) {
       await page.keyboard.press(key);
@@ -36,8 +36,7 @@ scenarios.job = async () => {
     throw new Error(`${key} does not reach ${locator}`);
   };
   const press = async (locator, way = "Tab") => {
-    if (asked.by === "touch") return locator.tap();
-    if (!keys) return locator.click();
+    if (touch) return locator.tap();
     found.stops[await locator.evaluate((node) => node.ariaLabel ?? node.innerText ?? "")] = await reach(locator, way);
     await page.keyboard.press("Enter");
   };
@@ -45,7 +44,7 @@ scenarios.job = async () => {
   await shot(page, "start");
   found.start = [await axe(page), await wide(page)];
   const file = page.locator(".own input[type=file]"), chosen = page.waitForEvent("filechooser");
-  await press(keys ? file : page.locator(".own label.button"));
+  await press(touch ? page.locator(".own label.button") : file);
   await (await chosen).setFiles({ name: asked.file.name, mimeType: "text/csv", buffer: Buffer.from(asked.file.text) });
   await current(page);
   await shot(page, "first");
