@@ -20,6 +20,7 @@ settings.register_profile("free", deadline=None, derandomize=False)  # with CI i
 PYTEST_OWN = "PYTEST_CURRENT_TEST"  # pytest writes it before each phase of a test
 OUR_LOGGERS = ("tailstack", "tailstack_service")
 LEFT_OUT = pytest.StashKey[int]()
+UNKNOWN = pytest.StashKey[list[str]]()  # cases that a mark names
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -46,6 +47,8 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not any("::" in argument for argument in config.args):
+        note_unknown_cases(items)
     if config.getoption("--short"):
         long = [item for item in items if is_long(item)]
         config.stash[LEFT_OUT] = len(long)
@@ -58,6 +61,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         chance.shuffle(files)
         place = {file: k for k, file in enumerate(files)}
         items.sort(key=lambda item: place[item.path])
+
+
+def note_unknown_cases(items: list[pytest.Item]) -> None:
+    """A mark that names a case that there is not leaves out nothing: the test will fail."""
+    there = {item.nodeid for item in items}
+    for item in items:
+        test = item.nodeid.partition("[")[0]
+        named = {case for mark in item.iter_markers("long") for case in (*mark.args, *mark.kwargs.get("but", ()))}
+        item.stash[UNKNOWN] = sorted(case for case in named if f"{test}[{case}]" not in there)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if unknown := item.stash.get(UNKNOWN, []):
+        pytest.fail(f"its mark `long` names cases that there are not: {', '.join(unknown)}", pytrace=False)
 
 
 def is_long(item: pytest.Item) -> bool:

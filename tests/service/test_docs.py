@@ -174,6 +174,7 @@ def find_spec_of(name: str) -> object:
     return getattr(importlib.import_module(module), word, None)
 
 
+@pytest.mark.long("command")
 @pytest.mark.parametrize("name", ["score", "command"])
 def test_architecture_draws_the_walk_that_the_code_takes(name: str) -> None:
     done = subprocess.run(

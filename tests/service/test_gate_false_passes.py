@@ -73,7 +73,7 @@ def test_the_interval_of_a_score_holds_what_an_independent_chain_found(name: str
     assert found.validity.status in ("good to 20 %", "not valid")
 
 
-@pytest.mark.long("plate_two_views")
+@pytest.mark.long("plate_two_views", "motion_with_effects_3views", "published_seven_beads")
 @pytest.mark.parametrize("name", [*CASES, *MISSED])
 def test_mode_auto_fails_what_verify_fails(name: str) -> None:
     """MISSED: at the limits at which ``gate --mode auto`` passed the design and ``verify`` failed it."""

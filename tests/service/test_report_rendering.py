@@ -556,7 +556,9 @@ def every_kind(report: Report) -> dict[str, bytes]:
     return results(report)
 
 
-@pytest.mark.long("pdf-score", "pdf-verification", "pdf-sweep", "pdf-gate", "xlsx-verification", "xlsx-sweep")
+@pytest.mark.long(
+    "pdf-optimisation", "pdf-score", "pdf-verification", "pdf-sweep", "pdf-gate", "xlsx-verification", "xlsx-sweep"
+)
 @pytest.mark.parametrize("kind", ["score", "verification", "optimisation", "sweep", "gate", "report"])
 @pytest.mark.parametrize("form", ["html", "xlsx", "pdf", "json"])
 def test_every_kind_in_every_format_and_again_the_same(every_kind: dict[str, bytes], kind: str, form: str) -> None:

@@ -61,7 +61,7 @@ def changed(body: bytes, change: Callable[[Any], object]) -> bytes:
 # --- what is untouched ----------------------------------------------------------------------------
 
 
-@pytest.mark.long("False-html", "False-pdf", "False-xlsx", "True-pdf")
+@pytest.mark.long("html-False", "pdf-True")
 @pytest.mark.parametrize(
     ("form", "fast"), [*((form, True) for form in FORMATS), ("html", False), ("json", False)]
 )  # what is computed again does not depend on where the record was read
@@ -577,7 +577,15 @@ EXAMPLE_DESIGNS = sorted(
 )
 
 
-@pytest.mark.long("box_carrier", "operating_theatre", "per_unit_limit", "locators_321", "slicer_markups")
+@pytest.mark.long(
+    "box_carrier",
+    "plate_with_posts",
+    "third_view",
+    "operating_theatre",
+    "per_unit_limit",
+    "locators_321",
+    "slicer_markups",
+)
 @pytest.mark.parametrize("path", EXAMPLE_DESIGNS, ids=lambda path: path.stem)
 def test_an_untouched_report_of_an_example_is_verified(path: Path) -> None:
     made = to_json(compute_report(load_design(path), ReportContents(trials=1000)))

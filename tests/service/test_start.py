@@ -119,6 +119,7 @@ def test_a_program_that_calls_main_keeps_its_collector() -> None:
 NOT_THIS_PROCESSOR = {"NUMBA_CPU_NAME": "bdver4", "NUMBA_CPU_FEATURES": ""}  # FMA4: no processor made since 2017 has it
 
 
+@pytest.mark.long("gate-another processor", "gate-no compiler", "worker-no compiler", "serve-another processor")
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -178,6 +178,7 @@ DAMAGE = {
 }
 
 
+@pytest.mark.long(*[f"postgresql-{rule}" for rule in list(DAMAGE)[2::2]])  # the same queries
 @pytest.mark.parametrize("rule", DAMAGE)
 def test_the_check_notices_what_is_broken(fresh: Database, clock: Clock, rule: str) -> None:
     made = scene(fresh, clock)

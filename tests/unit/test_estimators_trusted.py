@@ -73,8 +73,14 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("estimator", list(Estimator))
+@pytest.mark.parametrize(
+    ("estimator", "name"),
+    [
+        pytest.param(estimator, name, marks=pytest.mark.long if (k + i) % 2 else [])
+        for k, estimator in enumerate(Estimator)
+        for i, name in enumerate(SCENES)
+    ],
+)
 def test_what_is_called_good_to_one_per_cent_is_within_three_thousandths(estimator, name):
     """sampled: first order and the chain in the same deviates, so that chance cancels: the ratio of their P95 has the
     standard error that eight sections give it by the jackknife, mostly some 0.04 %, of which 3.3 are allowed beside the

@@ -67,7 +67,7 @@ def brute_force(system, lost, error="tcp", quantile=0.95):
     return largest
 
 
-@pytest.mark.long("4", "7")
+@pytest.mark.long("4", "7", "10", "12", "13", "15", "16", "18")
 @pytest.mark.parametrize("seed", range(20))
 def test_the_worst_losses_are_those_of_brute_force(seed):
     """brute force: every structure with one fiducial less and with two, scored by itself."""

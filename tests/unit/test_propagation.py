@@ -41,13 +41,20 @@ def oracle(name):
     return json.loads((ORACLES / name).read_text())
 
 
-@pytest.mark.parametrize("reading", list(Reading))
-@pytest.mark.parametrize("form", list(RotationForm))
+SEEN = [(2, (), False), (3, (), False), (2, (("F2", "F5"), ("F9",)), False), (2, (), True), (2, (("F2",),), True)]
+
+
+# Each two of reading, form and what is seen are met together
 @pytest.mark.parametrize(
-    ("views", "unseen", "systematic"),
-    [(2, (), False), (3, (), False), (2, (("F2", "F5"), ("F9",)), False), (2, (), True), (2, (("F2",),), True)],
+    ("views", "unseen", "systematic", "reading", "form"),
+    [
+        pytest.param(*seen, reading, form, marks=pytest.mark.long if (k + i + j) % 2 else [])
+        for k, seen in enumerate(SEEN)
+        for i, reading in enumerate(Reading)
+        for j, form in enumerate(RotationForm)
+    ],
 )
-def test_every_gain_equals_the_finite_difference_of_the_chain(reading, form, views, unseen, systematic):
+def test_every_gain_equals_the_finite_difference_of_the_chain(views, unseen, systematic, reading, form):
     """independent: central differences of the SVD chain, Richardson's step pair for O(h^4)."""
     system = random_system(np.random.default_rng(7 + views), fiducials=9, views=views, reading=reading)
     system = replace(system, rotation_form=form)

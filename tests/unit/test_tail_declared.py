@@ -401,6 +401,7 @@ DOMINATED = {
 }
 
 
+@pytest.mark.long("one normal axis, wider", "two normal axes", "one uniform column")
 @pytest.mark.parametrize("name", DOMINATED)
 def test_a_law_that_one_source_dominates(name):
     """sampled: 2e6 draws of the deviates themselves, 4.5 standard errors.  closed form: the quantile is homogeneous in

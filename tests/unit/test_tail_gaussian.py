@@ -124,6 +124,7 @@ def _slab(r, variances, mean, panels=16, order=48):
     return total
 
 
+@pytest.mark.long("6", "7", "8", "9", "10", "11")
 @pytest.mark.parametrize("seed", range(12))
 def test_general_laws_by_real_space_quadrature(seed):
     """Independent: nested quadrature in space, random spectra (ratio to 1e4) and means, turned by a random rotation."""

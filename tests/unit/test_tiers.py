@@ -43,7 +43,7 @@ def test_draws(k):
 """
 
 
-def run_tests(folder: Path, *options: str) -> str:
+def run_tests(folder: Path, *options: str, code: int = 0) -> str:
     """What pytest says of the folder, with our conftest."""
     (folder / "conftest.py").write_text(CONFTEST.read_text(encoding="utf-8"), encoding="utf-8")
     plugins = ["-p", "no:cacheprovider", "-p", "xdist", "-p", "_hypothesis_pytestplugin"]
@@ -52,10 +52,11 @@ def run_tests(folder: Path, *options: str) -> str:
     done = subprocess.run(
         command, cwd=folder, env=given, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
     )
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == code, done.stdout + done.stderr
     return done.stdout
 
 
+@pytest.mark.long("options0")
 @pytest.mark.parametrize("options", [(), ("-n", "2")])
 def test_the_short_tier_leaves_out_what_is_marked_and_says_how_much(tmp_path: Path, options: tuple[str, ...]) -> None:
     (tmp_path / "test_cases.py").write_text(CASES)
@@ -63,6 +64,11 @@ def test_the_short_tier_leaves_out_what_is_marked_and_says_how_much(tmp_path: Pa
     said = run_tests(tmp_path, "--short", *options)
     assert set(re.findall(r"test_cases\.py::(\S+)", said)) == {"test_named[a]", "test_others[a]", "test_short"}
     assert said.splitlines()[-1] == "4 tests were left out, which are long; all of them: ./run test --all"
+
+
+def test_a_mark_that_names_a_case_that_there_is_not_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "test_cases.py").write_text(CASES.replace('long("b")', 'long("b", "B")'))
+    assert "names cases that there are not: B" in run_tests(tmp_path, "-n", "1", code=1)
 
 
 def test_a_random_order_is_that_of_its_seed_and_keeps_files_together(tmp_path: Path) -> None:
