@@ -15,6 +15,7 @@ from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
 from tailstack_service.operations.units.whole import compute_whole
+from tailstack_service.report.blocks import Paragraph
 from tailstack_service.schemas import record_of
 
 STUDIES = [name for name in OPERATIONS if name.startswith("study-")]
@@ -53,6 +54,8 @@ def test_no_row_of_a_study_is_left_out(name: str) -> None:
         assert [row.cells[6] for row in tables["Parts"].rows] == [case["p95_together_mm"] for case in record["cases"]]
     elif name == "study-estimators":
         assert [row.cells[1] for row in tables["Estimators"].rows] == [case["p95_mm"] for case in record["cases"]]
+        assumed = f"otherwise by {100 * record['focal_rel_sd']:g} % of the focal length"
+        assert any(assumed in block.text for block in blocks if isinstance(block, Paragraph))
     elif name == "study-views":
         maps = [*record["views"], record["further"]]
         every = [direction["p95_mm"] for one in maps for direction in one["directions"]]
