@@ -131,6 +131,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder) / "clone"
         subprocess.run(["git", "clone", "--quiet", "--shared", str(ROOT), str(room)], check=True)
+        (room / ".venv").symlink_to(ROOT / ".venv")  # tests that call the clone's own ./run would make another
         counted = {"short": 0, "long": 0, "nobody": 0}
         for mutant in chosen:
             found = noticed_by(room, mutant)
