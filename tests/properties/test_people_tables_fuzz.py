@@ -104,6 +104,8 @@ def read_numbers(reader: str, content: bytes) -> tuple[list[list[float]], str]:
         rows = [[float(each) for each in values] for group in measured.groups for values in group.values_mm]
         return rows, " ".join(measured.notes)
     table = read_table(io.BytesIO(content), "csv", "b.csv")
+    if not any("." in name for name in table.header):  # as of a table that begins with Z;1;2;3: the score refuses it
+        raise table.refuse("wrong-header", "no column is called like a number of the design", "name the columns", 1)
     found: list[list[float]] = []
     for block in table.blocks:
         found += [list(each) for each in zip(*table.with_numbers(block, range(1, 4))[1], strict=True)]
