@@ -383,7 +383,6 @@ def test_other_sources_of_the_same_version_may_compute_the_same(body: bytes) -> 
     assert audit(older, "x", fast=True).verdict == "verified"
 
 
-@pytest.mark.long
 def test_charts_of_another_matplotlib_are_not_compared(files: dict[str, bytes]) -> None:
     """Another version may draw the same chart in other bytes: that is no sign of a change."""
     version = importlib.metadata.version("matplotlib")
