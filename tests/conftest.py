@@ -7,7 +7,7 @@ import logging
 import os
 import random
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Any
 
 import pytest
@@ -47,8 +47,6 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if not any("::" in argument for argument in config.args):
-        note_unknown_cases(items)
     if config.getoption("--short"):
         long = [item for item in items if is_long(item)]
         config.stash[LEFT_OUT] = len(long)
@@ -63,13 +61,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items.sort(key=lambda item: place[item.path])
 
 
-def note_unknown_cases(items: list[pytest.Item]) -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_pycollect_makeitem() -> Generator[None, Any, Any]:
     """A mark that names a case that there is not leaves out nothing: the test will fail."""
-    there = {item.nodeid for item in items}
+    made = yield
+    items = [each for each in made if isinstance(each, pytest.Function)] if isinstance(made, list) else []
+    there = {case_of(item) for item in items}
     for item in items:
-        test = item.nodeid.partition("[")[0]
         named = {case for mark in item.iter_markers("long") for case in (*mark.args, *mark.kwargs.get("but", ()))}
-        item.stash[UNKNOWN] = sorted(case for case in named if f"{test}[{case}]" not in there)
+        item.stash[UNKNOWN] = sorted(named - there)
+    return made
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -77,9 +78,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.fail(f"its mark `long` names cases that there are not: {', '.join(unknown)}", pytrace=False)
 
 
+def case_of(item: pytest.Item) -> str:
+    return item.name.partition("[")[2][:-1]
+
+
 def is_long(item: pytest.Item) -> bool:
     """Whether a mark of the test names this case of it."""
-    case = item.name.partition("[")[2][:-1]
+    case = case_of(item)
     marks = list(item.iter_markers("long"))
     return any(case in mark.args if mark.args else case not in mark.kwargs.get("but", ()) for mark in marks)
 
