@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from tailstack.errors import (
     DesignError,
@@ -59,9 +58,6 @@ class RefusedAt(TailstackError):
     def __init__(self, problems: Sequence[Problem], slug: str, title: str, exit_code: int) -> None:
         super().__init__(tuple(problems))
         self.slug, self.title, self.exit_code = slug, title, exit_code
-
-    def __reduce__(self) -> tuple[type[RefusedAt], tuple[Any, ...]]:
-        return RefusedAt, (self.problems, self.slug, self.title, self.exit_code)
 
     @classmethod
     def place(cls, error: TailstackError, at: str = "") -> RefusedAt:

@@ -7,7 +7,9 @@ line as text; neither adds to what is said here.
 
 from __future__ import annotations
 
+import copyreg
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,10 @@ class TailstackError(Exception):
     def __init__(self, problems: Problem | tuple[Problem, ...] | list[Problem]) -> None:
         self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
+
+    def __reduce__(self) -> Any:
+        """Through pickle and copy as it is, not made anew from its text, whatever the arguments of its class are."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class DesignError(TailstackError):
