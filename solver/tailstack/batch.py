@@ -33,7 +33,9 @@ from .contributors import BOUNDED, KIND, ErrorLaw, assemble_law, error_law
 from .cores import usable_cores
 from .design import Design, compile_design, design_to_data, load_design
 from .design.cameras import detector_distances
+from .design.numbers import read_numbers
 from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, value_at
+from .design.refusals import escape
 from .errors import Problem, TailstackError, describe_refusal
 from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, domain_of
 from .kernels import kernel
@@ -136,9 +138,18 @@ class BatchScores:
     why: str
     """All that keeps rows from the fastest way, with ``; `` between; empty: nothing does."""
 
+    index: Any = None
+    """Row labels of the pandas table that was scored; None: it had none."""
+    library: str = "pandas"
+    """pandas or polars: of which ``to_frame`` makes a DataFrame; polars where the table was one of its own."""
+
     def to_frame(self) -> Any:
-        """The columns and the reasons as a pandas DataFrame.  Raises MissingExtraError where there is no pandas."""
-        return data_frame({**self.columns, REASON: self.reasons})
+        """The columns and the reasons as a DataFrame whose rows are labelled, or ordered, as those of the table.
+
+        Raises MissingExtraError where the library is not installed.
+        """
+        frame = data_frame({**self.columns, REASON: self.reasons}, library=self.library)
+        return frame if self.index is None else frame.set_index(self.index)
 
 
 def score_batch(
@@ -152,18 +163,21 @@ def score_batch(
     """Score a design once for each row of a table, with the row's numbers in it.
 
     table: (n,) numbers by path, ``{"views.*.fiducial_noise_px": [...]}`` or a JSON pointer, in the unit of the field;
-    a DataFrame will do.  columns: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of each target; value_mm,
-    the quantile that each requirement limits; within_limits, whether all of these are; verdict, which also takes how
-    far first order can be trusted, and costs some hundred times as much.  threads: the answer does not depend on them.
+    a DataFrame of pandas or polars will do.  columns: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of
+    each target; value_mm, the quantile that each requirement limits; within_limits, whether all of these are; verdict,
+    which also takes how far first order can be trusted, and costs some hundred times as much.  threads: the answer does
+    not depend on them.
     ``progress(done, total)`` after each block.
 
     Each number equals that of ``score`` to 1e-9.  A row that cannot be scored keeps its place, with the reason.  Raises
-    SweepError for a path that leads to no number and columns of unequal length, and what compiling the design raises.
+    SweepError for a path that leads to no number, columns of unequal length and values that are no numbers or missing,
+    and what compiling the design raises.
     """
-    batch = Batch(design, tuple(str(name) for name in table), columns)
-    values = [np.asarray(table[name], dtype=np.float64) for name in table]
-    lengths = {each.shape for each in values}
-    if len(lengths) != 1 or values[0].ndim != 1:
+    given = _read_table(table)
+    index = _index_of(table, given)
+    batch = Batch(design, tuple(given), columns)
+    values = [read_numbers(column, f"/table/{escape(name)}", SweepError) for name, column in given.items()]
+    if len({len(each) for each in values}) != 1:
         raise SweepError(Problem("/table", "ragged", "the columns of a table are lists of one and the same length"))
     rows = np.column_stack(values)
     blocks = [rows[start : start + BLOCK] for start in range(0, len(rows), BLOCK)]
@@ -180,7 +194,33 @@ def score_batch(
         tuple(chain.from_iterable(block.reasons for block in results)),
         {way: sum(block.ways[way] for block in results) for way in WAYS},
         batch.why,
+        index,
+        "polars" if type(table).__module__.partition(".")[0] == "polars" else "pandas",
     )
+
+
+def _read_table(table: Any) -> dict[str, Any]:
+    """Columns by name, of a mapping or of a frame of pandas, polars or Arrow.  Raises SweepError."""
+    names = next((getattr(table, each) for each in ("column_names", "columns") if hasattr(table, each)), None)
+    if names is None and not isinstance(table, Mapping):
+        detail = f"a table is a mapping of columns by path, or a DataFrame; got a {type(table).__name__}"
+        raise SweepError(Problem("/table", "wrong-type", detail, 'for example {"views.*.fiducial_noise_px": [...]}'))
+    given = {str(name): table[name] for name in (table if names is None else names)}
+    if len(given) < len(table if names is None else names):
+        raise SweepError(Problem("/table", "given-twice", "two columns have the same name", "leave one of them out"))
+    return given
+
+
+def _index_of(table: Any, given: Mapping[str, Any]) -> Any:
+    """The row labels of a pandas DataFrame, or those that all its columns have in common; None: there are none.
+
+    Raises SweepError for columns whose labels differ: which of them belong together is not known.
+    """
+    labels = [each.index for each in (table, *given.values()) if hasattr(each, "index") and hasattr(each, "loc")]
+    if any(not each.equals(labels[0]) for each in labels):
+        hint = "join the columns into one DataFrame first"
+        raise SweepError(Problem("/table", "ragged", "the columns of the table have different row labels", hint))
+    return labels[0] if labels else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,6 +25,7 @@ import numpy as np
 from .arrays import Array
 from .contributors import BOUNDED, NORMAL, ErrorLaw, error_law
 from .design import Design, compile_design, load_design
+from .design.numbers import read_numbers
 from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
 from .errors import DesignError, OutOfRangeError, Problem
 from .propagation.linear import Block, Chain, LinearModel, chain_of, common_shifts, image_gains, linearise_at
@@ -74,7 +75,7 @@ class DesignFunction:
 
     def design_at(self, values: Sequence[float] | Array) -> Design:
         """The design with these values (n,), checked anew.  Raises DesignError with the pointer of what is wrong."""
-        given = np.asarray(values, dtype=float)
+        given = read_numbers(values, "", OutOfRangeError)
         if given.shape != (len(self._places),):
             detail = f"{len(self._places)} numbers are varied; values of shape {given.shape} arrived"
             raise OutOfRangeError(Problem("", "wrong-length", detail, "give one value for each input, in their order"))

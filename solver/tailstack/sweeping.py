@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from math import hypot, isfinite, prod
 from typing import Any, Literal
 
-import numpy as np
-
 from .arrays import Array
 from .design import Design, compile_design, load_design
+from .design.numbers import read_numbers
 from .design.pointers import Place, locate_numbers, name_of, pointer_of, set_numbers, value_at
 from .errors import Problem, TailstackError, describe_refusal
 from .precision import MAX_TRIALS
@@ -112,8 +111,7 @@ def sweep(
     """
     if isinstance(axes, Mapping):
         data = design.source.data
-        lists = {pointer_of(data, path): np.asarray(values).tolist() for path, values in axes.items()}
-        axes = read_axes(design, [{"pointer": pointer, "values": values} for pointer, values in lists.items()])
+        axes = read_axes(design, [{"pointer": pointer_of(data, path), "values": axes[path]} for path in axes])
     total, each = count_points(axes), PointCheck(check, trials, seed, max_trials)
     points: list[SweepPoint] = []
     for number in range(total):
@@ -213,9 +211,10 @@ def _values(entry: Mapping[str, Any], where: str) -> tuple[float, ...]:
         )
         raise SweepError(Problem(where, "one-of", "an axis has values, or start, stop and count", hint))
     if listed is not None:
-        if not isinstance(listed, list | tuple) or not listed:
+        numbers = read_numbers(listed, f"{where}/values", SweepError)
+        if not len(numbers):
             raise SweepError(Problem(f"{where}/values", "wrong-type", "values is a list of at least one number"))
-        return tuple(_number(value, f"{where}/values/{k}") for k, value in enumerate(listed))
+        return tuple(_number(value, f"{where}/values/{k}") for k, value in enumerate(numbers.tolist()))
     start, stop = (_number(entry[name], f"{where}/{name}") for name in ("start", "stop"))
     count = entry["count"]
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_POINTS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from .document import (
     DesignDocument,
 )
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
+from .frozen_data import freeze, freeze_lists
 from .pointers import find_places, pointer_of, replace_value, suggest
 from .reading import (
     DEFAULT_LIMITS,
@@ -43,8 +44,11 @@ class Design:
 
     document: DesignDocument  # its fields as they were written: lengths in mm, angles in degrees
     fiducials: FiducialList  # labels and positions, con, mm, wherever they were read
-    source: DocumentSource  # the plain data, and where it came from
-    sha256: str  # of the canonical content: defaults filled in, a fiducial file replaced by what it holds
+    source: DocumentSource  # the plain data, which cannot be changed, and where it came from
+    sha256: str = field(init=False)  # of the canonical content: defaults filled in, a file replaced by what it holds
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sha256", sha256_of(self.document, self.fiducials))
 
     def __repr__(self) -> str:
         """What it is of, in a line: all that it holds would be three screens of a notebook."""
@@ -146,7 +150,8 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
     _refuse_all(check_document(document, limits), source, limits)
     fiducials = _fiducials(document, source, allow_files, limits)
     _refuse_all(check_fiducials(document, fiducials), source, limits)
-    return Design(document, fiducials, source, sha256_of(document, fiducials))
+    freeze_lists(document)
+    return Design(document, fiducials, replace(source, data=freeze(data)))
 
 
 def _check_schema_name(source: DocumentSource) -> None:

@@ -33,6 +33,8 @@ import yaml
 from ..cures import find_nearest
 from ..errors import DesignError, LimitError, Problem
 from ..json_text import find_repeated, write_json
+from .frozen_data import FrozenList, FrozenMapping
+from .numbers import plain_array
 
 __all__ = [
     "DEFAULT_LIMITS",
@@ -258,7 +260,7 @@ def point_list_problem(file: str | None) -> Problem:
 
 
 def plain_data(value: Any, limits: Limits) -> Any:
-    """A copy of data that a caller handed over, with nothing in it but JSON's types.
+    """A copy of data that a caller handed over, with nothing in it but JSON's types; what is frozen is shared.
 
     Raises DesignError for other types and keys, LimitError for nesting (cycles included), size and long keys.
     """
@@ -281,6 +283,8 @@ def _quick_copy(value: Any, limits: Limits) -> Any:
     def copy(item: Any, depth: int) -> Any:
         nonlocal count
         kind = type(item)
+        if kind is FrozenMapping or kind is FrozenList:  # of a design: plain already, and shared
+            return item
         if kind is dict or kind is list or kind is tuple:
             count += len(item)
             if depth >= limits.depth or count > limits.nodes:
@@ -316,7 +320,7 @@ def _careful_copy(value: Any, limits: Limits) -> Any:
         if depth > limits.depth or count > limits.nodes:
             raise LimitError(size_problem(limits, None, None))
         if isinstance(item, np.generic | np.ndarray):
-            item = item.tolist()
+            item = plain_array(item, path)
         if isinstance(item, Mapping):
             for key in item:
                 if not isinstance(key, str):

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def data_frame(data: Any, columns: Sequence[str] = ()) -> Any:
-    """A pandas DataFrame, of columns by name or of rows.  Raises MissingExtraError where pandas is not installed."""
+def data_frame(data: Any, columns: Sequence[str] = (), library: str = "pandas") -> Any:
+    """A DataFrame of pandas or polars, of columns by name or of rows.  Raises MissingExtraError where it is missing."""
     try:
-        pandas = import_module("pandas")  # no part of any extra: who wants a frame has it
+        frames = import_module(library)  # no part of any extra: who wants a frame has it
     except ModuleNotFoundError as error:
-        detail = "to_frame() needs the Python package pandas, which is not installed here"
-        raise MissingExtraError(Problem("", "missing-extra", detail, "pip install pandas")) from error
-    return pandas.DataFrame(data, columns=columns or None)
+        detail = f"to_frame() needs the Python package {library}, which is not installed here"
+        raise MissingExtraError(Problem("", "missing-extra", detail, f"pip install {library}")) from error
+    return frames.DataFrame(data, **({"columns": columns} if columns else {}))
 
 
 class Published:
