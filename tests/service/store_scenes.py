@@ -32,11 +32,17 @@ class Clock(clock_module.Clock):
 
     def __init__(self) -> None:
         self.now = 1_800_000_000.0
+        self.lived = 0.0
 
     def time(self) -> float:
         return self.now
 
+    def monotonic(self) -> float:
+        return super().monotonic() + self.lived
+
     def advance(self, seconds: float) -> None:
+        """Let so many seconds be lived through."""
+        self.lived += seconds
         self.now += seconds
 
 

@@ -114,6 +114,7 @@ def test_a_policy_is_noted_when_it_changes(store: Database, clock: Clock) -> Non
 
 def test_entries_are_kept_for_their_time(store: Database, clock: Clock) -> None:
     create_key(store, tenant="acme", name="x", scopes=("read",), days=1)
+    assert upkeep.purge(store, 30.0, 30.0).audit_entries == 0
     clock.advance(40 * DAY)
     create_key(store, tenant="other", name="x", scopes=("read",), days=1)
     assert upkeep.purge(store, 30.0, 30.0).audit_entries == 1

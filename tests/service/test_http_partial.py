@@ -150,6 +150,7 @@ def test_a_design_that_is_sent_again_stays_and_old_ones_go(store: Database, cloc
         clock.advance(60)
         designs.keep_designs(store, [("a", name * 64, b"{}")], 2)
     assert [designs.read_design(store, "a", name * 64) is not None for name in "123"] == [True, False, True]
+    assert upkeep.purge(store, 30.0).designs == 0
     clock.advance(40 * 86_400)
     designs.keep_designs(store, [("a", "3" * 64, b"{}")], 2)
     assert upkeep.purge(store, 30.0).designs == 1

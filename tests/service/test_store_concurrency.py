@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event, Thread
@@ -218,7 +219,7 @@ def test_all_that_is_written_at_once_makes_no_deadlock(store: Database) -> None:
                 upkeep.purge(store, 0.0)
         return done
 
-    store = Database(store.engine, store.dialect, TickingClock(), store.turn)
+    store = replace(store, clock=TickingClock(), file=None)
     with ThreadPoolExecutor(8) as pool:
         total = sum(pool.map(play, range(8)), Counter())
     assert min(total["claims"], total["records"], total["cancels"]) > 10, total

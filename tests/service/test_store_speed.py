@@ -37,7 +37,7 @@ def long_queue(store: Database, clock: Clock) -> Database:
     with writing(store) as connection:
         connection.execute(tables.jobs.insert(), rows)
         connection.execute(tables.requests.insert(), [{"job_id": row["id"], "body": b'{"design":{}}'} for row in rows])
-        fresh = [make_unit(row["id"], 0, ADVANCE, row["created_at"], row["created_at"]) for row in rows]
+        fresh = [make_unit(row["id"], 0, ADVANCE, row["created_at"]) for row in rows]
         connection.execute(tables.units.insert(), fresh)
     if store.dialect == "postgresql":  # does it by itself, sooner or later; SQLite never does
         with writing(store) as connection:

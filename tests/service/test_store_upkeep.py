@@ -21,7 +21,7 @@ from service_scenes import commands
 from store_scenes import Clock, claim, claim_one, find, finish, record, split, split_each, submit, url_of
 
 from tailstack.errors import Problem
-from tailstack_service.jobs.store import jobs, results, schema, tables, upkeep, usage, workers
+from tailstack_service.jobs.store import designs, jobs, results, schema, tables, upkeep, usage, workers
 from tailstack_service.jobs.store.database import Database, connect, writing
 from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
 from tailstack_service.jobs.store.schema import open_database
@@ -87,7 +87,7 @@ def test_a_database_without_tables_is_refused_with_the_next_command(
 
 
 @pytest.mark.parametrize(
-    ("version", "words"), [("0001", "needs 0003.*db migrate"), ("0004", "knows 0003 at most.*newer")]
+    ("version", "words"), [("0001", "needs 0004.*db migrate"), ("0005", "knows 0004 at most.*newer")]
 )
 def test_another_version_is_refused(fresh: Database, version: str, words: str) -> None:
     execute(fresh, f"UPDATE alembic_version SET version_num = '{version}'")
@@ -360,6 +360,7 @@ def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Cl
     assert record(store, held[old.id], answer=b'{"only":"old"}')
     assert record(store, held[shared.id], answer=b'{"shared":1}')
     unfinished = split(store, 2)
+    assert upkeep.purge(store, 30.0) == upkeep.Deletions(0, 0, 0, 0, 0)  # from now on they age
     clock.advance(20 * DAY)
     young = submit(store)
     claimed = next(one for one in claim(store, limit=9) if one.job_id == young.id)
@@ -383,10 +384,44 @@ def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Cl
     assert upkeep.purge(store, 30.0) == upkeep.Deletions(0, 0, 0, 0, 0)
 
 
+@pytest.mark.parametrize("served_days", [0.0, 1.0], ids=["at a boot", "while it is served"])
+def test_a_clock_that_leaps_makes_nothing_old(
+    store: Database, clock: Clock, caplog: pytest.LogCaptureFixture, served_days: float
+) -> None:
+    """Forty days ahead, or back and right again: what is young stays, and goes when its days were lived through."""
+    upkeep.purge(store, 30.0)
+    clock.advance(served_days * DAY)
+    jobs.cancel_job(store, "acme", submit(store, b"1").id)
+    designs.keep_designs(store, [("acme", "1" * 64, b"{}")], 9)
+    clock.now += 40 * DAY
+    assert upkeep.purge(store, 30.0, 30.0) == upkeep.Deletions(0, 0, 0, 0, 0)
+    assert [vars(each)["action"] for each in caplog.records if each.levelname == "WARNING"] == ["clock-leapt"]
+    clock.now -= 80 * DAY
+    jobs.cancel_job(store, "acme", submit(store, b"2").id)
+    clock.now += 40 * DAY
+    assert upkeep.purge(store, 30.0, 30.0) == upkeep.Deletions(0, 0, 0, 0, 0)
+    clock.advance(29 * DAY)
+    assert upkeep.purge(store, 30.0, 30.0) == upkeep.Deletions(0, 0, 0, 0, 0)
+    clock.advance(2 * DAY)
+    gone = upkeep.purge(store, 30.0, 30.0)
+    assert (gone.jobs, gone.designs) == (2, 1)
+
+
+def test_the_order_of_jobs_does_not_depend_on_the_clock(store: Database, clock: Clock) -> None:
+    """Neither which are listed as the newest, nor which are served first."""
+    asked: list[str] = []
+    for seconds in (0.0, 40 * DAY, -80 * DAY, 0.0, 60.0, 40 * DAY):
+        clock.now += seconds
+        asked.append(submit(store, b"%d" % len(asked)).id)
+    assert [job.id for job in jobs.list_page(store, "acme", limit=9).jobs] == asked[::-1]
+    assert [claim_one(store).job_id for _ in asked] == asked
+
+
 @pytest.mark.long("postgresql")
 def test_a_purge_takes_many_jobs_in_several_transactions(store: Database, clock: Clock) -> None:
     for number in range(230):
         jobs.cancel_job(store, "acme", submit(store, b"%d" % number).id)
+    assert upkeep.purge(store, 1.0).jobs == 0
     clock.advance(DAY + 1)
     last = submit(store)
     assert upkeep.purge(store, 1.0).jobs == 230

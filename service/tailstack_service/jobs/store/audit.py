@@ -154,8 +154,3 @@ def list_entries(
     with reading(db) as connection:
         rows = connection.execute(query.order_by(_AUDIT.id.desc()).limit(limit)).all()
     return [Entry(**{**row._mapping, "detail": json.loads(row.detail)}) for row in reversed(rows)]
-
-
-def delete_entries(connection: Connection, before: float) -> int:
-    """Delete entries older than that.  Returns how many."""
-    return connection.execute(sa.delete(tables.audit).where(_AUDIT.at < before)).rowcount

@@ -138,6 +138,13 @@ class Deadline:
     at: float = math.inf
 
 
+@dataclass(slots=True)
+class Lifetime:
+    """Up to which moment (monotonic seconds) the time that this process lived through is written in the database."""
+
+    written: float
+
+
 @dataclass(frozen=True, slots=True)
 class Database:
     """A pool of connections.  A ``clock`` other than the system's also replaces the time of the server, in tests.
@@ -148,6 +155,7 @@ class Database:
 
     engine: Engine
     dialect: str  # "sqlite" or "postgresql"
+    life: Lifetime
     clock: Clock = SYSTEM_CLOCK
     # SQLite has one writer: threads of this process queue here instead of polling its lock
     turn: Lock | None = None
@@ -233,15 +241,15 @@ def connect(url: str, *, create: bool = False, clock: Clock = SYSTEM_CLOCK, read
 
     Raises StoreError; MissingExtraError where the driver of PostgreSQL is not installed.
     """
-    parsed = parse_url(url)
+    parsed, life = parse_url(url), Lifetime(clock.monotonic())
     if parsed.get_backend_name() == "sqlite":
         path = Path(str(parsed.database))
         _require_file(path, create)
         mode, file = find_reading_mode(path) if read_only else "mode=rw", DatabaseFile(path)
-        return Database(_make_sqlite_engine(parsed, mode, file), "sqlite", clock, Lock(), file)
+        return Database(_make_sqlite_engine(parsed, mode, file), "sqlite", life, clock, Lock(), file)
     with name_missing_extra():
         engine = _make_postgresql_engine(parsed, read_only=read_only)
-    return Database(engine, "postgresql", clock)
+    return Database(engine, "postgresql", life, clock)
 
 
 def _require_file(path: Path, create: bool) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy.engine import Connection
 
 from . import tables
 from .database import Database, insert, now, reading, writing
@@ -23,7 +22,9 @@ def keep_designs(db: Database, entries: Sequence[tuple[str, str, bytes]], most: 
         for tenant, sha256, body in entries:
             values: dict[str, Any] = {"tenant": tenant, "sha256": sha256, "body": body, "body_sha256": digest(body)}
             statement = insert(db.dialect, tables.designs).values(values | {"sent_at": at})
-            changed = {name: statement.excluded[name] for name in ("body", "body_sha256", "sent_at")}
+            changed = {name: statement.excluded[name] for name in ("body", "body_sha256", "sent_at")} | {
+                "aged_from": None
+            }
             connection.execute(statement.on_conflict_do_update(index_elements=["tenant", "sha256"], set_=changed))
             at += ORDER_SECONDS
         for tenant in {tenant for tenant, _, _ in entries}:
@@ -38,8 +39,3 @@ def read_design(db: Database, tenant: str, sha256: str) -> bytes | None:
     with reading(db) as connection:
         row = connection.execute(query).first()
     return row.body if row is not None and digest(row.body) == row.body_sha256 else None
-
-
-def delete_designs(connection: Connection, before: float) -> int:
-    """Delete designs that were last sent before that.  Returns how many."""
-    return connection.execute(sa.delete(tables.designs).where(_DESIGN.sent_at < before)).rowcount

@@ -96,8 +96,9 @@ def submit_job(
         if _count_unfinished(connection, tenant) >= max_queued:
             raise _queue_error(max_queued)
         at = now(db, connection)
+        last = connection.execute(sa.select(sa.func.max(tables.jobs.c.id))).scalar_one()
         job = Job(
-            id=new_job_id(at),
+            id=new_job_id(at, last),
             tenant=tenant,
             kind=kind,
             state="queued",
@@ -120,7 +121,7 @@ def submit_job(
         values = {name: getattr(job, name) for name in Job.__dataclass_fields__}
         connection.execute(tables.jobs.insert(), values | {"idempotency_key": idempotency_key})
         connection.execute(tables.requests.insert(), {"job_id": job.id, "body": request})
-        connection.execute(tables.units.insert(), make_unit(job.id, 0, ADVANCE, at, at))
+        connection.execute(tables.units.insert(), make_unit(job.id, 0, ADVANCE, at))
         write_event(connection, job.id, 1, at, "state", {"state": "queued"})
     return job, True
 

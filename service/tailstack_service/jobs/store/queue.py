@@ -63,21 +63,20 @@ class Claim:
         return f"{self.job_id}-{self.index}-{self.generation}-{self.token}"
 
 
-def find_place(created_at: float, number: int, spec: bytes) -> float:
-    """The place in the queue of unit ``number`` of a job that came in at ``created_at``."""
-    if spec == ADVANCE:
-        return created_at
-    return created_at + SECONDS_PER_FURTHER_UNIT * max(0, number - UNITS_IN_PLACE)
+def find_place(job_id: str, number: int, spec: bytes) -> float:
+    """The place in the queue of unit ``number`` of a job."""
+    further = 0 if spec == ADVANCE else max(0, number - UNITS_IN_PLACE)
+    return tables.time_of_job(job_id) + SECONDS_PER_FURTHER_UNIT * further
 
 
-def make_unit(job_id: str, number: int, spec: bytes, created_at: float, at: float) -> dict[str, Any]:
-    """A row of ``units`` that can be claimed from ``at`` on, of a job that came in at ``created_at``."""
+def make_unit(job_id: str, number: int, spec: bytes, at: float) -> dict[str, Any]:
+    """A row of ``units`` that can be claimed from ``at`` on."""
     return {
         "job_id": job_id,
         "number": number,
         "advance": spec == ADVANCE,
         "state": "ready",
-        "place": find_place(created_at, number, spec),
+        "place": find_place(job_id, number, spec),
         "ready_at": at,
         "spec": spec,
         "token": 0,
@@ -224,7 +223,7 @@ def _settle_jobs(
 def _restart_job(connection: Connection, job: AnyRow, at: float, version: str) -> None:
     """After an upgrade: what another version computed is not mixed with what this one computes."""
     connection.execute(sa.delete(tables.units).where(_UNIT.job_id == job.id))
-    connection.execute(tables.units.insert(), make_unit(job.id, 0, ADVANCE, job.created_at, at))
+    connection.execute(tables.units.insert(), make_unit(job.id, 0, ADVANCE, at))
     events = [("recomputed", {"from": job.solver_version, "to": version})]
     events += [_RUNNING] if job.state == "queued" else []
     change_job(
@@ -436,13 +435,13 @@ def _continue_job(
 ) -> None:
     """The units that come next, and word of how far the job is."""
     if outcome.more:
-        rows = [make_unit(job.id, claim.index + 1 + k, spec, job.created_at, at) for k, spec in enumerate(outcome.more)]
+        rows = [make_unit(job.id, claim.index + 1 + k, spec, at) for k, spec in enumerate(outcome.more)]
         connection.execute(tables.units.insert(), rows)
         changes["units_expected"] = changes["units_done"] + len(rows) + outcome.remaining + 1
         changes["note"] = storable(outcome.note)
     elif not connection.execute(_ANY_OPEN, {"of_job": job.id}).scalar_one():
         last = connection.execute(_LAST, {"of_job": job.id}).scalar_one()
-        connection.execute(tables.units.insert(), make_unit(job.id, last + 1, ADVANCE, job.created_at, at))
+        connection.execute(tables.units.insert(), make_unit(job.id, last + 1, ADVANCE, at))
     done, expected = changes["units_done"], changes.get("units_expected", job.units_expected)
     eta_seconds = estimate_eta_seconds(job.started_at, done, expected, at)
     note = changes.get("note", job.note)

@@ -14,7 +14,7 @@ from ...clock import SYSTEM_CLOCK, Clock
 from .database import Database, connect, parse_url, reading, writing
 from .errors import StoreError
 
-HEAD = "0003"  # the newest of migrations/versions
+HEAD = "0004"  # the newest of migrations/versions
 MIGRATING_SECONDS = 3_600.0  # for a server to change large tables, or for another who does it to be done
 MIGRATIONS = Path(__file__).parent / "migrations"
 _ONE_AT_A_TIME = Lock()  # Alembic hands its context around in global variables

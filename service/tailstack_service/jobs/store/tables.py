@@ -65,7 +65,8 @@ jobs = sa.Table(
     Index("jobs_of_tenant_by_kind", "tenant", "kind", "id"),
     Index("jobs_by_idempotency_key", "tenant", "idempotency_key", unique=True),
     Index("jobs_by_result", "result_sha256", "tenant"),
-    Index("jobs_by_end", "finished_at"),
+    Column("aged_from", Double),  # seconds of ``lifetime`` when a purge first saw it finished
+    Index("jobs_by_age", "aged_from"),
 )
 
 # Apart from the jobs: SQLite writes a row anew at every change, and a request may be a megabyte
@@ -139,8 +140,9 @@ designs = sa.Table(
     Column("body", LargeBinary, nullable=False),
     Column("body_sha256", Text, nullable=False),
     Column("sent_at", Double, nullable=False),
+    Column("aged_from", Double),  # as that of a job; of a design that was sent again, none
     Index("designs_of_tenant", "tenant", "sent_at"),
-    Index("designs_by_time", "sent_at"),
+    Index("designs_by_age", "aged_from"),
 )
 
 workers = sa.Table(
@@ -189,9 +191,20 @@ audit = sa.Table(
     Column("subject", Text, nullable=False),  # which key, which policy
     Column("detail", Text, nullable=False),  # JSON
     Column("once", Text),  # rows with the same text are written once
+    Column("aged_from", Double),  # as that of a job
     Index("audit_of_tenant", "tenant", "action", "id"),
     Index("audit_by_time", "at"),
+    Index("audit_by_age", "aged_from"),
     Index("audit_once", "once", unique=True),
+)
+
+# For how long somebody served this database, whatever its clock said meanwhile: one row
+lifetime = sa.Table(
+    "lifetime",
+    metadata,
+    Column("id", Integer, CheckConstraint("id = 0", name="lifetime_id"), primary_key=True, autoincrement=False),
+    Column("seconds", Double, nullable=False),
+    Column("at", Double, nullable=False),  # the clock when that was written
 )
 
 # The second condition is always true: for the first alone SQLite would walk the table instead of the partial index
@@ -203,10 +216,25 @@ ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford's, in small letters
 _JOB_ID = re.compile(f"[0-7][{ALPHABET}]{{25}}")
 
 
-def new_job_id(now: float) -> str:
-    """An id made at ``now`` (epoch seconds)."""
+def new_job_id(now: float, after: str | None = None) -> str:
+    """An id made at ``now`` (epoch seconds), that sorts behind ``after`` also where the clock was set back since."""
     number = (int(now * 1000) & ((1 << 48) - 1)) << 80 | secrets.randbits(80)
+    if after is not None and (last := _number_of(after)) >= number:
+        number = last + 1 + secrets.randbits(64)
     return "".join(ALPHABET[number >> shift & 31] for shift in range(125, -1, -5))
+
+
+def time_of_job(job_id: str) -> float:
+    """Epoch seconds, to the millisecond, by which a job is in the order of all: when it came in, or later where the
+    clock was set back."""
+    return (_number_of(job_id) >> 80) / 1000
+
+
+def _number_of(job_id: str) -> int:
+    number = 0
+    for sign in job_id:
+        number = number << 5 | ALPHABET.index(sign)
+    return number
 
 
 def is_job_id(text: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import sqlite3
@@ -18,8 +19,8 @@ from sqlalchemy.engine import URL, Connection
 
 from tailstack.errors import Problem
 
-from . import audit, designs, tables, usage
-from .database import Database, connect, find_reading_mode, now, parse_url, reading, writing
+from . import tables, usage
+from .database import Database, connect, find_reading_mode, insert, now, parse_url, reading, writing
 from .errors import StoreError, StoreUnavailable
 from .results import find_changed_parts, find_changed_requests, find_changed_results, find_missing_results
 from .schema import HEAD, read_version
@@ -28,9 +29,12 @@ JOBS_AT_A_TIME = 20  # so that nobody waits long for the write lock
 SECONDS_PER_DAY = 86_400.0
 WORKERS_KEPT_SECONDS = 86_400.0
 AUDIT_DAYS = 365.0
+LEAP_SECONDS = 7_200.0  # by which the clock is off what was lived through; purges are an hour apart
 CHECKING_SECONDS = 3_600.0  # for everything to be read
 DUMP_SECONDS = 3_600.0  # for everything to be copied
 _PURGE_LOCK = 1413564241
+
+log = logging.getLogger("tailstack.store")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +98,7 @@ _HASHES = {
     "requests have the hash they came with": find_changed_requests,
     "recorded units have the hash they were recorded with": find_changed_parts,
 }
-_J, _U = tables.jobs.c, tables.units.c
+_J, _U, _L = tables.jobs.c, tables.units.c, tables.lifetime.c
 _OPEN_UNIT = sa.exists().where(_U.job_id == _J.id, _U.state != tables.RECORDED)
 _RULES: dict[str, sa.Select[str]] = {
     "every unit belongs to a job": sa.select(_U.job_id).where(~sa.exists().where(_J.id == _U.job_id)).distinct(),
@@ -135,17 +139,50 @@ def purge(db: Database, keep_days: float, audit_days: float = AUDIT_DAYS) -> Del
     """Delete jobs that ended more than ``keep_days`` ago, results that no job refers to, designs that were not sent for
     as long, workers silent for a day, entries of the audit log older than ``audit_days``.
 
-    Works in short transactions; several at once do no harm.
+    Ages are time lived through: it begins with the first purge that sees a row, and counts what the clock and the
+    monotonic clocks of those who purge agree on.  A clock that leaps makes nothing older, nor does a time in which
+    nobody served the database.  Works in short transactions; several at once do no harm.
     """
-    jobs = _repeat(db, lambda connection, at: _purge_jobs(connection, at - keep_days * SECONDS_PER_DAY))
-    results = _repeat(db, lambda connection, at: _purge_results(connection))
     with writing(db) as connection:
         at = now(db, connection)
+        lived = _live_on(db, connection, at)
+        for table, ready in ((tables.jobs, _J.finished_at.is_not(None)), *((each, sa.true()) for each in _SENT)):
+            keys = list(table.primary_key)
+            fresh = sa.select(*keys).where(table.c.aged_from.is_(None), ready).with_for_update(skip_locked=True)
+            connection.execute(sa.update(table).where(sa.tuple_(*keys).in_(fresh)).values(aged_from=lived))
+    old = lived - keep_days * SECONDS_PER_DAY
+    jobs = _repeat(db, lambda connection: _purge_jobs(connection, old))
+    results = _repeat(db, _purge_results)
+    with writing(db) as connection:
         rows = usage.fold_minutes(db, connection, at) if _lock_purge(db, connection) else 0
-        entries = audit.delete_entries(connection, at - audit_days * SECONDS_PER_DAY)
-        unnamed = designs.delete_designs(connection, at - keep_days * SECONDS_PER_DAY)
+        entries = _delete_older(connection, tables.audit, lived - audit_days * SECONDS_PER_DAY)
+        unnamed = _delete_older(connection, tables.designs, old)
         silent = sa.delete(tables.workers).where(tables.workers.c.seen_at < at - WORKERS_KEPT_SECONDS)
         return Deletions(jobs, results, rows, connection.execute(silent).rowcount, entries, unnamed)
+
+
+_SENT = (tables.designs, tables.audit)  # whose age begins when they are there
+
+
+def _live_on(db: Database, connection: Connection, at: float) -> float:
+    """Seconds for which the database was served so far, with those since somebody last wrote it down."""
+    row = connection.execute(sa.select(_L.seconds, _L.at).with_for_update()).first()
+    seconds, before = (0.0, at) if row is None else (row.seconds, row.at)
+    moment = db.clock.monotonic()
+    here, by_clock, db.life.written = moment - db.life.written, at - before, moment
+    if by_clock < -LEAP_SECONDS or by_clock > here + LEAP_SECONDS:
+        log.warning(
+            "the last purge was %.3g h ago by the clock, and %.3g h were lived through: only these make jobs older",
+            by_clock / 3600, here / 3600, extra={"action": "clock-leapt"},
+        )  # fmt: skip
+    values = {"seconds": seconds + min(max(by_clock, 0.0), here), "at": at}
+    written = insert(db.dialect, tables.lifetime).values(id=0, **values)
+    connection.execute(written.on_conflict_do_update(index_elements=["id"], set_=values))
+    return values["seconds"]
+
+
+def _delete_older(connection: Connection, table: sa.Table, lived: float) -> int:
+    return connection.execute(sa.delete(table).where(table.c.aged_from <= lived)).rowcount
 
 
 def _lock_purge(db: Database, connection: Connection) -> bool:
@@ -154,18 +191,18 @@ def _lock_purge(db: Database, connection: Connection) -> bool:
     return bool(connection.execute(sa.text(f"SELECT pg_try_advisory_xact_lock({_PURGE_LOCK})")).scalar_one())
 
 
-def _repeat(db: Database, delete_some: Callable[[Connection, float], int]) -> int:
+def _repeat(db: Database, delete_some: Callable[[Connection], int]) -> int:
     total = 0
     while True:
         with writing(db) as connection:
-            count = delete_some(connection, now(db, connection))
+            count = delete_some(connection)
         total += count
         if count == 0:
             return total
 
 
-def _purge_jobs(connection: Connection, before: float) -> int:
-    old = sa.select(_J.id).where(_J.finished_at < before).order_by(_J.finished_at).limit(JOBS_AT_A_TIME)
+def _purge_jobs(connection: Connection, lived: float) -> int:
+    old = sa.select(_J.id).where(_J.aged_from <= lived).order_by(_J.aged_from).limit(JOBS_AT_A_TIME)
     ids = connection.execute(old.with_for_update(skip_locked=True)).scalars().all()
     connection.execute(sa.delete(tables.jobs).where(_J.id.in_(ids)))
     return len(ids)
