@@ -87,8 +87,6 @@ def list_floods(sha256: str) -> Iterator[Flood]:
     design = large(50)
     text, one = data_to_yaml(design), json.dumps({"design": design})
     escaped = re.sub(r"^( *(?:- )?)([a-z])([a-z_]*):", lambda m: f'{m[1]}"\\x{ord(m[2]):02x}{m[3]}":', text, flags=re.M)
-    noise = "/views/0/fiducial_noise_px"
-    call = {"name": "score", "input": [[0.3]], "config": {"design": design, "inputs": [noise]}}
     gate = json.dumps({"designs": [{"file": "a.yaml", "design": design}], "mode": "analytic"})
     rows = {"design": small_design(), "table": {"/views/0/source_isocentre_mm": [700.0] * 1_000}}
     yield Flood("scores", "/v1/scores", JSON, one.encode())
@@ -97,7 +95,6 @@ def list_floods(sha256: str) -> Iterator[Flood]:
     yield Flood("scores, second order, escaped", "/v1/scores", JSON,
                 one.replace('{"design"', '{"second\\u005forder": true, "design"', 1).encode())  # fmt: skip
     yield Flood("scores of 30 beads that are missed", "/v1/scores", JSON, json.dumps({"design": missed()}).encode())
-    yield Flood("evaluations of UM-Bridge", "/umbridge/Evaluate", JSON, json.dumps(call).encode())
     yield Flood("gates, mode escaped", "/v1/gates", JSON, gate.replace('"analytic"', '"\\u0061nalytic"').encode())
     yield Flood("gates of 25 designs, hung up after 1.5 s", "/v1/gates", JSON, large_gate(), round(1.5 / LOOK_SECONDS))
     yield Flood("validations", "/v1/validations", YAML, text.encode())

@@ -31,7 +31,6 @@ from tailstack import load_design, losses, score
 from tailstack.errors import LimitError
 from tailstack_service.http import computations, compute_pool
 from tailstack_service.http.compute_pool import CallerLeft, ComputePool, FairQueue
-from tailstack_service.integrations import umbridge_models
 from tailstack_service.jobs.store import database, jobs
 from tailstack_service.operations import effort
 from tailstack_service.operations.request import RawRequest
@@ -655,23 +654,6 @@ def test_losses_count_in_a_gate_that_judges_them() -> None:
 
     judged = seconds({"survives-loss": {"lost": 1}})
     assert judged > seconds({"p95": {"limit_mm": 0.6}}) > 0.0
-
-
-def test_an_evaluation_has_a_size() -> None:
-    """UM-Bridge: of the design, and of what is asked of it."""
-
-    def seconds(verb: str, design: dict[str, Any]) -> float:
-        body = {
-            "name": "score",
-            "input": [[0.3]],
-            "config": {"design": design, "inputs": ["/views/0/fiducial_noise_px"]},
-        }
-        found = umbridge_models.answer(verb, json.dumps(body).encode(), None, Settings())
-        assert isinstance(found, Estimated), found
-        return found.seconds
-
-    assert seconds("Evaluate", small_design()) <= compute_pool.QUICK_SECONDS < seconds("Evaluate", large_design())
-    assert seconds("Gradient", large_design()) > 10 * seconds("Evaluate", large_design())
 
 
 @pytest.mark.parametrize("form", ["application/vnd.apache.parquet", "model/step"])

@@ -216,17 +216,16 @@ def test_every_operation_is_described(path: str, method: str) -> None:
 
 
 FILES_OF_PAGES = {("/docs", "get"), ("/docs/{name}", "get"), ("/assets/{name}", "get"), ("/manual/{name:path}", "get")}
-FOREIGN = {("/umbridge/Info", "get"), ("/umbridge/{verb}", "post")}  # UM-Bridge describes them, errors included
 
 
-def test_every_route_but_those_of_pages_and_of_umbridge_is_in_the_document() -> None:
+def test_every_route_but_those_of_pages_is_in_the_document() -> None:
     routed = {
         (route.path, method.lower()) for route in iter_route_contexts(create_app(warm_up=False).routes)
         for method in route.methods or ()
     }  # fmt: skip
     routed -= {(path, "head") for path in ("/health/live", "/health/ready")}  # what monitors ask, as they ask GET
-    assert set(OPERATIONS) == routed - FILES_OF_PAGES - FOREIGN
-    assert routed >= FILES_OF_PAGES | FOREIGN
+    assert set(OPERATIONS) == routed - FILES_OF_PAGES
+    assert routed >= FILES_OF_PAGES
 
 
 def test_examples_of_answers_are_valid_and_the_service_shows_jobs_alone() -> None:

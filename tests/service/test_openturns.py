@@ -1,4 +1,4 @@
-"""A Monte Carlo of OpenTURNS over the chain, by the library and over UM-Bridge, against `verify`.
+"""A Monte Carlo of OpenTURNS over the chain, against `verify`.
 
 `sampled`: OpenTURNS draws with its own generator, a fixed seed; the error rate of each comparison is stated.
 """
@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import re
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from service_scenes import EXAMPLES, ROOT, client_with
+from service_scenes import EXAMPLES, ROOT
 
 from tailstack import compile_design, load_design, verify
 from tailstack.montecarlo import compile_plan
-from tailstack_service.settings import Settings
 
 DEMO = load_design(EXAMPLES / "demo.yaml")
 FOLDER = ROOT / "examples" / "integrations" / "openturns"
@@ -48,18 +46,6 @@ def test_p95_by_openturns_is_that_of_verify(example: Any) -> None:
     target = verify(DEMO, trials=400_000, seed=7).targets[0]
     assert low < target.p95_mm < high
     assert (high - low) / target.p95_mm < 0.03
-
-
-@pytest.mark.long
-def test_p95_over_umbridge_is_that_of_verify(example: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Wrong once in 10,000 seeds; 400 calls."""
-    monkeypatch.setenv("NO_PROXY", "*")
-    with client_with(Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", worker_processes=1)) as client:
-        url = f"{client.base_url}".rstrip("/") + "/umbridge"
-        chain, inputs = example.chain_over_umbridge(url, {"example": "demo", "target": "tip"})
-        _, low, high = example.quantile_interval(chain, inputs, trials=400, error_rate=1e-4)
-    assert low < verify(DEMO, trials=100_000, seed=7).targets[0].p95_mm < high
-    assert high - low < 0.5
 
 
 @pytest.mark.long

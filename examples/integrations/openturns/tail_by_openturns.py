@@ -1,6 +1,6 @@
 """The whole chain of a design as an OpenTURNS function of random inputs, and P95 by its Monte Carlo.
 
-``python tail_by_openturns.py DESIGN`` needs tailstack and openturns; ``chain_over_umbridge`` a service and umbridge.
+``python tail_by_openturns.py DESIGN`` needs tailstack and openturns.
 """
 
 from __future__ import annotations
@@ -31,16 +31,6 @@ def chain_of(design: Design, target: int = 0) -> tuple[ot.Function, ot.Distribut
     names = [f"{block.name}[{k}]" for block in plan.blocks for k in range(block.stop - block.start)]
     chain.setDescription([*names, "x_mm", "y_mm", "z_mm"])
     return chain, ot.JointDistribution([LAWS[law] for law in plan.laws])
-
-
-def chain_over_umbridge(url: str, config: dict[str, object]) -> tuple[ot.Function, ot.Distribution]:
-    """The same asked of a service, whose inputs are uniform between 0 and 1."""
-    import umbridge
-
-    model = umbridge.HTTPModel(url, "chain")
-    (count,) = model.get_input_sizes(config)
-    chain = ot.PythonFunction(count, 3, lambda values: model([list(values)], config)[0])
-    return chain, ot.JointDistribution([ot.Uniform(0, 1)] * count)
 
 
 def quantile_interval(

@@ -11,7 +11,6 @@ import signal
 import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
-from importlib import import_module
 from types import FrameType
 from typing import Any
 
@@ -49,7 +48,6 @@ ROUTERS = (
     jobs.result_router,
     information.router,
     pages.router,
-    import_module("tailstack_service.integrations.umbridge").router,  # which imports of here what it needs
 )
 
 
