@@ -19,15 +19,15 @@ from strange_units import begun, request
 from family import forked_of
 from tailstack import load_design
 from tailstack_service.documents import to_json
-from tailstack_service.jobs.alone import compute_job
 from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.operation import Call
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.request import RawRequest
 from tailstack_service.problems import RequestError
+from tailstack_service.processes.frames import Died
 from tailstack_service.settings import Settings
-from tailstack_service.task import Estimated, Task
+from tailstack_service.task import ADVANCE, Estimated, Task, UnitResult
 from waiting import LIMIT_SECONDS, until
 
 if TYPE_CHECKING:
@@ -36,6 +36,23 @@ if TYPE_CHECKING:
 
 def task(do: str = "answer", **options: object) -> Task:
     return Task("verification", request(do, **options), b'{"unit":0}')
+
+
+def answer_of(engine: DaskEngine, kind: str, content: bytes) -> bytes:
+    """The answer of a job, unit by unit; a unit whose process died is computed again."""
+    results: list[UnitResult] = []
+    while True:
+        step = engine.submit(Task(kind, content, ADVANCE, tuple(results)), f"{kind}-{len(results)}").result()
+        if step.answer is not None:
+            return step.answer
+        for spec in step.more:
+            unit = Task(kind, content, spec)
+            try:
+                outcome = engine.submit(unit, f"{kind}-unit-{len(results)}").result()
+            except Died:
+                outcome = engine.submit(unit, f"{kind}-unit-{len(results)}-again").result()
+            assert outcome.result is not None
+            results.append(UnitResult(len(results), spec, outcome.result))
 
 
 def children(cluster: Cluster) -> list[psutil.Process]:
@@ -115,7 +132,7 @@ def test_a_table_of_designs_has_the_same_bytes_when_a_process_is_killed_over_it(
     dask_cluster.revive()
     with closing(DaskEngine(Settings(**dask_cluster.settings))) as engine, ThreadPoolExecutor(1) as pool:
         until(lambda: engine.capacity == 2)
-        answer = pool.submit(compute_job, engine, "batch", job.content)
+        answer = pool.submit(answer_of, engine, "batch", job.content)
         computing(dask_cluster).kill()
         found = answer.result(LIMIT_SECONDS)
     options = operation.options.model_validate({"table": table})

@@ -7,7 +7,6 @@ pointer (/views/0/fiducial_noise_px); * stands for every element (views.*.fiduci
 from __future__ import annotations
 
 import argparse
-from contextlib import closing
 from math import prod
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -19,12 +18,11 @@ from tailstack.precision import MAX_TRIALS
 from tailstack.results.sweep import Sweep
 
 from ..console.answer import Answer, exit_code_of_points
-from ..console.arguments import add_design, add_figure, add_form, read_design, read_settings, whole
+from ..console.arguments import add_design, add_figure, add_form, read_design
 from ..console.files import writable_figure, write_figure
 from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
 from ..names import variable
-from ..operations.content import canonical
 from ..problems import RequestError
 from .operation import Call, Command, Demand, LateImport, Operation
 from .options import Count, MostTrials, Options, Seed, within_trials
@@ -189,16 +187,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_form(parser, "sweep", "point and target")
     add_flags(parser, SweepOptions)
     add_figure(parser, "P95 over one axis of several values, or two")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--engine", choices=("pool", "dask"),
-        help="compute on processes of this host, or on the Dask cluster of the settings; the answer is the same",
-    )  # fmt: skip
-    where.add_argument(
-        "--remote", metavar="URL", help="let a running service compute, with the key in TAILSTACK_KEY; same answer"
-    )
     parser.add_argument(
-        "--processes", type=whole(1, 256), metavar="N", help="of engine pool (default TAILSTACK_WORKER_PROCESSES)"
+        "--remote", metavar="URL", help="let a running service compute, with the key in TAILSTACK_KEY; same answer"
     )
 
 
@@ -212,16 +202,14 @@ def _run(arguments: argparse.Namespace) -> Answer:
     from ..report.charts import draw_sweep, refuse_undrawable
 
     options = SweepOptions.of_flags(arguments)
-    if arguments.processes is not None and arguments.engine != "pool":
-        raise RequestError(Problem("", "no-pool", "--processes is of --engine pool", "add it, or leave this out"))
     figure = None if arguments.figure is None else writable_figure(arguments.figure)
     if figure is not None:
         refuse_undrawable([axis.values for axis in read_axes(design, options.keep(design)["axes"])])
     with Progress("sweep") as progress:
-        if arguments.engine is None and arguments.remote is None:
+        if arguments.remote is None:
             result = _sweep(Call((design,), options, progress=progress.report))
         else:
-            result = _elsewhere(arguments, design, options.keep(design), progress)
+            result = _ask_service(arguments.remote, design, options.keep(design), progress)
     if figure is not None:
         write_figure(figure, draw_sweep(result))
     code = exit_code_of_points(result)
@@ -232,29 +220,17 @@ def _run(arguments: argparse.Namespace) -> Answer:
     return Answer(OPERATION.write(result), code)
 
 
-def _elsewhere(arguments: argparse.Namespace, design: Design, options: dict[str, Any], progress: Progress) -> Sweep:
-    """The record by way of the request that a service takes, with these options.
-
-    Raises RemoteError, RefusedAt, RequestError.
-    """
+def _ask_service(url: str, design: Design, options: dict[str, Any], progress: Progress) -> Sweep:
+    """The record that a service answers to a request with these options.  Raises RemoteError, RefusedAt."""
 
     from tailstack.design import design_to_data
 
+    from ..console.remote import RemoteService, compute_remotely
+
     alone = design.document.fiducials.file is None
     request = {"design": design.source.data if alone else design_to_data(design), **options}
-    if arguments.remote is not None:
-        from ..console.remote import RemoteService, compute_remotely
-
-        service = RemoteService(arguments.remote)
-        return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, options["axes"], service.url)
-
-    from ..documents import from_json
-    from ..jobs.alone import compute_job
-    from ..jobs.engines.engine import start_engine
-
-    with closing(start_engine(read_settings(arguments))) as engine:
-        result: Sweep = from_json(Sweep, compute_job(engine, "sweep", canonical(request), progress.report))
-    return result
+    service = RemoteService(url)
+    return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, options["axes"], service.url)
 
 
 def _record(body: bytes, design: Design, asked: list[dict[str, Any]], url: str) -> Sweep:

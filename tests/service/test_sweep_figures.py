@@ -1,30 +1,16 @@
-"""``tailstack sweep`` on a pool, on a Dask cluster and on a running service: the answer of the sweep here; figures."""
+"""Figures of ``tailstack sweep``, and a running service that computes it: the answer of the sweep here."""
 
 from __future__ import annotations
 
 import json
-import os
-import signal
-import threading
-from contextlib import closing
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-import strange_units
-from dask_cluster import Cluster
 from service_scenes import client_with, small_design, write_json
 
-from tailstack.errors import NotConvergedError
 from tailstack_service.cli.main import main
-from tailstack_service.jobs import alone
-from tailstack_service.jobs.alone import compute_job
-from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.problems import RefusedAt
-from tailstack_service.processes.frames import Defect
 from tailstack_service.settings import Settings
-from turned_clock import TurnedClock
-from waiting import until
 
 NOISE = "views.*.fiducial_noise_px"
 RZ = "interfaces.structure_connector.tolerances.rx.half_width_deg"
@@ -46,114 +32,31 @@ def asked(design: Path, *more: str) -> list[str]:
 
 
 @pytest.mark.long
-def test_pool_and_service_give_the_bytes_of_the_sweep_here(design: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_service_gives_the_bytes_of_the_sweep_here(design: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check = ("--check", "verification", "--trials", "3000", "--seed", "5", "--json")
     assert main(asked(design, *check)) == 0
     here = capsys.readouterr().out
     assert len(json.loads(here)["points"]) == 12
-    assert main(asked(design, *check, "--engine", "pool", "--processes", "2")) == 0
-    assert capsys.readouterr().out == here
     with client_with(Settings(worker_processes=1), worker=True) as client:
         assert main(asked(design, *check, "--remote", str(client.base_url))) == 0
     assert capsys.readouterr().out == here
 
 
-@pytest.mark.long
-def test_a_dask_cluster_gives_the_bytes_of_the_sweep_here(
-    design: Path, dask_cluster: Cluster, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    dask_cluster.revive()
-    for name, value in dask_cluster.settings.items():
-        monkeypatch.setenv(name, value)
-    assert main(asked(design, "--csv")) == 0
-    here = capsys.readouterr().out
-    assert main(asked(design, "--csv", "--engine", "dask")) == 0
-    assert capsys.readouterr().out == here
-
-
-@pytest.mark.long
-def test_units_whose_process_dies_are_computed_again_and_then_given_up(tmp_path: Path) -> None:
-    with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
-        good = strange_units.request("answer", units=7)
-        done: list[tuple[int, int]] = []
-        assert compute_job(engine, "sweep", good, lambda *so_far: done.append(so_far)) == strange_units.expected_answer(
-            good
-        )
-        assert done == [(k, 7) for k in range(1, 8)]
-        with pytest.raises(NotConvergedError, match=f"{alone.MOST_DEATHS} processes ended under the same unit"):
-            compute_job(engine, "sweep", strange_units.request("die", note=str(tmp_path / "deaths")))
-        assert (tmp_path / "deaths").read_text().count('{"unit":0}') == alone.MOST_DEATHS
-        with pytest.raises(RefusedAt, match="nothing fits") as refused:
-            compute_job(engine, "sweep", strange_units.request("refuse"))
-        assert (refused.value.exit_code, refused.value.slug) == (1, "infeasible")
-        with pytest.raises(Defect, match="ArithmeticError"):
-            compute_job(engine, "sweep", strange_units.request("raise"))
-
-
-def test_a_process_killed_under_a_sweep_changes_nothing(tmp_path: Path) -> None:
-    """Units that wait for a file: it appears once a process that has begun one was killed."""
-    note, gate = tmp_path / "begun", tmp_path / "gate"
-    request = strange_units.request("wait", units=4, note=str(note), until=str(gate))
-    killed: list[int] = []
-
-    def begun() -> list[int]:
-        """The processes that began a unit, in turn."""
-        lines = note.read_text().splitlines() if note.exists() else []
-        return [int(line.split()[-1]) for line in lines if line.startswith('{"unit"')]
-
-    def kill() -> None:
-        try:
-            killed.append(until(begun)[0])
-            os.kill(killed[0], signal.SIGKILL)
-        finally:
-            gate.touch()
-
-    with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
-        killer = threading.Thread(target=kill)
-        killer.start()
-        try:
-            assert compute_job(engine, "sweep", request) == strange_units.expected_answer(request)
-        finally:
-            killer.join()
-    assert killed
-    assert len(begun()) == 5  # one of the four was begun twice
-
-
-def test_an_engine_without_anything_to_compute_with_is_given_up() -> None:
-    class Empty(PoolEngine):
-        @property
-        def capacity(self) -> int:
-            return 0
-
-    clock = TurnedClock(jumping=True)
-    with (
-        closing(Empty(1, function=strange_units.FUNCTION)) as engine,
-        pytest.raises(NotConvergedError, match="nothing"),
-    ):
-        compute_job(engine, "sweep", strange_units.request(), clock=clock)
-    assert clock.passed == pytest.approx(alone.PATIENCE_SECONDS, abs=2 * alone.LOOK_SECONDS)
-
-
 @pytest.mark.parametrize(
     ("more", "code", "said"),
     [
-        (["--engine", "dask"], 2, "TAILSTACK_DASK_SCHEDULER must be tls://"),
         (["--remote", "ftp://nowhere"], 2, "is not the URL of a service"),
         (["--remote", "http://127.0.0.1:9"], 3, "no answer from"),
-        (["--processes", "2"], 2, "is of --engine pool"),
-        (["--engine", "pool", "--remote", "http://127.0.0.1:9"], 2, "not allowed with"),
         (["--figure", "out.png"], 2, "no known ending"),
     ],
 )
 def test_what_cannot_be_had_is_said(
     design: Path,
     capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
     more: list[str],
     code: int,
     said: str,
 ) -> None:
-    monkeypatch.delenv("TAILSTACK_DASK_SCHEDULER", raising=False)
     assert main(asked(design, *more)) == code
     output = capsys.readouterr()
     assert output.out == ""
