@@ -17,6 +17,7 @@ many: the numbers do not determine a geometry.  The best of all starts is printe
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from math import log, pi, sqrt
@@ -28,10 +29,14 @@ from scipy.optimize import least_squares
 from tailstack.design import compile_design, load_design
 from tailstack.montecarlo import quantile_estimate, simulate
 from tailstack.propagation.linear import covariance, linearise
-from tailstack.studies.paper.published import CELLS, MM_PER_PRINTED_UNIT, S3_ANALYTIC, TRIALS, apply_setting
 from tailstack.system import Law, Reading, System, Target, View, execution_of, mount, no_sources
 from tailstack.tail.gaussian import norm_mean, norm_pdf, norm_quantile
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples" / "paper"))
+from tables import MM, PRINTED, TRIALS, apply_setting, list_printed
+
+CELLS = [cell for cell in list_printed() if not np.isnan(cell.value_mm)]
+S3_ANALYTIC = [float(row[4]) for row in PRINTED["S3"]["rows"]]
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 NAMES = (
     "log half-side", "centre x", "centre y", "centre z", "target x", "target y", "target z", "log focal length",
@@ -128,8 +133,8 @@ def residuals(p: np.ndarray, reading: Reading, ratio: np.ndarray, way: str) -> n
     printed = np.array([cell.value_mm for cell in CELLS])
     rounding = np.array([cell.rounding_mm for cell in CELLS]) / sqrt(3)
     z = (printed - ratio * values) / np.hypot(errors, rounding)
-    unit = MM_PER_PRINTED_UNIT * 1e-3
-    analytic = (np.array(S3_ANALYTIC) * MM_PER_PRINTED_UNIT - simplified(system, way)) / (unit / sqrt(12))
+    unit = MM * 1e-3
+    analytic = (np.array(S3_ANALYTIC) * MM - simplified(system, way)) / (unit / sqrt(12))
     return np.nan_to_num(np.concatenate([z, analytic, 20 * beyond]), nan=50.0, posinf=50.0, neginf=-50.0).clip(
         -1e3, 1e3
     )
@@ -198,7 +203,7 @@ def document(p: np.ndarray, reading: Reading) -> str:
     lines = [
         "# FITTED, not published: the paper prints no geometry.  benchmarks/fit_paper_geometry.py chose these numbers",
         f"# so that its tables S1-S3, read as metres, come out in {title}; quite different ones do about as well.",
-        "# `tailstack study paper` puts the tables' noise and installation errors in; docs/paper.md says what fits.",
+        "# examples/paper/tables.py puts the tables' noise and installation errors in; docs/paper.md says what fits.",
         "schema: tailstack/design/1",
         f"name: fitted to the paper in {title}",
     ]

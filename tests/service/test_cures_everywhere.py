@@ -110,7 +110,7 @@ def test_a_policy_is_cured_like_a_design(capsys: pytest.CaptureFixture[str], tmp
         ("GET", "/v1/scores/", "POST /v1/scores"),
         ("GET", "/v1/job/01k4", "GET /v1/jobs/{id}"),
         ("GET", "/v1/jobs/01k4/event", "GET /v1/jobs/{id}/events"),
-        ("POST", "/v1/study/paper", "POST /v1/studies/paper"),
+        ("POST", "/v1/study/views", "POST /v1/studies/views"),
         ("GET", "/nothing/like/it", None),
     ],
 )

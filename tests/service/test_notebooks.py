@@ -319,12 +319,11 @@ def test_the_example_notebook_says_what_the_readme_says(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_the_notebook_of_the_paper_shows_its_tables_figures_and_equations(tmp_path: Path) -> None:
-    _, *tables, said, resection, triangulation, readings = run_example("paper", "paper.ipynb", tmp_path)
+    _, *tables, resection, triangulation, readings = run_example("paper", "paper.ipynb", tmp_path)
     kinds = [{kind for one in cell for kind in one.get("data", {})} for cell in tables]
     assert [("image/png" in found, "text/html" in found) for found in kinds] == [
         (False, True), (True, False), (False, True), (True, False), (False, True), (False, True),
     ]  # fmt: skip
-    assert re.findall(r"^(\w+): ", said[0]["text"], re.MULTILINE)[:2] == ["units", "lever"]
     assert resection[0]["text"].splitlines() == [
         "columns and rank: 12 11", "changes of the matrix alike: False", "of the image alike: True",
     ]  # fmt: skip

@@ -153,7 +153,6 @@ def test_headers_that_are_missing_or_unknown_would_be_noticed(
 @pytest.mark.long(
     "/v1/scores-post",
     "/v1/optimisations-post",
-    "/v1/studies/paper-post",
     "/v1/studies/linearity-post",
     "/v1/studies/coupling-post",
     "/v1/studies/views-post",

@@ -27,7 +27,7 @@ def body(name: str) -> bytes:
     return compute_whole(OPERATIONS[name], {"design": EXAMPLE_DESIGN, **OPERATIONS[name].example})
 
 
-@pytest.mark.long("html-study-paper", "html-study-views", "xlsx-study-paper")
+@pytest.mark.long("html-study-views")
 @pytest.mark.parametrize("name", STUDIES)
 @pytest.mark.parametrize("form", ["html", "xlsx"])
 def test_every_study_has_pages_and_the_same_record_gives_the_same_bytes(name: str, form: str) -> None:
@@ -39,16 +39,12 @@ def test_every_study_has_pages_and_the_same_record_gives_the_same_bytes(name: st
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_no_row_of_a_study_is_left_out(name: str) -> None:
-    """Counted in the record itself: points, cases, levels, printed cells."""
+    """Counted in the record itself: points, cases, levels."""
     record = json.loads(body(name))
     document = OPERATIONS[name].document(record_of(name, record), "0" * 64)
     blocks = [block for section in document.sections for block in section.blocks]
     tables = {block.name: block for block in blocks if isinstance(block, Table)}
-    if name == "study-paper":
-        assert len(tables["Printed"].rows) == len(record["printed"])
-        for number, geometry in enumerate(record["geometries"], 1):
-            assert len(tables[f"Geometry {number}"].rows) == len(geometry["cells"])
-    elif name == "study-linearity":
+    if name == "study-linearity":
         assert [row.cells[8] for row in tables["Points"].rows] == [point["ratio"] for point in record["points"]]
     elif name == "study-coupling":
         assert [row.cells[6] for row in tables["Parts"].rows] == [case["p95_together_mm"] for case in record["cases"]]

@@ -17,7 +17,7 @@ Parsers = Any  # what add_subparsers() gives: argparse has no public name for it
 
 
 def add_verb(parsers: Parsers, verb: str) -> None:
-    """The parser of a verb, or of a family of them (``study paper``)."""
+    """The parser of a verb, or of a family of them (``study views``)."""
     if verb not in FAMILIES:
         _add_operation(parsers, verb, operations_of(verb)[0])
         return
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser, operation: Operation) -> None
         single = len(operation.designs) == 1
         metavar = "DESIGN" if single else field.upper()
         what = "design document, YAML or JSON; - reads stdin" if single else words
-        parser.add_argument(field, metavar=metavar, nargs=None if operation.needs_design else "?", help=what)
+        parser.add_argument(field, metavar=metavar, help=what)
     parser.add_argument(
         "--json",
         action="store_true",

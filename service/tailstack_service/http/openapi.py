@@ -218,7 +218,7 @@ def _at_once(operation: Operation) -> str:
 
 
 def component(name: str) -> str:
-    """What a published schema is called in the document, and so by generated clients: study-paper is StudyPaper."""
+    """What a published schema is called in the document, and so by generated clients: study-views is StudyViews."""
     return "JobPage" if name == "jobs" else "".join(word.capitalize() for word in name.split("-"))
 
 
@@ -478,7 +478,7 @@ def _request_schema(operation: Operation) -> dict[str, Any]:
     return {
         "type": "object",
         "additionalProperties": False,
-        "required": [*(designs if operation.needs_design and not in_parts else ()), *schema.get("required", ())],
+        "required": [*(() if in_parts else designs), *schema.get("required", ())],
         "properties": {**designs, **(PARTS if in_parts else {}), **schema.get("properties", {})},
         "$defs": schema.get("$defs", {}),
     }

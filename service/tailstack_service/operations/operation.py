@@ -219,7 +219,7 @@ class Operation:
 
     # What it is
     name: str  # of its record: tailstack/NAME/1; and the kind of its jobs
-    verb: str  # what a person types after tailstack; "study paper" is one of a family
+    verb: str  # what a person types after tailstack; "study views" is one of a family
     path: str  # of POST
     summary: str  # a phrase: beside the verb, and title of the route
     description: str  # sentences for whoever reads the interface
@@ -232,7 +232,6 @@ class Operation:
     # How it computes
     run: Callable[[Call], Any]  # gives the record; raises TailstackError
     designs: Mapping[str, str] = field(default_factory=lambda: {"design": "The design document."})  # field, meaning
-    needs_design: bool = True
     immediate: bool = False  # answered at once over HTTP: it takes milliseconds
     cut: bool = False  # its job is cut into units, by plan() and compute() of units/NAME.py; or is one unit, ``run``
 
@@ -257,7 +256,7 @@ class Operation:
         if not self.designs:
             return True
         typed = all(each.in_query for each in list_options(self.options) if each.field.is_required())
-        return typed and self.needs_design and tuple(self.designs) == ("design",)
+        return typed and tuple(self.designs) == ("design",)
 
     @property
     def answers(self) -> tuple[str, ...]:

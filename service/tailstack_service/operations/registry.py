@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .operation import Operation
 
-# The verb of each, by its name, which is also that of its module (study_paper for study-paper)
+# The verb of each, by its name, which is also that of its module (study_views for study-views)
 VERB_OF = {
     "validation": "validate",
     "score": "score",
@@ -18,7 +18,6 @@ VERB_OF = {
     "verification": "verify",
     "optimisation": "optimise",
     "sweep": "sweep",
-    "study-paper": "study paper",
     "study-linearity": "study linearity",
     "study-coupling": "study coupling",
     "study-estimators": "study estimators",
@@ -33,7 +32,7 @@ VERB_OF = {
 ELSEWHERE = {"conversion": "tailstack_service.integrations.conversion"}  # modules that are not in this package
 
 # Verbs that are families: their members are operations whose verbs begin with them
-FAMILIES = {"study": "studies: the paper's tables, reach of the estimate, coupling, estimators, views, measurements"}
+FAMILIES = {"study": "studies: reach of the estimate, coupling, estimators, views, measurements"}
 
 
 class _Registry(Mapping[str, "Operation"]):

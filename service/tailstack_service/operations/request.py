@@ -118,7 +118,6 @@ def read_request(sent: RawRequest, operation: Operation, settings: Settings) -> 
     options = read_options(operation.options, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
     if partial is not None:
         body["design"] = _apply_patch(body, partial, sent)
-    fields = tuple(field for field in fields if operation.needs_design or field in body)
     designs = tuple(design_of(body, settings, field, partial) for field in fields)
     data = {field: body[field] for field in fields}
     return Request(options, designs, data, tuple(f"/{field}" for field in fields), False, partial)

@@ -36,7 +36,6 @@ from ..scoring import FRAMES, checked_system, provenance, score
 from ..system import DirectEffect, Law, Sources, System
 from ..tail.declared import law_quantile
 from ..tail.gaussian import norm_quantile
-from .paper.published import with_noise
 
 Within = Literal["1 %", "5 %", "20 %", "beyond"]
 LEVELS: tuple[tuple[Within, float], ...] = (("1 %", 0.01), ("5 %", 0.05), ("20 %", 0.2))
@@ -401,15 +400,16 @@ def apply_place(system: System, place: GridPoint) -> System:
     selected = np.sort(order_far_apart(system.fiducials_mm)[: place.fiducials])
     centre = system.fiducials_mm.mean(axis=0)
     spread = centre + place.spread * (system.fiducials_mm[selected] - centre)
-    layout = replace(
+    noise = place.noise_px
+    return replace(
         system,
+        views=tuple(replace(view, fiducial_noise_px=noise, target_noise_px=noise) for view in system.views),
         fiducials_mm=spread,
         fiducial_labels=tuple(system.fiducial_labels[k] for k in selected),
         manufacturing_half_width_mm=system.manufacturing_half_width_mm[selected],
         structure_connector=_turn(system.structure_connector, place.rotation_deg),
         requirements=(),
     )
-    return with_noise(layout, place.noise_px)
 
 
 @dataclass(frozen=True, slots=True)

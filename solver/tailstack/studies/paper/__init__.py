@@ -1,1 +1,0 @@
-"""The published tables S1 to S4, read and reproduced."""
