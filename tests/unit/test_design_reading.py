@@ -62,7 +62,7 @@ def test_infinities_arrive_as_such_and_are_refused_later():
         ("a:\n  ? " + "k" * 101 + "\n  : 1\n", "key-too-long", 2),
         ("a: &x [*x]\n", "yaml-alias", 1),
         ("a: *nowhere\n", "yaml-alias", 1),
-        ("a: \x07\n", "yaml-syntax", None),
+        ("a: \x07\n", "unseen-character", 1),
     ],
 )
 def test_refusals(text, code, line):

@@ -11,6 +11,10 @@ Plain scalars follow the core schema of YAML 1.2: ``yes``, ``no``, ``on``, ``off
 are text, ``1e3`` is a number.  Integers with leading zeros mean different numbers in YAML 1.1 and 1.2,
 so they stay text and a field that wants a number refuses them.
 
+A line ends where YAML 1.2 and Git end it: at LF, CRLF or CR.  libyaml, of YAML 1.1, ends it at U+0085, U+2028 and
+U+2029 too, so it is given other characters in their place.  Outside quoted texts they are refused, as is all else by
+which a reader sees another document than the parser does.
+
 A zero has no sign, in whatever form it arrives: ``-0.0`` is 0.0, since not every writer of JSON keeps the sign, and a
 design has one hash.  Adding 0.0 takes it away.
 """
@@ -21,6 +25,7 @@ import codecs
 import json
 import os
 import re
+import unicodedata
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -213,6 +218,8 @@ def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | 
         )
     _refuse_surrogates(text, "", file)
     text = text.removeprefix("\ufeff")
+    if (file or form != "json") and (found := _REORDERS.search(text)):  # JSON without a file is between programs
+        raise DesignError(_unseen_problem(text, found.start(), file, IN_QUOTES))
     if not text.strip():
         raise DesignError(
             problem("empty-document", "the document is empty", "start from examples/demo.yaml", file=file)
@@ -482,15 +489,20 @@ _YAML_CURES = {  # by what the parser says
 
 def read_yaml(text: str, file: str | None, limits: Limits) -> tuple[Any, TextPosition]:
     """Data and places of one YAML document.  Raises DesignError, LimitError."""
+    if found := _FORBIDDEN.search(text) or ("\n" in text and _RETURN.search(text)):
+        raise DesignError(_unseen_problem(text, found.start(), file, "remove it"))
+    unseen = _Unseen(text, file)
     try:
-        loader = _loader(text)
+        loader = _loader(unseen.text)
         try:
-            return _build(loader, file, limits)
+            return _build(loader, file, limits, unseen)
         finally:
             loader.dispose()
     except yaml.MarkedYAMLError as error:
         detail = ", ".join(part for part in (error.context, error.problem) if part)
         mark = error.problem_mark or error.context_mark
+        if mark:
+            unseen.refuse_before(mark.index)  # which is why it is no YAML, as likely as not
         hint = next((cure for words, cure in _YAML_CURES.items() if words in detail), "")
         hint = "indent with spaces, not tabs" if mark and _at_tab(text, mark.line, mark.column) else hint
         raise DesignError(problem("yaml-syntax", f"this is not YAML: {detail}", hint, file=file, mark=mark)) from None
@@ -499,9 +511,66 @@ def read_yaml(text: str, file: str | None, limits: Limits) -> tuple[Any, TextPos
         raise DesignError(problem("yaml-syntax", f"this is not YAML: {detail}", file=file)) from None
 
 
+_LINE = re.compile(r"\r\n|\r|\n")
+
+
 def _at_tab(text: str, line: int, column: int) -> bool:
-    lines = text.splitlines()
+    lines = _LINE.split(text)
     return line < len(lines) and lines[line][: column + 1].strip(" ").startswith("\t")
+
+
+# --- what a reader does not see as the parser does --------------------------------------------------------------
+
+# Turns the order in which what follows is shown, up to the end of the line and out of quotes
+_REORDERS = re.compile("[\u202a-\u202e\u2066-\u2069]")
+# No characters of YAML at all: libyaml refuses them without a line
+_FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f\ufffe\uffff]")
+# A line of YAML 1.2 that Git, diffs and terminals do not show as one; where all lines end so, none hides behind others
+_RETURN = re.compile(r"\r(?!\n)")
+_FOREIGN_BREAKS = "\x85\u2028\u2029"  # lines of YAML 1.1 and of some editors, not of YAML 1.2 and Git
+_UNSEEN = re.compile(f"[{_FOREIGN_BREAKS}\u061c\u200e\u200f\ufeff]")  # the last: marks of direction and of byte order
+IN_QUOTES = 'remove it, or write it as an escape in double quotes: "\\u{0:04x}"'
+OUTSIDE_QUOTES = "remove it; only a text in quotes can hold it"
+_NAMES = {"\x85": "NEXT LINE", "\r": "CARRIAGE RETURN without LINE FEED"}
+
+
+def _unseen_problem(text: str, at: int, file: str | None, hint: str) -> Problem:
+    sign = text[at]
+    name = _NAMES.get(sign) or unicodedata.name(sign, "a control character")
+    lines = _LINE.split(text[:at])
+    detail = f"U+{ord(sign):04X} ({name}) is not shown as what it is, so a reader sees another document than is read"
+    return Problem("", "unseen-character", detail, hint.format(ord(sign)), file, len(lines), len(lines[-1]) + 1)
+
+
+class _Unseen:
+    """The text for the parser, and what of it may stand in quoted texts only."""
+
+    def __init__(self, text: str, file: str | None) -> None:
+        self.text, self._given, self._file = text, text, file
+        self._places = (found.start() for found in _UNSEEN.finditer(text))
+        self._next = next(self._places, None)
+        self._back: dict[int, str] = {}
+        if self._next is not None:
+            known, private = set(text), (*range(0xE000, 0xF900), *range(0xF0000, 0xFFFFE), *range(0x100000, 0x10FFFE))
+            spare = (number for number in private if chr(number) not in known)
+            there = {ord(sign): next(spare) for sign in _FOREIGN_BREAKS}
+            self.text = text.translate(there)
+            self._back = {own: chr(sign) for sign, own in there.items()}
+
+    def restore(self, text: str) -> str:
+        """A text of the document, from what the parser was given."""
+        return text.translate(self._back) if self._back else text
+
+    def refuse_before(self, end: int) -> None:
+        """Raises DesignError where one stands before this character, outside of the quoted texts that were passed."""
+        if self._next is not None and self._next < end:
+            raise DesignError(_unseen_problem(self._given, self._next, self._file, OUTSIDE_QUOTES))
+
+    def pass_quoted(self, event: Any) -> None:
+        """Let those in a quoted text be."""
+        self.refuse_before(event.start_mark.index)
+        while self._next is not None and self._next < event.end_mark.index:
+            self._next = next(self._places, None)
 
 
 class _Builder:
@@ -601,10 +670,14 @@ class _Builder:
         raise DesignError(replace(where, file=self.file, line=mark.line + 1, column=mark.column + 1))
 
 
-def _build(loader: Any, file: str | None, limits: Limits) -> tuple[Any, TextPosition]:
+def _build(loader: Any, file: str | None, limits: Limits, unseen: _Unseen) -> tuple[Any, TextPosition]:
     builder = _Builder(file, limits)
     while not isinstance(event := loader.get_event(), yaml.StreamEndEvent):
+        if isinstance(event, yaml.ScalarEvent) and event.style in ("'", '"'):
+            unseen.pass_quoted(event)
+            event.value = unseen.restore(event.value)
         builder.take(event)
+    unseen.refuse_before(len(unseen.text))
     if builder.root is None:
         detail = "the document is empty"
         raise DesignError(problem("empty-document", detail, "start from examples/demo.yaml", file=file))
@@ -645,6 +718,16 @@ def problem(code: str, detail: str, hint: str = "", *, file: str | None = None, 
     line = None if mark is None else mark.line + 1
     column = None if mark is None else mark.column + 1
     return Problem("", code, detail, hint, file, line, column)
+
+
+def hide_nothing(text: str) -> str:
+    """YAML with escapes, in its double quotes, for what is not shown as what it is."""
+    return re.sub(f"{_UNSEEN.pattern}|{_REORDERS.pattern}", lambda found: f"\\u{ord(found.group()):04X}", text)
+
+
+def is_unseen(text: str) -> bool:
+    """Whether a text holds what is seen in double quotes only, as an escape."""
+    return hide_nothing(text) != text
 
 
 def show(value: Any, length: int = 60) -> str:

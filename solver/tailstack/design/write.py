@@ -18,7 +18,7 @@ from .loading import (
     Design,
     load_design,
 )
-from .reading import DEFAULT_LIMITS, Limits, scalar
+from .reading import DEFAULT_LIMITS, Limits, hide_nothing, is_unseen, scalar
 
 
 def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
@@ -72,7 +72,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    style = "'" if not isinstance(scalar(text), str) else None
+    style = '"' if is_unseen(text) else "'" if not isinstance(scalar(text), str) else None
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 
@@ -90,7 +90,7 @@ def data_to_yaml(data: Any) -> str:
     text: str = yaml.dump(
         data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120, default_flow_style=False
     )
-    return text
+    return hide_nothing(text)
 
 
 def dump_flow(value: Any, *, spaced: bool = True) -> str:
@@ -105,7 +105,7 @@ def dump_flow(value: Any, *, spaced: bool = True) -> str:
         return f"[{', '.join(dump_flow(item, spaced=spaced) for item in value)}]"
     # within brackets, where a comma or a colon in a text needs quotes
     text: str = yaml.dump([value], Dumper=_Dumper, default_flow_style=True, allow_unicode=True, width=1_000_000)
-    return text.strip()[1:-1]
+    return hide_nothing(text.strip()[1:-1])
 
 
 WIDTH = 100  # of a line that holds a mapping
