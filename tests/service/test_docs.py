@@ -27,7 +27,7 @@ PAGES = sorted(
     page.relative_to(ROOT)
     for place in (".", "docs", "docs/*", "openapi", "docker", "examples/*", "tests/data/*", "benchmarks")
     for page in ROOT.glob(f"{place}/*.md")
-    if "gate" not in page.parts  # what the gate prints, and no page of ours
+    if "gate" not in page.relative_to(ROOT).parts  # what the gate prints, and no page of ours
 )
 SETTINGS = (ROOT / "docs" / "settings.md").read_text(encoding="utf-8")
 

@@ -229,7 +229,8 @@ def test_a_folder_that_a_pattern_names_may_be_a_link(tree: Path) -> None:
     write(tree / "tree" / "store" / "v3" / "x.yaml", limited(PASSING))
     (tree / "tree" / "latest").symlink_to("store/v3")
     accepted = write(tree / "tree" / "waivers.yaml", waive("latest/x.yaml"))
-    for pattern in ("latest/*", "./latest/*.yaml", f"{tree}/workspace/latest/*", "../tree/latest/x.yaml"):
+    (tree / ".git").mkdir()
+    for pattern in ("latest/*", "./latest/*.yaml", "workspace/latest/*", "../tree/latest/x.yaml"):
         rules = write(tree / "tree" / "policy.yaml", policy(pattern))
         for folder, name in ((tree / "tree", "latest/x.yaml"), (tree, "workspace/store/v3/x.yaml")):
             code, record = gate(folder, name, "--policy", rules)
@@ -284,7 +285,7 @@ def test_patterns_begin_at_the_root_or_below_it_on_the_way_to_the_policy(tmp_pat
     """A repository of several products, each with its own policies; a policy beside the repository."""
     (tmp_path / "repo" / ".git").mkdir(parents=True)
     part = write(tmp_path / "repo" / "guides" / "released" / "x.yaml", limited(PASSING))
-    for pattern in ("guides/released/*", "released/*", "../released/*", "./released/*", str(part)):
+    for pattern in ("guides/released/*", "released/*", "../released/*", "./released/*"):
         for place in ("repo/guides/ci/policy.yaml", "repo/guides/policy.yaml"):
             rules = write(tmp_path / place, policy(pattern))
             matches = not pattern.startswith("..") or "ci" in place
@@ -447,4 +448,4 @@ def test_names_end_where_the_repository_does(tmp_path: Path) -> None:
     part = write(tmp_path / "repo" / "a" / "x.yaml", {})
     rules = write(tmp_path / "repo" / "a" / "ci" / "policy.yaml", {})
     names = Anchors.of_documents([str(rules), None]).list_names(str(part))
-    assert names == ("a/x.yaml", "x.yaml", "../x.yaml", str(part.resolve()))
+    assert names == ("a/x.yaml", "x.yaml", "../x.yaml")

@@ -22,7 +22,7 @@ from ..console.flags import add_flags, fill_defaults
 from ..console.progress import Progress
 from ..folders import misses_temporary_folder, no_temporary_folder
 from ..gate.asked import GateRequest
-from ..gate.file_names import is_wild, normalise
+from ..gate.file_names import is_open, is_wild, normalise
 from ..problems import RequestError
 from .gate_files import Anchors, find_paths, follow_link, resolve, show_name
 
@@ -200,9 +200,17 @@ def _explain(rule: str) -> str:
 def _find_files(given: list[str]) -> dict[str, list[str]]:
     """Of each name that is not there as it is written, the files that it stands for, sorted: of a pattern those that it
     matches, of a name the one that is written in another Unicode form."""
-    absent = (name for name in given if name != "-" and not os.path.lexists(name))
+    absent = (name for name in given if name != "-" and (is_open(name) or not os.path.lexists(name)))
     paths_by_name = {name: find_paths(name) for name in absent}
-    return {name: paths for name, paths in paths_by_name.items() if paths or is_wild(name)}
+    return {name: paths for name, paths in paths_by_name.items() if paths or is_wild(name) or _explain_slip(name)}
+
+
+def _explain_slip(name: str) -> str:
+    """What to do about a name of the command line that is nothing and looks like a pattern of another tool."""
+    from ..gate.pattern_slips import find_slip
+
+    slip = find_slip(name, of_files=False)
+    return f"it {slip.words}: {slip.cure}" if slip else ""
 
 
 def _list_files(given: list[str], matches: dict[str, list[str]]) -> list[str]:
@@ -210,11 +218,13 @@ def _list_files(given: list[str], matches: dict[str, list[str]]) -> list[str]:
     files: list[str] = []
     for name in given:
         if matches.get(name) == []:  # a pattern that matches nothing must not pass as nothing to complain about
-            raise RequestError(Problem("", "no-match", f"no file matches {name!r}", "check the pattern"))
+            hint = _explain_slip(name) or "check the pattern"
+            raise RequestError(Problem("", "no-match", f"no file matches {name!r}", hint))
         files += matches.get(name, [name])
     if not files:
         raise RequestError(Problem("", "no-design", "no design was given", "tailstack gate DESIGN..."))
-    files = list({name if name == "-" else str(resolve(name)): name for name in reversed(files)}.values())[::-1]
+    by_place = {name if name == "-" else str(resolve(name)): name for name in reversed(files)}  # by its first name
+    files = sorted(by_place.values(), key=files.index)
     if long := next((name for name in files if len(show_name(name)) > LONGEST_NAME), None):
         detail = f"a path has {LONGEST_NAME} characters at most; got {long[:60]!r}..."
         raise RequestError(Problem("", "too-long", detail))
@@ -224,6 +234,7 @@ def _list_files(given: list[str], matches: dict[str, list[str]]) -> list[str]:
 def _read_gate(arguments: argparse.Namespace, files: list[str], anchors: Anchors) -> Gate:
     from ..gate.baseline import read_baseline
     from ..gate.judge import Gate, choose_seed
+    from ..gate.pattern_slips import list_file_patterns, settle_patterns
     from ..gate.policy import read_policy
     from ..gate.waivers import read_waivers
 
@@ -231,15 +242,17 @@ def _read_gate(arguments: argparse.Namespace, files: list[str], anchors: Anchors
     policy = _read_input(arguments.policy, read_policy) or read_policy(None)
     waivers = _read_input(arguments.waivers, partial(read_waivers, today=day))
     baseline = _read_input(arguments.baseline, read_baseline)
-    patterns = [pattern for entry in policy.document.classes for pattern in entry.files or ()]
-    patterns += [pattern for entry in (waivers.entries if waivers else ()) for pattern in entry.designs or ()]
+    patterns = list_file_patterns(policy, waivers)
     anchors = anchors.with_patterns(patterns)
-    literal = anchors.find_literal(patterns, files)
     of_baseline = Anchors.of_documents([arguments.baseline])
+    literal, folders = anchors.find_written(patterns, files)
+    designs = tuple(_read_design(name, anchors, of_baseline) for name in files)
+    ascents = [anchors.count_ascent(name) for name in (arguments.policy, arguments.waivers)]
+    policy, waivers = settle_patterns(policy, waivers, designs, literal, folders=folders, ascents=ascents)
     return Gate(
-        designs=tuple(_read_design(name, anchors, of_baseline) for name in files),
-        policy=replace(policy, literal=literal),
-        waivers=waivers and replace(waivers, literal=literal),
+        designs=designs,
+        policy=policy,
+        waivers=waivers,
         baseline=baseline,
         mode=arguments.mode,
         seed=choose_seed(None, policy, baseline),
@@ -262,7 +275,7 @@ def _list_present(record: GateRecord, files: list[str], anchors: Anchors) -> tup
     Their names are from where that gate ran: here, or at a folder from which names may begin for the baseline.
     """
     judged = {show_name(name) for name in files}
-    known = {normalise(name) for file in files for name in anchors.list_names(file)}
+    known = {normalise(name) for file in files for name in (*anchors.list_names(file), str(resolve(file)))}
     here = Path.cwd()
     folders = [here, *(folder for name in files for folder in anchors.list_folders(resolve(name)))]
     return tuple(
@@ -281,7 +294,7 @@ def _read_design(name: str, anchors: Anchors, of_baseline: Anchors) -> GateDesig
 
     entry = GateDesign(
         show_name(name), None, names=anchors.list_names(name), links=anchors.list_link_names(name),
-        earlier=of_baseline.list_names(name),
+        earlier=(*of_baseline.list_names(name), str(resolve(name))),
     )  # fmt: skip
     try:
         return replace(entry, design=read_design(follow_link(name)))

@@ -2,21 +2,23 @@
 
 One file has many names: through links, from another folder, in another Unicode form.  Patterns of a policy are held
 against the names of the real file (links resolved) from the root of its repository and from every folder between that
-and the document that holds the pattern, so that the verdict does not hang on how a file was named, or from where.
+and the document that holds the pattern, so that the verdict does not hang on how a file was named, or from where.  What
+lies above the root, as where a repository was cloned to, is in no name.
 """
 
 from __future__ import annotations
 
-import glob
 import os
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from itertools import product, takewhile
 from pathlib import Path
+from stat import S_ISDIR
 
-from ..gate.file_names import find_literal, is_wild, normalise
+from ..gate.file_names import is_open, is_wild, list_signed_parts, normalise
 
 ROOTS = ("GITHUB_WORKSPACE", "CI_PROJECT_DIR")  # where GitHub and GitLab check the repository out
 STDIN = "<stdin>"
@@ -25,39 +27,72 @@ STDIN = "<stdin>"
 def find_paths(given: str) -> list[str]:
     """The paths that a name or a pattern of the command line stands for, sorted; none if nothing is there.
 
-    Part by part: what exists as it is written is itself, whatever signs are in it; then patterns are patterns; then a
-    name is looked for in another Unicode form.
+    Part by part: what exists as it is written is itself, whatever signs are in it; then patterns are patterns, also
+    where a file has their name, so that no file called ``*.yaml`` hides the others; then a name is looked for in
+    another Unicode form.  Each real folder is looked through once, however many links lead to it.
     """
-    if os.path.lexists(given):
+    if os.path.lexists(given) and not is_open(given):
         return [given]
     path = Path(given)
     paths = [path.anchor]
     parts = path.parts[1:] if path.anchor else path.parts
     for index, part in enumerate(parts):
-        paths = [child for folder in paths for child in _find_children(folder, part)]
-        if index + 1 < len(parts):
-            paths = [child for child in paths if os.path.isdir(child or os.curdir)]
+        last = index + 1 == len(parts)
+        if part == "**":
+            paths = list(_walk(paths))
+        if part != "**" or last:
+            paths = [child for folder in paths for child in _find_children(folder, "*" if part == "**" else part)]
+        if not last:
+            paths = list(_take_folders(paths, set()))
+        elif part == "**":
+            paths = [path for path in paths if not os.path.isdir(path)]
     return sorted(dict.fromkeys(child for child in paths if child))
 
 
 def _find_children(folder: str, part: str) -> Iterator[str]:
-    if os.path.lexists(os.path.join(folder, part)):
+    if here := os.path.lexists(os.path.join(folder, part)):
         yield os.path.join(folder, part)
-    elif part == "**":
-        yield from glob.glob(os.path.join(glob.escape(folder), part), recursive=True)
-        yield folder
+    if here and not is_open(part):
+        return
+    try:
+        entries = os.listdir(folder or os.curdir)
+    except OSError:  # no folder, or one that may not be read: nothing is found there
+        return
+    if is_wild(part):
+        hidden, wanted = part.startswith("."), normalise(part)
+        alike = [e for e in entries if hidden or not e.startswith(".") if fnmatch(normalise(e), wanted)]
     else:
+        alike = [entry for entry in entries if normalise(entry) == normalise(part)]
+        alike = alike if len(alike) == 1 else []
+    yield from (os.path.join(folder, entry) for entry in alike)
+
+
+def _take_folders(paths: Iterable[str], seen: set[tuple[int, int]]) -> Iterator[str]:
+    """Those paths that are folders, each real one once, by a way without a link at its end if there is one."""
+    for path in sorted(paths, key=lambda path: (os.path.islink(path), path)):
         try:
-            entries = os.listdir(folder or os.curdir)
-        except OSError:  # no folder, or one that may not be read: nothing is found there
-            return
-        if is_wild(part):
-            hidden, wanted = part.startswith("."), normalise(part)
-            alike = [e for e in entries if hidden or not e.startswith(".") if fnmatch(normalise(e), wanted)]
-        else:
-            alike = [entry for entry in entries if normalise(entry) == normalise(part)]
-            alike = alike if len(alike) == 1 else []
-        yield from (os.path.join(folder, entry) for entry in alike)
+            found = os.stat(path or os.curdir)
+        except OSError:
+            continue
+        if S_ISDIR(found.st_mode) and (found.st_dev, found.st_ino) not in seen:
+            seen.add((found.st_dev, found.st_ino))
+            yield path
+
+
+def _walk(folders: Iterable[str]) -> Iterator[str]:
+    """Folders and those below them, without hidden ones; links are followed after everything else."""
+    seen: set[tuple[int, int]] = set()
+    waiting, linked = list(folders), list[str]()
+    while waiting or linked:
+        if not waiting:
+            waiting, linked = linked, []
+        level, waiting = waiting, []
+        for folder in _take_folders(level, seen):
+            yield folder
+            with suppress(OSError), os.scandir(folder or os.curdir) as entries:
+                for entry in entries:
+                    if not entry.name.startswith(".") and entry.is_dir():
+                        (linked if entry.is_symlink() else waiting).append(os.path.join(folder, entry.name))
 
 
 def resolve(name: str) -> Path:
@@ -97,11 +132,21 @@ def _make_readable(path: str) -> str:
 
 
 def find_root(real: Path) -> Path | None:
-    """The root of the repository that a file is in: where the pipeline says, else the nearest folder with ``.git``."""
+    """From where pipelines and people name a file: the folder that the pipeline says, else the root of its repository.
+
+    That of a submodule is another one than its patterns are for, which are those of the policy's repository.
+    """
     for root in _list_pipeline_roots():
         if real.is_relative_to(root):
             return root
-    return next((folder for folder in real.parents if os.path.lexists(folder / ".git")), None)
+    return _find_repository(real.parent)
+
+
+def _find_repository(folder: Path) -> Path | None:
+    """The nearest folder with ``.git``, or the one where the pipeline says that it checked the repository out."""
+    known = _list_pipeline_roots()
+    ways = (folder, *folder.parents)
+    return next((each for each in ways if each in known or os.path.lexists(each / ".git")), None)
 
 
 def _list_pipeline_roots() -> list[Path]:
@@ -127,26 +172,40 @@ class Anchors:
         return replace(self, prefixes=tuple(dict.fromkeys(begin for begin in begins if begin not in ("", "."))))
 
     def list_folders(self, real: Path) -> list[Path]:
-        """Those for one file: the root of its repository and every folder from there to a document that holds patterns.
+        """Those for one file: the root and every folder from there to a document that holds patterns.
 
-        Where no root is known, the folder of such a document if the file is below it; else every folder from the one
-        that the two have in common down to the file: the root is one of them, and nobody knows which.
+        Where no repository is known and no such document lies above the file, every folder from the root to the file:
+        people mean one of them, and nobody knows which.
         """
-        root = find_root(real)
-        folders = [] if root is None else [root]
-        for folder in self.folders:
-            if root is not None and folder.is_relative_to(root):
-                between = [folder, *folder.parents]
-                folders += [each for each in reversed(between) if each.is_relative_to(root)]
-            else:
-                folders.append(folder)
-        folders = [folder for folder in folders if real.is_relative_to(folder)]
-        if not folders:
-            for folder in self.folders:
-                if folder.drive == real.drive:
-                    common = Path(os.path.commonpath([real, folder]))
-                    folders += [each for each in reversed(real.parents) if each.is_relative_to(common)]
-        return list(dict.fromkeys(folders))
+        root = self._find_root(real)
+        if root is None:
+            return []
+        known = any(each is not None and root == each for each in map(_find_repository, (*self.folders, real.parent)))
+        ends = self._inside(root) if known or root in self.folders else [real.parent]
+        between = [each for folder in ends for each in reversed((folder, *folder.parents))]
+        return list(dict.fromkeys([root, *(each for each in between if root in each.parents and each in real.parents)]))
+
+    def _find_root(self, real: Path) -> Path | None:
+        """The root of the repository: that of the policy if the file is in it, else the file's own.
+
+        Where nothing is known of a repository, the nearest folder that holds both.
+        """
+        for root in (*map(_find_repository, self.folders), _find_repository(real.parent)):
+            if root is not None and real.is_relative_to(root):
+                return root
+        beside = next((folder for folder in self.folders if folder.drive == real.drive), None)
+        return None if beside is None else Path(os.path.commonpath([real, beside]))
+
+    def _inside(self, root: Path) -> list[Path]:
+        return [folder for folder in self.folders if folder.is_relative_to(root)]
+
+    def count_ascent(self, document: str | None) -> int | None:
+        """How many folders lie between a document's own and the root of its repository; None: none is known."""
+        if document is None or document == "-":
+            return None
+        folder = resolve(document).parent
+        root = _find_repository(folder)
+        return None if root is None else len(folder.relative_to(root).parts)
 
     def list_names(self, name: str) -> tuple[str, ...]:
         """The names of a file that patterns are held against."""
@@ -158,30 +217,36 @@ class Anchors:
         return () if name == "-" or lexical == resolve(name) else self._name(lexical)
 
     def _name(self, real: Path) -> tuple[str, ...]:
-        ways = [os.path.relpath(real, folder) for folder in self.list_folders(real)]
-        # ../designs/*, as it is written in a folder for policies
-        ways += [os.path.relpath(real, folder) for folder in self.folders if folder.drive == real.drive]
-        for folder, prefix in product((*self.list_folders(real), *self.folders), self.prefixes):
+        root = self._find_root(real)
+        if root is None:
+            return ()
+        folders = self.list_folders(real)
+        # and ../designs/*, as it is written in a folder for policies
+        ways = [os.path.relpath(real, folder) for folder in (*folders, *self._inside(root))]
+        for folder, prefix in product((*folders, *self._inside(root)), self.prefixes):
             inside = resolve(str(folder / prefix))
             if inside != folder / prefix and real.is_relative_to(inside):
                 ways.append(f"{prefix.removeprefix('./')}/{os.path.relpath(real, inside)}")
-        return tuple(dict.fromkeys(_make_readable(way) for way in (*ways, str(real))))
+        return tuple(dict.fromkeys(_make_readable(way) for way in ways))
 
-    def find_literal(self, patterns: Sequence[str], names: Sequence[str]) -> frozenset[str]:
-        """Parts of patterns that are to be read as they are written, because there is such a file or folder.
+    def find_written(self, patterns: Sequence[str], names: Sequence[str]) -> tuple[frozenset[str], frozenset[str]]:
+        """Parts of patterns that are to be read as they are written, because there is such a file or folder, and
+        patterns that are a folder.
 
         names: as they were given.
         """
+        literals, known = set[str](), set[str]()
         designs = [resolve(name) for name in names if name != "-"]
-        literals = set(find_literal(patterns, [name for real in designs for name in self._name(real)]))
         begins = dict.fromkeys([*self.folders, *(folder for real in designs for folder in self.list_folders(real))])
         for pattern in patterns:
-            folders = list(begins)
-            for part in pattern.removeprefix("./").split("/") if is_wild(pattern) else ():
+            folders, signed = list(begins), list_signed_parts(pattern)
+            for part in pattern.removeprefix("./").split("/"):
                 folders = [folder / part for folder in folders if os.path.lexists(folder / part)]
-                if is_wild(part) and folders:
+                if folders and normalise(part) in signed:
                     literals.add(normalise(part))
-        return frozenset(literals)
+            if any(folder.is_dir() for folder in folders):
+                known.add(pattern)
+        return frozenset(literals), frozenset(known)
 
     def name_from_root(self, file: str) -> str:
         """A file, called as findings call it, from the root of its repository, as what knows only that one asks."""

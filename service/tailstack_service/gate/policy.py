@@ -315,8 +315,8 @@ class DesignClass(Record):
     name: Name = Field(description="Name, unique.", examples=["prototypes"])
     files: Patterns | None = Field(
         default=None,
-        description="Patterns of files (* and ?, * also crosses /), from the root of the repository or from a folder "
-        "between that and this document.",
+        description="Patterns of files (* and ?, * also crosses /; **/ is any depth), from the root of the repository "
+        "or from a folder between that and this document.",
         examples=[["prototypes/*"]],
     )
     designs: Patterns | None = Field(

@@ -16,8 +16,8 @@ from tailstack.errors import DesignError, LimitError, Problem
 from ..problems import RefusedAt, RequestError
 from .asked import GateRequest, GateRequestDesign
 from .baseline import read_baseline
-from .file_names import find_literal
 from .judge import Gate, GateDesign, choose_seed
+from .pattern_slips import settle_patterns
 from .policy import read_policy
 from .waivers import read_waivers
 
@@ -103,14 +103,17 @@ def _make_gate(request: GateRequest, limits: Limits) -> Gate:
             hint = f"classes: {', '.join(known)}" if known else "the policy has no classes"
             detail = f"the policy has no class {entry.class_!r}"
             raise RequestError(Problem(f"/designs/{index}/class", "unknown-value", detail, hint))
-    patterns = [pattern for entry in policy.document.classes for pattern in entry.files or ()]
-    patterns += [pattern for entry in (waivers.entries if waivers else ()) for pattern in entry.designs or ()]
-    names = [name for entry in request.designs for name in entry.names or [entry.file]]
-    literal = frozenset([*(request.literal or ()), *find_literal(patterns, names)])
+    designs = tuple(_read_design(entry, limits) for entry in request.designs)
+    # who sends names knows the folders from which they are; a file alone is from the root
+    ascents = (99, 99) if any(entry.names for entry in request.designs) else None
+    policy, waivers = settle_patterns(
+        policy, waivers, designs, request.literal or (),
+        ascents=ascents, prefixes=("/policy", "/waivers"),
+    )  # fmt: skip
     return Gate(
-        designs=tuple(_read_design(entry, limits) for entry in request.designs),
-        policy=replace(policy, literal=literal),
-        waivers=waivers and replace(waivers, literal=literal),
+        designs=designs,
+        policy=policy,
+        waivers=waivers,
         baseline=baseline,
         mode=request.mode,
         seed=choose_seed(request.seed, policy, baseline),

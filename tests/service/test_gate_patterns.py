@@ -1,0 +1,384 @@
+"""Patterns of a gate: they see what is in the repository and nothing above it; what can match nothing is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import typing
+from collections.abc import Iterator
+from contextlib import chdir
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from gate_scenes import PASSING, TODAY
+from pydantic import BaseModel
+from service_scenes import limited
+
+from tailstack.design.write import data_to_yaml
+from tailstack_service.cli.gate_files import Anchors, find_paths
+from tailstack_service.cli.main import main
+from tailstack_service.gate.file_names import match_names
+from tailstack_service.gate.judge import judge
+from tailstack_service.gate.pattern_slips import find_slip
+from tailstack_service.gate.policy import Patterns, Policy
+from tailstack_service.gate.reading import GateError
+from tailstack_service.gate.request import admit_gate
+from tailstack_service.gate.waivers import Waivers
+
+
+@pytest.fixture(autouse=True)
+def _no_pipeline(monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR"):
+        monkeypatch.delenv(variable, raising=False)
+
+
+def write(path: Path, data: Any) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(data if isinstance(data, str) else data_to_yaml(data), encoding="utf-8")
+    return path
+
+
+def policy(*patterns: str, limit_mm: float = 1.3) -> dict[str, Any]:
+    """A strict policy with a lax class; P95 of the design is about 0.65 mm."""
+    rules = {"p95": {"limit_mm": 0.5}, "overlap": {"severity": "off"}}
+    own = {"name": "lax", "files": list(patterns), "rules": {"p95": {"limit_mm": limit_mm}}}
+    return {"schema": "tailstack/policy/1", "rules": rules, "classes": [own]}
+
+
+def waive(*patterns: str) -> dict[str, Any]:
+    day = datetime.now(UTC).date() + timedelta(days=30)
+    entry = {"rule": "p95", "owner": "J. Doe", "reason": "first article", "max_value": 0.8, "expires": day.isoformat()}
+    return {"schema": "tailstack/waivers/1", "waivers": [{**entry, "designs": list(patterns)}]}
+
+
+def gate(folder: Path, *arguments: object) -> tuple[int, dict[str, Any]]:
+    """Exit code and record of a gate that runs in a folder."""
+    out = folder / "out.json"
+    with chdir(folder):
+        code = main(["gate", *map(str, arguments), "--mode", "analytic", f"--format=json={out}"])
+    return code, json.loads(out.read_text(encoding="utf-8"))
+
+
+# --- nothing above the root ---------------------------------------------------------------------------------------
+
+CLONES = ("prototypes", "prototypes/guides", "home/prototypes/a/b", "Prototypes/prototypes")
+MARKS = (".git", "a file .git", "CI_PROJECT_DIR", "GITHUB_WORKSPACE", "a link and CI_PROJECT_DIR", "none")
+PLACES = ("policy.yaml", "ci/policy.yaml", "ci/gate/policy.yaml", "designs/policy.yaml")
+
+
+def list_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Clones below folders that a pattern names: words, and the names of a design that patterns see."""
+    for number, (clone, mark, place) in enumerate((c, m, p) for c in CLONES for m in MARKS for p in PLACES):
+        root = tmp_path / str(number) / clone
+        design = write(root / "designs" / "x.yaml", "")
+        rules = write(root / place, "")
+        with monkeypatch.context() as patch:
+            if mark == ".git":
+                (root / ".git").mkdir()
+            elif mark == "a file .git":
+                (root / ".git").write_text("gitdir: elsewhere", encoding="utf-8")
+            elif mark.startswith("a link"):
+                (tmp_path / f"prototypes{number}").symlink_to(root)
+                patch.setenv("CI_PROJECT_DIR", str(tmp_path / f"prototypes{number}"))
+            elif mark != "none":
+                patch.setenv(mark, str(root))
+            seen = set()
+            for folder in (root, design.parent, tmp_path):
+                with chdir(folder):
+                    seen.add(Anchors.of_documents([str(rules)]).list_names(os.path.relpath(design)))
+            (names,) = seen
+            yield f"{clone}, {mark}, {place}", names
+
+
+def test_no_name_has_a_folder_above_the_root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for words, names in list_scenes(tmp_path, monkeypatch):
+        for pattern in ("*prototypes*", "*Prototypes*", "**/prototypes/*", "*/prototypes/*", "prototypes/*"):
+            assert not match_names(names, pattern), (words, names)
+        assert match_names(names, "**/x.yaml"), words
+        assert {name.lstrip("./") for name in names} <= {"designs/x.yaml", "x.yaml"}, (words, names)
+
+
+def test_a_clone_below_a_folder_that_a_class_or_waiver_names(tmp_path: Path) -> None:
+    root = tmp_path / "prototypes" / "guides"
+    (root / ".git").mkdir(parents=True)
+    write(root / "designs" / "x.yaml", limited(PASSING))
+    rules = write(root / "policy.yaml", policy("*/prototypes/*", "**/prototypes/**"))
+    accepted = write(root / "waivers.yaml", waive("*/prototypes/*"))
+    code, record = gate(root, "designs/x.yaml", "--policy", rules, "--waivers", accepted)
+    assert (code, record["designs"][0]["design_class"]) == (1, None)
+    assert [finding["suppressed_by"] for finding in record["findings"] if finding["rule"] == "p95"] == [None]
+    write(root / "policy.yaml", policy("**/designs/*"))
+    assert gate(root, "designs/x.yaml", "--policy", rules)[0] == 0
+
+
+def test_a_policy_beside_the_repository_sees_names_from_its_root(tmp_path: Path) -> None:
+    """Policies of their own repository, as a submodule or elsewhere; and a checkout below the pipeline's folder."""
+    design = write(tmp_path / "prototypes" / "repo" / "designs" / "x.yaml", "")
+    (tmp_path / "prototypes" / "repo" / ".git").mkdir()
+    for place in ("policies/p.yaml", "p.yaml", "prototypes/p.yaml", "prototypes/repo/rules/p.yaml"):
+        rules = write(tmp_path / place, "")
+        if "rules" in place or "policies" in place:
+            (rules.parent / ".git").write_text("gitdir: elsewhere", encoding="utf-8")
+        names = Anchors.of_documents([str(rules)]).list_names(str(design))
+        assert names[0] == "designs/x.yaml"
+        assert {*names[1:]} <= {"../designs/x.yaml"}, place  # of a policy below the root
+
+
+def test_designs_in_a_submodule_are_named_from_the_repository_of_the_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With and without what a pipeline says."""
+    (tmp_path / ".git").mkdir()
+    design = write(tmp_path / "parts" / "designs" / "x.yaml", "")
+    (tmp_path / "parts" / ".git").write_text("gitdir: elsewhere", encoding="utf-8")
+    anchors = Anchors.of_documents([str(write(tmp_path / "policy.yaml", ""))])
+    for _ in range(2):
+        assert anchors.list_names(str(design)) == ("parts/designs/x.yaml",)
+        monkeypatch.setenv("CI_PROJECT_DIR", str(tmp_path))
+
+
+# --- what patterns match ------------------------------------------------------------------------------------------
+
+MATCHES = [
+    ("**/x.yaml", "x.yaml", True), ("**/x.yaml", "a/x.yaml", True), ("**/x.yaml", "a/b/x.yaml", True),
+    ("**/x.yaml", "ax.yaml", False), ("a/**/x.yaml", "a/x.yaml", True), ("a/**/x.yaml", "a/b/c/x.yaml", True),
+    ("a/**/x.yaml", "ax.yaml", False), ("a/**/x.yaml", "b/a/x.yaml", False), ("**/**/x.yaml", "x.yaml", True),
+    ("**/a/**/x.yaml", "a/x.yaml", True), ("**/a/**/x.yaml", "b/a/c/x.yaml", True), ("**/a/**", "a/x.yaml", True),
+    ("**/a/**", "xa/x.yaml", False), ("**", "a/b.yaml", True), ("**/*", "b.yaml", True), ("a/**", "a/b/c.yaml", True),
+    ("*/x.yaml", "x.yaml", False), ("*/x.yaml", "a/b/x.yaml", True), ("./a/*", "a/x.yaml", True),
+    ("a/*", "./a/x.yaml", True), ("a/*", "a//x.yaml", True), ("b/*", "a/../b/x.yaml", True),
+    ("../b/*", "../b/x.yaml", True), ("../b/*", "b/x.yaml", False), ("*/b/*", "../b/x.yaml", False),
+    ("../../b/*", "../b/x.yaml", False), ("*", "../x.yaml", False), ("*", "/tmp/x.yaml", False),
+    ("*x.yaml", "C:/x.yaml", False), ("A/*", "a/x.yaml", False), ("[{]a,b}/*", "{a,b}/x.yaml", True),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("pattern", "name", "matches"), MATCHES)
+def test_what_a_pattern_matches(pattern: str, name: str, matches: bool) -> None:
+    assert match_names([name], pattern) is matches
+
+
+def test_a_file_called_as_a_pattern_takes_nothing_away_from_it(tmp_path: Path) -> None:
+    """Who adds a file named ``*.yaml`` would else be the only one who is judged, or free the others of their class."""
+    write(tmp_path / "designs" / "x.yaml", limited(PASSING))
+    write(tmp_path / "designs" / "*.yaml", limited(PASSING, name="other"))
+    rules = write(tmp_path / "policy.yaml", policy("designs/*.yaml", limit_mm=0.6))
+    code, record = gate(tmp_path, "designs/*.yaml", "--policy", rules)
+    assert code == 1
+    assert [(design["file"], design["design_class"]) for design in record["designs"]] == [
+        ("designs/*.yaml", "lax"), ("designs/x.yaml", "lax"),
+    ]  # fmt: skip
+
+
+def test_a_design_cannot_make_a_pattern_a_name_by_its_own(tmp_path: Path) -> None:
+    write(tmp_path / "rev-A" / "x.yaml", limited(PASSING, name="rev-[AB]/x.yaml"))
+    rules = write(tmp_path / "policy.yaml", policy("rev-[AB]/*"))
+    assert gate(tmp_path, "rev-A/x.yaml", "--policy", rules)[1]["designs"][0]["design_class"] == "lax"
+
+
+# --- what can match nothing ---------------------------------------------------------------------------------------
+
+SLIPS = {
+    "!released/*": "begins with !", "{released,series}/*.yaml": "has braces", "rev{1..3}/*": "has braces",
+    "$HOME/designs/*": "variable", "${ROOT}/*": "variable", "%ROOT%/*": "variable", "{{ root }}/*": "variable",
+    "@(a|b)/*": "alternatives", "!(a)/*": "begins with !", "+(a)/*": "alternatives", "a|b": "alternatives",
+    "?(a|b)/*": "alternatives", " a/*": "blank", "a/* ": "blank", "\u00a0a/*": "blank", "'a/*'": "quotes",
+    "^a/.*": "regular expression", "a/.*$": "regular expression", "a\\*.yaml": "backslash",
+    "[a/b]/*": "bracket that is not closed", "[ab/*": "bracket that is not closed", "[^ab]/*": "^ is a sign",
+    "[[:digit:]]/*": "no names", "[z-a]*": "backwards", "[a-Z]*": "backwards", "[released]/*": "one character",
+    "[a,b]/*": "one character", "[]/*": "no character",
+}  # fmt: skip
+OF_FILES = {
+    "~/designs/*": "home", "~joe/designs/*": "home", "/designs/*": "absolute", "C:/designs/*": "absolute",
+    "file:///designs/*": "absolute", "https://git.example.com/*": "absolute", "a.yaml b.yaml": "several",
+    "a.yaml, b.yaml": "several", "a/*.yml,b/*.yaml": "several", "released/": "is a folder", ".": "is a folder",
+    "..": "is a folder", "a//b.yaml": "no name has", "a/./b.yaml": "no name has", "a/../b.yaml": "no name has",
+    "././a.yaml": "no name has", "../../../a.yaml": "leads out",
+}  # fmt: skip
+SOUND = [
+    "*", "**", "*.yaml", "designs/*", "**/designs/**/*.yaml", "./designs/*", "a b/*.yaml", "x (2).yaml", "x*(2).yaml",
+    "rev-[AB]*", "[!a-z]*", "[0-9][0-9]-*.y?ml", "[a-zA-Z_.-]*", "a+b.yaml", "a@b.yaml", "50%.yaml", "a,b.yaml",
+    "~x.yaml", "x~", "x!.yaml", "{a}.yaml", "#1.yaml", "geprüft/*", "[{]a,b}.yaml", "[!]]x", "[]]x", "x$.yaml",
+    "my first carrier", "Guide: rev A", "x.yaml.bak", "..hidden/*", "a..b/*", "[$]HOME/*",
+]  # fmt: skip
+
+
+def test_what_is_sound_is_not_refused() -> None:
+    assert {pattern: slip for pattern in SOUND if (slip := find_slip(pattern))} == {}
+
+
+def test_every_cure_that_is_a_pattern_is_sound_or_leads_on() -> None:
+    followed = 0
+    for pattern in (*SLIPS, *OF_FILES):
+        seen = {pattern}
+        slip = find_slip(pattern)
+        while slip and (meant := re.match(r"(?:write |.* as in |.* for each: )'([^']+)'", slip.cure)):
+            followed += 1
+            assert meant[1] not in seen, (pattern, slip)
+            seen.add(meant[1])
+            slip = find_slip(meant[1])
+        assert slip is None or not slip.cure.startswith(("write '", "names begin")) or pattern[0] in "~.", (
+            pattern,
+            slip,
+        )
+    assert followed > 12
+
+
+def list_pattern_fields(model: type[BaseModel]) -> Iterator[str]:
+    """Fields of a document that hold patterns, from its schema."""
+    schema = model.model_json_schema(by_alias=True)
+    (of_patterns,) = typing.get_args(typing.get_args(Patterns)[0])
+    expression = typing.get_args(of_patterns)[1].metadata[-1].pattern
+    pending = [("", schema)]
+    while pending:
+        at, node = pending.pop()
+        if node.get("items", {}).get("pattern") == expression:
+            yield at
+        below = [node.get("items", {}), *node.get("anyOf", ()), *node.get("allOf", ())]
+        if "$ref" in node:
+            below.append(schema["$defs"][node["$ref"].rpartition("/")[2]])
+        pending += [(at, each) for each in below if each]
+        pending += [(f"{at}/{name}", each) for name, each in node.get("properties", {}).items()]
+
+
+def put(pattern: str) -> dict[str, tuple[dict[str, Any], dict[str, Any] | None, str]]:
+    """By field: a policy and waivers with the pattern in it, and its pointer."""
+    process = {"name": "mill", "tolerances": [pattern], "min_half_width_deg": 0.01}
+    of_process = {"process-capability": {"processes": [process]}}
+    plain = policy("*.yaml")
+    in_rules = {**plain, "rules": {**plain["rules"], **of_process}}
+    in_class = {**plain, "classes": [{**plain["classes"][0], "rules": of_process}]}
+    return {
+        "/classes/files": (policy(pattern), None, "/classes/0/files/0"),
+        "/rules/process-capability/processes/tolerances": (
+            in_rules, None, "/rules/process-capability/processes/0/tolerances/0"),
+        "/classes/rules/process-capability/processes/tolerances": (
+            in_class, None, "/classes/0/rules/process-capability/processes/0/tolerances/0"),
+        "/waivers/designs": (plain, waive(pattern), "/waivers/0/designs/0"),
+    }  # fmt: skip
+
+
+def test_every_field_with_patterns_is_known_here() -> None:
+    known = {*list_pattern_fields(Policy), *list_pattern_fields(Waivers)}
+    assert known == {*put("*"), "/classes/designs"}  # the last are names that people give, in which any sign may stand
+
+
+@pytest.fixture(scope="module")
+def sent() -> dict[str, Any]:
+    return {"designs": [{"file": "designs/x.yaml", "design": limited(PASSING)}], "mode": "analytic"}
+
+
+@pytest.mark.parametrize("pattern", [*SLIPS, *OF_FILES, "designs", "d*s"])
+def test_what_can_match_nothing_is_refused_over_http(pattern: str, sent: dict[str, Any]) -> None:
+    for field, (rules, waivers, pointer) in put(pattern).items():
+        if pattern not in SLIPS and "tolerances" in field:
+            continue
+        body = {**sent, "policy": rules, **({"waivers": waivers} if waivers else {})}
+        with pytest.raises(GateError) as caught:
+            admit_gate(body, today=TODAY)
+        (problem,) = caught.value.problems
+        document = "/waivers" if waivers else "/policy"
+        assert (problem.code, problem.pointer) == ("bad-pattern", document + pointer), field
+        assert {**SLIPS, **OF_FILES}.get(pattern, "is a folder") in problem.detail
+        assert problem.hint
+
+
+def test_what_can_match_nothing_is_refused_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """At its line, with 2, whatever the formats; each field once, and each slip once."""
+    (tmp_path / ".git").mkdir()
+    write(tmp_path / "designs" / "x.yaml", limited(PASSING))
+    slips = {**SLIPS, **OF_FILES, "designs": "is a folder"}
+    for number, (pattern, words) in enumerate(slips.items()):
+        fields = list(put(pattern).items())
+        field, (rules, waivers, pointer) = fields[number % 4 if pattern in SLIPS else (0, 3)[number % 2]]
+        given = ["--policy", write(tmp_path / "ci" / "policy.yaml", rules)]
+        given += ["--waivers", write(tmp_path / "waivers.yaml", waivers)] if waivers else []
+        code, record = gate(tmp_path, "designs/x.yaml", *given)
+        (finding,) = record["findings"]
+        assert (code, record["verdict"]) == (2, "not evaluated"), pattern
+        assert words in finding["message"], (pattern, field)
+        file = "waivers.yaml" if waivers else "ci/policy.yaml"
+        assert (finding["file"], finding["pointer"]) == (file, pointer)
+        line = (tmp_path / file).read_text(encoding="utf-8").splitlines()[finding["line"] - 1]
+        assert "files" in line or "tolerances" in line or "designs" in line or line.strip().startswith("-"), line
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    "name", ["!designs/*", "{a,b}.yaml", "designs/{x,y}.yaml", "$DIR/*.yaml", "designs\\x.yaml", "@(a|b).yaml"]
+)
+def test_a_slip_on_the_command_line_is_told(tmp_path: Path, name: str) -> None:
+    write(tmp_path / "designs" / "x.yaml", limited(PASSING))
+    code, record = gate(tmp_path, "designs/x.yaml", name)
+    (finding,) = record["findings"]
+    assert code == 2
+    assert f"no file matches {name!r}" in finding["message"]
+    assert next(words for pattern, words in SLIPS.items() if words in finding["message"])
+
+
+def test_what_exists_as_it_is_written_is_no_slip(tmp_path: Path) -> None:
+    write(tmp_path / "{a,b}" / "[released]" / "x.yaml", limited(PASSING))
+    rules = write(tmp_path / "policy.yaml", policy("{a,b}/[released]/*"))
+    assert gate(tmp_path, "{a,b}/[released]/x.yaml", "--policy", rules)[1]["designs"][0]["design_class"] == "lax"
+    body = {"designs": [{"file": "{a,b}/x.yaml", "design": limited(PASSING)}], "mode": "analytic"}
+    assert judge(admit_gate({**body, "policy": policy("{a,b}/*")}, today=TODAY).gate).designs[0].design_class == "lax"
+
+
+# --- folders are looked through once ------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The folders that are looked through, as often as they are."""
+    seen: list[str] = []
+    for name in ("scandir", "listdir"):
+        look = getattr(os, name)
+
+        def count(path: Any = ".", look: Any = look) -> Any:
+            seen.append(os.path.realpath(path))
+            return look(path)
+
+        monkeypatch.setattr(os, name, count)
+    return seen
+
+
+def test_packages_that_are_linked_in_each_other_are_looked_through_once(tmp_path: Path, looks: list[str]) -> None:
+    """A workspace of pnpm, of npm, and folders with links to themselves, above and to each other."""
+    names = [f"p{number}" for number in range(12)]
+    for name in names:
+        write(tmp_path / "packages" / name / "designs" / "x.yaml", "")
+        for other in names:
+            modules = tmp_path / "packages" / name / "node_modules"
+            modules.mkdir(exist_ok=True)
+            (modules / other).symlink_to(f"../../{other}")
+        (tmp_path / "packages" / name / "self").symlink_to(".")
+        (tmp_path / "packages" / name / "above").symlink_to("..")
+    (tmp_path / "packages" / "outside").mkdir()
+    (tmp_path / "packages" / "outside" / "link").symlink_to(tmp_path / "elsewhere")
+    write(tmp_path / "elsewhere" / "designs" / "y.yaml", "")
+    every = {str(tmp_path / "packages" / name / "designs" / "x.yaml") for name in names}
+    folders = 1 + 12 * 3 + 1 + 2
+    for pattern, parts in (
+        ("packages/**/*.yaml", 2), ("packages/**/designs/*.yaml", 3), ("packages/**/**/*.yaml", 3), ("packages/**", 2),
+        ("*/*/*/*/*/*/*/*/*/x.yaml", 10), ("packages/**/self/**/above/**/*.yaml", 6),
+        ("**/node_modules/*/designs/*", 4),
+    ):  # fmt: skip
+        looks.clear()
+        with chdir(tmp_path):
+            found = {os.path.realpath(path) for path in find_paths(pattern)}
+        assert len(looks) <= parts * (folders + 4), pattern
+        assert found - {str(tmp_path / "elsewhere" / "designs" / "y.yaml")} == every, pattern
+
+
+def test_what_only_a_link_leads_to_is_found(tmp_path: Path) -> None:
+    write(tmp_path / "store" / "v3" / "x.yaml", "")
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "released").symlink_to("../store/v3")
+    with chdir(tmp_path):
+        assert find_paths("**/released/*.yaml") == ["parts/released/x.yaml"]
+        assert find_paths("parts/**/*.yaml") == ["parts/released/x.yaml"]
+        assert find_paths("**/*.yaml") == ["store/v3/x.yaml"]
+        assert find_paths("p*/**/r*/**/x*") == ["parts/released/x.yaml"]
