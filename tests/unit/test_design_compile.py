@@ -156,7 +156,7 @@ def test_laws_and_coverage_factors():
 def test_load_and_scatter_become_execution_sources():
     execution = {
         "repeatability": {"half_width_mm": [0.1, 0.2, 0.3], "distribution": "uniform"},
-        "compliance": {"matrix_mm_per_n": [[0.01, 0, 0], [0, 0, 0], [0.002, 0, 0.005]], "load_n": [10, 5, -4],
+        "compliance": {"matrix_mm_per_n": [[0.01, 0, 0.002], [0, 0, 0], [0.002, 0, 0.005]], "load_n": [10, 5, -4],
                        "load_half_width_n": 2, "distribution": "bounded"},
     }  # fmt: skip
     system = system_with(execution=execution)
@@ -168,8 +168,8 @@ def test_load_and_scatter_become_execution_sources():
         "load.z",
     )
     assert system.execution.sources.units == ("mm", "mm", "mm", "N", "N")
-    np.testing.assert_allclose(system.execution.known, [0.1, 0, 0.0], atol=1e-16)
-    np.testing.assert_array_equal(system.execution.sources.direction[:, 3:], [[0.01, 0], [0, 0], [0.002, 0.005]])
+    np.testing.assert_allclose(system.execution.known, [0.092, 0, 0.0], atol=1e-16)
+    np.testing.assert_array_equal(system.execution.sources.direction[:, 3:], [[0.01, 0.002], [0, 0], [0.002, 0.005]])
     np.testing.assert_allclose(system.execution.sources.std[:3], np.array([0.1, 0.2, 0.3]) / np.sqrt(3))
 
 

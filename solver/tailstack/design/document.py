@@ -56,6 +56,7 @@ from ..fields import (
 )
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, RotationForm, Triangulation
 from ..tolerances import Bias, Tolerances
+from .compliance import check_passive
 from .optimise_document import Optimise
 from .presets import PRESETS
 
@@ -466,7 +467,8 @@ class Compliance(Record):
     """Elastic deflection of the tool under a load: d = C f, in the tcp frame."""
 
     matrix_mm_per_n: Rotation3 = Field(
-        description="Compliance C, row by row: deflection in mm per newton, tcp frame.",
+        description="Compliance C, row by row: deflection in mm per newton, tcp frame. Symmetric, no eigenvalue below "
+        "zero.",
         examples=[[[0.002, 0, 0], [0, 0.002, 0], [0, 0, 0.0005]]],
     )
     load_n: Force = Field(
@@ -487,6 +489,7 @@ class Compliance(Record):
 
     @model_validator(mode="after")
     def _law(self) -> Compliance:
+        check_passive(self.matrix_mm_per_n)
         if self.load_half_width_n is None:
             for field in ("distribution", "coverage_factor"):
                 if getattr(self, field) is not None:
