@@ -77,7 +77,7 @@ def test_an_indefinite_one_names_the_entry_that_is_too_large():
 def test_every_passive_matrix_of_three_digits_is_accepted_whatever_its_rank(entries, size, rank):
     factor = np.array(entries).reshape(3, 3)[:, :rank]
     written = [[float(f"{x:.4g}") for x in row] for row in 10**size * factor @ factor.T]
-    assert Compliance(matrix_mm_per_n=written)
+    assert Compliance.model_validate({"matrix_mm_per_n": written})
 
 
 @settings(max_examples=60, deadline=None)
@@ -87,7 +87,7 @@ def test_what_is_accepted_gives_no_energy_to_any_push(entries):
     matrix = np.array(entries).reshape(3, 3)
     matrix = matrix + matrix.T + 1.5 * np.eye(3)  # about half of them are accepted
     try:
-        Compliance(matrix_mm_per_n=matrix.tolist())
+        Compliance.model_validate({"matrix_mm_per_n": matrix.tolist()})
     except ValueError:
         return
     pushes = np.random.default_rng(7).standard_normal((200, 3))
