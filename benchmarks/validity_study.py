@@ -124,6 +124,7 @@ def main(argv: Sequence[str] | None = None) -> list[Held]:
     parser.add_argument("forms", nargs="*", default=FORMS)
     parser.add_argument("--designs", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=2041)
+    parser.add_argument("--far", action="store_true", help="targets 4 to 30 radii away, rays 2 to 35 degrees apart")
     parser.add_argument("--nu", type=float, nargs=2, default=NU, help="range of the validity number without effects")
     asked = parser.parse_intermixed_args(argv)
     rng = np.random.default_rng(asked.seed)
@@ -134,7 +135,7 @@ def main(argv: Sequence[str] | None = None) -> list[Held]:
 
     for k in range(asked.designs):
         turn = k // len(asked.forms)
-        form = form_of(asked.forms[k % len(asked.forms)], turn % 3 > 0, turn % 4 > 0)
+        form = form_of(asked.forms[k % len(asked.forms)], turn % 3 > 0, turn % 4 > 0, asked.far)
         try:
             row = hold_design(rng, form, tuple(asked.nu), LOOKS, PRECISE, 0 if k % JUDGED_EVERY else JUDGED)
         except NotConvergedError as refusal:

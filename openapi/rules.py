@@ -49,7 +49,7 @@ RATIOS = frozenset(
      "focal_rel_sd", "fraction", "half_width_rel", "highest_ratio", "interval", "kkt_residual",
      "largest_loss_probability", "largest_share", "locator_scales", "loss_probability", "lowest_ratio",
      "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement",
-     "nu_gap", "nu_turns",
+     "nu_gap", "nu_range", "nu_turns",
      "over_monte_carlo", "p95_over_mean", "p_adjusted", "p_value", "precision", "precision_reached",
      "precision_requested", "predicted_p95_over_mean", "predicted_standard_deviations", "probability",
      "probability_of_none", "probability_unaccounted", "quantile", "quaternion_wxyz", "ratio", "ratio_interval",

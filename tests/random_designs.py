@@ -23,6 +23,7 @@ LAWS = ("normal", "uniform", "triangular")
 FIDUCIALS = (6, 7, 8, 9, 10, 11, 12, 13, 14, 20, 40)
 VIEWS = (2, 3, 4, 5, 6, 7, 8)
 LOUDEST_PX = 5.0
+RADII, RAYS_DEG, SPAN_DEG = (4.0, 30.0), (2.0, 35.0), (2.0, 70.0)  # of far targets
 
 
 def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -99,13 +100,53 @@ def _interface(rng: np.random.Generator, quiet: bool) -> dict[str, Any]:
     return out
 
 
-def random_document(rng: np.random.Generator, views: int, fiducials: int, published: bool) -> dict[str, Any]:
-    """A design document with one target, estimated by DLT; its noise is not scaled yet."""
-    half = _log_uniform(rng, 6, 60)
+def _narrow(rng: np.random.Generator, views: int) -> list[np.ndarray]:
+    """Directions within 2 to 70 degrees, the first two as far apart as any."""
+    base = _unit(rng)
+    side = np.cross(base, _unit(rng))
+    side /= np.linalg.norm(side)
+    span = np.radians(_log_uniform(rng, *SPAN_DEG))
+    angles = span * np.concatenate([[-0.5, 0.5], rng.uniform(-0.5, 0.5, views - 2)])
+    up = rng.normal(0, 0.05 * span, views)[:, None] * np.cross(base, side)
+    return list(np.cos(angles)[:, None] * base + np.sin(angles)[:, None] * side + up)
+
+
+def radius_of(points: np.ndarray) -> float:
+    """RMS distance of points (N, 3) from their centroid."""
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def farness(document: dict[str, Any]) -> tuple[float, float]:
+    """(distance of the target from the fiducials' centroid over their RMS radius, widest angle between its rays, deg);
+    the angle is nan where a view does not look towards the target."""
+    points = np.array([each["position_mm"] for each in document["fiducials"]["points"]])
+    aim = np.array(document["targets"][0]["position_mm"])
+    projections = np.array([view["projection"] for view in document["views"]])
+    rays = aim + np.linalg.solve(projections[:, :, :3], projections[:, :, 3:])[:, :, 0]
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    ahead = (projections[:, 2, :3] * rays).sum(axis=1).min() > 0
+    widest = float(np.degrees(np.arccos(np.clip(rays @ rays.T, -1, 1)).max()))
+    return float(np.linalg.norm(aim - points.mean(axis=0))) / radius_of(points), widest if ahead else np.nan
+
+
+def random_document(
+    rng: np.random.Generator, views: int, fiducials: int, published: bool, far: bool = False
+) -> dict[str, Any]:
+    """A design document with one target, estimated by DLT; its noise is not scaled yet.
+
+    far: the target lies 4 to 30 radii of the fiducials away, most often along the views, which are within 70 degrees.
+    """
+    half = _log_uniform(rng, 20 if far else 6, 60)
     points = _fiducials(rng, fiducials, half)
-    near = rng.random() < 0.5
-    reach = rng.uniform(0, half) if near else rng.uniform(1.5, 6) * half + rng.uniform(0, 60)
-    aim = points.mean(axis=0) + reach * _unit(rng)
+    directions = None
+    if far:
+        directions = _narrow(rng, views)
+        away = _unit(rng) if rng.random() < 0.4 else directions[0] + rng.normal(0, 0.1, 3)
+        aim = points.mean(axis=0) + rng.uniform(*RADII) * radius_of(points) * away / np.linalg.norm(away)
+    else:
+        near = rng.random() < 0.5
+        reach = rng.uniform(0, half) if near else rng.uniform(1.5, 6) * half + rng.uniform(0, 60)
+        aim = points.mean(axis=0) + reach * _unit(rng)
     shift = np.zeros(3)
     if rng.random() < 0.5:
         shift = rng.uniform(-60, 60, 3)
@@ -113,7 +154,7 @@ def random_document(rng: np.random.Generator, views: int, fiducials: int, publis
         shift = -aim  # the target at the origin: where the published form pulls hardest
     noise, alike = _log_uniform(rng, 0.05, 2), rng.random() < 0.5
     described = []
-    for k, direction in enumerate(_directions(rng, views)):
+    for k, direction in enumerate(directions or _directions(rng, views)):
         turn = _rotation_towards(np.asarray(direction), rng)
         focal, depth = rng.uniform(2500, 7000), rng.uniform(550, 1000)
         camera = np.diag([focal, focal * rng.uniform(0.99, 1.01), 1.0])
@@ -292,6 +333,7 @@ def random_design(
     triangulation: str = "",
     effects: bool = False,
     corners: bool = False,
+    far: bool = False,
 ) -> dict[str, Any]:
     """A document whose geometry is not refused; its validity number is drawn from a range, uniform in its logarithm,
     as it is without effects and corners, which add to it.
@@ -301,13 +343,16 @@ def random_design(
     error of the size of the random one.
     """
     for drawn in count():
-        document = under(random_document(rng, views, fiducials, published), estimator, triangulation, rng)
+        document = under(random_document(rng, views, fiducials, published, far), estimator, triangulation, rng)
+        if far and not RAYS_DEG[0] <= farness(document)[1] <= RAYS_DEG[1]:
+            continue
         wanted = _log_uniform(rng, *nu)
         try:
             system, findings, _ = check_design(load_design(document))
             if drawn < clear and any(finding.rule in DETERMINATION for finding in findings):
                 continue
-            document = scaled(document, wanted / linearise(system, system.targets[0]).nu)
+            numbers = linearise(system, system.targets[0]).nonlinearity
+            document = scaled(document, wanted / (numbers._replace(range=0.0) if far else numbers).nu)
             if effects:
                 document = with_effects(document, rng)
             if corners:

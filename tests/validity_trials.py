@@ -11,13 +11,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from random_designs import FIDUCIALS, VIEWS, random_design
+from random_designs import FIDUCIALS, RADII, RAYS_DEG, VIEWS, farness, random_design
 from tailstack.contributors import error_law, mean_at, worst_vertices
 from tailstack.design import check_design, load_design
 from tailstack.effects import EFFECTS
 from tailstack.montecarlo import compile_plan, draw, gains_in_plan_order, run_indices
 from tailstack.propagation.linear import LinearModel, linearise
-from tailstack.propagation.validity import error_percent
+from tailstack.propagation.validity import COUNTED, LEVELS, error_percent
 from tailstack.results import Check
 from tailstack.system import Estimator, System
 from tailstack.tail.declared import law_quantile
@@ -35,6 +35,9 @@ CLEAR = 12  # designs drawn in search of one without a remark, which mode auto w
 MOST_REDONE = 2000  # trials
 TOLERATED = 1.01  # trials may pass a design whose quantile is beyond its limit by so much
 TODAY = date(2026, 11, 22)
+EDGES = tuple(limit for limit, _, _ in LEVELS)  # every other far design is drawn just below one of them
+NUMBERS = ("depth", "crossing", "disagreement", "gap", "range", "turns", "bias")
+RADII_TO, RAYS_TO_DEG = (8, 16, 30), (8, 20, 35)  # the classes of far designs
 DECLARED = (*(name for kind in EFFECTS for section in kind.sections.values() for name in section.model_fields), "sees")
 REMARKS = ("projected-overlap", "flat-structure", "weak-resection", "small-parallax")
 
@@ -129,8 +132,19 @@ def classes_of(document: dict[str, Any], rules: Iterable[str]) -> tuple[str, ...
     found += ["pivot beyond 400 mm"] if any(np.linalg.norm(aim - pivot) > 400 for pivot in pivots) else []
     found += ["manufacturing errors"] if "manufacturing" in document["fiducials"] else []
     found += ["eq18"] if "installation_reading" in document["model"] else []
+    found += far_classes(*farness(document))
     remarks = [rule for rule in REMARKS if rule in rules]
     return (*found, *(remarks or ["no remark"]))
+
+
+def far_classes(radii: float, rays_deg: float) -> list[str]:
+    """Of a target 4 to 30 radii of the fiducials away whose rays are 2 to 35 degrees apart; none of another."""
+    if not (RADII[0] <= radii <= RADII[1] and RAYS_DEG[0] <= rays_deg <= RAYS_DEG[1]):
+        return []
+    return [
+        next(f"far: up to {most} radii" for most in RADII_TO if radii <= most),
+        next(f"far: rays within {most} deg" for most in RAYS_TO_DEG if rays_deg <= most),
+    ]
 
 
 @dataclass(frozen=True)
@@ -142,17 +156,18 @@ class Form:
     effects: bool = False  # in the images
     corners: bool = False  # turns, locators, motion about far pivots, known errors
     fiducials: tuple[int, ...] = FIDUCIALS
+    far: bool = False  # the target lies many radii of the fiducials away, and its rays are nearly parallel
 
     @property
     def name(self) -> str:
         return f"{self.estimator}, {self.triangulation}"
 
 
-def form_of(text: str, effects: bool, corners: bool) -> Form:
+def form_of(text: str, effects: bool, corners: bool, far: bool = False) -> Form:
     """Of an estimator with its triangulation, ``pose+weighted``; what knows the intrinsics needs fewer fiducials."""
     estimator, _, triangulation = text.partition("+")
     few = (4, 5) if Estimator(estimator).believes_intrinsics else ()
-    return Form(estimator, triangulation, effects, corners, (*few, *FIDUCIALS))
+    return Form(estimator, triangulation, effects, corners, (*few, *FIDUCIALS), far)
 
 
 @dataclass(frozen=True)
@@ -164,6 +179,7 @@ class Held:
     fiducials: int
     classes: tuple[str, ...]  # what it has, and what is remarked of its geometry
     status: str
+    numbers: tuple[float, ...]  # of the validity: ``NUMBERS``
     percents: tuple[float, ...]  # stated, at each of ``QUANTILES``; infinite where nothing is
     ratios: tuple[tuple[float, ...], ...]  # chain over first order of ``ERRORS`` at each; none where not asked
     deviations: tuple[tuple[float, ...], ...]  # their standard errors
@@ -276,11 +292,15 @@ def hold_design(
     looks, precise: see :func:`hold_to_trials`.  judged_trials: how many a sampled verdict takes at most; 0: there is
     none.
     """
-    views, fiducials = int(rng.choice(VIEWS)), int(rng.choice(form.fiducials))
+    views, fiducials = int(rng.choice((2, 2, *VIEWS) if form.far else VIEWS)), int(rng.choice(form.fiducials))
     seed, clear = int(rng.integers(2**31)), int(rng.choice([0, CLEAR, CLEAR]))
+    if form.far:
+        edge, times = rng.choice(EDGES), COUNTED.get(fiducials, 1.0)
+        nu = (0.7 * edge / times, edge / times) if rng.random() < 0.5 else (nu[0] / times, nu[1] / times)
     document = random_design(
-        rng, views, fiducials, False, nu, clear, form.estimator, form.triangulation, form.effects, form.corners
-    )
+        rng, views, fiducials, False, nu, clear, form.estimator, form.triangulation, form.effects, form.corners,
+        form.far,
+    )  # fmt: skip
     error, quantile = str(rng.choice(ERRORS)), float(rng.choice([0.95, 0.95, 0.95, 0.9, 0.99, 0.999]))
     judged_at = float(rng.choice(FACTORS))
 
@@ -312,7 +332,8 @@ def hold_design(
     percents = tuple(error_percent(score.validity, q) for q in QUANTILES)
     rules = {finding.rule for finding in score.verdict.findings}
     row = Held(
-        form, views, fiducials, classes_of(document, rules), score.validity.status, percents, (), (), 0, 0.0, seed,
+        form, views, fiducials, classes_of(document, rules), score.validity.status,
+        tuple(getattr(score.validity, f"nu_{name}") for name in NUMBERS), percents, (), (), 0, 0.0, seed,
         error, quantile, least, highest, sampled, document,
     )  # fmt: skip
     return hold_to_trials(row, looks, precise)

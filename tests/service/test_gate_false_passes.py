@@ -21,6 +21,8 @@ CASES = {
     "plate_two_views": (88.9, 219.5, 3.0),
     "published_seven_beads": (1.468, 3.58, 0.05),
     "small_parallax": (4.43, 6.33, 0.05),
+    "far_target_8deg": (197.3, 212.4, 0.9),
+    "far_target_no_remark": (37.76, 39.96, 0.13),
 }
 
 
@@ -73,7 +75,7 @@ def test_the_interval_of_a_score_holds_what_an_independent_chain_found(name: str
     assert found.validity.status in ("good to 20 %", "not valid")
 
 
-@pytest.mark.long("plate_two_views", "motion_with_effects_3views", "published_seven_beads")
+@pytest.mark.long("plate_two_views", "motion_with_effects_3views", "published_seven_beads", "far_target_8deg")
 @pytest.mark.parametrize("name", [*CASES, *MISSED])
 def test_mode_auto_fails_what_verify_fails(name: str) -> None:
     """MISSED: at the limits at which ``gate --mode auto`` passed the design and ``verify`` failed it."""
@@ -85,6 +87,7 @@ def test_mode_auto_fails_what_verify_fails(name: str) -> None:
     assert records["analytic"].exit_code != 0
 
 
+@pytest.mark.long("far_target_8deg")
 @pytest.mark.parametrize("name", CASES)
 def test_mode_auto_passes_them_where_they_are_good(name: str) -> None:
     _, truth, _ = CASES[name]

@@ -1,4 +1,4 @@
-"""What first order takes for small: each of the three numbers against estimates by SVD, and what they say."""
+"""What first order takes for small: each of the five numbers against estimates by SVD, and what they say."""
 
 from __future__ import annotations
 
@@ -149,6 +149,70 @@ def test_depth_and_crossing_are_what_differences_of_estimates_say(views, azimuth
     found = linearise(system, system.targets[0]).nonlinearity
     assert found.depth == pytest.approx(depth, rel=1e-4)
     assert found.crossing == pytest.approx(np.sqrt((changes**2).sum()), rel=1e-3)
+
+
+@pytest.mark.parametrize(("views", "azimuth"), [(2, 0.05), (2, 0.9), (3, 0.3)])
+def test_range_is_what_the_slopes_at_another_point_do(views, azimuth):
+    """independent: rows by plain DLTs, scaled so that the fiducials' centroid keeps its depth, and 400,000 draws of
+    them (chance: 0.5 %) where the number has a formula; manufacturing errors included."""
+    system, matrices, points, aim = scene(views, azimuth)
+    centre = np.append(points.mean(axis=0), 1.0)
+
+    def rows(estimates):
+        held = [m * ((at_rest[2] @ centre) / (m[2] @ centre)) for m, at_rest in zip(estimates, matrices, strict=True)]
+        return np.concatenate([seen(r, aim)[:, None] * m[2] - m[:2] for m, r in zip(held, matrices, strict=True)])
+
+    noises = [view.fiducial_noise_px for view in system.views]
+    made = {"per_error": estimator_geometry(system)[2], "std_mm": system.manufacturing_std_mm}
+    by_input = derivatives(matrices, points, noises, rows, **made)
+    for v, (m, view) in enumerate(zip(matrices, system.views, strict=True)):
+        by_noise = np.zeros((2, 2 * views, 4))
+        by_noise[range(2), [2 * v, 2 * v + 1]] = 1e-3 * view.target_noise_px * m[2]
+        by_input = np.concatenate([by_input, by_noise])
+    moved = np.random.default_rng(5).standard_normal((400_000, len(by_input))) @ by_input.reshape(len(by_input), -1)
+    moved = moved.reshape(-1, 2 * views, 4)
+    to_point = -np.linalg.pinv(rows(matrices)[:, :3])
+    first = (moved @ np.append(aim, 1.0)) @ to_point.T
+    second = np.einsum("nak,nk->na", moved[..., :3], first) @ to_point.T
+    found = linearise(system, system.targets[0]).nonlinearity
+    assert found.range == pytest.approx(np.sqrt((second**2).sum() / (first**2).sum() / 3), rel=0.02)
+
+
+@pytest.mark.parametrize("apart_deg", [2.0, 10.0])
+def test_range_is_the_error_along_the_ray_over_the_ray_where_the_views_are_known(apart_deg):
+    """independent: two rays of a far point whose images alone have noise; the ray's error by the covariance of the
+    whole model, over the distance from the source."""
+    aim = np.array([0.0, 0.0, 70.0])
+    views = tuple(
+        replace(view, fiducial_noise_px=1e-6, target_noise_px=0.4)
+        for view in with_noise(0.4, azimuths_rad=(0.0, float(np.radians(apart_deg))))
+    )
+    system = system_of(cube_fiducials(40.0), views=views, targets=(target(tuple(aim)),))
+    model = linearise(system, system.targets[0])
+    rays = [aim + np.linalg.solve(p[:, :3], p[:, 3]) for p in system.projections]
+    relative = max(float(np.sqrt(ray @ covariance(model, "localisation") @ ray) / (ray @ ray)) for ray in rays)
+    assert model.nonlinearity.range == pytest.approx(relative, rel=0.02)
+    assert model.nonlinearity.crossing < 1e-4 * relative
+
+
+@pytest.mark.parametrize("form", LINEAR)
+def test_range_does_not_depend_on_where_a_design_lies_nor_on_order(form):
+    """independent: the scene moved and turned, its fiducials and views in another order, and all lengths doubled."""
+    system = replace(scene(3, 0.3, manufactured=False)[0], triangulation=form)
+    still = mount("structure_connector", half_width=np.zeros(6))
+    system = replace(system, structure_connector=still)
+    expected = linearise(system, system.targets[0]).nonlinearity.range
+    act = displacement(np.array([0.4, -1.1, 2.0, 30.0, -80.0, 55.0]), np.zeros(3)).matrix()
+    order = np.random.default_rng(2).permutation(len(system.fiducials_mm))
+    for scale in (1.0, 2.0):
+        back = np.linalg.inv(act) @ np.diag([1 / scale] * 3 + [1.0])
+        moved = tuple(
+            replace(view, projection=view.projection @ back * scale) for view in (system.views[k] for k in (2, 0, 1))
+        )
+        points = scale * np.column_stack([system.fiducials_mm, np.ones(len(order))])[order] @ act.T
+        aim = scale * (act @ np.append(system.targets[0].position_mm, 1.0))[:3]
+        other = replace(system, views=moved, fiducials_mm=points[:, :3], targets=(target(tuple(aim)),))
+        assert linearise(other, other.targets[0]).nonlinearity.range == pytest.approx(expected, rel=1e-6), scale
 
 
 MOTION_STD = np.array([2e-3, 1e-3, 3e-3, 0.3, 0.5, 0.2])  # rad and mm

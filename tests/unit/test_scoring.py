@@ -249,12 +249,13 @@ def test_broken_regimes_are_named_by_the_tool_itself(fiducials, aim, noise):
 
 def test_validity_levels_are_ordered():
     twelve = cios_system()
-    for part in ("depth", "crossing", "disagreement", "gap"):  # the largest decides
-        parts = [Nonlinearity(0, 0, 0, 0)._replace(**{part: nu}) for nu in (0.001, 0.05, 0.1, 0.5)]
+    for part in ("depth", "crossing", "disagreement", "gap", "range"):  # the largest decides
+        parts = [Nonlinearity(0, 0, 0, 0, 0)._replace(**{part: nu}) for nu in (0.001, 0.05, 0.1, 0.5)]
         statuses = [validity(numbers, twelve).status for numbers in parts]
         assert statuses == ["good to 1 %", "good to 5 %", "good to 20 %", "not valid"]
     six, eight = (
-        validity(Nonlinearity(0.05, 0.0, 0.0, 0.0), system_of(CIOS_FIDUCIALS_MM[:count])).status for count in (6, 8)
+        validity(Nonlinearity(0.05, 0.0, 0.0, 0.0, 0.0), system_of(CIOS_FIDUCIALS_MM[:count])).status
+        for count in (6, 8)
     )
     assert (six, eight) == ("not valid", "good to 20 %")
 

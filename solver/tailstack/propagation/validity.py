@@ -1,6 +1,6 @@
 """How far first order can be trusted: the validity number nu and what it was calibrated to mean.
 
-nu is the largest of the four numbers of ``nonlinearity.py``: standard deviations of relative errors that first order
+nu is the largest of the five numbers of ``nonlinearity.py``: standard deviations of relative errors that first order
 takes for small.  The thresholds were calibrated by Monte Carlo on thousands of random layouts of each class of
 ``CALIBRATED`` (``benchmarks/validity_calibration.py``; the tables are in ``docs/method.md``, section 4).  What is
 outside these classes is not judged by first order at all.
@@ -59,6 +59,7 @@ PARTS = {
     "crossing": "how firmly the rays cross",
     "disagreement": "by how much the views disagree",
     "gap": "how well triangulation tells its solution from others",
+    "range": "how far the point may lie along its rays",
 }
 
 
@@ -170,6 +171,7 @@ def validity(numbers: Nonlinearity, system: System, turns: Turns = NO_TURNS) -> 
             calibrated=not uncalibrated,
             nu_turns=turns.size,
             nu_bias=linear,
+            nu_range=numbers.range,
         )
 
     if uncalibrated:

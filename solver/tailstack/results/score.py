@@ -200,7 +200,7 @@ class Validity:
     """The same as a sentence."""
     nu_depth: float
     """Standard deviation of the relative error of the target's depth, the largest over the views; nu is the largest of
-    four such numbers."""
+    five such numbers."""
     nu_crossing: float
     """The same of the firmness with which the rays cross."""
     nu_disagreement: float
@@ -218,6 +218,10 @@ class Validity:
     """What errs in its first power: the relative change of P95 by a known error along the lever of mounts that turn, or
     beside errors by the images that grow with it, or a known relative error of images, growth or believed intrinsics,
     whichever is largest."""
+    nu_range: float = 0.0
+    """What slopes at the point that noise leads to, instead of those at the target, move the point by, over what first
+    order does: standard deviations, over the root of 3. Of a point that rays fix badly it is the relative error of the
+    distance along them."""
 
 
 @dataclass(frozen=True, slots=True)
