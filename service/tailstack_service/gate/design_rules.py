@@ -16,7 +16,7 @@ from tailstack.results import ERRORS, Score, headline_of
 from tailstack.results.digits import count_decimals, in_percent
 from tailstack.tolerances import Tolerances
 
-from ..rendering.sentences import error_of, sources_of, trust_sentence
+from ..rendering.sentences import error_of, leading_bias_mm, sources_of, trust_sentence
 from .case import Case, LimitComparison, bound_yield
 from .policy import GatePolicy, Implausible, Process
 from .reading import Remark
@@ -130,7 +130,10 @@ def point_at_target(case: Case, index: int) -> str:
 
 def name_largest_share(score: Score, target: str, error: str) -> str:
     """The source with the largest share of an error's variance at a target, in words; "" when nothing varies."""
-    sources = [source for entry in score.targets if entry.name == target for source in sources_of(entry, error)]
+    judged = next((entry for entry in score.targets if entry.name == target), None)
+    if judged is not None and (bias := leading_bias_mm(judged, error)) is not None:
+        return f"a known bias of {bias:.{score.decimals}f} mm, which no tolerance takes away"
+    sources = [] if judged is None else sources_of(judged, error)
     if not sources or sources[0].share <= 0:
         return ""
     return f"{sources[0].name}, {in_percent(sources[0].share)} of the variance"

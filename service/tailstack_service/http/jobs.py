@@ -5,7 +5,10 @@ A result is immutable, named by its SHA-256, and rendered as a report on request
 
 from __future__ import annotations
 
+import json
 import math
+import re
+import unicodedata
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -335,10 +338,21 @@ async def render_report(
     call = partial(render, name, record, form)
     body = await service_of(request).pool.run(request, call, LONG if form != "json" else 0.0)
     return body, {
-        "Content-Disposition": f'inline; filename="tailstack-{sha256[:12]}.{form}"',
+        "Content-Disposition": f'inline; filename="{_file_name(record) or f"tailstack-{sha256[:12]}"}.{form}"',
         "X-Content-Type-Options": "nosniff",
         **_policy(form),
     }
+
+
+DESIGN_NAME = re.compile(rb'"design_name": *("(?:[^"\\\\]|\\\\.)*")')
+
+
+def _file_name(record: bytes) -> str:
+    """The name of the design that a record is of, as that of a file; the page names its files by the same rule."""
+    found = DESIGN_NAME.search(record)
+    letters = "" if found is None else unicodedata.normalize("NFKD", json.loads(found[1]).lower())
+    name = "".join(letter for letter in letters if not unicodedata.combining(letter))
+    return re.sub(r"[^a-z0-9]+", "-", name).strip("-")[:60].rstrip("-")
 
 
 def _policy(form: str) -> dict[str, str]:

@@ -139,7 +139,7 @@ async def send_file(
             Vary="VaryAccept",
         ),
         307: response_of(
-            "A browser, where the package holds no web page: to /docs.",
+            "A browser: to /docs where the package holds no web page, to the address with a slash at its end.",
             Location="PageLocation",
             Cache_Control="CacheControl",
             Vary="VaryAccept",
@@ -151,6 +151,8 @@ async def index(request: Request) -> Response:
     if not takes(request, "accept", "text/html"):
         links = tuple(Link(place(link.path), link.title) for link in LINKS)
         return record_response(Index(__version__, links), headers={"Vary": "Accept"})
+    if not request.scope.get("raw_path", b"/").endswith(b"/"):  # of /tailstack the page would ask for files beside it
+        return Response(b"", 307, {"Location": "/", "Cache-Control": CURRENT, "Vary": "Accept"})
     if "index.html" in await asyncio.to_thread(read_files, WORKBENCH):
         return await send_file(request, WORKBENCH, "index.html", CURRENT, POLICY)
     return Response(b"", 307, {"Location": "/docs", "Cache-Control": CURRENT, "Vary": "Accept"})

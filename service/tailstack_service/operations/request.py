@@ -324,6 +324,8 @@ def cure_line_ends(error: DesignError, body: bytes) -> DesignError:
     text = body.strip()
     if len(text) <= LONGEST_LINE or text.startswith(b"{") or b"\n" in text or b"\r" in text:
         return error
+    if error.problems[0].code == "not-text":  # a workbook, say, which has no lines to lose
+        return error
     return DesignError([replace(error.problems[0], hint=KEPT_ENDS)])
 
 

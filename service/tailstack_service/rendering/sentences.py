@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import TYPE_CHECKING
 
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, percent, saving
@@ -138,6 +139,24 @@ def dominant_sentence(source: ErrorSource, target: TargetScore, error: str, deci
     return (
         f"The largest source of error is {source.name}: {share} of the variance; were it perfect, P95 at {target.name} "
         f"would be {source.line.p95_without_mm:.{decimals}f} instead of {target.p95_mm:.{decimals}f} mm."
+    )
+
+
+def leading_bias_mm(target: TargetScore, error: str) -> float | None:
+    """Size of the known part of an error (tcp or localisation), mm; None where more of the error varies."""
+    metric = target if error == "tcp" else target.localisation
+    bias = hypot(*metric.bias_mm)
+    return bias if bias > hypot(*metric.std_mm) else None
+
+
+def bias_sentence(target: TargetScore, error: str, decimals: int) -> str:
+    """That most of an error (tcp or localisation) is known and the same each time; "" where it is not."""
+    bias = leading_bias_mm(target, error)
+    if bias is None:
+        return ""
+    return (
+        f"Most of the error at {target.name} is a known bias of {bias:.{decimals}f} mm, the same in every shot: "
+        "correct for it before any tolerance."
     )
 
 

@@ -11,6 +11,7 @@ from tailstack.results.verdicts import P95, STATED, checks_sentence, decisive_ch
 from tailstack.results.verdicts import headline_of as name_headline
 
 from ..rendering.sentences import (
+    bias_sentence,
     dominant_sentence,
     estimate_interval,
     largest_sentence,
@@ -133,6 +134,10 @@ def what_matters(
     error = "tcp" if decisive is None else decisive.error
     sources, checks = sources_of(target_score, error), (score if verification is None else verification).verdict.checks
     decimals = decimals_of(checks, target_score.p95_mm)
+    biased = bias_sentence(target_score, error, decimals)
+    if biased:
+        sentences.append(biased)
+        sources = []  # what a tolerance saves is not what matters
     if sources and sources[0].share > 0:
         sentences.append(dominant_sentence(sources[0], target_score, error, decimals))
     if decisive is not None:

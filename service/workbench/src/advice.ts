@@ -1,39 +1,42 @@
-// What to do next, and what it would come to: which half-width by itself brings the design within its limit, and what an
-// optimisation may change where the design does not say.
+// What to do next, and what it would come to: which half-width by itself brings the design within its limit, what each
+// lever reaches at best, and what an optimisation may change where the design does not say.  All of it is of the estimate,
+// and is looked for only where that holds.
 
-import { effect, signal } from "@preact/signals";
-import { answer, current, pointerOf, refused, type Score, send } from "./api";
-import { design, gesture, type Json, type Path, valueAt } from "./state";
-import { decisive, verified } from "./verdicts";
+import { computed, effect, signal } from "@preact/signals";
+import { current, pathOf, pointerOf, refused, type Score, send } from "./api";
+import { design, type Edit, gesture, type Json, type Path, valueAt, withEdits } from "./state";
+import { known, type Known, read, shown, standing, standingOf } from "./readings";
 import { brief } from "./words";
 
-export interface Advice {
-  design: Json; // of which it is
-  paths: Path[];
-  value: number;
+/** What one step comes to, by estimate. */
+export interface Step {
+  edits: Edit[];
   words: string; // "connector on flange rx, ry to 0.12°"
   found: number; // mm, that the requirement which decides comes to
   passes: boolean;
 }
-export const advice = signal<Advice | null>(null);
+export interface Advice {
+  design: Json; // of which it is
+  shots: number; // of the simulation that it was made by, 0 where there was none
+  step: Step | null;
+  wall: string; // why there is no step that leads within the limit; empty where there is one
+  places: number | null; // mm at best by placing the beads anywhere, by estimate
+  seats: number | null; // mm with every half-width at its finest, by estimate
+}
+const advice = signal<Advice | null>(null);
+const shots = ({ simulation }: Known) => simulation?.record.trials ?? 0;
+/** Of the design on the page, by an estimate that holds. */
+export const advised = computed(() => (advice.value && advice.value.design === design.value && advice.value.shots === shots(known.value) && standing.value.holds ? advice.value : null));
 
 const MOST_TARGETS = 40; // beyond, a look takes the service long
 const QUIET = 400; // ms without a change, after which it is looked for
 effect(() => {
-  const score = answer.value?.score, asked = design.value;
-  if (!score || score.targets.length > MOST_TARGETS || !current.value || refused.value || gesture.value.length || advice.peek()?.design === asked) return;
-  if ((verified.value?.verdict ?? score.verdict).status !== "fail") return;
-  const timer = window.setTimeout(() => void look(asked, score), QUIET);
+  const asked = design.value, { estimate } = known.value;
+  if (!estimate || estimate.record.targets.length > MOST_TARGETS || !current.value || refused.value || gesture.value.length || (advice.peek()?.design === asked && advice.peek()?.shots === shots(known.value))) return;
+  if (shown.value!.record.verdict.status !== "fail" || !standing.value.holds) return;
+  const timer = window.setTimeout(() => void look(asked, known.peek()), QUIET);
   return () => window.clearTimeout(timer);
 });
-
-interface Candidate {
-  paths: Path[]; // of one half-width, or of those of one seat that are alike
-  words: string;
-  unit: string;
-  now: number;
-  part: number; // of its variance that may stay
-}
 
 export type Line = Score["targets"][number]["contributors"][number];
 
@@ -49,49 +52,121 @@ export function placeOf(data: Json, { name, component, half_width: width, unit }
   return places.find((path) => typeof valueAt(data, path) === "number" && Math.abs(valueAt(data, path) - (width ?? 0)) < 1e-9) ?? null;
 }
 
+/** Half-widths of the process grades that the design lists for this very tolerance. */
+export function gradesOf(data: Json, path: Path): number[] {
+  const [, interface_, , part, name] = path, component = valueAt(data, path.slice(0, -1))?.name ?? part;
+  const free: Json[] = Array.isArray(data?.optimise?.tolerances) ? data.optimise.tolerances : [];
+  const own = free.find((tolerance) => tolerance?.interface === interface_ && tolerance?.component === component);
+  return (own?.grades ?? []).map((grade: Json) => grade[name]).filter((width: unknown) => typeof width === "number" && width > 0);
+}
+
+/** Nobody is advised to make anything finer than a precision machinist does, 0.01 mm, and that over 57 mm; a hand-eye
+ * calibration, which is measured, than the best that are published. */
+const FINEST: Record<string, number> = { mm: 0.01, deg: 0.01, K: 0.1 }, MEASURED: Record<string, number> = { mm: 0.1, deg: 0.05 };
+
+interface Width {
+  path: Path;
+  component: string;
+  words: string; // of the seat
+  unit: string;
+  now: number;
+  share: number;
+  grades: number[];
+}
+/** Half-widths that may be tightened: one by itself, or those of one seat and unit, all to the same. */
+interface Candidate {
+  widths: Width[];
+  needed: number; // 0 where none is enough
+}
+
 const down = (value: number) => {
   const unit = 10 ** (Math.floor(Math.log10(value)) - 1);
   return Number((Math.floor(value / unit + 1e-9) * unit).toPrecision(2));
 };
+const finestOf = ({ grades, unit, now, path }: Width) => Math.min(now, grades.length ? Math.min(...grades) : (path[1] === "hand_eye" ? MEASURED : FINEST)[unit] ?? now);
 
-/** Half-widths that may be tightened, the one first that has to be changed least: one by itself, or those of one seat
- * that are alike.  What is left of the variance is reckoned here; what it comes to, the service says. */
-function candidates(data: Json, score: Score): Candidate[] {
-  const worst = decisive(score.verdict.checks), target = score.targets.find(({ name }) => name === worst?.target);
-  if (!worst || !target) return [];
-  const goal = (worst.limit_mm / worst.value_mm) ** 2, groups = new Map<string, { path: Path; component: string; share: number; words: string; unit: string; now: number }[]>();
-  for (const c of target.contributors) {
-    const path = c.half_width && c.unit !== "px" && c.variance_share > 0.01 ? placeOf(data, c) : null;
-    if (!path) continue;
-    const line = { path, component: c.component === "all" ? "" : c.component, share: c.variance_share, words: (c.label || c.name).split(",")[0].slice(0, 60), unit: c.unit, now: c.half_width! }, group = JSON.stringify([c.name, c.unit, c.half_width]);
-    groups.set(group, [...(groups.get(group) ?? []), line]);
-  }
-  const made = (lines: { path: Path; component: string; share: number; words: string; unit: string; now: number }[]): Candidate => {
-    const share = lines.reduce((sum, line) => sum + line.share, 0), [{ words, unit, now }] = lines;
-    return { paths: lines.map(({ path }) => path), words: `${words} ${lines.map(({ component }) => component).join(", ")}`.trim(), unit: unit === "deg" ? "°" : ` ${unit}`, now, part: 1 - (1 - goal) / share };
-  };
-  const all = [...groups.values()].flatMap((lines) => {
-    const ranked = [...lines].sort((a, b) => b.share - a.share);
-    return ranked.length > 1 ? [made(ranked.slice(0, 1)), made(ranked)] : [made(ranked)];
-  });
-  const modest = (each: Candidate) => Number(each.paths.length === 1 && each.part > 0.25); // one by itself, by less than half
-  const enough = all.filter(({ part }) => part > 0.02).sort((a, b) => modest(b) - modest(a) || b.part - a.part).slice(0, 3);
-  return enough.length ? enough : all.sort((a, b) => b.part - a.part).slice(0, 2).map((each) => ({ ...each, part: 0.25 })); // none is: what half of it does
+/** The largest half-width of all that leaves no more of the variance than ``goal``. */
+function neededOf(widths: Width[], goal: number): number {
+  const left = (value: number) => widths.reduce((sum, { share, now }) => sum + share * (1 - Math.min(1, value / now) ** 2), 0);
+  let [low, high] = [0, Math.max(...widths.map(({ now }) => now))];
+  if (left(0) < 1 - goal) return 0;
+  for (let k = 0; k < 40; k += 1) [low, high] = left((low + high) / 2) >= 1 - goal ? [(low + high) / 2, high] : [low, (low + high) / 2];
+  return low;
 }
 
-async function look(asked: Json, score: Score): Promise<void> {
-  const all = candidates(asked, score), rows = all.flatMap((each) => [1, 0.96, 0.92, 0.84].map((part) => ({ each, value: down(each.now * Math.sqrt(each.part) * part) }))).filter(({ value }) => value > 0);
-  if (!rows.length) return;
-  const columnsOf = all.flatMap((column) => column.paths.map((path) => [pointerOf(path), column] as const));
-  const table: Record<string, number[]> = {};
-  for (const [pointer, column] of columnsOf) table[pointer] = rows.map(({ each, value }, k) => (each.paths.some((path) => pointerOf(path) === pointer) ? value : table[pointer]?.[k] ?? column.now));
+function widthsOf(data: Json, target: Score["targets"][number]): Width[] {
+  return target.contributors.flatMap((c) => {
+    const path = c.half_width && c.unit !== "px" && c.variance_share > 0 ? placeOf(data, c) : null;
+    return path ? [{ path, component: c.component === "all" ? "" : c.component, words: (c.label || c.name).split(",")[0].slice(0, 60), unit: c.unit, now: c.half_width!, share: c.variance_share, grades: gradesOf(data, path) }] : [];
+  });
+}
+
+/** What may be tightened, the one first that has to be changed least; what it comes to, the service says. */
+function candidatesOf(widths: Width[], goal: number): Candidate[] {
+  const groups = new Map<string, Width[]>();
+  for (const width of widths.filter((width) => width.share > 0.01 && finestOf(width) < width.now)) {
+    const group = JSON.stringify([width.path.slice(0, 2), width.unit]);
+    groups.set(group, [...(groups.get(group) ?? []), width]);
+  }
+  const made = (some: Width[]): Candidate => ({ widths: some, needed: neededOf(some, goal) });
+  const all = [...groups.values()].flatMap((some) => {
+    const ranked = [...some].sort((a, b) => b.share - a.share);
+    return ranked.length > 1 ? [made(ranked.slice(0, 1)), made(ranked)] : [made(ranked)];
+  });
+  const part = ({ widths: [{ now }], needed }: Candidate) => needed / now, modest = (each: Candidate) => Number(each.widths.length === 1 && part(each) > 0.5);
+  return all.sort((a, b) => modest(b) - modest(a) || part(b) - part(a) || b.widths.reduce((sum, { share }) => sum + share, 0) - a.widths.reduce((sum, { share }) => sum + share, 0)).slice(0, 3);
+}
+
+/** Half-widths to try, the widest first: grades where there are some, else what is needed and less, down to the finest. */
+function triesOf({ widths, needed }: Candidate): number[] {
+  const most = Math.max(...widths.map(({ now }) => now)), finest = Math.max(...widths.map(finestOf)), grades = widths.flatMap((width) => width.grades);
+  const begin = Math.max(needed || most / 2, finest), steps = [1, 0.96, 0.92, 0.84].map((part) => begin * part), between = [1, 2, 3].map((k) => begin * (finest / begin) ** (k / 4));
+  const values = grades.length ? grades : [...steps, ...between].map(down).filter((value) => value > finest).concat(finest);
+  return [...new Set(values)].filter((value) => value < most).sort((a, b) => b - a);
+}
+
+/** What acts on the beads alone, and what no place of them changes; with anything else in a budget it is not known here. */
+const BEADS = /^(fiducial_noise:.*|fiducial_manufacturing)$/, ELSEWHERE = /^(target_noise:.*|structure_connector|connector_flange|hand_eye|execution)$/;
+
+async function look(asked: Json, given: Known): Promise<void> {
+  const estimate = given.estimate!, { decides: worst, target } = estimate, { off } = standingOf(given), simulated = given.simulation?.decides;
+  const limit = (simulated ?? worst)?.limit_mm;
+  if (!worst || limit === undefined) return;
+  const aim = limit * (1 + (off ?? 0)), bias = Math.hypot(...target.bias_mm), give = (found: Omit<Advice, "design" | "shots">) => { if (design.value === asked) advice.value = { design: asked, shots: shots(given), ...found }; };
+  if (bias > limit) return give({ step: null, places: null, seats: null, wall: `The known bias of ${brief(bias)} mm is beyond the limit by itself: no tolerance and no place of a bead cures it, correct for it.` });
+  const widths = widthsOf(asked, target), goal = (aim / worst.value_mm) ** 2, place = ({ path }: Width) => pointerOf(path);
+  const tried = candidatesOf(widths, goal).flatMap((each) => triesOf(each).map((value) => ({ each, value, set: new Map(each.widths.filter(({ now }) => now > value).map((width) => [place(width), value])) })));
+  const finest = new Map(widths.map((width) => [place(width), finestOf(width)])), beads = new Map<string, number>();
+  if (target.contributors.every(({ name }) => BEADS.test(name) || ELSEWHERE.test(name))) for (const c of target.contributors) {
+    const path = BEADS.test(c.name) && c.half_width ? placeOf(asked, c) : null;
+    if (path) beads.set(pointerOf(path), 0);
+  }
+  const rows = [...tried.map(({ set }) => set), finest, beads], table: Record<string, number[]> = {};
+  for (const pointer of new Set(rows.flatMap((row) => [...row.keys()]))) table[pointer] = rows.map((row) => row.get(pointer) ?? valueAt(asked, pathOf(pointer)));
+  if (!Object.keys(table).length) return;
   const response = await send("POST", "/v1/scores/batch", { design: asked, table, columns: ["value_mm", "verdict"] }).catch(() => null);
-  if (!response?.ok || design.value !== asked) return;
-  const { columns } = (await response.json()) as { columns: Record<string, Json[]> }, worst = decisive(score.verdict.checks)!;
-  const found = columns[`value_mm:${worst.requirement}:${worst.target}`] ?? columns[Object.keys(columns).find((name) => name.startsWith("value_mm:"))!];
-  const results = rows.map((row, k) => ({ ...row, found: found[k] as number | null, passes: columns.verdict[k] === "pass" })).filter((row) => row.found !== null);
-  const best = results.find(({ passes }) => passes) ?? results.sort((a, b) => a.found! - b.found!)[0];
-  if (best) advice.value = { design: asked, paths: best.each.paths, value: best.value, words: `${best.each.words} to ${brief(best.value)}${best.each.unit}`, found: best.found!, passes: best.passes };
+  if (!response?.ok) return;
+  const { columns } = (await response.json()) as { columns: Record<string, Json[]> };
+  const found: (number | null)[] = columns[`value_mm:${worst.requirement}:${worst.target}`] ?? columns[Object.keys(columns).find((name) => name.startsWith("value_mm:"))!];
+  const passes = (k: number) => (off === null ? columns.verdict[k] === "pass" : found[k] !== null && found[k] <= aim), last = rows.length - 2;
+  const stepOf = (k: number): Step => {
+    const { each, value } = tried[k], changed = each.widths.filter(({ now }) => now > value), [{ words, unit }] = changed;
+    return { edits: changed.map(({ path }) => ({ path, value })), words: `${words} ${changed.map(({ component }) => component).join(", ")} to ${brief(value)}${unit === "deg" ? "°" : ` ${unit}`}`.replace("  ", " "), found: found[k]!, passes: passes(k) };
+  };
+  const known_ = tried.map((_, k) => k).filter((k) => found[k] !== null), good = known_.find(passes), best = [...known_].sort((a, b) => found[a]! - found[b]!)[0];
+  const seats = found[last], places = beads.size ? found[last + 1] : null;
+  if (good !== undefined) return give({ step: stepOf(good), wall: "", places, seats });
+  if (best !== undefined && passes(last)) return give({ step: stepOf(best), wall: "", places, seats });
+  give({ step: null, wall: seats === null ? "" : await wallOf(asked, finest, seats), places, seats });
+}
+
+/** Why tightening does not lead within the limit: what is left where everything is at its finest. */
+async function wallOf(asked: Json, finest: Map<string, number>, seats: number): Promise<string> {
+  const tight = withEdits(asked, [...finest].map(([pointer, value]) => ({ path: pathOf(pointer), value })));
+  const response = await send("POST", "/v1/scores", { design: tight }).catch(() => null);
+  const target = response?.ok ? read<"estimate">((await response.json()) as Score).target : null, whole = target?.contributors.filter((c) => c.component === "all" || !target.contributors.some((other) => other.name === c.name && other.component === "all"));
+  const first = [...(whole ?? [])].sort((a, b) => b.variance_share - a.variance_share)[0];
+  return `No tightening keeps the limit: at best ${brief(Number(seats.toPrecision(3)))} mm by estimate, every half-width at its finest${first ? `, because ${(first.label || first.name).slice(0, 60)} has ${(100 * first.variance_share).toFixed(0)} % of what is left` : ""}.`;
 }
 
 // --- what may change ---------------------------------------------------------------------------------------------------

@@ -19,19 +19,22 @@ export const key = signal<string | null>(null); // in memory only: it is gone wi
 export const keyWanted = signal(false);
 export const reachable = signal(true);
 
+/** Where a path of the service is for this page: whether or not what stands before the service passes on the part of the
+ * address that it gave it, and so whether or not the service's own links begin with that. */
+export const addressOf = (path: string): string => new URL(/\/v1\/(?!.*\/v1\/).*$/.exec(path)?.[0].slice(1) ?? path.replace(/^\//, ""), new URL(".", location.href)).href;
+
 /** Ask, and know a refusal from a service that is not there.  What JSON cannot say is refused here, as the service would. */
 export async function send(method: string, path: string, body?: unknown, headers: Record<string, string> = {}): Promise<Response> {
   const given: Record<string, string> = { ...headers };
   if (body !== undefined && !given["Content-Type"]) given["Content-Type"] = "application/json";
   if (key.value) given.Authorization = `Bearer ${key.value}`;
-  const address = new URL(path.replace(/^\//, ""), new URL(".", location.href));
   const whole = body === undefined || typeof body === "string" || body instanceof Blob, strange = whole ? [] : notFinite(body);
   if (strange.length) return Response.json({ title: "The design document is not valid", errors: strange.slice(0, 25).map(({ pointer, value }) => ({
     pointer, code: "not-finite", detail: `must be a finite number; got ${Number.isNaN(value) ? ".nan" : value < 0 ? "-.inf" : ".inf"}`, hint: "write a number, or take the field out",
   })) }, { status: 422 });
   const content = whole ? body : JSON.stringify(body);
   try {
-    const response = await fetch(address, { method, body: content, headers: given, cache: "no-store" });
+    const response = await fetch(addressOf(path), { method, body: content, headers: given, cache: "no-store" });
     reachable.value = true;
     if (response.status === 401) keyWanted.value = true;
     return response;

@@ -34,11 +34,16 @@ const change = (id: string, values: Partial<Run>) => shelf.change((kept) => kept
 export const forget = (id: string) => shelf.change((kept) => kept.filter((run) => run.id !== id));
 export const unfinished = (run: { state: string }) => run.state === "queued" || run.state === "running";
 
+/** An optimisation that found that there is no such design: which is an answer. */
+export const outOfReach = (run: { state: string; problem: { type: string } | null }) => run.state === "failed" && /\/infeasible$/.test(run.problem?.type ?? "");
+const STATES: Record<string, string> = { succeeded: "computed", gone: "no longer known to the service" }; // what came of it is said elsewhere
+export const stateWords = (run: { state: string; problem: { type: string } | null }) => (outOfReach(run) ? "no design keeps the limit" : STATES[run.state] ?? run.state);
+
 export async function start(title: string, path: string, options: Json): Promise<void> {
   startProblem.value = null;
   try {
     const headers = { "Idempotency-Key": crypto.randomUUID() };
-    const response = await send("POST", path, { design: design.value, ...options }, headers);
+    const response = await send("POST", path, { ...("second" in options ? {} : { design: design.value }), ...options }, headers);
     if (!response.ok) {
       startProblem.value = await readRefusal(response);
       return;

@@ -7,7 +7,7 @@ import { answer, busy, current, key, keyWanted, refused } from "./api";
 import { loadRecent, resume, runs, startProblem, unfinished } from "./jobs";
 import { Contributors } from "./parts/Contributors";
 import { Beads, Geometry } from "./parts/Controls";
-import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, WhichBalls, working } from "./parts/Files";
+import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, Asking, working } from "./parts/Files";
 import { Form } from "./parts/Form";
 import { Minute } from "./parts/Minute";
 import { Elevations, Images } from "./parts/Pictures";
@@ -48,7 +48,7 @@ function Page() {
       {message.value && <p class={message.value.bad ? "message bad" : "message"} role="status">{message.value.words} <button type="button" class="small" aria-label="Close the message" onClick={() => (message.value = null)}>×</button></p>}
       {startProblem.value && <div class="message bad"><Problems problem={startProblem.value} /><button type="button" class="small" onClick={() => (startProblem.value = null)}>Close</button></div>}
       {working.value && <p class="working" role="status">{working.value} … <progress aria-label={working.value} /></p>}
-      <WhichBalls />
+      <Asking />
       {keyWanted.value && <KeyWanted />}
       {steps.value.length === 0 ? <><Welcome /><Foot /></> : <Workbench />}
       <Tip />

@@ -7,12 +7,13 @@
 import { batch, computed, effect, signal } from "@preact/signals";
 import { type Edit, type Json, parse, withEdits, writeEdits } from "./document";
 
-export { differences, type Edit, type Json, parse, type Path, valueAt, writeYaml } from "./document";
+export { differences, type Edit, type Json, parse, type Path, valueAt, withEdits, writeYaml } from "./document";
 
 interface Step {
   text: string;
   what: string;
   until?: number; // ms since 1970: the same again before then is part of this step
+  opens?: boolean; // another design, which is not held against what was there
 }
 export interface Variant {
   name: string;
@@ -57,13 +58,13 @@ export const canRedo = computed(() => position.value < steps.value.length - 1);
 // --- what a person does --------------------------------------------------------------------------------------
 
 /** A new text as a step that can be undone.  ``within``: ms in which the same kind of change is part of it. */
-export function commit(source: string, what: string, within = 0): void {
+export function commit(source: string, what: string, within = 0, opens = false): void {
   if (source === text.value) return cancelGesture();
   batch(() => {
     let kept = steps.value.slice(0, position.value + 1);
     const last = kept[kept.length - 1];
     if (within && kept.length > 1 && last.what === what && Date.now() < (last.until ?? 0)) kept = kept.slice(0, -1);
-    steps.value = withinReach([...kept, { text: source, what, ...(within && { until: Date.now() + within }) }], MOST_STEPS);
+    steps.value = withinReach([...kept, { text: source, what, ...(within && { until: Date.now() + within }), ...(opens && { opens }) }], MOST_STEPS);
     position.value = steps.value.length - 1;
     gesture.value = [];
   });
@@ -123,7 +124,7 @@ export function open(source: string, what: string): void {
     if (position.value < 0) {
       steps.value = [{ text: source, what }];
       position.value = 0;
-    } else commit(source, what);
+    } else commit(source, what, 0, true);
   });
   autosave();
 }

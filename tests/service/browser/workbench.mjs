@@ -305,7 +305,7 @@ scenarios.key = async () => {
   const kept = JSON.stringify([await page.evaluate(() => [{ ...localStorage }, { ...sessionStorage }, document.cookie, location.href]), await context.cookies()]);
   await page.reload();
   await field.waitFor();
-  return { sha: right, kept, download: (await downloaded(download)).subarray(0, 5).toString() };
+  return { sha: right, kept, download: (await downloaded(download)).subarray(0, 5).toString(), name: download.suggestedFilename() };
 };
 
 // Jobs that somebody else started are listed with their reports and can be shown; one of this page outlives a reload
@@ -354,10 +354,9 @@ scenarios.slack = async () => {
   const context = await newContext(), page = await begun(context);
   await page.getByRole("button", { name: "How far may each be loosened?" }).click();
   const slack = await page.locator(`.slide:has([data-pointer="${asked.pointer}"]) .slack`).innerText(), field = page.locator(`[data-pointer="${asked.pointer}"]`).first();
-  await field.fill(/to ([\d.]+)/.exec(slack)[1]);
-  await field.press("Enter");
+  await page.locator(`.slide:has([data-pointer="${asked.pointer}"]) .slack button`).click();
   await current(page);
-  return { slack, value: (await state(page)).score.verdict.checks[0].value_mm };
+  return { slack, width: Number(await field.inputValue()), value: (await state(page)).score.verdict.checks[0].value_mm };
 };
 
 // A slider stops at the process grades that the design lists for this tolerance

@@ -16,6 +16,7 @@ from tailstack.results.verdicts import P95, decisive_check, name_basis, requirem
 
 from ...rendering.sentences import (
     LOCATED,
+    bias_sentence,
     decision_sentence,
     ending_of,
     losses_sentence,
@@ -100,6 +101,8 @@ def _margin(score: Score) -> tuple[str, ...]:
     if decisive is None:
         return ()
     target = next(entry for entry in score.targets if entry.name == decisive.target)
+    if biased := bias_sentence(target, decisive.error, score.decimals):
+        return biased, margin_sentence(decisive, (), score.decimals)
     return (margin_sentence(decisive, sources_of(target, decisive.error), score.decimals),)
 
 

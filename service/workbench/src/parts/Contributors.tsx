@@ -4,11 +4,11 @@
 import { effect, signal, untracked } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
-import { type Line, placeOf } from "../advice";
+import { gradesOf, type Line, placeOf } from "../advice";
 import { answer, current, late, readRefusal, type Refusal, refused, type Score, send, type TargetScore, unreachable } from "../api";
 import { results, runs, start, unfinished } from "../jobs";
 import { cancelGesture, design, edit, finishGesture, gesture, type Json, opened, type Path, PRESSES, preview, valueAt } from "../state";
-import { before, decimals, decisive, shareKey } from "../verdicts";
+import { before, decimals, decisive, spread, standing } from "../readings";
 import { brief, changed, mm, percent } from "../words";
 import { NumberField, UNIT } from "./Controls";
 import { Problems } from "./Problems";
@@ -62,14 +62,6 @@ const fromSlider = (at: number, [low, high]: Range) => Number((low * (high / low
 function nudge(value: number, steps: number, [low, high]: Range): number {
   const step = 10 ** (Math.floor(Math.log10(Math.max(value, low))) - 1);
   return Math.min(Math.max(high, value), Math.max(low, Number((value + steps * step).toPrecision(2))));
-}
-
-/** Half-widths of the process grades that the design lists for this very tolerance: the slider stops at them. */
-function gradesOf(data: Json, path: Path): number[] {
-  const [, interface_, , part, name] = path, component = valueAt(data, path.slice(0, -1))?.name ?? part;
-  const free: Json[] = Array.isArray(data?.optimise?.tolerances) ? data.optimise.tolerances : [];
-  const own = free.find((tolerance) => tolerance?.interface === interface_ && tolerance?.component === component);
-  return (own?.grades ?? []).map((grade: Json) => grade[name]).filter((width: unknown) => typeof width === "number" && width > 0);
 }
 
 // --- contributors ------------------------------------------------------------------------------------------------------
@@ -138,12 +130,16 @@ function slackWords(allowances: Allowance[], target: string, score: Score): stri
   return worst && worst.status !== "pass" && worst.target !== target ? `${words} The design is judged by ${worst.requirement} at ${worst.target}: see the slack there.` : words;
 }
 
-/** "slack +0.12 to 0.27 °", or why there is no such number. */
-function slackOf(allowance: Allowance | undefined): string {
-  if (!allowance || allowance.half_width === 0) return "";
-  if (allowance.slack === null || allowance.at_limit === null) return allowance.status;
-  const sign = allowance.slack < 0 ? "" : "+";
-  return `slack ${sign}${brief(allowance.slack)} to ${brief(allowance.at_limit)} ${unit(allowance.unit)}`;
+/** How far a half-width may go by itself, with three digits that are within it; or why there is no such number. */
+interface Slack {
+  words: string;
+  value: number | null;
+}
+function slackOf(allowance: Allowance | undefined): Slack | null {
+  if (!allowance || allowance.half_width === 0) return null;
+  if (allowance.at_limit === null) return { words: allowance.status, value: null };
+  const worth = 10 ** (Math.floor(Math.log10(allowance.at_limit)) - 2), value = allowance.at_limit > 0 ? Number((Math.floor(allowance.at_limit / worth) * worth).toPrecision(3)) : null;
+  return { words: `${brief(allowance.half_width)} → at most ${brief(value)} ${unit(allowance.unit)}`, value };
 }
 
 export function Contributors() {
@@ -156,9 +152,10 @@ export function Contributors() {
   const families = familiesOf(data, answer.value?.design, target).map((family) => ({ ...family, parts: family.parts.sort((a, b) => rank(b) - rank(a)) })).sort((a, b) => rankOf(b) - rankOf(a));
   const first = families.filter(({ line }) => line).sort((a, b) => shareOf(b) - shareOf(a))[0];
   const turned = families.some((family, k) => k > 0 && shareOf(family) > shareOf(families[k - 1]) + 1e-9);
-  const slack = ({ line }: Row) => line && slackOf(allowances?.find((each) => each.target === target.name && each.contributor === line.name && each.component === line.component));
+  const slack = ({ line }: Row) => (line ? slackOf(allowances?.find((each) => each.target === target.name && each.contributor === line.name && each.component === line.component)) : null);
   return (
-    <div class={late.value || refused.value ? "budget outdated" : "budget"}>
+    <div class={late.value || refused.value || !standing.value.holds ? "budget outdated" : "budget"} data-kind="estimate">
+      {!standing.value.holds && standing.value.words && <p class="note">{standing.value.words}</p>}
       <p class="controls">
         {ranked.length > 1 && (
           <label>Target{" "}
@@ -173,12 +170,12 @@ export function Contributors() {
         {turned && <button type="button" class="small" onClick={sort}>Sort by share again</button>}
         {seeking && <span class="note" role="status">{`being computed: ${percent(seeking.fraction, 0)} `}<progress aria-label={SLACK} max={1} value={seeking.fraction} /></span>}
       </p>
-      {first && target && <p class="blame steady">{`At ${target.name}, ${first.name} has most of the variance, ${percent(shareOf(first))}; without it P95 would be ${mm(first.line!.p95_without_mm, decimals.value)} mm instead of ${mm(target.p95_mm, decimals.value)}.`}</p>}
+      {first && target && <p class="blame steady">{blame(target, first)}</p>}
       {allowances && <p class="note">{slackWords(allowances, target.name, score!)}</p>}
       <div class="scroll" tabIndex={0} role="region" aria-label="Table of the budget">
         <table>
           <thead>
-            <tr><th><Term word="contributor">Contributor</Term></th><th><Term word="half-width">Half-width</Term>{allowances ? " and slack" : ""}</th><th class="number"><Term word="share">Share</Term></th><th class="number"><Term word="P95">P95</Term> without, mm</th></tr>
+            <tr><th><Term word="contributor">Contributor</Term></th><th><Term word="half-width">Half-width</Term>{allowances ? " and slack" : ""}</th><th class="number"><Term word="share">Share</Term>; ▲▼ mm</th><th class="number"><Term word="P95">P95</Term> without, mm</th></tr>
           </thead>
           {families.map((family) => {
             const asked = unfolded.value.get(family.key), open = asked ?? (!family.line || rankOf(family) >= SMALL);
@@ -198,32 +195,40 @@ export function Contributors() {
   );
 }
 
+/** What is most of the error, by estimate: a known bias first, which no tolerance cures. */
+function blame(target: TargetScore, { name, line, ...first }: Family): string {
+  const bias = Math.hypot(...target.bias_mm), share = percent(shareOf({ name, line, ...first })), d = decimals.value;
+  if (bias > spread(target, 1)) return `At ${target.name}, a known bias of ${mm(bias, d)} mm is most of the error, whose P95 is estimated at ${mm(target.p95_mm, d)} mm: correct for it first. Of what varies, ${name} has most, ${share} of the variance.`;
+  return `At ${target.name}, ${name} has most of the variance, ${share}; without it P95 would be ${mm(line!.p95_without_mm, d)} mm instead of ${mm(target.p95_mm, d)}, by estimate.`;
+}
+
 interface Of {
   row: Row;
   target?: TargetScore;
   share?: number;
-  slack?: string;
+  slack: Slack | null;
   fold?: { open: boolean; turn(): void };
   below?: boolean;
 }
 function Entry({ row: { name, line, slide }, target, share, slack, fold, below = false }: Of) {
-  const was = line && target && before.value?.shares[shareKey(target.name, line.name, line.component)], by = was === undefined || share === undefined ? 0 : 100 * (share - was);
-  const stated = slide ? <Slider slide={slide} /> : line?.half_width != null && `${brief(line.half_width)} ${unit(line.unit)}`;
+  const old = target && before.value.estimate?.record.targets.find((each) => each.name === target.name), was = line && old?.contributors.find((each) => each.name === line.name && each.component === line.component);
+  const d = decimals.value + 1, by = target && old && was && share !== undefined ? Number((spread(target, share) - spread(old, was.variance_share)).toFixed(d)) : 0; // mm: a share also grows where others fall
+  const stated = slide ? <Slider slide={slide} stop={slack?.value ?? null} /> : line?.half_width != null && `${brief(line.half_width)} ${unit(line.unit)}`;
   return (
     <tr class={`${below ? "below" : ""}${slide ? " slide" : ""}`}>
       <th scope="row" colSpan={fold && !stated ? 2 : 1}>{fold ? <button type="button" class="fold" aria-expanded={fold.open} onClick={fold.turn}>{name}</button> : name}</th>
-      {!(fold && !stated) && <td>{stated}{slack && <span class="slack">{slack}</span>}</td>}
+      {!(fold && !stated) && <td>{stated}{slack && <span class="slack">{slack.words}{slide && slack.value !== null && slack.value !== valueAt(design.value, slide.path) && <>{" "}<button type="button" class="small" onClick={() => edit([{ path: slide.path, value: slack.value }], `${slide.label} to its limit`)}>take it</button></>}</span>}</td>}
       <td class="number share">
         {share !== undefined && <><svg class="bar" viewBox="0 0 100 10" preserveAspectRatio="none" aria-hidden="true"><rect width={100 * Math.min(1, share)} height="10" /></svg>{percent(share)}</>}
-        {Math.abs(by) >= 0.05 && <span class={by < 0 ? "delta less" : "delta more"}>{` ${changed(by, 1)}`}</span>}
+        {by !== 0 && <span class="delta" title="mm, by estimate: how much more or less error it makes by itself (root mean square)">{` ${changed(by, d)}`}</span>}
       </td>
       <td class="number">{line && mm(line.p95_without_mm, decimals.value)}</td>
     </tr>
   );
 }
 
-function Slider({ slide }: { slide: Slide }) {
-  const data = design.value, value = valueAt(data, slide.path) as number, range = rangeOf(slide.unit), grades = gradesOf(data, slide.path);
+function Slider({ slide, stop }: { slide: Slide; stop: number | null }) {
+  const data = design.value, value = valueAt(data, slide.path) as number, range = rangeOf(slide.unit), grades = [...gradesOf(data, slide.path), ...(stop === null ? [] : [stop])];
   const marks = `grades ${slide.path.join(" ")}`.replace(/\W+/g, "-");
   const slideTo = (at: number, width: number) => {
     const near = grades.find((grade) => Math.abs(toSlider(grade, range) - at) < Math.max(12, 2000 / width)); // two pixels

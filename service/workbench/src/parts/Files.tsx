@@ -2,19 +2,20 @@
 
 import { signal } from "@preact/signals";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { answer, current, key, pathOf, placeInWords, pointerOf, readRefusal, type Score, send, unreachable } from "../api";
+import { current, key, pathOf, placeInWords, pointerOf, readRefusal, type Score, send, unreachable } from "../api";
 import { canUndo, commit, design, differences, edit, type Json, keepVariant, linked, linkOf, LONGEST_LINK, open, parse, removeVariant, say, text, valueAt, variants } from "../state";
 import { assumed, cArm, cArms, firstDesign, limit, loadCArms } from "../first";
 import { rounded } from "../geometry";
-import { type Check, decisive, verificationOf } from "../verdicts";
-import { changed, decimalsOf, mm, readNumber, stated, VERDICTS } from "../words";
+import { runs, start, unfinished } from "../jobs";
+import { BY, type Change, changes, known, type Known, read, type Reading, simulationOf } from "../readings";
+import { changed, mm, readNumber, stated, VERDICTS } from "../words";
 import { beginMinute } from "./Minute";
 import { ghost } from "./Pictures";
-import { save } from "./Runs";
+import { fileName, save } from "./Reports";
 
 export const working = signal<string | null>(null); // what the page is busy with
 
-const POINTS: Record<string, string> = { "mrk.json": "mrk.json", fcsv: "fcsv", csv: "csv", step: "step", stp: "step" }; // by ending
+const POINTS: Record<string, string> = { "mrk.json": "mrk.json", fcsv: "fcsv", csv: "csv", tsv: "csv", txt: "csv", dat: "csv", xlsx: "csv", xlsm: "csv", ods: "csv", step: "step", stp: "step", p21: "step" }; // by ending
 const LARGEST: Record<string, number> = { step: 32 }; // MB of a file, otherwise 1, as the command reads; the service may read less
 
 /** Take a file: a design is opened; points, and the balls of a STEP file, become the design's fiducials. */
@@ -24,13 +25,17 @@ export async function takeFile(file: File): Promise<void> {
   if (ending) return takePoints(file, kind);
   const content = decode(await file.arrayBuffer());
   if (content === null) return void say(`${file.name} is not UTF-8 text: save it as UTF-8`, true);
+  if (/\.json$/i.test(file.name) && /"markups"\s*:/.test(content) && !/"fiducials"\s*:/.test(content)) return takePoints(file, "mrk.json"); // of 3D Slicer, whatever its name
   takeText(file.name, content, `Open ${file.name}`);
 }
 
 /** Open a design; what was pressed for it is gone, or of no more use: what comes next are the buttons of the strip. */
 function begin(source: string, what: string): void {
   open(source, what);
-  requestAnimationFrame(() => document.activeElement?.matches("body, .gallery *") && document.getElementById("verdict")?.focus({ preventScroll: true }));
+  requestAnimationFrame(() => {
+    if (document.activeElement?.matches("body, .gallery *")) document.getElementById("verdict")?.focus({ preventScroll: true });
+    window.scrollTo(0, 0); // on a small screen it was opened from far below
+  });
 }
 
 /** Text as the command reads it: UTF-8, or UTF-16 with its mark; null for anything else. */
@@ -54,8 +59,14 @@ export function takeText(name: string, content: string, what: string): void {
   say(`${name} is ${same ? "what is open already" : "open"}.${canUndo.value && !same ? " Undo brings back what was here." : ""}${notes ? ` Fields without a value count as if they were not there: ${notes}.` : ""}`);
 }
 
-/** Balls of several diameters: the file waits until it is said which are fiducials. */
-const asking = signal<{ file: File; format: string; words: string; diameters: number[] } | null>(null);
+/** What a file does not say itself: it waits until a person has said it. */
+interface Question {
+  name: string;
+  words: string;
+  choices: { words: string; take(): void }[];
+  diameter?(value: number): void; // another than those that are offered
+}
+const asking = signal<Question | null>(null);
 export const assumes = signal(false); // a first design was made about points: what it assumes is shown
 
 async function takePoints(file: File, format: string, more = ""): Promise<void> {
@@ -68,7 +79,13 @@ async function takePoints(file: File, format: string, more = ""): Promise<void> 
     const called = detail.replaceAll(`content.${format}`, name);
     if (rule === "several-diameters" && !more) {
       const diameters = [...detail.split("diameters:").pop()!.matchAll(/([\d.]+) mm/g)].map(([, value]) => Number(value)).filter((value) => value > 0);
-      return void (asking.value = { file, format, words: called, diameters: [...new Set(diameters)] });
+      const take = (diameter: number) => void takePoints(file, format, `&sphere_diameter_mm=${diameter}`);
+      return void (asking.value = { name, words: `${called}. Which of them are the fiducials?`, diameter: take, choices: [...new Set(diameters)].map((diameter) => ({ words: `Those of ${diameter} mm`, take: () => take(diameter) })) });
+    }
+    const headed = rule === "csv-header" ? withHeader(decode(await file.arrayBuffer()) ?? "") : null;
+    if (headed) {
+      const take = (unit: string) => void takePoints(new File([headed.of(unit)], name), format);
+      return void (asking.value = { name, words: `${name} does not say what its columns are. Are they ${headed.labels ? "a label and then " : ""}x, y, z? Its first row: ${headed.first}`, choices: ["mm", "cm", "m", "in"].map((unit) => ({ words: `Yes, in ${unit}`, take: () => take(unit) })) });
     }
     return void say(`${name}: ${[called, hint].filter(Boolean).join("; ")}`, true);
   }
@@ -86,24 +103,31 @@ async function takePoints(file: File, format: string, more = ""): Promise<void> 
   say(`${points.length} fiducials of ${name} are in the design.${canUndo.value ? " Undo brings back those before." : ""}${notes ? ` ${notes}` : ""}`);
 }
 
-/** Which of the balls are fiducials; asked in the page, beside what else is said. */
-export function WhichBalls() {
-  const asked_ = asking.value, form = useRef<HTMLFormElement>(null);
-  useEffect(() => form.current?.querySelector<HTMLElement>("button, input")?.focus(), [asked_]);
-  if (!asked_) return null;
-  const { file, format, words, diameters } = asked_, take = (diameter: number) => takePoints(file, format, `&sphere_diameter_mm=${diameter}`);
+/** A table of x, y, z, perhaps after a label, whose header says no unit, or that has none: what it is with one. */
+export function withHeader(content: string): { first: string; labels: boolean; of(unit: string): string } | null {
+  const lines = content.split(/\r?\n/).filter((line) => line.trim() && !/^\s*#/.test(line)), cut = ["\t", ";", ","].find((mark) => lines[0]?.includes(mark));
+  const rows = lines.map((line) => (cut ? line.split(cut) : line.trim().split(/\s+/)).map((cell) => cell.trim())), wide = rows[0]?.length;
+  const body = /^"?x"?$/i.test(rows[0]?.[wide - 3] ?? "") ? rows.slice(1) : rows;
+  if ((wide !== 3 && wide !== 4) || !body.length || body.some((row) => row.length !== wide || row.slice(-3).some((cell) => readNumber(cell) === null))) return null;
+  return { first: body[0].join(", "), labels: wide === 4, of: (unit) => [[...(wide === 4 ? ["label"] : []), ..."xyz"].map((name) => (name === "label" ? name : `${name}_${unit}`)), ...body].map((row) => row.join(cut ?? "\t")).join("\n") };
+}
+
+/** Asked in the page, beside what else is said. */
+export function Asking() {
+  const question = asking.value, form = useRef<HTMLFormElement>(null);
+  useEffect(() => form.current?.querySelector<HTMLElement>("button, input")?.focus(), [question]);
+  if (!question) return null;
   return (
-    <form ref={form} class="problems asking" aria-label={`Fiducials of ${file.name}`} onKeyDown={(event) => { if (event.key === "Escape") asking.value = null; }} onSubmit={(event) => {
+    <form ref={form} class="problems asking" aria-label={`Fiducials of ${question.name}`} onKeyDown={(event) => { if (event.key === "Escape") asking.value = null; }} onSubmit={(event) => {
       event.preventDefault();
-      const field = event.currentTarget.querySelector("input")!, diameter = readNumber(field.value, "mm");
-      field.setCustomValidity(diameter !== null && diameter > 0 ? "" : "a diameter in mm, such as 3 or 2,5");
-      if (event.currentTarget.reportValidity()) void take(diameter!);
+      const field = event.currentTarget.querySelector("input"), diameter = field && readNumber(field.value, "mm");
+      field?.setCustomValidity(diameter !== null && diameter > 0 ? "" : "a diameter in mm, such as 3 or 2,5");
+      if (field && event.currentTarget.reportValidity()) question.diameter?.(diameter!);
     }}>
-      <p>{`${words}. Which of them are the fiducials?`}</p>
+      <p>{question.words}</p>
       <p class="controls">
-        {diameters.map((diameter) => <button type="button" key={diameter} onClick={() => take(diameter)}>{`Those of ${diameter} mm`}</button>)}
-        <label>another diameter, mm <input type="text" inputMode="decimal" size={5} required onInput={(event) => event.currentTarget.setCustomValidity("")} /></label>
-        <button type="submit">Take these</button>
+        {question.choices.map(({ words, take }) => <button type="button" key={words} onClick={take}>{words}</button>)}
+        {question.diameter && <><label>another diameter, mm <input type="text" inputMode="decimal" size={5} required onInput={(event) => event.currentTarget.setCustomValidity("")} /></label> <button type="submit">Take these</button></>}
         <button type="button" onClick={() => (asking.value = null)}>Take none</button>
       </p>
     </form>
@@ -238,7 +262,7 @@ export function OpenFile({ words }: { words: string }) {
   return (
     <label class="button">
       {words}
-      <input type="file" class="hidden" accept=".yaml,.yml,.json,.csv,.fcsv,.step,.stp" onChange={(event) => {
+      <input type="file" class="hidden" accept=".yaml,.yml,.json,.csv,.tsv,.txt,.fcsv,.step,.stp,.p21,.xlsx,.ods" onChange={(event) => {
         const file = event.currentTarget.files?.[0];
         event.currentTarget.value = "";
         if (file) void takeFile(file);
@@ -248,8 +272,6 @@ export function OpenFile({ words }: { words: string }) {
 }
 
 // --- out ------------------------------------------------------------------------------------------------------------------
-
-const fileName = () => `${String(design.value?.name ?? "design").toLowerCase().replace(/[^a-z0-9]+/g, "-").replace(/^-|-$/g, "").slice(0, 60) || "design"}`;
 
 export function TakeAway() {
   const copyLink = async () => {
@@ -291,47 +313,37 @@ async function copy(content: string, words: string): Promise<void> {
 
 // --- variants ---------------------------------------------------------------------------------------------------------------
 
-interface Numbers {
-  sha: string | null | undefined;
-  verified: boolean;
-  p95: number | null; // of the requirement that decides; without one, the largest P95
-  status: string;
-  decimals: number;
-  decides?: Check;
-}
-const known = signal<Record<string, Numbers>>({}); // by text
-
-const numbersOf = (judged: Pick<Score, "targets" | "verdict" | "provenance">, verified = false): Numbers => {
-  const decides = decisive(judged.verdict.checks);
-  return { sha: judged.provenance.design_sha256, verified, p95: decides?.value_mm ?? Math.max(...judged.targets.map((t) => t.p95_mm)), status: judged.verdict.status, decimals: decimalsOf(judged), decides };
-};
+const scored = signal<Record<string, Reading<"estimate"> | null>>({}); // by text; null: it has no answer
 
 async function scoreOf(source: string): Promise<void> {
   const response = await send("POST", "/v1/scores", { design: parse(source).data }).catch(() => null);
-  known.value = { ...known.value, [source]: response?.ok ? numbersOf(await response.json()) : { sha: null, verified: false, p95: null, status: "not-evaluated", decimals: 3 } };
+  scored.value = { ...scored.value, [source]: response?.ok ? read<"estimate">((await response.json()) as Score) : null };
 }
 
 export function Variants() {
   const [compared, compare] = useState<string | null>(null);
-  const now = answer.value, mine = now && current.value ? numbersOf(now.score) : null;
-  const best = (numbers: Numbers | null | undefined) => (numbers && verificationOf(numbers.sha) ? { ...numbersOf(verificationOf(numbers.sha), true), sha: numbers.sha } : numbers);
-  for (const variant of variants.value) if (!(variant.text in known.value) && current.value) void once(variant.text); // not beside a score of the design
-  const chosen = variants.value.find((v) => v.name === compared);
+  for (const variant of variants.value) if (!(variant.text in scored.value) && current.value) void once(variant.text); // not beside a score of the design
+  const chosen = variants.value.find((v) => v.name === compared), now = current.value ? known.value : { estimate: null, simulation: null };
+  const keep = () => {
+    const name = keepVariant();
+    if (now.estimate) scored.value = { ...scored.value, [text.value]: now.estimate };
+    say(`Kept as variant ${name}.`);
+  };
   return (
     <>
-      <p><button type="button" onClick={() => { const name = keepVariant(); if (mine) known.value = { ...known.value, [text.value]: mine }; say(`Kept as variant ${name}.`); }}>Keep this design as a variant</button></p>
+      <p><button type="button" onClick={keep}>Keep this design as a variant</button></p>
       {variants.value.length > 0 && (
         <div class="scroll" tabIndex={0} role="region" aria-label="Variants">
           <table>
-            <caption>The requirement that decides of each; by estimate, but where it says verified</caption>
-            <thead><tr><th>Variant</th><th>Status</th><th class="number">Found, mm</th><th class="number">Limit, mm</th><th>What decides</th><th>Use</th></tr></thead>
+            <caption>The requirement that decides of each; differences are of estimates, and of simulations with the same random numbers</caption>
+            <thead><tr><th>Variant</th><th>Status</th><th class="number">Estimate, mm</th><th class="number">Simulated, mm</th><th class="number">Limit, mm</th><th>What decides</th><th>Use</th></tr></thead>
             <tbody>
-              <tr><th>now</th><Judged numbers={best(mine)} /><td /></tr>
+              <tr><th>now</th><Judged of={now} /><td /></tr>
               {variants.value.map((variant) => {
-                const numbers = known.value[variant.text];
+                const estimate = scored.value[variant.text], of = estimate === undefined ? undefined : { estimate, simulation: simulationOf(estimate?.sha) };
                 return (
                   <tr key={variant.name}>
-                    <th>{variant.name}</th><Judged numbers={best(numbers)} now={best(mine)} />
+                    <th>{variant.name}</th><Judged of={of} now={now} />
                     <td class="uses">
                       <label><input type="checkbox" aria-label={`Draw ${variant.name} below`} checked={ghost.value === variant.name} onChange={(event) => (ghost.value = event.currentTarget.checked ? variant.name : null)} />draw</label>
                       <button type="button" class="small" aria-pressed={compared === variant.name} onClick={() => compare(compared === variant.name ? null : variant.name)}>compare</button>
@@ -350,13 +362,16 @@ export function Variants() {
   );
 }
 
-function Judged({ numbers, now }: { numbers: Numbers | null | undefined; now?: Numbers | null }) {
-  const decides = numbers?.decides, d = numbers?.decimals ?? 3, by = now?.p95 != null && numbers?.p95 != null ? numbers.p95 - now.p95 : 0;
+function Judged({ of, now }: { of: Known | undefined; now?: Known }) {
+  const shown = of?.simulation ?? of?.estimate, decides = shown?.decides, by = of && now && changes(of, now);
+  const cell = (reading: Reading<"estimate"> | Reading<"simulation"> | null | undefined, change: Change | null | undefined) => (
+    <td class="number" data-kind={reading?.kind}>{reading ? mm(reading.mm, reading.decimals) : of ? "–" : "…"}{change && <span class={change.to < change.from ? "delta less" : "delta more"}>{` ${changed(change.to - change.from, change.decimals)}`}</span>}</td>
+  );
   return (
     <>
-      <td class={`status ${numbers?.status ?? ""}`}>{numbers ? VERDICTS[numbers.status] ?? numbers.status : ""}{numbers?.verified && ", verified"}</td>
-      <td class="number">{numbers ? mm(numbers.p95, d) : "…"}{/[1-9]/.test(changed(by, d + 1)) && <span class={by < 0 ? "delta less" : "delta more"}>{` ${changed(by, d + 1)}`}</span>}</td><td class="number">{decides ? stated(decides.limit_mm, d) : "–"}</td>
-      <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : numbers ? "no requirement: the largest P95" : ""}</td>
+      <td class={`status ${shown?.record.verdict.status ?? ""}`}>{shown ? VERDICTS[shown.record.verdict.status] ?? shown.record.verdict.status : of ? VERDICTS["not-evaluated"] : ""}{shown && ` ${BY[shown.kind]}`}</td>
+      {cell(of?.estimate, by?.estimate)}{cell(of?.simulation, by?.simulation)}<td class="number">{decides && shown ? stated(decides.limit_mm, shown.decimals) : "–"}</td>
+      <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : shown ? "no requirement: the largest P95" : ""}</td>
     </>
   );
 }
@@ -371,9 +386,11 @@ async function once(source: string): Promise<void> {
 function Differences({ name, before }: { name: string; before: Json }) {
   const rows = differences(before, design.value);
   if (!rows.length) return <p>{`The design is variant ${name}.`}</p>;
+  const simulate = () => start(`Variant ${name} against now`, "/v1/comparisons", { first: before, second: design.value, precision: 0.005 });
   const brief = (value: Json) => (value === undefined ? "–" : JSON.stringify(value).slice(0, 60));
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={`Differences from variant ${name}`}>
+      <p><button type="button" disabled={!current.value || runs.value.some(unfinished)} onClick={simulate}>Simulate the difference</button> <span class="note">both with the same random numbers; what comes of it stands under Run</span></p>
       <table>
         <thead><tr><th>Field</th><th class="number">{name}</th><th class="number">now</th></tr></thead>
         <tbody>{rows.slice(0, 100).map((row) => <tr key={pointerOf(row.path)}><th>{placeInWords(design.value, pointerOf(row.path))}</th><td class="number">{brief(valueAt(before, row.path))}</td><td class="number">{brief(row.value)}</td></tr>)}</tbody>

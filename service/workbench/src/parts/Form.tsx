@@ -88,11 +88,12 @@ const Remove = ({ path }: { path: Path }) => (
   <button type="button" class="small" aria-label={`Remove ${path.join(" ")}`} title="Remove" onClick={() => edit([{ path, value: undefined }], `Remove ${path[path.length - 1]}`)}>×</button>
 );
 
-/** A value to begin with: the schema's default or example, else the smallest thing of its shape. */
-function example(node: Json, depth = 0): Json {
+/** A value to begin with: the schema's default or example, else the smallest thing of its shape; a list of things begins
+ * with one, for nobody adds it to leave it empty. */
+export function example(node: Json, depth = 0): Json {
   const full = resolve(node);
   if (full.examples?.length && full.examples[0] !== null) return full.examples[0];
-  if (full.default !== undefined && full.default !== null) return full.default;
+  if (full.default !== undefined && full.default !== null && !(Array.isArray(full.default) && !full.default.length)) return full.default;
   if (full.const !== undefined) return full.const;
   if (full.enum) return full.enum[0];
   const options = full.anyOf ?? full.oneOf;
@@ -103,18 +104,37 @@ function example(node: Json, depth = 0): Json {
   }
   if (full.type === "array") {
     if (full.prefixItems) return full.prefixItems.map((item: Json) => example(item, depth + 1));
-    return Array.from({ length: full.minItems ?? 0 }, () => example(full.items, depth + 1));
+    return Array.from({ length: full.minItems ?? 1 }, () => example(full.items, depth + 1));
   }
   if (full.type === "boolean") return false;
-  if (full.type === "string") return "";
+  if (full.type === "string") return full.minLength ? "name" : "";
   return full.minimum ?? (full.exclusiveMinimum !== undefined ? full.exclusiveMinimum + 1 : 0);
 }
+
+/** One more of a list: like the last that is there, under a name of its own; the first as the schema has it. */
+export function another(node: Json, list: Json[]): Json {
+  const last = list[list.length - 1], made = last === undefined ? example(node) : structuredClone(last);
+  const used = new Set(list.flatMap((each) => [each?.name, each?.label, each]));
+  const fresh = (name: string) => {
+    const [, stem, number] = /^(.*?)(\d*)$/s.exec(name)!;
+    let k = Number(number || 1);
+    while (used.has(`${stem}${k}`) || `${stem}${k}` === name) k += 1;
+    return used.has(name) ? `${stem}${k}` : name;
+  };
+  if (typeof made === "string") return fresh(made);
+  if (made !== null && typeof made === "object" && !Array.isArray(made)) for (const field of ["name", "label"]) if (typeof made[field] === "string") made[field] = fresh(made[field]);
+  if (list.length && Array.isArray(made?.position_mm)) made.position_mm[0] += 10; // two at one place are refused
+  return made;
+}
+
+/** Whether a list is one value, of as many numbers as it has: all others grow and shrink. */
+const isVector = (node: Json, value: Json[]) => Boolean(node.prefixItems) || (node.maxItems !== undefined && node.maxItems === node.minItems) || (!node.items && value.every((v) => typeof v !== "object"));
 
 function Field({ name, node, path, value, needed }: { name: string; node: Json; path: Path; value: Json; needed: boolean }) {
   const chosen = choose(node, value), pointer = pointerOf(path);
   const wrong = refused.value?.errors.filter((error) => error.pointer === pointer) ?? [];
   const title = typeof path[path.length - 1] === "number" ? value?.label ?? value?.name ?? `item ${name}` : name;
-  if (value !== null && typeof value === "object" && !(Array.isArray(value) && value.length <= 4 && value.every((v) => typeof v !== "object"))) {
+  if (value !== null && typeof value === "object" && !(Array.isArray(value) && isVector(chosen, value))) {
     return (
       <Group title={title} description={chosen.description} path={path} needed={needed} size={Array.isArray(value) ? `${value.length}` : ""}>
         {() => Array.isArray(value) ? <Items node={chosen} path={path} value={value} /> : <Fields node={chosen} path={path} value={value} />}
@@ -152,7 +172,7 @@ function Items({ node, path, value }: { node: Json; path: Path; value: Json[] })
   return (
     <>
       {value.map((item, k) => <Field key={k} name={String(k + 1)} node={node.items ?? node.prefixItems?.[k] ?? {}} path={[...path, k]} value={item} needed={false} />)}
-      {node.items && <button type="button" class="small" onClick={() => edit([{ path: [...path, value.length], value: example(node.items) }], `Add to ${path[path.length - 1]}`)}>Add one more</button>}
+      {node.items && (node.maxItems === undefined || value.length < node.maxItems) && <button type="button" class="small" onClick={() => edit([{ path: [...path, value.length], value: another(node.items, value) }], `Add to ${path[path.length - 1]}`)}>{value.length ? "Add one more" : `Add the first of ${path[path.length - 1]}`}</button>}
     </>
   );
 }

@@ -1,7 +1,7 @@
 // The X-ray images and the three elevations: beads, targets, borders; beads are dragged, or moved with the keyboard.
 
 import { computed, signal } from "@preact/signals";
-import { useRef, useState } from "preact/hooks";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
 import { answer, current, drawn, late, layout, refused } from "../api";
 import { add, length, moveInImage, pixelDirections, type Pixel, type Projection, project, rounded, roundStep, type Vector } from "../geometry";
 import { cancelGesture, design, edit, finishGesture, gesture, type Json, parse, position, PRESSES, preview, selected, settled, steps, text, variants } from "../state";
@@ -85,7 +85,12 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
   const pressed = useRef<Pixel | null>(null); // where the last press was, if nothing was moved by it
   const [hovered, hover] = useState<string | null>(null);
   const [left, top, width, height] = held.current?.box ?? plane.box; // it stands still while a bead is dragged
-  const scale = Math.max(width, height) / (plane.unit === "px" ? 400 : 270); // elevations are drawn smaller
+  const [wide, measure] = useState(300), scale = width / wide; // of a pixel of the screen: marks and words are as large in every picture
+  useLayoutEffect(() => {
+    const observer = new ResizeObserver(() => svg.current?.clientWidth && measure(svg.current.clientWidth));
+    observer.observe(svg.current!);
+    return () => observer.disconnect();
+  }, []);
   const placed = beads.value.map((bead) => ({ bead, at: plane.to(bead.position) }));
   const inside = ([x, y]: Pixel): Pixel => [Math.min(Math.max(x, left + 6 * scale), left + width - 6 * scale), Math.min(Math.max(y, top + 6 * scale), top + height - 6 * scale)];
   const chosen = placed.find(({ bead }) => bead.label === selected.value) ?? placed[0];
@@ -210,13 +215,14 @@ function Picture({ plane, words }: { plane: Plane; words: string }) {
         })}
         {ordered.map(({ bead, at, k }) => {
           if (!at) return null;
-          const [x, y] = inside(at), name = names[k] ?? { x: 8 * scale, y: -5 * scale, end: false }, isChosen = bead.label === selected.value, over = bead.label === hovered;
+          const [x, y] = inside(at), name = names[k] ?? { x: 8 * scale, y: -5 * scale, end: false, hidden: Number(crowded) }, isChosen = bead.label === selected.value, over = bead.label === hovered;
+          const named = isChosen || over || hinted.value === bead.label || name.hidden === 0;
           return (
             <g key={bead.index} data-bead={bead.label} class={`bead${isChosen ? " chosen" : ""}${over ? " over" : ""}${outside(at) ? " outside" : ""}${plane.sees && !plane.sees.includes(bead.label) ? " unseen" : ""}`}>
               <circle class="reach" cx={x} cy={y} r={REACH * scale} />
               {hinted.value === bead.label && <circle class="hint" cx={x} cy={y} r={11 * scale} />}
-              <circle class="mark" cx={x} cy={y} r={5 * scale} />
-              {(!crowded || isChosen || over) && <text x={x + name.x} y={y + name.y} font-size={12 * scale} text-anchor={name.end ? "end" : "start"}>{clip(bead.label)}</text>}
+              <circle class="mark" cx={x} cy={y} r={4.5 * scale} />
+              {named && <text x={x + name.x} y={y + name.y} font-size={12 * scale} text-anchor={name.end ? "end" : "start"}>{clip(bead.label)}</text>}
             </g>
           );
         })}
@@ -244,7 +250,7 @@ function placeLabels(beads: ({ at: Pixel; words: string } | null)[], [left, top,
       return { x: scale * right, y: scale * down, end: right < 0, box, hidden };
     });
     const best = places.reduce((a, b) => (b.hidden < a.hidden ? b : a));
-    taken.push(best.box);
+    if (!best.hidden) taken.push(best.box); // what is not written takes no place
     return best;
   });
 }
@@ -258,10 +264,10 @@ function toggle(view: string): void {
 }
 
 /** The part of an image with beads, in steps, so that it stands still while a bead is dragged. */
-function part(P: Projection): [number, number, number, number] {
+function part(P: Projection, most: number): [number, number, number, number] {
   const seen = beads.value.map((b) => project(P, b.position)).filter((p) => p !== null);
   const ends = [0, 1].map((k) => [Math.min(...seen.map((p) => p[k])), Math.max(...seen.map((p) => p[k]))]);
-  const side = 100 * Math.ceil((1.2 * Math.max(...ends.map(([low, high]) => high - low)) + 40) / 100);
+  const side = Math.min(most, 100 * Math.ceil((1.2 * Math.max(...ends.map(([low, high]) => high - low)) + 40) / 100));
   const [x, y] = ends.map(([low, high]) => 50 * Math.round((low + high) / 100) - side / 2);
   return [x, y, side, side];
 }
@@ -281,7 +287,7 @@ export function Images() {
         const close = enlarged.value.has(view.view) && beads.value.length > 1;
         const plane: Plane = {
           name: `${view.view}: X-ray image${close ? ", enlarged" : ""}`, unit: "px",
-          box: close ? part(P) : [-0.02 * width, -0.02 * height, 1.04 * width, 1.04 * height],
+          box: close ? part(P, width) : [-0.02 * width, -0.02 * height, 1.04 * width, 1.04 * height],
           old, frame: view.image_size_px ? [0, 0, width, height] : undefined, margin: view.margin_px,
           to: (point) => project(P, point), sees: design.value?.views?.[k]?.sees, closest: current.value ? check?.closest_pair : undefined,
           target: (point) => project(view.target_projection as Projection, point),
@@ -290,7 +296,7 @@ export function Images() {
         };
         const margin = check?.smallest_margin_px;
         return (
-          <div key={view.view}>
+          <div key={view.view} class={close ? "large" : undefined}>
             <Picture plane={plane} words={`Image of view ${view.view}.`} />
             <div class="steady">
               <p class="note">

@@ -3,13 +3,16 @@
 import { signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import type { components } from "../../../../openapi/typescript/tailstack";
-import { key, placeInWords, pointerOf, send } from "../api";
+import { optimise, takeOptimum, verify } from "../acts";
+import { key, placeInWords, pointerOf } from "../api";
 import { START } from "../advice";
-import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, startProblem, unfinished } from "../jobs";
-import { design, differences, edit, gesture, type Json, open, parse, text } from "../state";
+import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Run, runs, start, startProblem, stateWords, unfinished } from "../jobs";
+import { precisionOf, read } from "../readings";
+import { design, type Json, open, text } from "../state";
 import { brief, countDecimals, decimalsOf, duration, mm, percent, readNumber, stated, VERDICTS } from "../words";
+import { Checks } from "./Checks";
 import { Problems } from "./Problems";
-import { Checks, optimise, verify } from "./Verdict";
+import { Reports } from "./Reports";
 
 type Distribution = components["schemas"]["ErrorDistribution"];
 
@@ -72,8 +75,8 @@ function Recent() {
             {recent.value.map((job) => (
               <tr key={job.id} data-job={job.id}>
                 <td>{new Date(job.created_at).toLocaleString()}</td><td>{job.kind}</td><td dir="auto">{job.design_name}</td>
-                <td class={job.state === "succeeded" ? "" : `status ${job.state}`}>{STATES[job.state] ?? job.state}</td>
-                <td>{job.links.report && <Reports path={job.links.report} />}</td>
+                <td class={job.state === "succeeded" ? "" : `status ${job.state}`}>{stateWords(job)}</td>
+                <td>{job.links.report && <Reports path={job.links.report} of={job.design_name} />}</td>
                 <td>{!runs.value.some((run) => run.id === job.id) && <button type="button" class="small" aria-label={`Show ${job.kind} of ${job.design_name} here`} onClick={() => adopt(job, `${job.kind} of ${job.design_name}`, "")}>show</button>}</td>
               </tr>
             ))}
@@ -85,8 +88,6 @@ function Recent() {
   );
 }
 
-const STATES: Record<string, string> = { succeeded: "computed", gone: "no longer known to the service" }; // what came of it is said below
-
 function Item({ run }: { run: Run }) {
   const result = run.result ? results.value[run.result] : null;
   if (run.result && !result) void loadResult(run.result);
@@ -95,7 +96,7 @@ function Item({ run }: { run: Run }) {
     <li class={other ? "run other" : "run"} data-kind={run.kind} data-state={run.state}>
       <p class="head">
         <strong>{run.title}</strong> <span class="note">{new Date(run.begun).toLocaleTimeString()}{other ? ", of another state of the design" : ""}</span>
-        <span class={run.state === "succeeded" ? "note" : `status ${run.state}`}>{STATES[run.state] ?? run.state}</span>
+        <span class={run.state === "succeeded" ? "note" : `status ${run.state}`}>{stateWords(run)}</span>
         {unfinished(run)
           ? <button type="button" class="small" onClick={() => cancel(run.id)}>Cancel</button>
           : <button type="button" class="small" onClick={() => forget(run.id)}>Take off the list</button>}
@@ -109,7 +110,7 @@ function Item({ run }: { run: Run }) {
       )}
       {run.problem && <Problems problem={run.problem} />}
       {result && <div class={other ? "old" : ""}><Outcome run={run} result={result} /></div>}
-      {run.report && <p class="note">Report: <Reports path={run.report} /></p>}
+      {run.report && <p class="note">Report: <Reports path={run.report} of={result?.provenance?.design_name ?? result?.title} /></p>}
     </li>
   );
 }
@@ -117,6 +118,7 @@ function Item({ run }: { run: Run }) {
 function Outcome({ run, result }: { run: Run; result: Json }) {
   if (run.kind === "verification") return <Verified result={result} />;
   if (run.kind === "optimisation") return <Optimum result={result} />;
+  if (run.kind === "comparison") return <>{[result.headline.sentence, ...result.headline.matters].map((sentence: string) => <p key={sentence}>{sentence}</p>)}</>;
   if (run.kind === "sweep") return <Swept result={result} />;
   if (run.kind !== "report") return null;
   return (
@@ -156,18 +158,18 @@ function Histogram({ shares, decimals: d, p95, limit, perUnit }: { shares: Distr
 }
 
 function Verified({ result }: { result: Json }) {
-  const d = decimalsOf(result);
+  const reading = read<"simulation">(result), d = reading.decimals;
   return (
     <>
-      <p><strong class={`status ${result.verdict.status}`}>{VERDICTS[result.verdict.status] ?? result.verdict.status}</strong>{`: ${result.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. `}<span class="note" title={result.stopping}>{`P95 is known to ±${percent(result.precision_reached, 2)}; estimate and simulation differ by ${percent(Math.abs(result.first_order_ratio - 1))}.`}</span></p>
-      <Checks of={result} label="Requirements as verified" />
+      <p><strong class={`status ${result.verdict.status}`}>{VERDICTS[result.verdict.status] ?? result.verdict.status}</strong>{`: ${result.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. `}<span class="note" title={result.stopping}>{`${reading.decides?.headline ?? "P95"} is known to ±${percent(precisionOf(reading), 2)}; the estimate of P95 is ${percent(Math.abs(result.first_order_ratio - 1))} ${result.first_order_ratio < 1 ? "below" : "above"} the simulation.`}</span></p>
+      <Checks of={reading} label="Requirements as verified" />
       <div class="scroll" tabIndex={0} role="region" aria-label="Verification">
-      <table>
-        <thead><tr><th>Target</th><th class="number">P95, mm</th><th class="number">95 % interval, mm</th><th class="number">First order, mm</th><th class="number">Worst seen, mm</th><th class="number">Over the limit</th></tr></thead>
+      <table data-kind="simulation">
+        <thead><tr><th>Target</th><th class="number">P95 simulated, mm</th><th class="number">{`${percent(result.targets[0]?.confidence, 0)} interval, mm`}</th><th class="number">Mean, mm</th><th class="number">Worst seen, mm</th><th class="number">Over the limit</th><th class="number">P95 by estimate, mm</th></tr></thead>
         <tbody>
           {result.targets.slice(0, 200).map((t: Json) => (
             <tr key={t.name}><th>{t.name}</th><td class="number">{mm(t.p95_mm, d)}</td><td class="number">{t.p95_interval_mm.map((v: number) => mm(v, d)).join(" to ")}</td>
-              <td class="number">{mm(t.first_order_p95_mm, d)}</td><td class="number">{mm(t.worst_mm, d)}</td><td class="number">{percent(t.exceedance?.probability ?? null, 2)}</td></tr>
+              <td class="number">{mm(t.mean_norm_mm, d)}</td><td class="number">{mm(t.worst_mm, d)}</td><td class="number">{percent(t.exceedance?.probability ?? null, 2)}</td><td class="number" data-kind="estimate">{mm(t.first_order_p95_mm, d)}</td></tr>
           ))}
         </tbody>
       </table>
@@ -176,17 +178,12 @@ function Verified({ result }: { result: Json }) {
   );
 }
 
-export function takeOptimum(result: Json): void {
-  gesture.value = [];
-  edit(differences(parse(text.value).data, result.design), "Accept the optimum");
-}
-
 function Optimum({ result }: { result: Json }) {
-  const d = decimalsOf(result.certificate.verification);
+  const check = read<"simulation">(result.certificate.verification), d = check.decimals;
   return (
     <>
-      <p>{`${result.status}: P95 ${mm(result.p95_before_mm, d)} → ${mm(result.p95_after_mm, d)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</p>
-      {[result.view_offer, result.aimed].filter(Boolean).map((views: Json) => <p key={views.sentence}>{views.sentence}</p>)}
+      <p><span data-kind="estimate">{`By estimate: P95 ${mm(result.p95_before_mm, d)} → ${mm(result.p95_after_mm, d)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</span>{" "}<span data-kind="simulation">{`By simulation, after: ${check.decides?.headline ?? "P95"} ${mm(check.mm, d)} mm, ${VERDICTS[check.record.verdict.status] ?? check.record.verdict.status}.`}</span></p>
+      {[result.view_offer?.sentence, result.aimed?.sentence, result.placement_value?.sentence, ...result.influence.map(({ message }: Json) => message)].filter(Boolean).map((sentence: string) => <p key={sentence} class="note">{sentence}</p>)}
       <div class="scroll" tabIndex={0} role="region" aria-label="What changes">
         <table>
           <thead><tr><th>What changes</th><th class="number">before</th><th class="number">after</th></tr></thead>
@@ -210,8 +207,8 @@ function Swept({ result }: { result: Json }) {
   const at = (p: Json, k: number) => (Array.isArray(p.values) ? p.values[0] : Object.values(p.values ?? {})[0] ?? k);
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label="Sweep">
-      <table>
-        <thead><tr><th>{[result.axes?.[0]?.name || "Value", result.axes?.[0]?.unit].filter(Boolean).join(", ")}</th><th class="number">P95, mm</th><th>of the largest</th></tr></thead>
+      <table data-kind="estimate">
+        <thead><tr><th>{[result.axes?.[0]?.name || "Value", result.axes?.[0]?.unit].filter(Boolean).join(", ")}</th><th class="number">P95 by estimate, mm</th><th>of the largest</th></tr></thead>
         <tbody>
           {points.slice(0, 200).map((p, k) => (
             <tr key={k}><th>{String(at(p, k))}</th><td class="number">{mm(values[k], d)}</td>
@@ -221,27 +218,4 @@ function Swept({ result }: { result: Json }) {
       </table>
     </div>
   );
-}
-
-function Reports({ path }: { path: string }) {
-  return <>{["html", "pdf", "xlsx", "json"].map((form) => <ReportLink key={form} path={path} form={form} words={form.toUpperCase()} />).flatMap((link, k) => (k ? [" · ", link] : [link]))}</>;
-}
-
-/** Reports are links; with a key they are fetched with it and saved. */
-export function ReportLink({ path, form, words, button = false }: { path: string; form: string; words: string; button?: boolean }) {
-  const fetched = async (event: Event) => {
-    if (!key.value) return;
-    event.preventDefault();
-    const response = await send("GET", `${path}?format=${form}`);
-    if (response.ok) save(await response.blob(), `report.${form}`);
-  };
-  return <a class={button ? "button" : undefined} href={`${path.slice(1)}?format=${form}`} target={form === "html" ? "_blank" : undefined} rel="noopener" download={form === "html" ? undefined : `report.${form}`} onClick={fetched}>{words}</a>;
-}
-
-export function save(content: Blob, name: string): void {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(content);
-  link.download = name;
-  link.click();
-  window.setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }

@@ -1,0 +1,33 @@
+// A computed result as a report, in each of its forms; and what is saved as a file.
+
+import { addressOf, key, readRefusal, send, unreachable } from "../api";
+import { design, type Json, say } from "../state";
+
+/** The name of a design as that of a file; by the same rule as the service names reports (http/jobs.py). */
+export const fileName = (named: Json = design.value?.name) => String(named ?? "").toLowerCase().normalize("NFKD").replace(/\p{M}/gu, "").replace(/[^a-z0-9]+/g, "-").replace(/^-|-$/g, "").slice(0, 60).replace(/-$/, "") || "design";
+
+export function Reports({ path, of }: { path: string; of?: string }) {
+  return <>{["html", "pdf", "xlsx", "json"].map((form) => <ReportLink key={form} path={path} form={form} words={form.toUpperCase()} of={of} />).flatMap((link, k) => (k ? [" · ", link] : [link]))}</>;
+}
+
+/** Reports are links; with a key they are fetched with it and saved. */
+export function ReportLink({ path, form, words, of, button = false }: { path: string; form: string; words: string; of?: string; button?: boolean }) {
+  const address = `${path}?format=${form}`, name = `${fileName(of)}.${form}`;
+  const fetched = async (event: Event) => {
+    if (!key.value) return;
+    event.preventDefault();
+    const response = await send("GET", address).catch(() => null);
+    if (response?.ok) return save(await response.blob(), name);
+    const { title, errors } = response ? await readRefusal(response) : unreachable();
+    say(`The report does not come: ${title}. ${errors[0].detail}`, true);
+  };
+  return <a class={button ? "button" : undefined} href={addressOf(address)} target={form === "html" ? "_blank" : undefined} rel="noopener" download={form === "html" ? undefined : name} onClick={fetched}>{words}</a>;
+}
+
+export function save(content: Blob, name: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(content);
+  link.download = name;
+  link.click();
+  window.setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
