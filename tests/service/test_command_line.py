@@ -57,7 +57,7 @@ def test_optimize_is_optimise(call: Any) -> None:
             "tailstack verify: unrecognized arguments: --trails=5; did you mean --trials?",
         ),
         (["verify", DEMO, "--nonsense"], "tailstack verify: unrecognized arguments: --nonsense"),
-        (["study", "papr"], "did you mean paper?"),
+        (["study", "veiws"], "did you mean views?"),
         (["jobs", "lits"], "(choose from list, show, follow, cancel); did you mean list?"),
         (["--json", "score", DEMO], "tailstack: flags stand after the verb; got --json before it"),
     ],

@@ -22,7 +22,7 @@ CASES = [  # the line so far, what is among the offers, what is not
     ("tailstack verify --tr", {"--trials"}, {"--threads"}),
     ("tailstack verify --method ra", {"radial"}, {"plain"}),
     ("tailstack jobs list --state su", {"succeeded"}, {"failed"}),
-    ("tailstack study pa", {"paper"}, {"coupling"}),
+    ("tailstack study vi", {"views"}, {"coupling"}),
     ("tailstack score d", {"demo.yaml"}, {"data.csv", "draft.txt"}),
     ("tailstack optimise demo.yaml -o d", {"demo.yaml", "draft.txt"}, set()),
     ("tailstack completion ", set(SHELLS), {"tcsh"}),

@@ -107,12 +107,6 @@ def test_studies_are_plain(printed: Any) -> None:
         assert met_in(printed("study", "compare", DEMO, "--measurements", str(bench))) == []
 
 
-def test_the_study_of_the_paper_is_plain(printed: Any) -> None:
-    names = tuple(load_design(path).name for path in (EXAMPLES / "paper").glob("*.yaml"))
-    text = " ".join(printed("study", "paper", "--trials", "40000").split())
-    assert met_in(text, names) == []
-
-
 @pytest.mark.long("optimise -Residual of the optimality conditions Lower bound: ")
 @pytest.mark.parametrize(
     ("arguments", "words"),
@@ -135,7 +129,7 @@ def test_details_say_how_it_was_computed(printed: Any, arguments: tuple[str, ...
 
 def test_help_is_plain(capsys: pytest.CaptureFixture[str]) -> None:
     pages = [["--help"], *([verb, "--help"] for verb in ("score", "verify", "optimise", "sweep", "gate", "validate"))]
-    pages += [["study", name, "--help"] for name in ("paper", "linearity", "coupling", "compare")]
+    pages += [["study", name, "--help"] for name in ("linearity", "coupling", "compare")]
     for page in pages:
         assert main(page) == 0
         assert met_in(capsys.readouterr().out) == [], page

@@ -168,7 +168,7 @@ def made_roughly(std_mm: float) -> System:
 @pytest.mark.parametrize(
     ("system", "words"),
     [
-        (warm(-200, 40), "growth by temperature of 2.4 %"),
+        (warm(-190, 40), "growth by temperature of 2.3 %"),
         (told_wrongly(-0.03), "intrinsics that are known to be 3 % wrong"),
         (made_roughly(0.05), "times the noise in the images"),
     ],
