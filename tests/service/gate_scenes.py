@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from service_scenes import ROOT, coplanar_design, limited, small_design
+from service_scenes import ROOT, coplanar_design, limited, sound_design
 
 from tailstack.design.write import data_to_yaml
 from tailstack.version import __version__
@@ -68,16 +68,17 @@ def waivers(days: int, **changes: Any) -> dict[str, Any]:
     return {"schema": "tailstack/waivers/1", "waivers": [entry]}
 
 
+CLOSE = {**STRICT, "rules": {"overlap": {"min_px": 30}}}  # nearer than that images are remarked, as a warning
 GOOD, BAD, OPEN = limited(PASSING), limited(FAILING), limited(NEAR)
 OFF = {**STRICT, "rules": {**STRICT["rules"], "p95": {"severity": "off"}}}
 UNITS = {"name": "units", "limit_mm": PASSING, "risk": "per_unit", "min_yield": 0.5}
-BOTH = small_design(requirements=[{"name": "tip-accuracy", "limit_mm": FAILING}, UNITS], optimise=None)
+BOTH = sound_design(requirements=[{"name": "tip-accuracy", "limit_mm": FAILING}, UNITS], optimise=None)
 LOOSE = {"name": "loose", "designs": ["*rev*"], "rules": {"p95": {"severity": "off"}}}
 WEAK = {"name": "weak", "files": ["new*"], "rules": {"p95": {"severity": "warning"}}}
 QUICK = ("--policy", "policy.yaml", "--mode", "analytic")
 SCENES: dict[str, Scene] = {
     "pass": Scene(0, {"good.yaml": GOOD, "policy.yaml": STRICT}, ("good.yaml", *QUICK)),
-    "warned": Scene(0, {"good.yaml": GOOD}, ("good.yaml", "--mode", "analytic")),
+    "warned": Scene(0, {"good.yaml": GOOD, "policy.yaml": CLOSE}, ("good.yaml", *QUICK)),
     "waived": Scene(
         0, {"bad.yaml": BAD, "policy.yaml": STRICT, "waivers.yaml": waivers(30)},
         ("bad.yaml", *QUICK, "--waivers", "waivers.yaml"),
@@ -111,7 +112,7 @@ SCENES: dict[str, Scene] = {
     ),
     "not-evaluated": Scene(
         3, {"flat.yaml": coplanar_design(), "good.yaml": GOOD, "policy.yaml": STRICT,
-            "bare.yaml": small_design(requirements=None, optimise=None)},
+            "bare.yaml": sound_design(requirements=None, optimise=None)},
         ("flat.yaml", "good.yaml", "bare.yaml", *QUICK),
     ),
     "switched-off": Scene(3, {"bad.yaml": BAD, "policy.yaml": OFF}, ("bad.yaml", *QUICK)),

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from service_scenes import clear, limited, small_design
+from service_scenes import limited, sound_design
 from test_gate_verdicts import P95, TODAY, gate, of_rule, policy, waiver, waivers
 from work_driver import run_job
 
@@ -23,7 +23,7 @@ QUICK = {"max_trials": CAP}
 
 def truth() -> float:
     """P95 of the small design by 2^22 trials of another seed: known to 0.05 %."""
-    return verify(load_design(small_design()), trials=2**22, seed=777).targets[0].p95_mm
+    return verify(load_design(sound_design()), trials=2**22, seed=777).targets[0].p95_mm
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_a_rare_exceedance_is_decided_and_never_passed_for_want_of_trials(p95: f
 def first_order_quantile(quantile: float) -> float:
     from tailstack import score
 
-    design = small_design(requirements=[{"name": "far", "limit_mm": 9.0, "quantile": quantile}])
+    design = sound_design(requirements=[{"name": "far", "limit_mm": 9.0, "quantile": quantile}])
     return score(load_design(design)).verdict.checks[0].value_mm
 
 
@@ -114,7 +114,7 @@ def test_up_to_where_a_waiver_accepts_is_decided_too(p95: float) -> None:
     assert (plain.exit_code, plain.designs[0].trials) == (1, 8192)
     assert waived.exit_code == 0
     assert (waived.designs[0].trials or 0) > 8192
-    far = gate(clear(limited(0.5 * p95)), mode="auto", policy=policy(verification=QUICK), waivers=waivers(waiver()))
+    far = gate(limited(0.5 * p95), mode="auto", policy=policy(verification=QUICK), waivers=waivers(waiver()))
     assert far.designs[0].basis == "first order"
     near = auto(0.5, p95, cap=2**18, waivers=close)
     assert (near.designs[0].basis, near.exit_code) == ("Monte Carlo", 0)
@@ -153,7 +153,7 @@ def test_a_job_gives_the_very_record_of_the_sequential_test(p95: float) -> None:
 @pytest.mark.long
 def test_missed_beads_are_simulated_however_far_the_estimate_is_from_the_limit(p95: float) -> None:
     """The estimate, with all beads in every shot, is far within the limit and says nothing of the others."""
-    design = clear(limited(1.5 * p95))
+    design = limited(1.5 * p95)
     assert gate(design, mode="auto", policy=policy(verification=QUICK)).designs[0].trials is None
     design["fiducials"]["points"][0]["loss_probability"] = 0.5
     record = gate(design, mode="auto", policy=policy(verification=QUICK))

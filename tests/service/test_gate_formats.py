@@ -14,7 +14,7 @@ import pytest
 import xsd
 from gate_scenes import FORMATS, GOLDEN, RULES, SCENES, golden, run, sarif_rules, settled
 from jsonschema import Draft202012Validator
-from service_scenes import ROOT, limited, small_design
+from service_scenes import ROOT, limited, sound_design
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.gate_files import Anchors
@@ -197,7 +197,7 @@ def test_every_limit_that_is_missed_is_a_case_that_failed(tmp_path: Path, monkey
     monkeypatch.chdir(tmp_path)
     own = {"name": "p95", "error": "localisation", "quantile": 0.9, "limit_mm": 0.01}
     rules = {"overlap": {"severity": "off"}, "p95": {"limit_mm": 0.02}}
-    Path("a.yaml").write_text(data_to_yaml(small_design(requirements=[own], optimise=None)), encoding="utf-8")
+    Path("a.yaml").write_text(data_to_yaml(sound_design(requirements=[own], optimise=None)), encoding="utf-8")
     Path("p.yaml").write_text(data_to_yaml({"schema": "tailstack/policy/1", "rules": rules}), encoding="utf-8")
     assert main(["gate", "a.yaml", "--policy", "p.yaml", "--mode", "analytic", "--format", "junit=j.xml"]) == 1
     cases = ET.parse("j.xml").findall(".//testcase")

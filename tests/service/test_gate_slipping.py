@@ -15,7 +15,7 @@ from unittest.mock import patch
 
 import pytest
 from gate_scenes import of_rule, policy
-from service_scenes import ROOT, small_design
+from service_scenes import ROOT, sound_design
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
@@ -36,7 +36,7 @@ TWO = [{"name": "tip", "position_mm": [0, 0, 70]}, {"name": "side", "position_mm
 
 
 def design(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
-    return small_design(requirements=list(requirements) or None, optimise=None, **changes)
+    return sound_design(requirements=list(requirements) or None, optimise=None, **changes)
 
 
 def gate(files: dict[str, dict[str, Any]], **more: Any) -> GateRecord:
@@ -466,11 +466,11 @@ def test_waivers_of_percent_and_of_what_must_not_be_small() -> None:
     assert said({"max_value": percent + 1}, {"guide.yaml": worse}, baseline=baseline()) == []
     (words,) = said({"max_value": 101.0}, {"guide.yaml": worse}, baseline=baseline())[:1]
     assert "max_value 101 % is beyond 2 times the limit, 0 %" in words
-    near = {"rule": "overlap", "min_value": 4.0}
-    strict = policy({"overlap": {"severity": "error", "min_px": 7.0}})
+    near = {"rule": "overlap", "min_value": 12.0}
+    strict = policy({"overlap": {"severity": "error", "min_px": 21.0}})
     assert said(near, {"guide.yaml": design(PROMISE)}, policy=strict) == []
-    (words,) = said({**near, "min_value": 3.4}, {"guide.yaml": design(PROMISE)}, policy=strict)
-    assert "min_value 3.4 px is beyond 2 times the limit, 7 px" in words
+    (words,) = said({**near, "min_value": 10.2}, {"guide.yaml": design(PROMISE)}, policy=strict)
+    assert "min_value 10.2 px is beyond 2 times the limit, 21 px" in words
 
 
 # --- the example ----------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 import openpyxl
 import pytest
-from service_scenes import small_design
+from service_scenes import sound_design
 
 from tailstack import load_design, score, verify
 from tailstack.design import Design
@@ -51,7 +51,7 @@ def requirement(quantile: float, fraction: float | None, limit_mm: float, name: 
 def values() -> dict[tuple[float, float | None], float]:
     """What the score says of each, by a limit that is far away."""
     asked = list(product(QUANTILES, YIELDS))
-    design = small_design(requirements=[requirement(*key, 50.0, f"r{k}") for k, key in enumerate(asked)])
+    design = sound_design(requirements=[requirement(*key, 50.0, f"r{k}") for k, key in enumerate(asked)])
     checks = json.loads(to_json(score(load_design(design))))["verdict"]["checks"]
     return {key: check["value_mm"] for key, check in zip(asked, checks, strict=True)}
 
@@ -63,7 +63,7 @@ def design(values: dict[tuple[float, float | None], float]) -> Design:
         requirement(*key, round(factor * values[key], 4), named(*key, factor))
         for key, factor in product(values, FACTORS)
     ]
-    return load_design(small_design(requirements=requirements))
+    return load_design(sound_design(requirements=requirements))
 
 
 def words_of(check: dict[str, Any]) -> str:
@@ -259,7 +259,7 @@ def test_the_gauge_shows_one_distribution(values: dict[tuple[float, float | None
     for fraction, beside in ((None, True), (0.9, False)):
         entry = requirement(0.95, fraction, 2.0, "only")
         record = to_json(
-            compute_report(load_design(small_design(requirements=[entry])), ReportContents(parts=("score",)))
+            compute_report(load_design(sound_design(requirements=[entry])), ReportContents(parts=("score",)))
         )
         page = render("report", record, "html").decode()
         gauge = page[page.index('id="figure-headline"') : page.index("<table")]
@@ -275,7 +275,7 @@ def test_a_comparison_says_what_fails_and_has_one_p95_of_each_target(
 ) -> None:
     kept = [requirement(0.95, 0.9, 1.2 * values[0.95, 0.9], "units"), requirement(0.99, None, 3.0, "tail")]
     missed = [requirement(0.95, 0.9, 0.8 * values[0.95, 0.9], "units"), requirement(0.99, None, 0.3, "tail")]
-    first, second = (load_design(small_design(requirements=entries)) for entries in (kept, missed))
+    first, second = (load_design(sound_design(requirements=entries)) for entries in (kept, missed))
     for options in (ReportContents(parts=("score",)), ReportContents(trials=20_000, seed=2)):
         found = compute_comparison(first, second, options)
         page = render("comparison", to_json(found), "html").decode()
@@ -296,7 +296,7 @@ def test_a_comparison_says_what_fails_and_has_one_p95_of_each_target(
 
 
 def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dict[str, dict[str, Any]]) -> None:
-    data = small_design(requirements=[entry.model_dump(exclude_none=True) for entry in design.document.requirements])
+    data = sound_design(requirements=[entry.model_dump(exclude_none=True) for entry in design.document.requirements])
     record = judge(
         admit_gate({"designs": [{"file": "a.yaml", "design": data}], "mode": "analytic"}, today=date(2026, 11, 21)).gate
     )
@@ -344,7 +344,7 @@ def test_a_check_decides_at_the_yield_that_is_asked_for(values: dict[tuple[float
     limit = (values[0.95, 0.9] * values[0.95, 0.99]) ** 0.5
     entries = [requirement(0.95, y, round(limit, 4), f"r{1000 * y:.0f}") for y in (0.5, 0.9, 0.99)]
     entries += [requirement(0.99, 0.8, round(values[0.99, 0.8], 4), "open")]
-    found = verify(load_design(small_design(requirements=entries)), trials=20_000, seed=4)
+    found = verify(load_design(sound_design(requirements=entries)), trials=20_000, seed=4)
     record = json.loads(to_json(found))
     checks = record["verdict"]["checks"]
     agree(checks)
@@ -366,7 +366,7 @@ def test_a_check_decides_at_the_yield_that_is_asked_for(values: dict[tuple[float
 
 def test_a_yield_that_so_few_units_cannot_show_is_open_and_its_margin_not_known() -> None:
     entry = requirement(0.95, 0.999, 50.0, "nearly-all")
-    (check,) = json.loads(to_json(verify(load_design(small_design(requirements=[entry])), trials=5000)))["verdict"][
+    (check,) = json.loads(to_json(verify(load_design(sound_design(requirements=[entry])), trials=5000)))["verdict"][
         "checks"
     ]
     assert (check["status"], check["interval_mm"][1], check["margin_mm"]) == ("inconclusive", None, None)

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from tailstack.design import Design, design_to_data, load_design
+from tailstack.estimation.checks import DETERMINATION
 from tailstack.propagation.validity import error_percent
 from tailstack.results import ERRORS, Check, Score, Verification
 from tailstack.verdict import decide
@@ -20,6 +22,8 @@ from .reading import Remark
 from .records import GatedDesign, GateNumber, GateRequirement, GateTarget, Unjudged
 
 CVAR_LIKE = 0.99  # first order errs in the mean of the worst 5 % as in this quantile (docs/method.md, section 4)
+TRUSTED_PERCENT = 5.0  # error of P95 up to which first order decides a limit
+UNKNOWN = (0.0, None)  # where a simulation's quantile lies if first order decides nothing, mm
 MOST_NAMES = 3
 
 
@@ -122,6 +126,21 @@ def list_requirements(
 # --- the numbers held against that -------------------------------------------------------------------
 
 
+def doubt_first_order(score: Score) -> str:
+    """Why first order decides no limit of a design, whatever its distance from it; empty: it does.
+
+    It does where its layout is of a class that was calibrated, it is good to a few per cent there, and nothing remarks
+    that the geometry hardly determines the answer.
+    """
+    percent = score.validity.expected_error_percent
+    if percent is None:
+        return "how far the estimate is from a simulation is not known"
+    if percent > TRUSTED_PERCENT:
+        return f"the estimate is good to {percent:g} % only, and decides up to {TRUSTED_PERCENT:g} %"
+    remarks = [finding.rule for finding in score.verdict.findings if finding.rule in DETERMINATION]
+    return f"beside {', '.join(dict.fromkeys(remarks))} no estimate decides" if remarks else ""
+
+
 def compare_numbers(
     score: Score, verification: Verification | None, requirements: Mapping[str, GateRequirement], looks: int = 1
 ) -> tuple[LimitComparison, ...]:
@@ -131,6 +150,7 @@ def compare_numbers(
     """
     checks = (score if verification is None else verification).verdict.checks
     stated = [(requirements[check.requirement], check) for check in checks]
+    doubted = verification is None and bool(doubt_first_order(score))
     # Quantiles share the run's confidence, the largest that is asked for; a yield has its own.
     largest = max((requirement.confidence for requirement, _ in stated), default=0.95)
     comparisons = []
@@ -138,6 +158,8 @@ def compare_numbers(
         if requirement.severity != "off":
             own = requirement.confidence if check.risk == "per_unit" else largest
             rate = None if verification is None else _error_rate(own)
+            if doubted:
+                check = replace(check, interval_mm=UNKNOWN, status="inconclusive")
             comparisons.append(LimitComparison(requirement, _make_number(requirement, check, rate)))
     for requirement in requirements.values():
         if requirement.rule == "cvar" and requirement.severity != "off":
@@ -168,7 +190,10 @@ def _compare_cvar(
     if verification is None:
         ratio = 1 + error_percent(score.validity, CVAR_LIKE) / 100
         for target in score.targets:
-            estimates.append((target.name, target.cvar95_mm, (target.cvar95_mm / ratio, target.cvar95_mm * ratio)))
+            mean = target.cvar95_mm
+            estimates.append(
+                (target.name, mean, (0.0, inf) if doubt_first_order(score) else (mean / ratio, mean * ratio))
+            )
     else:
         from tailstack.montecarlo.estimators import cvar_interval
 
@@ -180,7 +205,7 @@ def _compare_cvar(
     rate = None if verification is None else _error_rate(confidence)
     comparisons = []
     for name, value, (low, high) in estimates:
-        interval = (low, high if high != float("inf") else None)
+        interval = (low, high if high != inf else None)
         status = decide((low, high), limit)
         number = GateNumber("cvar", "cvar", name, "mm", value, interval, limit, status, rate, "CVaR95")
         comparisons.append(LimitComparison(requirement, number))

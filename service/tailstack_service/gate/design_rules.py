@@ -17,7 +17,7 @@ from tailstack.results.digits import count_decimals, in_percent
 from tailstack.tolerances import Tolerances
 
 from ..rendering.sentences import error_of, leading_bias_mm, sources_of, trust_sentence
-from .case import Case, LimitComparison, bound_yield
+from .case import Case, LimitComparison, bound_yield, doubt_first_order
 from .policy import GatePolicy, Implausible, Process
 from .reading import Remark
 
@@ -38,9 +38,7 @@ def find_failures(case: Case, rule: str) -> list[Remark]:
 
 def find_open_questions(case: Case) -> list[Remark]:
     """Rule inconclusive: limits that an interval holds."""
-    close = "too close to say by estimate"
-    if case.score.validity.expected_error_percent is None:
-        close = "how far the estimate is from a simulation is not known"
+    close = doubt_first_order(case.score) or "too close to say by estimate"
     hint = f"{close}; gate with --mode auto or verify"
     if case.verification is not None:
         hint = f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"

@@ -16,7 +16,6 @@ from tailstack.design import Design, compile_design
 from tailstack.design.compile import loss_probabilities
 from tailstack.design.refusals import place
 from tailstack.errors import Problem, TailstackError
-from tailstack.estimation.checks import DETERMINATION
 from tailstack.results import Score, Verification
 from tailstack.scoring import score, vector3
 from tailstack.version import __version__
@@ -53,7 +52,6 @@ from .waivers import Acceptance, GateWaivers, describe_waiver, find_waiver, list
 if TYPE_CHECKING:
     from tailstack.verification import Sampling
 
-TRUSTED_PERCENT = 5.0  # error of P95 up to which mode auto believes first order
 Check = Verification | TailstackError | None  # a design's Monte Carlo, its refusal, or none
 
 
@@ -182,7 +180,7 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
     """How Monte Carlo is drawn for a design that was scored; None: it is not.
 
     In mode verify it is drawn for every design, to the policy's precision and until every limit is decided.  In mode
-    auto it is drawn where first order is not trusted or too near to a limit, until every limit is decided and no
+    auto it is drawn where first order decides nothing or is too near to a limit, until every limit is decided and no
     longer.  Values up to which waivers accept are limits like others.
     """
     if scored.score is None or scored.limited is None or gate.mode == "analytic":
@@ -199,7 +197,7 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
         design = scored.limited
         # A score is of shots that have all fiducials
         missed = loss_probabilities(design.document.fiducials, len(design.fiducials.labels))
-        if not near and ((_trust_first_order(scored.score) and not missed) or not numbers):
+        if not near and not (missed and numbers):
             return None
 
     from tailstack.montecarlo.stopping import CvarQuestion, LimitQuestion
@@ -227,18 +225,6 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
         questions=tuple(questions),
         cvar=tuple(means),
     )
-
-
-def _trust_first_order(score: Score) -> bool:
-    """Whether first order may decide a limit that it is far from.
-
-    Its layout is of a class that was calibrated, it is good to a few per cent there, and nothing remarks that the
-    geometry hardly determines the answer.
-    """
-    trust = score.validity
-    if not trust.calibrated or trust.expected_error_percent is None or trust.expected_error_percent > TRUSTED_PERCENT:
-        return False
-    return not any(finding.rule in DETERMINATION for finding in score.verdict.findings)
 
 
 def draw_check(
