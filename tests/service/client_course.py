@@ -18,7 +18,7 @@ import openpyxl
 import pytest
 from pypdf import PdfReader
 from served import Served
-from service_scenes import ask, client_with, coplanar_design, small_design
+from service_scenes import ask, client_with, coplanar_design, small_design, sound_design
 from tailstack_client import AuthenticatedClient, Client
 from tailstack_client.api.computations import (
     create_gate,
@@ -175,7 +175,7 @@ def sweep_and_gate(client: AuthenticatedClient) -> None:
     job = _awaited(client, create_sweep.sync(client=client, body=SweepRequest(design=_design(), axes=[axis])))
     assert job.result_sha256 is not None
     assert isinstance(get_result.sync(job.result_sha256, client=client), Sweep)
-    request = GateRequest.from_dict({"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"})
+    request = GateRequest.from_dict({"designs": [{"file": "a.yaml", "design": sound_design()}], "mode": "analytic"})
     gate = create_gate.sync(client=client, body=request)
     assert isinstance(gate, Gate)
     assert gate.exit_code == 0
