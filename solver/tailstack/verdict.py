@@ -6,7 +6,7 @@ from math import isfinite
 from typing import Literal
 
 from .results import ERRORS, Check, Finding, Interval, Verdict, headline_of
-from .results.digits import decimals_of, in_percent
+from .results.digits import decimals_of, in_percent, length
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
@@ -62,9 +62,13 @@ def conclude(checks: tuple[Check, ...], findings: tuple[Finding, ...], basis: st
 def _finding(check: Check, basis: str) -> Finding:
     low, high = check.interval_mm
     decimals = decimals_of((check,))
-    ends = f"(between {low:.{decimals}f} and {high:.{decimals}f})" if high is not None else "(no upper end is known)"
+    ends = (
+        f"(between {length(low, decimals)} and {length(high, decimals)})"
+        if high is not None
+        else "(no upper end is known)"
+    )
     value = headline_of(check.quantile, check.min_yield, ERRORS[check.error])
-    what = f"{value} is {check.value_mm:.{decimals}f} mm {ends}, limit {check.limit_mm:g} mm"
+    what = f"{value} is {length(check.value_mm, decimals)} mm {ends}, limit {check.limit_mm:g} mm"
     if check.yield_fraction is not None:
         what += f" ({in_percent(check.yield_fraction, 2)} of installed units meet it)"
     if check.status == "fail":

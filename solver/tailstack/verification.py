@@ -52,6 +52,7 @@ from .results import (
     Validity,
     Verification,
 )
+from .results.digits import RESOLUTION_MM
 from .results.verdicts import P95
 from .scoring import FRAMES, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
@@ -135,6 +136,7 @@ class Sampling:
     ] = ()  # to be decided besides the requirements; not asked where trials are given
     cvar: tuple[CvarQuestion, ...] = ()
     at_least: int = 0  # trials before which a check that draws to a precision does not stop
+    units: int = UNITS  # drawn for a per-unit requirement, a multiple of UNITS_PER_BATCH
 
     def __post_init__(self) -> None:
         if self.trials is not None and self.precision is not None:
@@ -229,13 +231,14 @@ def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnitsTask:
-    """The quantile over ``SHOTS`` shots of each installed unit, of one error at one target, for ``UNITS`` units."""
+    """The quantile over ``SHOTS`` shots of each installed unit, of one error at one target."""
 
     plan: ChainPlan  # with SHOTS shots per unit
     seed: int
     target: int
     error: str
     quantile: float
+    units: int = UNITS
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +258,7 @@ class Sampler(Protocol):
     then called again once it is."""
 
     def shards(self, task: TrialsTask) -> Iterable[Shard]: ...
-    def unit_quantiles(self, task: UnitsTask) -> Array: ...  # (UNITS,) mm
+    def unit_quantiles(self, task: UnitsTask) -> Array: ...  # (task.units,) mm
     def radial(self, task: RadialTask) -> RadialEstimate: ...
 
 
@@ -274,7 +277,7 @@ class LocalSampler:
         return draw_shards(task, self.workers)
 
     def unit_quantiles(self, task: UnitsTask) -> Array:
-        batches = range(0, UNITS, UNITS_PER_BATCH)
+        batches = range(0, task.units, UNITS_PER_BATCH)
         with ThreadPoolExecutor(self.workers) as pool:
             return np.concatenate(list(pool.map(lambda first: unit_quantiles(task, first, UNITS_PER_BATCH), batches)))
 
@@ -342,7 +345,7 @@ class SampledDesign:
     quantiles: dict[tuple[str, str, float], Quantile]  # that were found otherwise than from ``confidence_level``
 
 
-UnitQuantiles = dict[tuple[Requirement, str], list[Array]]  # (UNITS,) mm at each vertex, by requirement and target
+UnitQuantiles = dict[tuple[Requirement, str], list[Array]]  # (units,) mm at each vertex, by requirement and target
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -520,7 +523,8 @@ def _sample_units(work: Work) -> UnitQuantiles:
         for name in requirement.targets if requirement.risk == "per_unit" else ():
             for vertex in ready.vertices[name, requirement.error]:
                 plan = compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=SHOTS)
-                task = UnitsTask(plan, work.sampling.seed, names.index(name), requirement.error, requirement.quantile)
+                seed, units = work.sampling.seed, work.sampling.units
+                task = UnitsTask(plan, seed, names.index(name), requirement.error, requirement.quantile, units)
                 tasks.append(((requirement, name), task))
     own: UnitQuantiles = {}
     results = gather(partial(work.sampler.unit_quantiles, task) for _, task in tasks)
@@ -697,6 +701,7 @@ def _estimate_metric(ready: PreparedDesign, sampled: SampledDesign, name: str, e
     first_mm = ready.law(name, error).quantile(P95)
     if first_mm == inf:
         raise no_bound(worst.unanswered, worst.trials, "by estimate")
+    nothing = max(first_mm, quantile.value_mm) < RESOLUTION_MM or not quantile.value_mm
     return MetricEstimate(
         bias_mm=vector3(sample.mean),
         std_mm=vector3(np.sqrt(np.diag(sample.covariance))),
@@ -706,7 +711,7 @@ def _estimate_metric(ready: PreparedDesign, sampled: SampledDesign, name: str, e
         cvar95_mm=max(cvar_estimate(samples, name, error, P95).value_mm for samples in runs),
         worst_mm=max(samples.of(name, error).worst for samples in runs),
         exceedance=beyond,
-        first_order_ratio=first_mm / quantile.value_mm if quantile.value_mm > 0 else 1.0,
+        first_order_ratio=1.0 if nothing else first_mm / quantile.value_mm,
     )
 
 
@@ -742,7 +747,7 @@ def _judge_requirements(ready: PreparedDesign, sampled: SampledDesign, own: Unit
 
 
 def _judge_units(requirement: Requirement, name: str, own: list[Array]) -> Check:
-    """Nested sampling at each vertex: ``UNITS`` installed units, ``SHOTS`` shots of each; the worst vertex is told.
+    """Nested sampling at each vertex of installed units, ``SHOTS`` shots of each; the worst vertex is told.
 
     The quantile over units of the unit's own quantile, by order statistics, at the fraction of units that must keep
     the limit.  Its interval is within the limit just where the lower Clopper-Pearson limit of the yield is what is
@@ -752,7 +757,8 @@ def _judge_units(requirement: Requirement, name: str, own: list[Array]) -> Check
     """
     fraction = requirement.units_fraction
     assert fraction is not None  # or the requirement would be pooled
-    low, high = enclosing_ranks(UNITS, fraction, 1 - (1 - requirement.confidence) / len(own))
+    drawn = len(own[0])
+    low, high = enclosing_ranks(drawn, fraction, 1 - (1 - requirement.confidence) / len(own))
     at_each = [np.sort(units) for units in own]
 
     def largest(rank: int) -> float:
@@ -760,7 +766,7 @@ def _judge_units(requirement: Requirement, name: str, own: list[Array]) -> Check
 
     interval = (0.0 if low is None else largest(low), inf if high is None else largest(high))
     met = min(int((ordered <= requirement.limit_mm).sum()) for ordered in at_each)
-    return judge(requirement, name, largest(ceil(UNITS * fraction)), interval, met / UNITS)
+    return judge(requirement, name, largest(ceil(drawn * fraction)), interval, met / drawn)
 
 
 def _remark_gaps(targets: tuple[TargetEstimate, ...]) -> tuple[Finding, ...]:

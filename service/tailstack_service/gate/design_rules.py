@@ -13,7 +13,7 @@ from tailstack.design import Design
 from tailstack.design.document import Interface
 from tailstack.fields import INTERFACES
 from tailstack.results import ERRORS, Score, headline_of
-from tailstack.results.digits import count_decimals, in_percent
+from tailstack.results.digits import count_decimals, in_percent, length
 from tailstack.tolerances import Tolerances
 
 from ..rendering.sentences import error_of, leading_bias_mm, sources_of, trust_sentence
@@ -94,8 +94,8 @@ def _describe_number(comparison: LimitComparison) -> str:
     assert number.value_mm is not None  # or it would be of an earlier version's record
     low, high = number.interval_mm or (number.value_mm, None)
     decimals = count_decimals(number.limit_mm or number.value_mm, error_of(number.value_mm, (low, high)))
-    ends = f"(between {low:.{decimals}f} and {'an unknown end' if high is None else f'{high:.{decimals}f}'})"
-    value_text = f"{number.value_mm:.{decimals}f} mm {ends}"
+    ends = f"(between {length(low, decimals)} and {'an unknown end' if high is None else length(high, decimals)})"
+    value_text = f"{length(number.value_mm, decimals)} mm {ends}"
     quantile = f"P{100 * requirement.quantile:g}"
     if number.unit == "fraction":
         value = headline_of(requirement.quantile, number.limit, ERRORS[requirement.error])

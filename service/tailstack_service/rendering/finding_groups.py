@@ -53,11 +53,16 @@ def group_findings(findings: Sequence[Finding]) -> list[tuple[Finding, str]]:
     """Findings with their sentences; three and more of the same words, each about another thing, are one."""
     told = []
     for first, *others in group_alike(findings, _name_remark):
-        names = ", ".join(other.message.partition(": ")[0] for other in others)
+        fields = [name_field(item.pointer) for item in (first, *others)]
+        names = ", ".join(
+            other.message.partition(": ")[0] + (f" ({field})" if len(set(fields)) > 1 else "")
+            for other, field in zip(others, fields[1:], strict=True)
+        )
         told.append((first, first.message + (f" The same holds for {names}." if names else "")))
     return told
 
 
 def _name_remark(finding: Finding) -> Hashable | None:
-    remark = finding.message.partition(": ")[2]
+    """What it says, whatever it says it of: two fields of one view are alike."""
+    remark = finding.message.partition(": ")[2].replace(name_field(finding.pointer) or ":", "#")
     return (finding.rule, finding.severity, remark) if remark else None

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from math import hypot
 from typing import TYPE_CHECKING
 
-from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, percent, saving
+from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length, percent, saving
 from tailstack.results.score import group, single_lines, source_name, tenth_of, width_of
 from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis
 
@@ -23,10 +23,10 @@ def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float
     """What is said where the design states no requirement."""
     low, high = interval_mm
     decimals = count_decimals(p95_mm, error_of(p95_mm, interval_mm))
-    ends = "no upper end is known" if high is None else f"between {low:.{decimals}f} and {high:.{decimals}f}"
+    ends = "no upper end is known" if high is None else f"between {length(low, decimals)} and {length(high, decimals)}"
     return (
         f"No requirement is stated. In 95 % of shots, the error at the tool (target {target}) is at most "
-        f"{p95_mm:.{decimals}f} mm (P95; {ends})."
+        f"{length(p95_mm, decimals)} mm (P95; {ends})."
     )
 
 
@@ -47,7 +47,7 @@ def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
     limited = next((f"P{100 * check.quantile:g}" for check in checks if check.requirement == line.requirement), "P95")
     what = f"{limited} of {line.requirement or 'the error at the tool'}"
     decimals = decimals_of(checks, line.value_mm)
-    clauses = [f"{what} is {line.value_mm:.{decimals}f} mm with all of them"]
+    clauses = [f"{what} is {length(line.value_mm, decimals)} mm with all of them"]
     for worst in (line.single, line.double):
         if worst is None:
             clauses.append("every pair was not tried, there are too many")
@@ -60,7 +60,7 @@ def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
         broken = limit is not None and line.value_mm <= limit < worst.value_mm
         beyond = f", beyond the limit of {limit:g} mm" if broken else ""
         clauses.append(f"without {lost}, the worst {'one' if len(worst.lost) == 1 else 'two'} to lose, "
-                    f"{worst.value_mm:.{decimals}f} mm{beyond}")  # fmt: skip
+                    f"{length(worst.value_mm, decimals)} mm{beyond}")  # fmt: skip
     if line.mixture is not None:
         clauses.append(mixture_sentence(line.mixture, line, decimals))
     return "; ".join(clauses) + "."
@@ -77,7 +77,7 @@ def mixture_sentence(mixture: Mixture, line: Losses, decimals: int) -> str:
         limit = line.limit_mm
         broken = limit is not None and line.value_mm <= limit < mixture.value_mm
         beyond = f", beyond the limit of {limit:g} mm" if broken else ""
-        bound = f"{quantile} of all shots are within {mixture.value_mm:.{decimals}f} mm{beyond}"
+        bound = f"{quantile} of all shots are within {length(mixture.value_mm, decimals)} mm{beyond}"
     none, rest = percent(mixture.probability_of_none, 2), percent(mixture.probability_unaccounted, 4)
     return (
         f"with each bead missed in {often} of shots, {bound} (estimate; all beads are there in {none} % of shots, and "
@@ -138,7 +138,7 @@ def dominant_sentence(source: ErrorSource, target: TargetScore, error: str, deci
         )
     return (
         f"The largest source of error is {source.name}: {share} of the variance; were it perfect, P95 at {target.name} "
-        f"would be {source.line.p95_without_mm:.{decimals}f} instead of {target.p95_mm:.{decimals}f} mm."
+        f"would be {length(source.line.p95_without_mm, decimals)} instead of {length(target.p95_mm, decimals)} mm."
     )
 
 
@@ -175,12 +175,11 @@ def margin_sentence(check: Check, sources: Sequence[ErrorSource], decimals: int)
     if spare is None:
         return f"How far {what} is from its limit is not known: it takes a simulation."
     if spare >= 0:
-        first = (
-            f"{what} has at least {spare:.{decimals}f} mm to spare ({in_percent(spare / check.limit_mm)} of the limit)"
-        )
+        share = in_percent(spare / check.limit_mm)
+        first = f"{what} has at least {length(spare, decimals)} mm to spare ({share} of the limit)"
     else:
         share = in_percent(-spare / check.value_mm)
-        first = f"{what} has to come down by {-spare:.{decimals}f} mm ({share}) to pass for certain"
+        first = f"{what} has to come down by {length(-spare, decimals)} mm ({share}) to pass for certain"
     steps = [source for source in sources if source.tenth_mm is not None]
     if check.error != "tcp" or not steps:  # the budget's slopes are of the error at the tool
         return first + "."
@@ -283,7 +282,7 @@ def units_sentence(target: TargetScore, decimals: int | None = None) -> str:
     value = unit.p95_of_units_mm if unit.value_mm is None else unit.value_mm
     decimals = count_decimals(unit.limit_mm or value) if decimals is None else decimals
     shots = f"{100 * unit.quantile:.6g} % of their own shots"
-    statement = f"{100 * unit.units_fraction:.6g} % of installed units keep {shots} within {value:.{decimals}f} mm"
+    statement = f"{100 * unit.units_fraction:.6g} % of installed units keep {shots} within {length(value, decimals)} mm"
     if unit.yield_fraction is None or unit.limit_mm is None:
         return statement + "."
     return f"{statement}; {in_percent(unit.yield_fraction, 1)} of units keep them within {unit.limit_mm:g} mm."

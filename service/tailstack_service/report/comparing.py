@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
 from tailstack.results import Verification
-from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent
+from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length
 from tailstack.results.verdicts import check_sentence, decisive_check, urgency
 from tailstack.studies.sections import SECTIONS, SectionEstimate, estimate_by_sections, take_quantile
 from tailstack.verification import PreparedDesign, Sampling, prepare, verify_prepared
@@ -243,7 +243,8 @@ def difference_sentence(difference: Difference, decimals: int) -> str:
         if difference.first_p95_mm > 0
         else ""
     )
-    ends = f"; P95 goes from {difference.first_p95_mm:.{decimals}f} to {difference.second_p95_mm:.{decimals}f} mm"
+    was, now = length(difference.first_p95_mm, decimals), length(difference.second_p95_mm, decimals)
+    ends = f"; P95 goes from {was} to {now} mm"
     size = f"{abs(difference.difference_mm):.{fine}f} mm{share}"
     if difference.interval_mm is None or difference.confidence is None:
         word = "smaller" if difference.difference_mm < 0 else "larger"
@@ -269,8 +270,8 @@ def _budget(first: Report, second: Report, target: str) -> list[str]:
     was, now = (values.get(name, 0.0) ** 0.5 for values in (before, after))
     decimals = comparison_decimals(first, second)
     return [
-        f"What changed most is {label}: {way} spread at {target}, {was:.{decimals}f} mm in the first and "
-        f"{now:.{decimals}f} mm in the second design (standard deviation, estimate)."
+        f"What changed most is {label}: {way} spread at {target}, {length(was, decimals)} mm in the first and "
+        f"{length(now, decimals)} mm in the second design (standard deviation, estimate)."
     ]
 
 

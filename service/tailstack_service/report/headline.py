@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from tailstack.results.digits import decimals_of, in_percent
+from tailstack.results.digits import decimals_of, in_percent, length
 from tailstack.results.verdicts import P95, STATED, checks_sentence, decisive_check
 from tailstack.results.verdicts import headline_of as name_headline
 
@@ -156,7 +156,7 @@ def _describe_optimum(optimisation: Optimisation, decimals: int) -> str:
     )
     missed = list(dict.fromkeys(check.requirement for check in optimisation.others if check.status != "pass"))
     but = f", and does not keep {', '.join(missed)}, which it was not asked to" if missed else ""
-    after = f"{optimisation.p95_after_mm:.{decimals}f} mm"
+    after = f"{length(optimisation.p95_after_mm, decimals)} mm"
     return f"The optimised design has a P95 of {after}{cost}{but}; it is described below."
 
 

@@ -8,11 +8,13 @@ All lengths of one answer have as many decimals as its finest requirement asks f
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from math import floor, isfinite, log10
 from typing import Protocol
 
 ESTIMATE = 0.01  # relative error of an estimate that holds; whatever is less well known is written as if it were it
 FINEST = 6  # decimals of a millimetre
+RESOLUTION_MM = 10.0**-FINEST  # of two lengths below it no ratio is told: they are rounding, or nothing
 ROUNDING = 1.02  # 0.998 % is 1 %
 
 
@@ -51,6 +53,31 @@ def exact(value: float, decimals: int) -> str:
     return text if float(text) == value else f"{value:.12g}"
 
 
+def length(value_mm: float, decimals: int) -> str:
+    """A length in a sentence: with two digits where its decimals would show nothing of what is not nothing."""
+    if 0 < abs(value_mm) < RESOLUTION_MM:
+        return f"<{RESOLUTION_MM:.{FINEST}f}"
+    text = f"{value_mm:.{decimals}f}"
+    return text if float(text) or not value_mm else f"{value_mm:.{min(1 - floor(log10(abs(value_mm))), FINEST)}f}"
+
+
+def at_least(value: float, digits: int = 4) -> str:
+    """The smallest number with so many significant digits that is not below a value: what a hint asks for is enough."""
+    return _round_out(value, digits, ROUND_CEILING)
+
+
+def at_most(value: float, digits: int = 4) -> str:
+    """The largest number with so many significant digits that is not above a value."""
+    return _round_out(value, digits, ROUND_FLOOR)
+
+
+def _round_out(value: float, digits: int, rounding: str) -> str:
+    if not value:
+        return "0"
+    known = Context(12).plus(Decimal(value))  # 0.3 stays 0.3, whichever side of it a float lies
+    return f"{Context(digits, rounding).plus(known).normalize():f}"
+
+
 def in_percent(fraction: float, decimals: int = 0) -> str:
     """A share in words, ``39 %``: what is not nothing is never 0, and what is not all never 100."""
     least = 10.0**-decimals
@@ -59,6 +86,15 @@ def in_percent(fraction: float, decimals: int = 0) -> str:
     if 100 - least / 2 <= 100 * fraction < 100:
         return f"> {100 - least:g} %"
     return f"{100 * fraction:.{decimals}f} %"
+
+
+def percent_change(before: float, after: float) -> str:
+    """How much more or less, ``+71 %``, with a sign; as a factor where per cents say nothing."""
+    ratio = after / before
+    if not 0.01 < ratio < 10:
+        return f"{ratio:.3g} times" if ratio >= 10 else f"a {1 / ratio:.3g}th of it" if ratio > 0 else "to nothing"
+    change = 100 * (ratio - 1)
+    return f"{change:+.0f} %" if abs(change) >= 9.5 else f"{change:+.2g} %"
 
 
 # --- numbers as text: ``-`` for what is not there ----------------------------------------------------------

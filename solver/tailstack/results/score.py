@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 from tailstack.fields import INTERFACES
 
-from .digits import decimals_of
+from .digits import decimals_of, length
 from .outline import Bar, Bars, Frame, Outline, checks_frame, frame, row_of, verdict_sentence
 from .record import Result
 from .tables import EVERYWHERE, IN_DETAIL, PAPER, Cell, Column, On, Row, Table, fill, tabulate
@@ -364,7 +364,7 @@ class Score(Result):
                 Frame("budget", tuple(budget), shown=budget_table(worst, decimals)),
             ),
             Bars(
-                f"Budget at target {worst.name}: P95 {worst.p95_mm:.{decimals}f} mm{limit}",
+                f"Budget at target {worst.name}: P95 {length(worst.p95_mm, decimals)} mm{limit}",
                 "share of the variance, %",
                 (*shares[:MOST_BARS], *more),
             ),
@@ -525,7 +525,7 @@ def budget_table(
                 on &= ~place if part in small else EVERYWHERE
             rows.append(fill(columns, BudgetLine(part, part.component), 1, on))
         rows += [_sum_up(columns, small, SMALL[place], place) for place, small in left.items() if small]
-    caption = f"Budget at target {target.name} (estimate, P95 {target.p95_mm:.{decimals}f} mm)"
+    caption = f"Budget at target {target.name} (estimate, P95 {length(target.p95_mm, decimals)} mm)"
     return Table(name, caption, columns, tuple(rows), BUDGET_NOTE + note)
 
 

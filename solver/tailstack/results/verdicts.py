@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal, NamedTuple
 
-from .digits import decimals_of, in_percent
+from .digits import decimals_of, in_percent, length
 from .tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
 
 Vector3 = tuple[float, float, float]
@@ -236,14 +236,14 @@ def _describe(check: Check) -> str:
     else:
         shots = f"{100 * check.min_yield:.6g} % of installed units, in {shots}their own shots"
     low, high = check.interval_mm
-    ends = "no upper end is known" if high is None else f"between {low:.{decimals}f} and {high:.{decimals}f}"
+    ends = "no upper end is known" if high is None else f"between {length(low, decimals)} and {length(high, decimals)}"
     limit = f"the limit of {check.limit_mm:g} mm"
     held = {"pass": f"within {limit}", "fail": f"above {limit}", "inconclusive": f"and {limit} lies in between"}
     where = f"so whether it keeps {limit} is open" if high is None else held[check.status]
     units = "" if check.yield_fraction is None else f"; {in_percent(check.yield_fraction, 1)} of units keep it"
     return (
         f"{check.requirement}: in {shots}, {ERRORS[check.error]} (target {check.target}) is at most "
-        f"{check.value_mm:.{decimals}f} mm (P{100 * check.quantile:.6g}; {ends}), {where}{units}"
+        f"{length(check.value_mm, decimals)} mm (P{100 * check.quantile:.6g}; {ends}), {where}{units}"
     )
 
 

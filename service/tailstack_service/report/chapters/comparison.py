@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
-from tailstack.results.digits import in_percent, signed_decimal
+from tailstack.results.digits import in_percent, length, signed_decimal
 from tailstack.results.score import source_name
 from tailstack.results.tables import Cell, Column, On, Row, Table, tabulate
 from tailstack.results.verdicts import (
@@ -75,7 +75,7 @@ def _numbers(comparison: Comparison) -> tuple[KeyNumber, ...]:
     quantiles = [
         KeyNumber(
             f"P95, {which.lower()} design",
-            f"{value:.{decimals}f} mm",
+            f"{length(value, decimals)} mm",
             f"target {worst.target}, {name_basis(worst.basis)}",
         )
         for which, value in zip(TOLD, (worst.first_p95_mm, worst.second_p95_mm), strict=True)

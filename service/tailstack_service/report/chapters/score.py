@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from tailstack.results import ERRORS, Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
-from tailstack.results.digits import decimal, in_percent, percent, signed_decimal
+from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
 from tailstack.results.score import budget_table, source_name, targets_table, views_table
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill
 from tailstack.results.verdicts import P95, decisive_check, name_basis, requirements_table
@@ -112,7 +112,7 @@ def _chosen_budget(score: Score, target: TargetScore) -> BlockGroup:
     others = f" (of {count} targets; --target NAME shows another)" if count > 1 else ""
     return group(
         Paragraph(
-            f", P95 {target.p95_mm:.{score.decimals}f} mm{others}",
+            f", P95 {length(target.p95_mm, score.decimals)} mm{others}",
             f"Where the error at target {target.name} comes from",
         ),
         budget_table(target, score.decimals),
@@ -149,9 +149,9 @@ def _law(target: TargetScore, decimals: int) -> Iterator[tuple[str, str]]:
     bounds = target.bounds_mm
     yield (
         "law",
-        f"{target.law}. The same mean and covariance allow a P95 of {bounds.gaussian:.{decimals}f} mm if Gaussian, "
-        f"at most {bounds.unimodal:.{decimals}f} mm for any symmetric unimodal law, {bounds.moments:.{decimals}f} mm "
-        "for any law.",
+        f"{target.law}. The same mean and covariance allow a P95 of {length(bounds.gaussian, decimals)} mm if "
+        f"Gaussian, at most {length(bounds.unimodal, decimals)} mm for any symmetric unimodal law, "
+        f"{length(bounds.moments, decimals)} mm for any law.",
     )
     error = target.per_unit.yield_standard_error
     if error is not None:
@@ -199,11 +199,11 @@ def reliability_blocks(score: Score) -> tuple[Block, ...]:
 def key_numbers(headline: Headline, decimals: int) -> tuple[KeyNumber, ...]:
     """What decides, its limit and the margin, in large type."""
     low, high = headline.interval_mm
-    end = "unknown" if high is None else f"{high:.{decimals}f}"
-    ends = f"{low:.{decimals}f} to {end} mm, {name_basis(headline.basis)}"
+    end = "unknown" if high is None else length(high, decimals)
+    ends = f"{length(low, decimals)} to {end} mm, {name_basis(headline.basis)}"
     error = "the error" if headline.error == "tcp" else ERRORS[headline.error]
     label = f"{headline.headline} of {error}" if headline.min_yield is None else headline.headline
-    numbers = [KeyNumber(label, f"{headline.value_mm:.{decimals}f} mm", ends)]
+    numbers = [KeyNumber(label, f"{length(headline.value_mm, decimals)} mm", ends)]
     if headline.limit_mm is None:
         return (*numbers, KeyNumber("Limit", "none", "no requirement is stated"))
     numbers.append(KeyNumber("Limit", f"{headline.limit_mm:g} mm", f"{headline.requirement}, target {headline.target}"))
@@ -307,8 +307,8 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
         error = f"{ERRORS[tightest.error]} at {tightest.target}"
         what = headline_words(tightest.quantile, tightest.min_yield, error)
         sentences.append(
-            f"Nearest to its limit is {tightest.requirement}: {what}, an estimated {tightest.value_mm:.{decimals}f} mm "
-            f"against {tightest.limit_mm:g} mm."
+            f"Nearest to its limit is {tightest.requirement}: {what}, an estimated "
+            f"{length(tightest.value_mm, decimals)} mm against {tightest.limit_mm:g} mm."
         )
         named = {entry.target: None for entry in allowances if entry.status != "no requirement"}
         target = tightest.target if tightest.target in named else next(iter(named), "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from tailstack.results.digits import length
 from tailstack.results.sweep import Sweep, SweepPoint, SweepTarget, points_table
 from tailstack.results.tables import PAPER, TERMINAL
 
@@ -27,7 +28,7 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
     numbers = [KeyNumber("Points", f"{len(sweep.points):,}", f"{len(refused)} refused")]
     if evaluated:
         for label, (target, point) in zip(("Smallest P95", "Largest P95"), _find_ends(evaluated), strict=True):
-            value = f"{target.p95_mm:.{sweep.decimals}f} mm"
+            value = f"{length(target.p95_mm, sweep.decimals)} mm"
             numbers.append(KeyNumber(label, value, f"{target.name}, {_place(sweep, point.values)}"))
     sentence, verdict_sentences = _range_sentence(sweep, evaluated), _kept_sentence(sweep)
     scored = sweep.check == "score"
@@ -93,7 +94,7 @@ def _range_sentence(sweep: Sweep, evaluated: Sequence[EvaluatedPoint]) -> str:
     if not evaluated:
         return "No point could be evaluated."
     ends = _find_ends(evaluated)
-    low, high = (f"{target.p95_mm:.{sweep.decimals}f} mm" for target, _ in ends)
+    low, high = (f"{length(target.p95_mm, sweep.decimals)} mm" for target, _ in ends)
     at_low, at_high = (_place(sweep, point.values) for _, point in ends)
     refused = len(sweep.points) - len(evaluated)
     over = f"{len(evaluated):,} of {len(sweep.points):,} points" if refused else f"all {len(evaluated):,} points"

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from tailstack.precision import MAX_TRIALS
-from tailstack.results.digits import in_percent, number, percent
+from tailstack.results.digits import RESOLUTION_MM, in_percent, length, number, percent
 from tailstack.results.tables import IN_DETAIL, PAPER, On
 from tailstack.results.verdicts import requirements_table
 from tailstack.results.verification import estimates_table
@@ -89,6 +89,10 @@ def _precision_sentence(check: Verification) -> str:
     """How precise the simulation is, the worst that it met, and how far the estimate of a score is from it."""
     reached, wanted = check.precision_reached, check.precision_requested
     worst = max((target.worst_mm for target in check.targets), default=0.0)
+    largest = f"the largest error of all shots is {length(worst, check.decimals)} mm"
+    seed = f"The same seed ({check.seed}) gives the same digits."
+    if max((target.p95_mm for target in check.targets), default=1.0) < RESOLUTION_MM:
+        return f"Nothing varies that moves the tool: {largest}, and so is the estimate of `tailstack score`. {seed}"
     precise = f"P95 is known to ± {percent(reached, 2)} %"
     if wanted is not None and reached > wanted:
         precise += (
@@ -98,10 +102,7 @@ def _precision_sentence(check: Verification) -> str:
     gap = check.first_order_ratio - 1
     side = "below" if gap < 0 else "above"
     estimate = "`tailstack score`" if check.losses is None else "such shots, with and without fiducials missed,"
-    return (
-        f"{precise}; the largest error of all shots is {worst:.{check.decimals}f} mm. The estimate of {estimate} "
-        f"is {percent(abs(gap), 1)} % {side} this P95. The same seed ({check.seed}) gives the same digits."
-    )
+    return f"{precise}; {largest}. The estimate of {estimate} is {percent(abs(gap), 1)} % {side} this P95. {seed}"
 
 
 def _images_sentence(check: Verification) -> str:
