@@ -20,7 +20,7 @@ from tailstack.montecarlo.chain import draw_losses
 from tailstack.montecarlo.estimators import cvar_interval
 from tailstack.montecarlo.shards import compute_shard, shard_from_bytes, shard_to_bytes
 from tailstack.montecarlo.simulate import Run, Simulation
-from tailstack.optimisation import tightening
+from tailstack.optimisation import margin
 from tailstack.system import Estimator, Requirement, Triangulation
 from tailstack.verification import Sampling, prepare, verify_prepared
 
@@ -265,7 +265,7 @@ def test_a_limit_of_the_mean_of_the_tail_does_not_pass_where_a_shot_has_no_answe
 
 @pytest.mark.long
 def test_an_optimum_keeps_its_limit_over_shots_with_beads_missed(monkeypatch):
-    monkeypatch.setattr(tightening, "MOST_TRIALS", 2**15)
+    monkeypatch.setattr(margin, "MOST_TRIALS", 2**15)
 
     def rotations_only(data):
         one_often(data)

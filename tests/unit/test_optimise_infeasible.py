@@ -109,7 +109,7 @@ def test_the_smallest_quantile_is_named(name: str) -> None:
     rng = np.random.default_rng(2)
     others = [replace(_least(problem), half_width=problem.lower * np.exp(rng.uniform(0, 5, 6))) for _ in range(30)]
     assert min(score_mm(problem, other)[0] for other in others) >= least * (1 - 1e-9)
-    (raised,) = re.findall(r"raise the limit above ([\d.]+) mm", hint)
+    (raised,) = re.findall(r"raise the limit to ([\d.]+) mm or more", hint)
     enough = replace(problem, requirements=(requirement(float(raised) * 1.0001),))
     assert solve_placement(enough).worst_ratio <= 1
     assert float(raised) == pytest.approx(least, rel=5e-3)

@@ -342,7 +342,7 @@ IMPOSSIBLE: dict[str, tuple[dict[str, Any], str, str, str]] = {
     ),
     "cost limit below the least": (
         section(objective="quantile", cost_limit=400.0, rotation_bounds=DEG), "/cost_limit", "cost-out-of-reach",
-        "458.366",  # 4 half-widths of 0.5 degrees
+        "458.367",  # 4 half-widths of 0.5 degrees
     ),
     "no common factor": (
         section(objective="scaling", rotation_bounds=DEG,

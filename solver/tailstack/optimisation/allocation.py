@@ -91,7 +91,7 @@ class _Curves:
 
     def cheapest(self, charge: Array, lower: Array, upper: Array) -> Array:
         """(k,) least ``cost(h) + charge h^2`` in [lower, upper], charge (k,) >= 0; both terms are convex in h."""
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             power = (self.exponent * self.weight / (2 * charge)) ** (1 / (self.exponent + 2))
             falling = self.scale * lambertw(self.weight / (2 * charge * self.scale**2)).real
         return np.clip(np.where(self.exponential, falling, power), lower, upper)

@@ -19,6 +19,7 @@ from ..results import FrontPoint, PlacementValue
 from ..scoring import vector3
 from .allocation import best_budget, budgets_of
 from .exact_law import evaluate_demand
+from .margin import trials_for
 from .problem import PlacementProblem, for_people, present_choice
 from .program import Program
 from .request import OptimiseRequest
@@ -36,7 +37,7 @@ from .search import (
 from .starts import careless_layouts, textbook_layout
 from .task import OptimisationTask
 from .terms import is_singular
-from .tightening import CheckSettings, VerifiedOptimum, tighten, trials_for
+from .tightening import CheckSettings, VerifiedOptimum, tighten
 
 LEAST_TRIALS = 2**18  # of the check of a point: P95 within 0.3 %
 ABOVE_LEAST = 1.02  # the tightest limit, as a multiple of the smallest quantile attainable
@@ -147,6 +148,7 @@ def _point(problem: PlacementProblem, search: Search, verified: VerifiedOptimum,
 
 
 CARELESS = 30
+MANY = 1000.0  # times: more says nothing more
 
 
 def value_placement(search: Search, seed: int, control: Control) -> PlacementValue | None:
@@ -216,7 +218,9 @@ def _part(ratio: float, what: str) -> str:
     """How much of ours the other one costs more."""
     if ratio - 1 < 5e-5:
         return "nothing"
-    return f"{100 * (ratio - 1):.2g} % of {what}" if ratio < 2 else f"{ratio - 1:.1f} times {what}"
+    if ratio < 2:
+        return f"{100 * (ratio - 1):.2g} % of {what}"
+    return f"{ratio - 1:.1f} times {what}" if ratio < MANY else f"more than {MANY:g} times {what}"
 
 
 def _at_layout(search: Search) -> Callable[[Array], float | None]:

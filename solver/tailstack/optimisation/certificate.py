@@ -11,11 +11,12 @@ import numpy as np
 
 from ..errors import InfeasibleError, NotConvergedError
 from ..results import Relaxation, ShadowPrice
+from ..results.digits import at_least, at_most
 from ..system import Law
 from .allocation import gaussian_bracket
 from .exact_law import error_moments, evaluate_demand
 from .grades import Optimum
-from .prices import slope_of
+from .prices import part_that_holds, slope_of
 from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice, unit_of
 from .program import ConstraintRow, Parameters, Point, Program
 from .regions import BoxRegion
@@ -46,6 +47,8 @@ def name_binding(program: Program, point: Point, parameters: Parameters) -> tupl
                 touched.setdefault(f"at the {face}", []).append(labels[row.fiducials[0]])
             else:
                 binding.append(row.text + _minimum(program.problem, row.kind))
+    if program.problem.spends_least:
+        binding.append(f"the cost limit of {program.problem.cost_limit:g}, with every free half-width at its largest")
     binding += [f"{', '.join(names)} {face}" for face, names in touched.items()]
     return (
         *binding,
@@ -156,11 +159,18 @@ def price_bounds(
     what = "the error" if quantile_least else "cost"
     prices: list[ShadowPrice] = []
 
-    def add(name: str, unit: str, per_unit: float, phrase: str, step: float = 1.0, own: bool = False) -> None:
-        share = 100 * abs(per_unit) * step / whole
-        if share > PRICED:
-            effect = f"costs {share:.3g} %" if own else f"{'saves' if per_unit < 0 else 'adds'} {share:.3g} % of {what}"
-            prices.append(ShadowPrice(name, unit, float(per_unit), f"{phrase} {effect}"))
+    def add(
+        name: str, unit: str, per_unit: float, phrase: str, room: float, step: float = 1.0, own: bool = False
+    ) -> None:
+        """``phrase`` has a place for the step, which counts units (of 0.01 deg, say); ``room``: of what it is a part,
+        without that factor."""
+        share, size = abs(per_unit) * step / whole, step * float(unit.rpartition(" ")[0] or 1)
+        if 100 * share > PRICED:
+            told = part_that_holds(share, size / room)
+            change = f"{100 * share * told:.3g} %"
+            effect = f"costs {change}" if own else f"{'saves' if per_unit < 0 else 'adds'} {change} of {what}"
+            words = phrase.replace("{step}", f"{size * told:g}")
+            prices.append(ShadowPrice(name, unit, float(per_unit), f"{words} {effect}"))
 
     rows = point.row_multipliers
     for requirement in problem.requirements:
@@ -171,17 +181,13 @@ def price_bounds(
             limit = requirement.limit_mm
             step = 10.0 ** floor(log10(limit / 10))  # small enough for a derivative to mean something
             name = "limit" if len(problem.requirements) == 1 else f"limit of {requirement.name}"
-            phrase = (
-                f"{step:g} mm more on the {name} ({limit:g} mm)"
-                if " of " in name
-                else (f"{step:g} mm more on the limit of {limit:g} mm")
-            )
-            add(name, "mm", -2 * pressed * objective / limit, phrase, step)
+            phrase = f"the {name} ({limit:g} mm)" if " of " in name else f"the limit of {limit:g} mm"
+            add(name, "mm", -2 * pressed * objective / limit, f"{{step}} mm more on {phrase}", limit, step)
     for row, multiplier in zip(program.rows, rows, strict=True):
         if row.kind == "cost" and problem.cost_limit is not None:
             step = 10.0 ** floor(log10(problem.cost_limit / 10))
             per_unit = -per * float(multiplier) / problem.cost_limit * objective
-            add("cost_limit", "cost", per_unit, f"{step:g} more on the cost limit", step)
+            add("cost_limit", "cost", per_unit, "{step} more on the cost limit", problem.cost_limit, step)
     _price_widths(program, point, objective * per, add)
     _spacings(program, point, objective * per, add)
     _places(program, point, objective * per, add)
@@ -196,16 +202,18 @@ def _price_widths(program: Program, point: Point, objective: float, add: Add) ->
     for k, free in enumerate(problem.half_widths):
         multiplier = float(point.bound_multipliers[program.widths_at.start + k])
         step, unit = (radians(0.01), "0.01 deg") if unit_of(problem, k) == "rad" else (0.01, "0.01 mm")
+        here, native = float(np.exp(point.x[program.widths_at.start + k])), unit.rpartition(" ")[2]
         if problem.objective == "cost" and abs(multiplier) < BETWEEN:
-            own = slope_of(free.price, float(np.exp(point.x[program.widths_at.start + k]))) * step
-            words = in_words(problem, k)
-            add(f"{words} half-width", unit, own, f"{words} tighter by {unit}", own=True)
+            own = slope_of(free.price, here) * step
+            words, room = in_words(problem, k), for_people(problem, k, here)[0]
+            add(f"{words} half-width", unit, own, f"{words} tighter by {{step}} {native}", room, own=True)
         bound, which = (free.maximum, "largest") if multiplier > 0 else (free.minimum, "smallest")
         add(
             f"{in_words(problem, k)} {which} half-width",
             unit,
             -multiplier * objective / bound * step,
-            f"{unit} more on the {which} half-width of {in_words(problem, k)}",
+            f"{{step}} {native} more on the {which} half-width of {in_words(problem, k)}",
+            for_people(problem, k, bound)[0],
         )
 
 
@@ -218,14 +226,15 @@ def _spacings(program: Program, point: Point, objective: float, add: Add) -> Non
     }.items():
         total = sum(float(m) for m, row in zip(rows, program.rows, strict=True) if row.kind == kind)
         if size > 0:
-            phrase = f"1 {unit} more {name.rsplit('_', 1)[0].replace('_', ' ')}"
-            add(name, unit, total * -2 / size * objective, phrase)
+            phrase = f"{{step}} {unit} more {name.rsplit('_', 1)[0].replace('_', ' ')}"
+            add(name, unit, total * -2 / size * objective, phrase, size)
 
 
 def _places(program: Program, point: Point, objective: float, add: Add) -> None:
     """Faces of the boxes, those of one region together."""
     problem = program.problem
     pressed: dict[tuple[str, int, str], float] = {}
+    rooms: dict[tuple[str, int, str], float] = {}
     for g, place in enumerate(problem.places):
         if not isinstance(place.region, BoxRegion):
             continue
@@ -234,11 +243,12 @@ def _places(program: Program, point: Point, objective: float, add: Add) -> None:
             multiplier = float(point.bound_multipliers[3 * g + k])
             if half > 0 and multiplier:
                 key = (place.pointer, k, "upper" if multiplier > 0 else "lower")
-                pressed[key] = pressed.get(key, 0.0) + abs(multiplier) / half
+                pressed[key], rooms[key] = pressed.get(key, 0.0) + abs(multiplier) / half, 2 * half
     several = len({place.pointer for place in problem.places}) > 1
-    for (pointer, k, word), total in sorted(pressed.items()):
+    for key, total in sorted(pressed.items()):
+        pointer, k, word = key
         face = f"{word} {'xyz'[k]} face of the box" + (f" at {pointer}" if several else "")
-        add(face, "mm", -total * objective, f"moving the {face} out by 1 mm")
+        add(face, "mm", -total * objective, f"moving the {face} out by {{step}} mm", rooms[key])
 
 
 def _price_mechanics(program: Program, point: Point, objective: float, add: Add) -> None:
@@ -251,13 +261,13 @@ def _price_mechanics(program: Program, point: Point, objective: float, add: Add)
                 word = "upper" if multiplier > 0 else "lower"
                 name = f"{word} {'xyz'[k]} bound of the pivot of {label_of(problem, free.contributor)}"
                 per_mm = -abs(multiplier) / half * objective
-                add(name, "mm", per_mm, f"moving the {name} out by 1 mm")
+                add(name, "mm", per_mm, f"moving the {name} out by {{step}} mm", 2 * half)
     for i, spacing in enumerate(problem.spacings):
         multiplier = float(point.bound_multipliers[program.spacings_at.start + i])
         if multiplier:
             bound, word = (spacing.maximum, "largest") if multiplier > 0 else (spacing.minimum, "smallest")
             name = f"{word} locator spacing of {label_of(problem, spacing.contributor)}"
-            add(name, "factor", -multiplier / bound * objective, f"0.1 more on the {name}", 0.1)
+            add(name, "factor", -multiplier / bound * objective, f"{{step}} more on the {name}", bound, 0.1)
 
 
 def bound_cost(search: Search, optimum: Optimum) -> Relaxation:
@@ -280,9 +290,9 @@ def bound_cost(search: Search, optimum: Optimum) -> Relaxation:
         optimum.cost,
         low,
         gap,
-        f"with this layout no allocation costs less than {low:.6g} ({gap:.2g} % below this one): the optimum of a "
-        "convex relaxation, (tr S + c |S|_F) / k <= limit^2 with k checked numerically over all spectra; without k it "
-        f"is always safe, and costs {high:.6g}",
+        f"with this layout no allocation costs less than {at_most(low, 6)} ({gap:.2g} % below this one): the optimum "
+        "of a convex relaxation, (tr S + c |S|_F) / k <= limit^2 with k checked numerically over all spectra; without "
+        f"k it is always safe, and costs {at_least(high, 6)}",
     )
 
 

@@ -6,7 +6,7 @@ impossible."""
 from __future__ import annotations
 
 from itertools import combinations
-from math import pi, sqrt
+from math import log, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from ..arrays import Array
 from ..errors import DesignError, Problem
 from ..geometry.camera import image_of
 from ..geometry.naming import direction_name
+from ..results.digits import at_least, at_most
 from ..system import View
 from .problem import (
     MOST_FIDUCIALS,
@@ -41,6 +42,7 @@ from .regions import (
 )
 from .terms import EstimationTerms, estimator_of
 
+LEAST_COST = 1e-290  # of a half-width: less loses its digits
 FLAT = 1e-6  # thickness over width of a region that is a plane
 MOST_ENDS = 6  # bounded sources that move images together: 64 vertices for each quantile
 ROUNDING_MM = 1e-3  # fixed positions may have been rounded by who wrote them
@@ -51,7 +53,7 @@ DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 
 def refuse_contradictions(problem: PlacementProblem) -> None:
     """Raise DesignError with every contradiction that can be shown without solving."""
-    problems = _bounds(problem) + _mechanics(problem)
+    problems = (_bounds(problem) or _curves(problem)) + _mechanics(problem)
     if not problems:
         problems = _objective(problem)
     count = len(problem.system.fiducial_labels)
@@ -109,8 +111,8 @@ def _flat(problem: PlacementProblem) -> list[Problem]:
                 Problem(
                     place.pointer,
                     "flat-region",
-                    f"all fiducials but {off} would lie in one plane with normal {direction_name(axes[2])}: no view "
-                    "can tell its depth from its focal length",
+                    f"all fiducials{' but one' * off} would lie in one plane with normal {direction_name(axes[2])}: no "
+                    "view can tell its depth from its focal length",
                     "give the region some thickness, or fix two or more fiducials off that plane",
                 )
             ]
@@ -151,6 +153,29 @@ def _bounds(problem: PlacementProblem) -> list[Problem]:
     return problems
 
 
+def _curves(problem: PlacementProblem) -> list[Problem]:
+    """Exponential costs that are too small for a number before their half-width is at its largest."""
+    problems: dict[str, Problem] = {}
+    for k, free in enumerate(problem.half_widths):
+        if free.price.curve != "exponential":
+            continue
+        least = free.maximum / (log(free.price.weight) - log(LEAST_COST))
+        if free.price.scale >= least * (1 - 1e-9):
+            continue
+        (scale, unit), (least, _), (high, _) = (
+            for_people(problem, k, value) for value in (free.price.scale, least, free.maximum)
+        )
+        field = f"{free.pointer}/cost/scale_{unit}"
+        problems[field] = Problem(
+            field,
+            "curve-underflows",
+            f"with scale_{unit} {scale:g} the cost of {in_words(problem, k)} at its largest half-width, {high:g} "
+            f"{unit}, is its weight times e^-{high / scale:.0f}: too small a number to compare by",
+            f"scale_{unit}: {at_least(least, 3)} or more, or a smaller largest half-width",
+        )
+    return list(problems.values())
+
+
 def _mechanics(problem: PlacementProblem) -> list[Problem]:
     """Bounds of pivots and locator spacings."""
     problems = []
@@ -188,7 +213,7 @@ def _objective(problem: PlacementProblem) -> list[Problem]:
                 "/optimise/cost_limit",
                 "missing-field",
                 "the smallest quantile with free half-widths and no limit on their cost has every one at its smallest",
-                f"give a cost_limit; with every free half-width at its largest the cost is {least:.6g}",
+                f"cost_limit: {at_least(least, 6)} or more, the cost with every free half-width at its largest",
             )
         ]
     if problem.cost_limit < least * (1 - 1e-9):
@@ -196,9 +221,9 @@ def _objective(problem: PlacementProblem) -> list[Problem]:
             Problem(
                 "/optimise/cost_limit",
                 "cost-out-of-reach",
-                f"with every free half-width at its largest the cost is {least:.6g}, the least possible; cost_limit is "
-                f"{problem.cost_limit:.6g}",
-                f"raise cost_limit to {least:.6g} or more, or allow larger half-widths",
+                f"with every free half-width at its largest the cost is {at_least(least, 6)}, the least possible; "
+                f"cost_limit is {at_most(problem.cost_limit, 6)}",
+                f"raise cost_limit to {at_least(least, 6)} or more, or allow larger half-widths",
             )
         ]
     return []
@@ -274,7 +299,7 @@ def refuse_regions(problem: PlacementProblem, estimator: EstimationTerms) -> lis
 
 
 def _word(region: Shape) -> str:
-    return type(region).__name__.lower()
+    return {BoxRegion: "box", Cylinder: "cylinder", Ball: "ball"}[type(region)]
 
 
 def _empty(place: FreeFiducial) -> list[Problem]:

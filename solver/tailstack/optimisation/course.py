@@ -11,7 +11,8 @@ search                IPOPT from every start, the best polished (``search``)
 exact law             the closed form corrected until the declared law itself is at its limit (``exact_law``,
                       ``placement``)
 grades                what is bought from a table, and everything else around it (``grades``)
-check                 Monte Carlo with a fresh seed, the aim tightened until it passes (``tightening``)
+check                 Monte Carlo with a fresh seed, the aim tightened until it passes; the design as it stands, where
+                      that is better and passes too (``tightening``, ``present``)
 front, comparison     the same at other limits, and at other layouts (``alternatives``)
 record, certificate   what changed; what binds, shadow prices, the bound of the convex allocation (``reporting``,
                       ``certificate``, ``allocation``)
@@ -21,22 +22,25 @@ record, certificate   what changed; what binds, shadow prices, the bound of the 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Protocol
 
 import numpy as np
 
-from ..design import Design
+from ..design import Design, load_design
 from ..design.optimise_document import AddedView
 from ..errors import InfeasibleError, NotConvergedError, TailstackError
 from ..results import CountTried, FrontPoint, Optimisation
 from .alternatives import trace_front, value_placement
 from .offer import weigh_offer
 from .placement import settle
+from .present import merit_as_written, merit_of, present_design
 from .reporting import add_aims, report
+from .request import read_request
 from .search import Control, Progress, Search, Stop, search
 from .task import OptimisationTask, locate_refusals, read_task
-from .tightening import CheckSettings, VerifiedOptimum, tighten
-from .views import aim_views
+from .tightening import CheckSettings, VerifiedOptimum, check_present, tighten
+from .views import aim_views, leave_views
 
 TIE = 1e-4  # relative: a count must be better by that to be preferred to a smaller one
 
@@ -81,7 +85,12 @@ def optimise(
                 aims,
                 added,
             )
-        return add_aims(optimise_aimed(aimed, rest), design, record)
+        found = add_aims(optimise_aimed(aimed, rest), design, record)
+        if record.objective_as_aimed is None or not _undercuts(each, found):
+            return found
+        stayed = optimise_aimed(each, rest)  # by the closed form, before the check's margin, that was no better
+        same = _undercuts(load_design(found.design), stayed)
+        return found if same else add_aims(stayed, design, leave_views(record))
 
     added = None if design.document.optimise is None else design.document.optimise.added_view
     if added is None:
@@ -104,7 +113,7 @@ def optimise_task(task: OptimisationTask, searcher: Searcher, control: Control) 
     """
     with locate_refusals(task.request.design):
         searches, counts = search_counts(task, searcher, control)
-        optimum = take_first_verified(task, searches, control)
+        optimum = take_best_verified(task, searches, control)
         front: tuple[FrontPoint, ...] = ()
         if task.request.section.goal == "pareto":
             front = searcher.trace_front(task.counts.index(optimum.count), optimum.search)
@@ -180,6 +189,38 @@ def search_counts(
         stopped = f"stopped on request: {missed} of {len(task.counts)} numbers of fiducials were not tried"
         ranked = [replace(result, stopped=stopped) for result in ranked]
     return ranked, () if count is None else tuple(tried)
+
+
+def take_best_verified(task: OptimisationTask, searches: list[Search], control: Control) -> VerifiedOptimum:
+    """The best of the optima that verifies, or the design as it stands where that is better.
+
+    Raises what refuses the optima where there is neither.
+    """
+    found: VerifiedOptimum | TailstackError
+    try:
+        found = take_first_verified(task, searches, control)
+    except (NotConvergedError, InfeasibleError) as error:
+        found = error
+    best = inf if isinstance(found, TailstackError) else merit_as_written(read_request(found.design))
+    number = len(task.request.problem.system.fiducial_labels)
+    own = next((candidate for candidate in searches if candidate.fiducials == number), None)
+    if own is not None:
+        kept = check_present(task.request, own, CheckSettings(task.seed), best, control)
+        if kept is not None:
+            return kept if isinstance(found, TailstackError) else replace(kept, exact=found.exact)
+    if isinstance(found, TailstackError):
+        raise found
+    return found
+
+
+def _undercuts(design: Design, found: Optimisation) -> bool:
+    """Whether a design keeps what is asked for with less of what is made least than what was found."""
+    request = read_request(design)
+    here = present_design(request.problem)
+    if here.moved or not here.ratios or (request.problem.objective != "quantile" and max(here.ratios) > 1):
+        return False
+    written = merit_as_written(read_request(load_design(found.design, base_directory=design.source.directory)))
+    return merit_of(request, request.problem, here.choice, here.ratios) < written
 
 
 def take_first_verified(task: OptimisationTask, searches: list[Search], control: Control) -> VerifiedOptimum:

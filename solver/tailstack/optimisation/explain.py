@@ -6,7 +6,7 @@ the rotations about it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil, log10
 from typing import Any
 
@@ -21,13 +21,18 @@ from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedEr
 from ..estimation.checks import check_geometry
 from ..propagation.linear import LinearModel, linearise
 from ..results import Finding
+from ..results.digits import at_least, at_most
 from ..system import Way
 from ..verification import UNITS
 from .exact_law import Evaluation, evaluate_demand, exact_quantile
+from .margin import aim_of, trials_for
+from .prices import part_that_holds
 from .problem import (
+    Choice,
     PlacementProblem,
     QuantileConstraint,
     apply_choice,
+    for_people,
     in_words,
     label_of,
     least_half_widths,
@@ -40,6 +45,8 @@ from .terms import DemandTerms, blind_half_widths, every_terms, is_singular, sca
 LEADING = 3  # contributors named
 NOISE = ("fiducial_noise:", "target_noise:")
 SATISFIED = 1e-4  # slack of a rule, in scaled units, that is rounding
+FAR_OFF = 1.25  # times the estimate: a check that finds more is not met by a limit that the estimate suggests
+INTERIOR = 1e-3  # of a limit, beyond the least that can be kept: a search needs room
 RELIEF = 0.1  # per cent of the quantile for 1 mm or 1 px: less is no cure
 
 
@@ -54,18 +61,24 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
     tight = ", every free half-width at its smallest" if problem.half_widths else ""
     aim = f"the limit of {requirement.limit_mm:g} mm"
     if parameters is not None and parameters.log_limits[k] < np.log(requirement.limit_mm * (1 - 1e-4)):
-        aim += f" (with the margin the Monte Carlo check needs: {np.exp(parameters.log_limits[k]):.4g} mm)"
+        aim += f" (with the margin the Monte Carlo check needs: {at_most(float(np.exp(parameters.log_limits[k])))} mm)"
     shares = _shares(worst, requirement.error)
-    cures = [*_cures(problem, term.demand, worst.model), *_room(program, point)]
-    digits = 3 - ceil(log10(worst.exact_mm))
-    enough = ceil(worst.exact_mm * 10**digits) / 10**digits
+    own = aim_of(worst, term.demand, trials_for(len(problem.targets)))
+    left = own if parameters is None else min(own, float(np.exp(parameters.log_limits[k])) / requirement.limit_mm)
+    enough = at_least(worst.exact_mm / left * (1 + INTERIOR))
+    which = "the limit" if not term.demand.lost else "limit_mm of survive"
+    raised = f"raise {which} to {enough} mm or more, which leaves the check its margin"
+    if left * FAR_OFF < own:
+        raised = f"the check finds {at_least(own / left, 2)} times what the estimate that guides the search says: "
+        raised += "spread the fiducials or reduce the noise"
+    cures = [*_cures(problem, term.demand, worst.model, requirement.limit_mm * left), *_room(program, point)]
     return InfeasibleError(
         Problem(
             "/optimise",
             "limit-out-of-reach",
             f"the smallest {term.demand.text.replace(' at target', ' found within the given freedom, at target')}, is "
-            f"{worst.exact_mm:.4g} mm{tight}; {aim} lies below it. Share of the mean square there: {shares}",
-            f"raise the limit above {enough:g} mm" + "".join(f"; or {cure}" for cure in cures),
+            f"{at_least(worst.exact_mm)} mm{tight}; {aim} lies below it. Share of the mean square there: {shares}",
+            raised + "".join(f"; or {cure}" for cure in cures),
         )
     )
 
@@ -83,9 +96,8 @@ def _shares(worst: Evaluation, error: str) -> str:
     return ", ".join(f"{name} {100 * value / whole:.0f} %" for name, value in leading if value > 0.01 * whole)
 
 
-def _cures(problem: PlacementProblem, demand: QuantileConstraint, model: LinearModel) -> list[str]:
+def _cures(problem: PlacementProblem, demand: QuantileConstraint, model: LinearModel, limit: float) -> list[str]:
     """By how much one contributor at a time would have to shrink; all of them together where none is enough."""
-    limit = demand.requirement.limit_mm
     names = {block.contributor: _noise_or_itself(block.contributor) for block in model.blocks}
     weight: dict[str, float] = {}
     for block in model.blocks:
@@ -135,17 +147,17 @@ def _factor(model: LinearModel, demand: QuantileConstraint, contributors: set[st
 def _room(program: Program, point: Point) -> list[str]:
     """Which rule of the layout stands in the way most, from the multipliers of the smallest quantile."""
     problem = program.problem
-    relief: dict[str, float] = {}
+    relief: dict[str, list[float]] = {}
 
-    def add(what: str, per_cent: float) -> None:
-        relief[what] = relief.get(what, 0.0) + per_cent
+    def add(what: str, part: float, room: float) -> None:
+        relief[what] = [relief.get(what, [0.0])[0] + part, room]
 
     for g, place in enumerate(problem.places):
         for k in range(3):
             half, multiplier = float(program.half[g, k]), float(point.bound_multipliers[3 * g + k])
             if half > 0:
                 face = f"moving the {'upper' if multiplier > 0 else 'lower'} {'xyz'[k]} face of {place.pointer} out"
-                add(f"{face} by 1 mm", 50 * abs(multiplier) / half)
+                add(f"{face} by {{step}} mm", abs(multiplier) / half / 2, 2 * half)
     sizes = {
         "spacing": ("min_spacing_mm", problem.min_spacing_mm, "mm"),
         "projected_spacing": ("min_projected_spacing_px", problem.min_projected_spacing_px, "px"),
@@ -154,27 +166,24 @@ def _room(program: Program, point: Point) -> list[str]:
     for row, multiplier in zip(program.rows, point.row_multipliers, strict=True):
         if row.kind in sizes:
             field, size, unit = sizes[row.kind]
-            add(f"taking 1 {unit} off {field}", 100 * abs(float(multiplier)) / size)
-    best = sorted(relief.items(), key=lambda item: -item[1])[:2]
-    return [f"{what} lowers it by {value:.2g} %" for what, value in best if value > RELIEF]
+            add(f"taking {{step}} {unit} off {field}", abs(float(multiplier)) / size, size)
+    told = []
+    for what, (part, room) in sorted(relief.items(), key=lambda item: -item[1][0])[:2]:
+        step = part_that_holds(part, 1 / room)
+        if 100 * part > RELIEF:
+            told.append(f"{what.replace('{step}', f'{step:g}')} lowers it by {100 * part * step:.2g} %")
+    return told
 
 
-def refuse_geometry(program: Program, points: list[tuple[Point, Parameters]]) -> InfeasibleError | NotConvergedError:
-    """Not even the rules of the layout could be met: which would have to give way, by elastic relaxation.
-
-    Every rule (all rows of a kind) gets one slack >= 0, the sum of slacks is minimised (an exact penalty): rules that
-    keep a slack are the ones that stand in each other's way, and its size says by how much.
-    """
-    rows = program.rows
-    kinds = sorted({row.kind for row in rows} - {"quantile", "cost"})
-    best, violated = _relax(program, points, kinds)
-    if max(best) <= SATISFIED:
+def refuse_geometry(program: Program, relaxed: RelaxedRules) -> InfeasibleError | NotConvergedError:
+    """Not even the rules of the layout could be met: which would have to give way."""
+    if relaxed.are_kept:
         detail = "the rules of the layout can be met, but no start converged: no answer could be found"
         return NotConvergedError(Problem("/optimise", "none-converged", detail, "try more starts or another seed"))
     named = []
-    for kind, slack in zip(kinds, best, strict=True):
+    for kind, slack in relaxed.slack.items():
         if slack > SATISFIED:
-            worst = max((value, row.text) for value, row in violated if row.kind == kind)[1]
+            worst = max((value, row.text) for value, row in relaxed.violated if row.kind == kind)[1]
             named.append(f"{_in_its_unit(program.problem, kind, slack)} (worst: {worst})")
     return InfeasibleError(
         Problem(
@@ -186,11 +195,26 @@ def refuse_geometry(program: Program, points: list[tuple[Point, Parameters]]) ->
     )
 
 
-def _relax(
-    program: Program, points: list[tuple[Point, Parameters]], kinds: list[str]
-) -> tuple[Array, list[tuple[float, ConstraintRow]]]:
-    """(slack of each rule, rows with their violation) where the sum of slacks is least."""
+@dataclass(frozen=True, slots=True, eq=False)
+class RelaxedRules:
+    """The rules of a layout with as little slack as was found."""
+
+    slack: dict[str, float]  # by the kind of rule, in its scaled units
+    violated: list[tuple[float, ConstraintRow]]  # rows with what they lack
+    x: Array  # variables there
+    parameters: Parameters
+
+    @property
+    def are_kept(self) -> bool:
+        return max(self.slack.values()) <= SATISFIED
+
+
+def relax_rules(program: Program, points: list[tuple[Point, Parameters]]) -> RelaxedRules:
+    """Elastic relaxation from some points: every rule (all rows of a kind) gets one slack >= 0, the sum of slacks is
+    minimised (an exact penalty): rules that keep a slack are the ones that stand in each other's way, and its size
+    says by how much."""
     nlp, rows = program.expressions, program.rows
+    kinds = sorted({row.kind for row in rows} - {"quantile", "cost"})
     geometric = [k for k, row in enumerate(rows) if row.kind in kinds]
     slack = ca.SX.sym("slack", len(kinds))
     constraints: list[Any] = []
@@ -221,7 +245,8 @@ def _relax(
             best = (float(result["f"]), x[count:], x[:count], parameters)
     assert best is not None  # there is always a start
     values = program.constraints(best[2], best[3].vector(program, "main"))[1].full().ravel()
-    return best[1], [(float(max(rows[k].lower - values[k], values[k] - rows[k].upper)), rows[k]) for k in geometric]
+    lacking = [(float(max(rows[k].lower - values[k], values[k] - rows[k].upper)), rows[k]) for k in geometric]
+    return RelaxedRules(dict(zip(kinds, map(float, best[1]), strict=True)), lacking, best[2], best[3])
 
 
 def _in_its_unit(problem: PlacementProblem, kind: str, slack: float) -> str:
@@ -233,7 +258,7 @@ def _in_its_unit(problem: PlacementProblem, kind: str, slack: float) -> str:
     }
     if kind in sizes:
         field, size = sizes[kind]
-        return f"{field} {size * max(1 - slack, 0.0) ** 0.5:.4g} instead of {size:g}"
+        return f"{field} {at_most(size * max(1 - slack, 0.0) ** 0.5 * (1 - INTERIOR))} instead of {size:g}"
     if kind == "image_gap":
         return f"shadows at {max(1 - slack, 0.0) ** 0.5:.0%} of the distance that the fiducials' diameter asks for"
     name = {"field": "the field of view", "region": "the regions", "keep_out": "the keep-out zones"}[kind]
@@ -246,6 +271,14 @@ HARDLY = 0.005  # relative: a layout that can change the quantile by less hardly
 
 def influence_of(problem: PlacementProblem) -> tuple[Finding, ...]:
     """Remarks on what can be gained.  Raises DesignError when nothing that is free acts on any limited error."""
+    return *remark_levers(problem), *(_layouts(problem) if problem.places else ())
+
+
+def remark_levers(problem: PlacementProblem, found: Choice | None = None) -> tuple[Finding, ...]:
+    """What is free and does not matter, and where an answer put it.
+
+    Raises DesignError when nothing that is free acts on any limited error.
+    """
     terms = every_terms(problem)
     blind = blind_half_widths(problem, terms)
     acting = bool(problem.places) or not bool(blind.all())
@@ -253,7 +286,7 @@ def influence_of(problem: PlacementProblem) -> tuple[Finding, ...]:
         Finding(
             "no-lever",
             "note",
-            f"{in_words(problem, int(k))} does not matter for any limit: it goes to its loosest value",
+            f"{in_words(problem, int(k))} does not matter for any limit{_put(problem, int(k), found)}",
             problem.half_widths[int(k)].pointer,
         )
         for k in np.flatnonzero(blind)
@@ -279,9 +312,17 @@ def influence_of(problem: PlacementProblem) -> tuple[Finding, ...]:
                 "free something with a lever on the target, or limit another error (tcp instead of localisation)",
             )
         )
-    if problem.places:
-        findings += _layouts(problem)
     return tuple(findings)
+
+
+def _put(problem: PlacementProblem, k: int, found: Choice | None) -> str:
+    """Where an answer put a half-width that does not matter."""
+    if found is None:
+        return ""
+    at = float(found.half_width[k])
+    value, unit = for_people(problem, k, at)
+    loosest = at >= problem.half_widths[k].maximum * (1 - 1e-9)
+    return f": it is {'at its loosest, ' * loosest}{value:.4g} {unit}"
 
 
 def refuse_incurable(problem: PlacementProblem) -> None:

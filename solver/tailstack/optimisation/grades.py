@@ -32,6 +32,7 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from ..arrays import Array
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..results import Relaxation
+from ..results.digits import at_least, at_most
 from .allocation import best_budget, budgets_of
 from .exact_law import closed_form_at, evaluate_demand, exact_ratios
 from .placement import PlacementSolution, settle
@@ -503,7 +504,7 @@ def _refuse_infeasible(ratio: float) -> InfeasibleError:
         Problem(
             "/optimise/tolerances",
             "tightest-grades-exceed-limit",
-            f"with the tightest grade of every tolerance the quantile is {ratio:.4g} times its limit",
+            f"with the tightest grade of every tolerance the quantile is {at_least(ratio)} times its limit",
             "add a tighter grade, loosen the limit, or move the fiducials",
         )
     )
@@ -515,9 +516,9 @@ def _answer(search: _Descent, lower_bound: float) -> GradeChoice:
     gap = 0.0 if proven else 100 * (search.cost - least) / search.cost
     asked = f"{search.evaluations} evaluations of the exact law"
     statement = (
-        f"No assignment of the given grades that meets the limits costs less than {least:.6g} ({asked})"
+        f"No assignment of the given grades that meets the limits costs less than {at_most(least, 6)} ({asked})"
         if proven
-        else f"Stopped after {asked}: none costs less than {least:.6g}, {gap:.2g} % below the one found"
+        else f"Stopped after {asked}: none costs less than {at_most(least, 6)}, {gap:.2g} % below the one found"
     )
     grades = [ladder[level] for ladder, level in zip(search.ladders, search.best, strict=True)]
     return GradeChoice(

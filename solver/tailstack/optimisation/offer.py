@@ -10,6 +10,7 @@ from ..design import Design, load_design
 from ..design.optimise_document import AddedView
 from ..errors import NotConvergedError, Problem, TailstackError
 from ..results import Optimisation, ViewOffer
+from ..results.digits import at_most
 from .reporting import find_p95_mm
 from .search import Control
 from .views import MOST_SOLVED, find_view
@@ -86,7 +87,8 @@ def _choose(
         worth = cost_without - with_view.cost_after
         words = f"{added.add} is {'added' if worth > added.price else 'left out'}: with it the design costs "
         words += f"{with_view.cost_after:.5g}, without it {cost_without:.5g}, so it is "
-        words += f"worth a price of up to {worth:.5g}; it" if worth > 0 else "worth no price by what was found; it"
+        pays = f"a price of up to {at_most(worth, 5)}" if worth > 0 else "no price by what was found"
+        words += f"worth {pays}; it"
         words += f" costs {added.price:.5g}"
     if p95_mm is not None and p95_with_mm is not None:
         words += f". In the design as it stood it takes P95 from {p95_mm:.4g} to {p95_with_mm:.4g} mm"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import exp, inf, log
+from math import exp, floor, inf, log, log10
 from typing import Any, Literal
 
 import numpy as np
@@ -83,8 +83,26 @@ def slope_of(price: Price, half_width: float) -> float:
     return float(-price.exponent * price.weight * half_width ** (-price.exponent - 1))
 
 
+def log_smooth_cost(price: Price, log_half_width: Any, exponential: Callable[[Any], Any]) -> Any:
+    """The logarithm of :func:`smooth_cost`, which is finite where the curve itself is too small for a number."""
+    if price.curve == "exponential":
+        return log(price.weight) - exponential(log_half_width) / price.scale
+    return log(price.weight) - price.exponent * log_half_width
+
+
 def smooth_cost(price: Price, log_half_width: Any, exponential: Callable[[Any], Any]) -> Any:
     """The curve at ``exp(log_half_width)``, float or symbol; for grades the power law through them."""
     if price.curve == "exponential":
         return price.weight * exponential(-exponential(log_half_width) / price.scale)
     return price.weight * exponential(-price.exponent * log_half_width)
+
+
+HOLDS = 1 / 8  # of the objective, and of the limit or bound itself: a derivative is told for steps up to that
+
+
+def part_that_holds(share: float, part: float) -> float:
+    """The largest of 1, 1/2, 1/5, 1/10, ... that a step is told with: ``share`` of the objective and ``part`` of what
+    it is a step of are then within what a derivative is good for."""
+    most = HOLDS / max(share, part, HOLDS)
+    scale = 10.0 ** floor(log10(most) + 1e-9)
+    return max(factor for factor in (1.0, 2.0, 5.0, 10.0) if factor * scale <= most * (1 + 1e-9)) * scale

@@ -16,6 +16,8 @@ from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
 
 Objective = Literal["cost", "quantile", "scaling"]
+ROUNDED = 1e-5  # of the cost limit, left for half-widths that are rounded down
+SPENT = 1e-4  # relative: a cost limit this near the least possible cost pays for nothing else
 MOST_FIDUCIALS = 64  # memory and time of the programme go as their square
 
 
@@ -189,9 +191,23 @@ class PlacementProblem:
         """(K,) largest half-widths, native unit."""
         return np.array([free.maximum for free in self.half_widths])
 
+    @property
+    def spends_least(self) -> bool:
+        """Whether a limit on the cost leaves every half-width at its largest (:func:`hold_spent`)."""
+        return self.cost_limit is not None and bool((self.lower == self.upper).all())
+
     def cost(self, half_width: Array) -> float:
         """Sum over the free half-widths (K,), native unit."""
         return sum((cost_of(f.price, float(h)) for f, h in zip(self.half_widths, half_width, strict=True)), 0.0)
+
+
+def hold_spent(problem: PlacementProblem) -> PlacementProblem:
+    """The problem with every half-width at its largest where the limit on the cost pays for nothing else: no inside is
+    left to search."""
+    if problem.cost_limit is None or problem.cost_limit > problem.cost(problem.upper) * (1 + SPENT):
+        return problem
+    held = tuple(replace(free, minimum=free.maximum) for free in problem.half_widths)
+    return replace(problem, half_widths=held)
 
 
 def count_ends(system: System) -> int:

@@ -25,8 +25,8 @@ from ..geometry.camera import image_of
 from ..geometry.image_gaps import needed_gap
 from ..system import ArrayLike, View
 from .exact_law import Correction, count_seen, error_moments, squared_quantile
-from .prices import smooth_cost
-from .problem import Choice, FreeFiducial, PlacementProblem, present_choice, width_bounds
+from .prices import log_smooth_cost, smooth_cost
+from .problem import ROUNDED, Choice, FreeFiducial, PlacementProblem, present_choice, width_bounds
 from .regions import (
     BoxRegion,
     bounding_box,
@@ -40,7 +40,7 @@ from .regions import (
 )
 from .solver import make_solver
 from .symbols import elements, plain
-from .terms import DemandTerms, EstimationTerms, Mechanics, estimator_affine, image_parts_at, lay
+from .terms import DemandTerms, EstimationTerms, Mechanics, blind_half_widths, estimator_affine, image_parts_at, lay
 
 QUIET: dict[str, Any] = {
     "print_time": False,
@@ -66,7 +66,6 @@ POLISH = QUIET | {
     "ipopt.warm_start_slack_bound_frac": 1e-7,
     "ipopt.warm_start_mult_bound_push": 1e-7,
 }
-ROUNDED = 1e-5  # of the cost limit, left for half-widths that are rounded down
 # A dense exact Hessian of so many positions is a gigabyte of expressions; beyond, curvature is learnt on the way.
 EXACT_HESSIAN = 20
 LEARNT: dict[str, Any] = {
@@ -120,6 +119,7 @@ class Program:
     half: Array  # (G + P, 3) mm
     present_width: Array  # (K,) native units
     piece_counts: tuple[int, ...]  # of the outside, for each (keep-out zone, free fiducial)
+    idle: NDArray[np.intp]  # variables of half-widths that move no quantile of the programme: as loose as may be
     explore: tuple[Any, ...]  # one solver per thread, sharing the derivatives
     polish: Any
     constraints: Any  # (x, p) -> (f, g)
@@ -245,6 +245,7 @@ def build_program(
         half=half,
         present_width=present.half_width,
         piece_counts=tuple(chosen.numel() for chosen in choosers),
+        idle=3 * len(movable) + np.flatnonzero(blind_half_widths(problem, terms) & (problem.objective != "scaling")),
         explore=(explore, *(make_solver("explore", nlp, EXPLORE | shared) for _ in range(threads - 1))),
         polish=make_solver("polish", nlp, POLISH | shared),
         constraints=ca.Function("constraints", [variables, parameters], [objective, constraints]),
@@ -319,6 +320,9 @@ def log_half_widths(problem: PlacementProblem, present: Array, u: Any) -> ArrayL
 
 def log_cost(problem: PlacementProblem, logs: ArrayLike) -> Any:
     """Logarithm of the cost of half-widths given by theirs."""
+    if any(free.price.curve == "exponential" for free in problem.half_widths):  # a sum of what may be no number
+        priced = zip(problem.half_widths, logs, strict=True)
+        return ca.logsumexp(ca.vertcat(*(log_smooth_cost(free.price, value, ca.exp) for free, value in priced)))
     return ca.log(sum(smooth_cost(f.price, value, ca.exp) for f, value in zip(problem.half_widths, logs, strict=True)))
 
 
@@ -348,7 +352,7 @@ def _quantile_rows(
 
 
 def _cost_row(problem: PlacementProblem, cost: Any) -> Iterator[tuple[ConstraintRow, Any]]:
-    if problem.cost_limit is not None:
+    if problem.cost_limit is not None and not problem.spends_least:
         yield ConstraintRow("cost", "cost", -np.inf, 0.0), cost - float(np.log(problem.cost_limit * (1 - ROUNDED)))
 
 
@@ -397,9 +401,10 @@ def solve(
         given |= {"lam_x0": warm.bound_multipliers, "lam_g0": warm.row_multipliers}
     result = solver(**given)
     stats = solver.stats()
-    x = result["x"].full().ravel()
+    x = np.clip(result["x"].full().ravel(), lower, upper)
+    x[program.idle] = upper[program.idle]  # the cost may fall too little on the way for the solver to go it
     return Point(
-        x=np.clip(x, lower, upper),
+        x=x,
         row_multipliers=result["lam_g"].full().ravel(),
         bound_multipliers=result["lam_x"].full().ravel(),
         objective=float(result["f"]),

@@ -25,18 +25,22 @@ from ..results import (
     ShadowPrice,
     ViewSearch,
 )
+from ..results.digits import at_least, percent_change
 from ..scoring import vector3
 from ..system import System
 from .certificate import bound_cost, name_binding, price_bounds
 from .exact_law import exact_quantile
-from .explain import influence_of
+from .explain import influence_of, remark_levers
 from .placement import PlacementSolution
+from .present import present_design, say_outside
 from .prices import cost_of
 from .problem import Choice, PlacementProblem, QuantileConstraint, for_people, in_words, label_of, present_choice
 from .request import OptimiseRequest, read_request
 from .task import OptimisationTask
 from .terms import DemandTerms, mechanics_of
 from .tightening import VerifiedOptimum
+
+NEAR = 0.01  # a design that is kept has the shadow prices of an optimum that costs about as much
 
 
 def report(
@@ -61,6 +65,8 @@ def report(
     fiducials_cost = count_price * len(after_system.fiducial_labels)
     cost_after = (problem.cost(now.half_width) if priced else 0.0) + fiducials_cost
     minimised = problem.objective != "quantile"
+    p95_before_mm, p95_after_mm = _p95_before(request.problem), _p95(after_system, after.demands)
+    certified = optimum.solution or verified.exact
     return Optimisation(
         schema="tailstack/optimisation/1",
         status="verified",
@@ -69,8 +75,8 @@ def report(
         cost_after=cost_after,
         cost_closed_form=search.best_objective if minimised else None,
         cost_exact_law=None if verified.exact is None else verified.exact.cost + fiducials_cost,
-        p95_before_mm=_p95_before(request.problem),
-        p95_after_mm=_p95(after_system, after.demands),
+        p95_before_mm=p95_before_mm,
+        p95_after_mm=p95_after_mm,
         moved=_list_moves(request.problem.system, after_system, problem),
         tolerances=_tolerances(task.request, verified, before, now),
         pivots=tuple(
@@ -90,7 +96,7 @@ def report(
         ),
         scaling=_scaling(problem, before, now),
         certificate=Certificate(
-            kkt_residual=0.0 if solution is None else solution.kkt_residual,
+            kkt_residual=0.0 if certified is None else certified.kkt_residual,
             starts=search.starts,
             converged_starts=search.converged,
             best_costs=tuple(item.objective for item in search.optima),
@@ -103,7 +109,10 @@ def report(
         ),
         shadow_prices=_shadow_prices(verified),
         binding=_binding(solution),
-        influence=task.remarks,
+        influence=(
+            *remark_levers(request.problem, now),
+            *(remark for remark in task.remarks if remark.rule != "no-lever"),
+        ),
         placement_value=value,
         counts=tuple(
             replace(item, note=f"{item.note}; chosen") if item.fiducials == verified.count else item for item in counts
@@ -118,7 +127,43 @@ def report(
             if item.name not in {asked.name for asked in problem.requirements}
         ),
         provenance=verified.verification.provenance,
+        as_it_stood=_say_as_it_stood(
+            task, verified, (cost_before, cost_after) if minimised else (p95_before_mm, p95_after_mm)
+        ),
     )
+
+
+def _say_as_it_stood(task: OptimisationTask, verified: VerifiedOptimum, made_least: tuple[float | None, float]) -> str:
+    """Where the design as it stood is not inside of what was asked for, or costs less and is no answer, or is the
+    answer; empty where there is nothing of it to say."""
+    request, (before, after) = task.request, made_least
+    here = present_design(request.problem)
+    outside = [*here.outside]
+    number, count = len(here.choice.fiducials_mm), request.section.count
+    if number not in task.counts and count is not None:
+        outside.insert(0, f"it has {number} fiducials, count asks for {count.min} to {count.max}")
+    priced = request.problem.objective != "quantile"
+    change = f"it costs {after:.4g}, and had no price before"
+    if before is not None and np.isfinite(before) and before > 0 and max(before, after) > 0:
+        what, unit = ("cost", "") if priced else ("P95", " mm")
+        change = f"{what} goes from {before:.4g} to {after:.4g}{unit} ({percent_change(before, after)})"
+    if verified.kept:
+        kept = "nothing better was found"
+        return (
+            f"{say_outside(tuple(outside))}; brought inside, {kept}."
+            if outside
+            else f"The design as it stands is kept: {kept}."
+        )
+    if outside:
+        return f"{say_outside(tuple(outside))}. Within it, {change}."
+    if before is None or not after > before * (1 + 1e-9):
+        return ""
+    reason = "its check by simulation does not pass"
+    if not here.ratios:
+        reason = "its layout has no answer"
+    elif priced and max(here.ratios) > 1:
+        reason = f"by estimate it is at {at_least(max(here.ratios))} times its limit"
+    return f"The design as it stands does not keep what is asked for ({reason}): {change}."
 
 
 def add_aims(optimisation: Optimisation, design: Design, search: ViewSearch) -> Optimisation:
@@ -127,7 +172,10 @@ def add_aims(optimisation: Optimisation, design: Design, search: ViewSearch) -> 
     return replace(
         optimisation,
         p95_before_mm=_p95_before(problem),
-        influence=influence_of(problem),
+        influence=(
+            *(remark for remark in optimisation.influence if remark.rule == "no-lever"),
+            *(remark for remark in influence_of(problem) if remark.rule != "no-lever"),
+        ),
         design_before=design_to_data(design),
         aimed=search,
     )
@@ -196,7 +244,7 @@ def _shadow_prices(verified: VerifiedOptimum) -> tuple[ShadowPrice, ...]:
     """At the limits themselves where there is an optimum there: what a check's margin below them costs is not smooth
     in them, and for a per-unit quantile the margin is some per cent."""
     optimum = verified.optimum
-    if verified.exact is not None:
+    if verified.exact is not None and (not verified.kept or verified.exact.cost <= optimum.cost * (1 + NEAR)):
         exact = verified.exact
         return price_bounds(exact.program, exact.iterate.point, exact.cost)
     if optimum.solution is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import degrees, floor, radians
+from math import ceil, degrees, floor, log10, radians
 
 import numpy as np
 
@@ -27,9 +27,10 @@ from ..design.optimise_document import (
 )
 from ..errors import DesignError, Problem
 from ..system import Requirement, System
-from .prices import Price, PricedGrade, of_grades, reciprocal
+from .prices import Price, PricedGrade, cost_of, of_grades, reciprocal, slope_of
 from .problem import (
     MOST_FIDUCIALS,
+    ROUNDED,
     Choice,
     FreeFiducial,
     FreeHalfWidth,
@@ -37,6 +38,7 @@ from .problem import (
     PivotVariable,
     PlacementProblem,
     Survival,
+    hold_spent,
     unit_of,
 )
 from .regions import Ball, BoxRegion, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
@@ -93,6 +95,7 @@ def read_request(design: Design) -> OptimiseRequest:
     )
     if section.survive is not None:
         problem = replace(problem, survival=_survival(section.survive, problem))
+    problem = hold_spent(problem)
     graded = tuple(k for k, free in enumerate(half_widths) if free.price.curve == "grades")
     return OptimiseRequest(design, section, problem, graded)
 
@@ -312,7 +315,9 @@ def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) 
     """The design with a choice written into it: positions rounded to a micrometre, half-widths rounded down."""
     fiducials = _round_positions(problem, choice)
     widths = {
-        (free.contributor, free.component): round_down(float(value), free, unit_of(problem, k))
+        (free.contributor, free.component): round_down(
+            float(value), free, unit_of(problem, k), spends=problem.cost_limit is not None
+        )
         for k, (free, value) in enumerate(zip(problem.half_widths, choice.half_width, strict=True))
     }
     return revise_design(
@@ -355,11 +360,18 @@ def smallest_gap(points: Array, free: list[int]) -> float:
     return min(gaps, default=np.inf)
 
 
-def round_down(half_width: float, free: FreeHalfWidth, unit: str) -> float:
-    """A half-width, native unit, on the grid of the document, never looser; at a bound or grade it is that."""
+def round_down(half_width: float, free: FreeHalfWidth, unit: str, *, spends: bool = False) -> float:
+    """A half-width, native unit, on the grid of the document, never looser; at a bound or grade it is that.
+
+    ``spends``: the cost is limited, and the grid as fine as the room that the search leaves for it (``ROUNDED``).
+    """
     fixed = [free.minimum, free.maximum, *(grade.half_width for grade in free.price.grades)]
     for bound in fixed:
         if abs(half_width - bound) <= AT_BOUND * bound:
             return bound
     shown, back = (degrees, radians) if unit == "rad" else (float, float)
-    return max(free.minimum, back(floor(shown(half_width) * 10**WIDTH_DECIMALS) / 10**WIDTH_DECIMALS))
+    decimals = WIDTH_DECIMALS
+    if spends:
+        steepness = -slope_of(free.price, half_width) / cost_of(free.price, half_width) / shown(1.0)
+        decimals = max(decimals, ceil(log10(2 * steepness / ROUNDED)))
+    return max(free.minimum, back(floor(shown(half_width) * 10**decimals) / 10**decimals))

@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 
 from ..arrays import Array
 from ..cores import usable_cores
-from ..errors import NotConvergedError, Problem, TailstackError
+from ..errors import NotConvergedError, Problem
 from ..results import LocalOptimum
 from .exact_law import (
     Correction,
@@ -29,7 +29,8 @@ from .exact_law import (
     leading_demands,
     no_correction,
 )
-from .explain import explain_infeasible, refuse_geometry
+from .explain import explain_infeasible, refuse_geometry, relax_rules
+from .present import bring_inside
 from .problem import Choice, PlacementProblem, least_half_widths, present_choice, width_bounds
 from .program import Parameters, Point, Program, build_program, solve
 from .regions import bounding_box
@@ -42,6 +43,9 @@ STEERING = 6  # demands whose error the starting layouts are improved for
 LEADING = 0.97  # of the largest quantile over its limit: a demand that near may bind
 MANY_DEMANDS = 3  # beyond this only those that bind somewhere enter the programme
 POLL_SECONDS = 0.1  # how soon a wish to stop is noticed
+NEAR = 0.05  # in logarithm: a design as good as that is worth a search from where it stands
+TINY = 1e-7  # in logarithm: what one solve and another differ by
+ROUNDING = 1e-3  # of a rule: what rounding positions to a micrometre may break of it
 SAME = 2.5e-4  # relative: explored objectives are known to about that
 
 Progress = Callable[[str, int, int, float | None], None]  # stage, done, total, least objective so far
@@ -103,6 +107,11 @@ class Search:
     stopped: str
 
     @property
+    def fiducials(self) -> int:
+        """How many there are."""
+        return len(self.program.problem.system.fiducial_labels)
+
+    @property
     def best_objective(self) -> float:
         """By the closed form, as people read it."""
         return objective_for_people(self.program, self.iterates[0].point.objective)
@@ -117,6 +126,7 @@ class PreparedSearch:
     estimator: EstimationTerms
     starts: tuple[Start, ...]
     ends: dict[int, Iterate]  # that are known already
+    present: Array | None = None  # variables of the design as it stands, brought inside; start 0 has its layout
 
 
 def search(
@@ -154,7 +164,10 @@ def prepare_search(
     lanes = min(usable_cores() if control.threads is None else control.threads, len(layouts))
     program = build_program(problem, estimator, active, lanes)
     control.report("programme", 1, 1, None)
-    return _prepare(program, terms, estimator, layouts, control)
+    prepared = _prepare(program, terms, estimator, layouts, control)
+    if is_singular(problem.system, layouts[0]):
+        return prepared
+    return replace(prepared, present=program.join(bring_inside(problem, present_choice(problem))))
 
 
 def _prepare(
@@ -200,8 +213,14 @@ def conclude_search(prepared: PreparedSearch, points: Points, control: Control) 
     if not ends and cut:
         detail = f"{stopped}: none had converged"
         raise NotConvergedError(Problem("/optimise", "stopped", detail, "let it run longer"))
+    own = _near_present(prepared)
+    if own is not None and own.point.objective < min((e.point.objective for e in ends.values()), default=inf) + NEAR:
+        point = solve(program, own.point.x, own.parameters, warm=own.point)
+        if 0 not in ends or (point.solved and point.objective < ends[0].point.objective - TINY):
+            ends[0] = Iterate(point, own.parameters) if point.solved else own
     if not ends:
-        raise _explain_failure(program, starts)
+        last = _search_from_least(program, starts)
+        ends[next(k for k, start in enumerate(starts) if start.parameters is last.parameters)] = last
     solved = sorted(ends.values(), key=lambda item: item.point.objective)
     polished = []
     for item in solved[:POLISHED]:
@@ -220,6 +239,27 @@ def conclude_search(prepared: PreparedSearch, points: Points, control: Control) 
         optima=local_optima(program, ends),
         stopped=stopped,
     )
+
+
+def _near_present(prepared: PreparedSearch) -> Iterate | None:
+    """The design as it stands, brought inside, where it is in reach of the programme: its rules are kept, and its
+    quantiles nearly."""
+    if prepared.present is None:
+        return None
+    program, parameters = prepared.program, prepared.starts[0].parameters
+    x = prepared.present.copy()
+    objective, values = (part.full().ravel() for part in program.constraints(x, parameters.vector(program, "main")))
+    reached, quantiles = float(objective[0]), len(program.terms)
+    if program.problem.objective == "quantile":
+        x[-1] = reached = float(values[:quantiles].max())
+        values[:quantiles] -= reached
+    lower, upper = np.array([(row.lower, row.upper) for row in program.rows]).T
+    slack = np.full(len(values), ROUNDING)
+    slack[:quantiles] = NEAR
+    if not ((values >= lower - slack) & (values <= upper + slack)).all():
+        return None
+    nothing = Point(x, np.zeros(len(values)), np.zeros(len(x)), reached, solved=True, iterations=0)
+    return Iterate(nothing, parameters)
 
 
 def _lead(program: Program, starts: list[Start]) -> tuple[list[Start], dict[int, Iterate]]:
@@ -245,13 +285,16 @@ def _lead(program: Program, starts: list[Start]) -> tuple[list[Start], dict[int,
     return starts, {first: end} if end.point.solved else {}
 
 
-def _explain_failure(program: Program, starts: Sequence[Start]) -> TailstackError:
-    """Why no start ended anywhere."""
+def _search_from_least(program: Program, starts: Sequence[Start]) -> Iterate:
+    """Where no start ended anywhere: from the smallest quantile attainable.  Raises what stands in the way."""
     ranked = sorted(starts, key=lambda start: start.tightest_ratio)
     least = least_quantile(program, ranked[:ATTEMPTS])
-    if worst_ratio(evaluate_demands(program, least.point)) > 1:
-        return explain_infeasible(program, least.point)
-    return none_converged(len(starts))
+    if program.problem.objective != "quantile" and worst_ratio(evaluate_demands(program, least.point)) > 1:
+        raise explain_infeasible(program, least.point)
+    end = solve(program, least.point.x, least.parameters)
+    if not end.solved:
+        raise none_converged(len(starts))
+    return Iterate(end, least.parameters)
 
 
 def objective_for_people(program: Program, objective: float) -> float:
@@ -355,7 +398,11 @@ def least_quantile(program: Program, starts: list[Start]) -> Iterate:
     if not solved:
         if all(row.kind in ("quantile", "cost") for row in program.rows):
             raise none_converged(len(points))
-        raise refuse_geometry(program, [(item.point, item.parameters) for item in points])
+        relaxed = relax_rules(program, [(item.point, item.parameters) for item in points])
+        kept = solve(program, relaxed.x, relaxed.parameters, question="least") if relaxed.are_kept else None
+        if kept is None or not kept.solved:
+            raise refuse_geometry(program, relaxed)
+        solved = [Iterate(kept, relaxed.parameters)]
     best = min(solved, key=lambda item: item.point.objective)
     polished = solve(program, best.point.x, best.parameters, question="least", warm=best.point)
     return Iterate(polished, best.parameters) if polished.solved else best

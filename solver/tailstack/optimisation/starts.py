@@ -138,7 +138,7 @@ def starting_layouts(
 
     Start k depends on (seed, k) alone, so that more starts only add.  ``progress(done, total)`` is called after each.
     """
-    present = _clip_to_regions(problem, problem.system.fiducials_mm)
+    present = clip_to_regions(problem, problem.system.fiducials_mm)
     if not problem.places:
         return [present]
     groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
@@ -161,7 +161,7 @@ def starting_layouts(
         layout = present.copy()
         free = list(problem.free_fiducials)
         layout[free] = ((points - estimator.assumed_shift_mm) @ inverse.T)[free]
-        layouts.append(_clip_to_regions(problem, layout))
+        layouts.append(clip_to_regions(problem, layout))
         if progress is not None:
             progress(k + 1, starts)
     return layouts
@@ -196,7 +196,7 @@ def _exchange_model(
     )
 
 
-def _clip_to_regions(problem: PlacementProblem, fiducials_mm: Array) -> Array:
+def clip_to_regions(problem: PlacementProblem, fiducials_mm: Array) -> Array:
     """A layout (N, 3) with every generator clipped into its region and followed by its copies."""
     layout = fiducials_mm.copy()
     for place in problem.places:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import sqrt
-from statistics import NormalDist
+from math import ceil, log2
 
 import numpy as np
 
@@ -12,22 +11,23 @@ from ..arrays import Array
 from ..design import Design, compile_design
 from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..losses import without_fiducials
-from ..results import Check, SurvivedLoss, Verification
+from ..results import Check, Relaxation, SurvivedLoss, Verification
+from ..results.digits import at_least
 from ..system import System
 from ..verdict import conclude
-from ..verification import UNITS, verify
-from .exact_law import Evaluation, evaluate_demand
-from .grades import Optimum, settle_grades
+from ..verification import UNITS, Sampling, prepare, verify_prepared
+from .exact_law import evaluate_demand
+from .grades import Optimum, Purchase, settle_grades
+from .margin import MARGIN, aim_of, trials_for
 from .placement import PlacementSolution, settle
-from .problem import PlacementProblem, QuantileConstraint, Survival
+from .present import merit_of, present_design
+from .problem import PlacementProblem, Survival
 from .request import OptimiseRequest, revise
 from .search import Control, Search
 
-# Trials of a check: 2^20 hold P95 within 0.13 %, and every bit of that interval is paid for in tolerance.  Fewer
-# for many targets, whose samples are all kept.
-MOST_TRIALS, FEWEST_TRIALS, TARGET_TRIALS = 2**20, 2**16, 2**23
 MAX_TIGHTENING = 6
-MARGIN = 1.5  # half-widths of the check's interval between the aim and the limit
+MORE = 4  # times the trials for a check that leaves a limit open: half the interval decides nearly all of them
+DEAR, FINER = 0.005, 8  # of the cost: a margin that costs more is narrowed by up to so many times the trials
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,11 +52,12 @@ class VerifiedOptimum:
     rounds: int  # of tightening
     exact: PlacementSolution | None = None  # by the exact law at the limits themselves
     survived: SurvivedLoss | None = None  # the worst loss, where some must be survived
+    kept: bool = False  # it is the design as it stood, brought inside
 
     @property
     def count(self) -> int:
         """Number of fiducials."""
-        return len(self.search.program.problem.system.fiducial_labels)
+        return self.search.fiducials
 
 
 def tighten(
@@ -72,9 +73,7 @@ def tighten(
     verdict says what became of them.  ``start``: an earlier solution.  Raises InfeasibleError, NotConvergedError.
     """
     problem = search.program.problem
-    trials = settings.trials
-    if trials is None:
-        trials = trials_for(len(_system_to_check(request.design, problem, settings).targets))
+    trials = trials_of(request, search, settings)
     aims = settings.limits * first_aims(search, trials)
     optimum: Optimum | None = None
     for attempt in range(MAX_TIGHTENING):
@@ -83,26 +82,16 @@ def tighten(
         else:
             optimum = Optimum.of(settle(search, aims, start if optimum is None else optimum.solution))
         design = revise(request, problem, optimum.choice)
-        system = _system_to_check(design, problem, settings)
-        fresh = int(np.random.SeedSequence([settings.seed, attempt, 0x7A11]).generate_state(1)[0])
-        verification = verify(system, seed=fresh, trials=trials, threads=control.threads)
+        check = _check_optimum(search, optimum, design, settings, attempt, trials, control)
         reached = max(optimum.ratios) if problem.objective == "quantile" else optimum.cost
         control.report(settings.stage, attempt + 1, MAX_TIGHTENING, reached)
-        limited = {item.name for item in problem.requirements}
-        checks: dict[tuple[str, ...], Check] = {
-            (c.requirement, c.target): c for c in verification.verdict.checks if c.requirement in limited
-        }
-        survived: SurvivedLoss | None = None
-        if problem.survival is not None:
-            check, survived = _check_loss(problem.survival, search, optimum, system, fresh, trials, control)
-            checks |= {term.demand.subject: check for term in search.terms if term.demand.lost}
-        if all(check.status == "pass" for check in checks.values()):
-            return VerifiedOptimum(search, optimum, design, verification, attempt, survived=survived)
+        if check.passed:
+            return VerifiedOptimum(search, optimum, design, check.verification, attempt, survived=check.survived)
         if problem.objective == "quantile":
-            raise _explain_miss(optimum, checks, problem)
+            raise _explain_miss(optimum, check.checks, problem)
         aims = np.minimum(aims, optimum.ratios)
-        aims = aims * np.array([_tightening(checks[term.demand.subject], attempt) for term in search.terms])
-    failures = conclude(tuple(checks.values()), (), "Monte Carlo").findings[:2]
+        aims = aims * np.array([_tightening(check.checks[term.demand.subject], attempt) for term in search.terms])
+    failures = conclude(tuple(check.checks.values()), (), "Monte Carlo").findings[:2]
     raise NotConvergedError(
         Problem(
             "/optimise",
@@ -112,6 +101,89 @@ def tighten(
             "the estimate that guides the search does not hold here: spread the fiducials or reduce the noise",
         )
     )
+
+
+def check_present(
+    request: OptimiseRequest, search: Search, settings: CheckSettings, best: float, control: Control
+) -> VerifiedOptimum | None:
+    """The design as it stands, brought inside, where its merit is below the ``best`` known and its check passes."""
+    problem = search.program.problem
+    here = present_design(problem)
+    cost = problem.cost(here.choice.half_width) if problem.half_widths else 0.0
+    if not here.ratios or (problem.objective != "quantile" and max(here.ratios) > settings.limits):
+        return None
+    if merit_of(request, problem, here.choice, here.ratios) >= best:
+        return None
+    purchase = None
+    if request.graded:
+        bought = here.choice.half_width[list(request.graded)]
+        names = [
+            min((g for g in problem.half_widths[k].price.grades if g.half_width <= width), key=lambda g: g.price).name
+            for k, width in zip(request.graded, bought * (1 + 1e-9), strict=True)
+        ]
+        statement = "the design as it stood is kept: no bound was sought at its layout"
+        purchase = Purchase(bought, tuple(names), Relaxation("none", cost, None, None, statement))
+    optimum = Optimum(problem, here.choice, cost, here.ratios, None, purchase)
+    design = revise(request, problem, here.choice) if here.moved else request.design
+    trials = trials_of(request, search, settings)
+    check = _check_optimum(search, optimum, design, settings, MAX_TIGHTENING, trials, control)
+    if not check.passed:
+        return None
+    search = replace(search, stopped=f"{search.stopped}, and none was better than the design as it stood")
+    return VerifiedOptimum(search, optimum, design, check.verification, 0, survived=check.survived, kept=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OptimumCheck:
+    """A check of an optimum by Monte Carlo."""
+
+    verification: Verification
+    checks: dict[tuple[str, ...], Check]  # of what was asked for
+    survived: SurvivedLoss | None
+
+    @property
+    def passed(self) -> bool:
+        return all(check.status == "pass" for check in self.checks.values())
+
+    @property
+    def is_open(self) -> bool:
+        """Whether more trials may decide what these did not."""
+        return not self.passed and all(check.status != "fail" for check in self.checks.values())
+
+
+def _check_optimum(
+    search: Search,
+    optimum: Optimum,
+    design: Design,
+    settings: CheckSettings,
+    attempt: int,
+    trials: int,
+    control: Control,
+) -> OptimumCheck:
+    """With a fresh seed of its own; where that leaves a limit open, once more with ``MORE`` times the trials."""
+    problem = search.program.problem
+    system = _system_to_check(design, problem, settings)
+    fresh = int(np.random.SeedSequence([settings.seed, attempt, 0x7A11]).generate_state(1)[0])
+    limited = {item.name for item in problem.requirements}
+    for more in (1, MORE):
+        verification = verify(system, fresh, more * trials, more * UNITS, control.threads)
+        judged = verification.verdict.checks
+        checks: dict[tuple[str, ...], Check] = {
+            (c.requirement, c.target): c for c in judged if c.requirement in limited
+        }
+        survived: SurvivedLoss | None = None
+        if problem.survival is not None:
+            check, survived = _check_loss(problem.survival, search, optimum, system, fresh, more * trials, control)
+            checks |= {term.demand.subject: check for term in search.terms if term.demand.lost}
+        found = OptimumCheck(verification, checks, survived)
+        if not found.is_open:
+            break
+    return found
+
+
+def verify(system: System, seed: int, trials: int, units: int, threads: int | None) -> Verification:
+    """Exactly so many trials, and units where a requirement is on each of them."""
+    return verify_prepared(prepare(system), Sampling(trials, seed=seed, units=units), threads=threads)
 
 
 def _check_loss(
@@ -129,7 +201,7 @@ def _check_loss(
         targets=(target,),
         loss_probability=(),  # these are lost for certain
     )
-    verification = verify(left, seed=seed, trials=trials, threads=control.threads)
+    verification = verify(left, seed, trials, UNITS, control.threads)
     (check,) = verification.verdict.checks
     limit = survival.requirement.limit_mm
     survived = SurvivedLoss(
@@ -138,9 +210,18 @@ def _check_loss(
     return check, survived
 
 
-def trials_for(targets: int) -> int:
-    """Of a check at so many targets."""
-    return min(max(TARGET_TRIALS // targets, FEWEST_TRIALS), MOST_TRIALS)
+def trials_of(request: OptimiseRequest, search: Search, settings: CheckSettings) -> int:
+    """Of the check of an optimum: more where the margin that it needs is dear, as it is near the least limit."""
+    if settings.trials is not None:
+        return settings.trials
+    program = search.program
+    trials = trials_for(len(_system_to_check(request.design, program.problem, settings).targets))
+    if program.problem.objective == "quantile" or request.graded:
+        return trials
+    margins = 1 - first_aims(replace(search, terms=program.terms), trials)
+    pooled = [not term.demand.per_unit for term in program.terms]
+    cost = float(2 * search.iterates[0].point.row_multipliers[: len(pooled)][pooled] @ margins[pooled])
+    return trials * min(1 << ceil(2 * log2(max(cost / DEAR, 1.0))), FINER)
 
 
 def _system_to_check(design: Design, problem: PlacementProblem, settings: CheckSettings) -> System:
@@ -157,28 +238,14 @@ def _system_to_check(design: Design, problem: PlacementProblem, settings: CheckS
 
 
 def first_aims(search: Search, trials: int) -> Array:
-    """Where below each limit the exact quantile must be for a check of so many trials to pass most of the time.
-
-    If first order is right, the estimate of a quantile scatters by ``sqrt(p (1 - p) / n) / density`` and the upper
-    limit lies z times that above it; half as much again lets 5 of 6 checks pass.  Per unit, p is the fraction of
-    units, n their number and the density that of the units' own quantiles.
-    """
+    """Where below each limit the exact quantile must be for a check of so many trials."""
     program = search.program
     if program.problem.objective == "quantile":
         return np.ones(len(search.terms))
     choice = program.split(search.iterates[0].point.x)
     return np.array(
-        [_aim(evaluate_demand(program.problem, term, choice), term.demand, trials) for term in search.terms]
+        [aim_of(evaluate_demand(program.problem, term, choice), term.demand, trials) for term in search.terms]
     )
-
-
-def _aim(exact: Evaluation, demand: QuantileConstraint, trials: int) -> float:
-    requirement = demand.requirement
-    if exact.density <= 0:
-        return 1.0
-    p, n = (demand.fraction, UNITS) if demand.per_unit else (requirement.quantile, trials)
-    z = NormalDist().inv_cdf((1 + requirement.confidence) / 2)
-    return max(1 - MARGIN * z * sqrt(p * (1 - p) / n) / (exact.density * exact.exact_mm), 0.5)
 
 
 def _tightening(check: Check, attempt: int) -> float:
@@ -199,9 +266,9 @@ def _explain_miss(optimum: Optimum, checks: dict[tuple[str, ...], Check], proble
             "/optimise",
             "limit-out-of-reach",
             f"the smallest error found{within} is {first:.4g} mm by estimate and at most "
-            f"{worst.upper_mm:.4g} mm by Monte Carlo at target {worst.target!r}, which is not within the limit "
+            f"{at_least(worst.upper_mm)} mm by Monte Carlo at target {worst.target!r}, which is not within the limit "
             f"of {worst.limit_mm:g} mm ({worst.requirement})",
-            f"raise the limit above {worst.upper_mm:.4g} mm, or "
+            f"raise the limit to {at_least(worst.upper_mm)} mm or more, or "
             + ("free tolerances" if not problem.half_widths else "raise the cost limit"),
         )
     )

@@ -194,6 +194,28 @@ def _present_distance(design: Design, name: str) -> float:
     return float(view.source_isocentre_mm)
 
 
+def leave_views(record: ViewSearch) -> ViewSearch:
+    """The record of a search where the views stay as they were after all."""
+    assert record.objective_as_aimed is not None  # they may
+    views = tuple(
+        replace(
+            view,
+            turn_deg=0.0,
+            beam_direction=view.beam_direction_before,
+            source_isocentre_mm=view.source_isocentre_before_mm,
+        )
+        for view in record.views
+    )
+    named = ", ".join(view.view for view in views)
+    return replace(
+        record,
+        views=views,
+        objective=record.objective_as_aimed,
+        sentence=f"{named} left as aimed: with the margin of the check none of the {record.solved} ways to aim that "
+        "were optimised is better.",
+    )
+
+
 def _compare(design: Design, name: str, aim: Aim, before_mm: float) -> AimedView:
     view = find_view(design, name)[1]
     beam, up = np.array(view.beam, dtype=float), np.array(view.up_direction)

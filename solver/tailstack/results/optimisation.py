@@ -8,7 +8,7 @@ from math import dist
 from operator import attrgetter, itemgetter
 from typing import Literal
 
-from .digits import count_decimals, decimals_of
+from .digits import count_decimals, decimals_of, length
 from .outline import Bar, Bars, Outline, checks_frame, frame, verdict_sentence
 from .record import Result
 from .tables import EVERYWHERE, PAPER, TERMINAL, Column, On, Table, fill, tabulate
@@ -385,6 +385,10 @@ class Optimisation(Result):
     """How the views of `optimise.views` were aimed; null where none was free. All else holds for the views so aimed."""
     view_offer: ViewOffer | None = None
     """What became of a view that `optimise.views` may add at a price; null where it names none."""
+    as_it_stood: str = ""
+    """Where the design as it stood lies outside of what was asked for, by how much and what that changes; or why it is
+    no answer although it has less of what was minimised; or that it is kept. Empty: a better one was found.
+    """
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "verdict_status", self.certificate.verification.verdict.status)
@@ -429,10 +433,11 @@ class Optimisation(Result):
     def _cost_sentence(self) -> str:
         """What it costs, against what the design as it stood did."""
         decimals = decimals_of(self.certificate.verification.verdict.checks)
-        p95 = f"P95 of the worst target is {self.p95_after_mm:.{decimals}f} mm"
-        p95 += "." if self.p95_before_mm is None else f", before {self.p95_before_mm:.{decimals}f} mm."
+        p95 = f"P95 of the worst target is {length(self.p95_after_mm, decimals)} mm"
+        p95 += "." if self.p95_before_mm is None else f", before {length(self.p95_before_mm, decimals)} mm."
         before = "" if self.cost_before is None else f", before {self.cost_before:.4g}"
-        return f"Cost {self.cost_after:.4g}{before}. {p95}"
+        stood = f"{self.as_it_stood} " if self.as_it_stood else ""
+        return f"{stood}Cost {self.cost_after:.4g}{before}. {p95}"
 
 
 # --- tables ---------------------------------------------------------------------------------------------------

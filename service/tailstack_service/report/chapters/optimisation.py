@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from math import inf
 from typing import TYPE_CHECKING
 
-from tailstack.results.digits import count_decimals, decimals_of, number, percent
+from tailstack.results.digits import count_decimals, decimals_of, length, number, percent
 from tailstack.results.optimisation import (
     MOST_OPTIMA,
     aims_table,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 MOST_BINDING = 3  # said on the first page
 MOST_LISTED = 4  # said in a terminal without details
 LEAST_GAP = 0.05  # per cent: less is none
+DEAR_MARGIN = 0.005  # of the cost: what the check's margin costs is told from there on
 
 REPRODUCTION = (
     "design.yaml is the design that it started from, the field design_before of this record and the last section of "
@@ -114,7 +116,7 @@ def optimisation_document(optimisation: Optimisation, sha256: str) -> Document:
         ),
         provenance=provenance_facts(optimisation.provenance, sha256, optimisation.schema, "new design"),
         made=optimisation.provenance,
-        question=f"Optimised: {optimisation.objective}.",
+        question=f"{optimisation.as_it_stood} Optimised: {optimisation.objective}.".lstrip(),
         method="first order with the exact law",
         opening=(decision_sentence(check.verdict, optimisation.not_asked), *others_sentences(optimisation)),
         findings=(*optimisation.influence, *check.verdict.findings),
@@ -126,9 +128,10 @@ def optimised_sentence(optimisation: Optimisation) -> str:
     """What was sought and what was reached."""
     worst = optimisation.worst_target
     decimals = decimals_of(optimisation.certificate.verification.verdict.checks)
-    low, high = (f"{end:.{decimals}f}" for end in worst.p95_interval_mm)
+    low, high = (length(end, decimals) for end in worst.p95_interval_mm)
     return (
-        f"{sentence_of(optimisation.objective)} The new design was checked by Monte Carlo with a fresh seed: P95 "
+        f"{optimisation.as_it_stood} ".lstrip()
+        + f"{sentence_of(optimisation.objective)} The new design was checked by Monte Carlo with a fresh seed: P95 "
         f"{low} to {high} mm at {worst.name}." + "".join(f" {words}" for words in others_sentences(optimisation))
     )
 
@@ -151,13 +154,13 @@ def optimisation_numbers(optimisation: Optimisation) -> tuple[KeyNumber, ...]:
     before = (
         "not determined"
         if optimisation.p95_before_mm is None
-        else f"{optimisation.p95_before_mm:.{decimals}f} mm before"
+        else f"{length(optimisation.p95_before_mm, decimals)} mm before"
     )
-    numbers = [KeyNumber("P95, estimate", f"{optimisation.p95_after_mm:.{decimals}f} mm", before)]
+    numbers = [KeyNumber("P95, estimate", f"{length(optimisation.p95_after_mm, decimals)} mm", before)]
     worst = optimisation.worst_target
-    low, high = (f"{end:.{decimals}f}" for end in worst.p95_interval_mm)
+    low, high = (length(end, decimals) for end in worst.p95_interval_mm)
     numbers.append(
-        KeyNumber("P95, Monte Carlo", f"{worst.p95_mm:.{decimals}f} mm", f"{low} to {high} mm, {worst.name}")
+        KeyNumber("P95, Monte Carlo", f"{length(worst.p95_mm, decimals)} mm", f"{low} to {high} mm, {worst.name}")
     )
     if optimisation.scaling is not None:
         numbers.append(KeyNumber("Common factor", f"× {optimisation.scaling:.4g}", "on all free half-widths"))
@@ -257,11 +260,12 @@ def survived_sentence(worst: SurvivedLoss) -> str:
     """What the new design comes to without the fiducials whose loss is worst."""
     low, high = worst.interval_mm
     decimals = count_decimals(worst.limit_mm)
-    ends = f"{low:.{decimals}f} to {'unknown' if high is None else f'{high:.{decimals}f}'}"
+    ends = f"{length(low, decimals)} to {'unknown' if high is None else length(high, decimals)}"
     lost = " and ".join(worst.lost)
     return (
-        f"without {lost}, the worst to lose, P95 at {worst.target} is {worst.estimate_mm:.{decimals}f} mm by "
-        f"estimate and {worst.p95_mm:.{decimals}f} mm ({ends}) simulated, within the limit of {worst.limit_mm:g} mm."
+        f"without {lost}, the worst to lose, P95 at {worst.target} is {length(worst.estimate_mm, decimals)} mm by "
+        f"estimate and {length(worst.p95_mm, decimals)} mm ({ends}) simulated, within the limit of "
+        f"{worst.limit_mm:g} mm."
     )
 
 
@@ -319,7 +323,9 @@ def _confidence_sentence(optimisation: Optimisation) -> str:
         better = "It is proved that with this layout none is cheaper."
     else:
         better = f"It is proved that with this layout none is more than {gap:.2g} % cheaper."
-    checked = f"Checked by a simulation of {check.trials:,} new shots, to ± {percent(check.precision_reached, 2)} %."
+    checked = f"Checked by a simulation of {check.trials:,} new shots, to ± {percent(check.precision_reached, 2)} %"
+    margin = 1 - (optimisation.cost_exact_law or inf) / optimisation.cost_after if optimisation.cost_after else 0.0
+    checked += f", a margin that costs {percent(margin, 1)} %." if margin >= DEAR_MARGIN else "."
     return f"{ended} {better} {checked}"
 
 
