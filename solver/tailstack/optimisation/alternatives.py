@@ -20,6 +20,7 @@ from ..scoring import vector3
 from .allocation import best_budget, budgets_of
 from .exact_law import evaluate_demand
 from .margin import trials_for
+from .present import merit_of
 from .problem import PlacementProblem, for_people, present_choice
 from .program import Program
 from .request import OptimiseRequest
@@ -37,7 +38,7 @@ from .search import (
 from .starts import careless_layouts, textbook_layout
 from .task import OptimisationTask
 from .terms import is_singular
-from .tightening import CheckSettings, VerifiedOptimum, tighten
+from .tightening import CheckSettings, VerifiedOptimum, check_present, tighten
 
 LEAST_TRIALS = 2**18  # of the check of a point: P95 within 0.3 %
 ABOVE_LEAST = 1.02  # the tightest limit, as a multiple of the smallest quantile attainable
@@ -58,7 +59,8 @@ def trace_front(task: OptimisationTask, search: Search, control: Control) -> tup
 
 
 def front_point(task: OptimisationTask, search: Search, number: int, factor: float, control: Control) -> FrontPoint:
-    """The least cost at ``factor`` times the limit, solved from each of the search's best layouts."""
+    """The least cost at ``factor`` times the limit, solved from each of the search's best layouts, or that of the
+    design as it stands."""
     problem = search.program.problem
     settings = CheckSettings(
         seed=task.seed + 1 + number,
@@ -76,6 +78,9 @@ def front_point(task: OptimisationTask, search: Search, number: int, factor: flo
             continue
         if best is None or verified.optimum.cost < best.optimum.cost:
             best = verified
+    if search.fiducials == len(task.request.problem.system.fiducial_labels):
+        least = inf if best is None else merit_of(task.request, problem, best.optimum.choice, best.optimum.ratios)
+        best = check_present(task.request, search, settings, least, control) or best
     if best is None:
         return _empty(problem, factor, "out of reach", reason)
     return _point(problem, search, best, factor)
