@@ -33,6 +33,7 @@ UNSEEN = {
     "motion_pivot_1400mm": (6.727, 7.145, 7.268),
     "rotation_with_bias_good_to_1": (95.25, 102.7, 102.9),
     "known_error_beside_images": (26.554, 28.38, 28.78),
+    "seat_turns_far_target": (10.956, 11.6, 11.75),
 }
 # those of which the limit in the file is missed by the chain
 MISSED = (*UNSEEN, "motion_with_effects_3views", "rotation_with_bias_auto")

@@ -143,13 +143,24 @@ def _list_shares(document: DesignDocument) -> Iterator[tuple[str, str, float]]:
                 yield f"{at}/intrinsics_error/focal/{field}", f"view {view.name}: focal {field}", getattr(focal, field)
 
 
+NEAR, COUNTED_FAR = 6.0, 3.0  # radii of the fiducials; how often a known error counts for a target beyond
+
+
 def _limits(system: System) -> Iterator[Limit]:
-    """The largest known error of intrinsics that are believed: it errs by up to 1.3 times it.
+    """The largest known error of intrinsics that are believed: P95 errs by up to 1.3 times it, and by up to 4.8 times
+    it where a target lies many radii of the fiducials away.
 
     1000 px of the principal point count as 1.
     """
     known = [error.known / (1.0, 1000.0, 1000.0) for error in system.believed_errors if error is not None]
-    yield Proportional("intrinsics that are known to be {:.2g} % wrong", float(np.abs([np.zeros(3), *known]).max()))
+    size = float(np.abs([np.zeros(3), *known]).max())
+    about = system.fiducials_mm - system.fiducials_mm.mean(axis=0)
+    away = max(np.linalg.norm(each.position_mm - system.fiducials_mm.mean(axis=0)) for each in system.targets)
+    if away > NEAR * np.sqrt((about**2).sum(axis=1).mean()):
+        words = "intrinsics that are known to be wrong, for a target far away, which may change P95 by {:.2g} %"
+        yield Proportional(words, COUNTED_FAR * size)
+    else:
+        yield Proportional("intrinsics that are known to be {:.2g} % wrong", size)
 
 
 KIND = EffectKind(

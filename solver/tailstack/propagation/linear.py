@@ -35,6 +35,8 @@ from .turns import (
     turns_of,
 )
 
+_STEP = 1e-3  # standard deviations of a mount by which its gains are differentiated
+
 
 class Block(NamedTuple):
     """An effect, and what one native unit of each of its k sources does to the error."""
@@ -396,7 +398,9 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
             published=not system.triangulation.traits.own_frame,
         )
         biases = {"localisation": localisation_bias, "tcp": tcp_bias}
-        turns = _turns(chain, (reconstructed, reconstructed, passage.at_tool_mm), every, biases, to_tcp, numbers.nu)
+        moved = gains_moved_by_seat(chain, target.position_mm, images.columns)
+        at = (reconstructed, reconstructed, passage.at_tool_mm)
+        turns = _turns(chain, at, every, biases, to_tcp, numbers.nu, moved)
     else:
         numbers, turns = whole.nonlinearity, whole.turns
     return LinearModel(
@@ -415,6 +419,31 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
     )
 
 
+def gains_moved_by_seat(chain: Chain, target_mm: Array, at_rest: Array) -> float:
+    """mm^2: second moment of what the structure's mount, where it turns, does to the gains of images.
+
+    The structure is seen from elsewhere then.  That the error turns with it changes no norm, and is left out.
+    at_rest (3, K): ``image_gains``.
+    """
+    system, mount = chain.system, chain.system.structure_connector
+    spread = np.concatenate([each.sources.spread for each in chain.effects if each.way is Way.IMAGES])
+    axes, sizes, _ = np.linalg.svd(mount.sources.direction * mount.sources.spread, full_matrices=False)
+    square = 0.0
+    for direction in (axes * sizes)[:, axes[:3].any(axis=0) & (sizes > 0.0)].T:
+        first = displacement(mount.known + _STEP * direction, mount.pivot_mm, system.rotation_form)
+        projections, points, per_error = geometry_at(system.projections, system.fiducials_mm, first, system.reading)
+        beside = replace(chain, projections=projections, points=points, per_error=per_error)
+        if system.reading is Reading.PHYSICAL:
+            reconstructed = np.linalg.solve(first.rotation, target_mm - first.shift_mm)
+            back = chain.mounts.undone @ first.rotation
+        else:
+            reconstructed = first.move(target_mm)
+            back = chain.mounts.first.rotation @ first.rotation.T
+        change = (back @ image_gains(beside, reconstructed).columns - at_rest) * (spread / _STEP)
+        square += float((change * change).sum())
+    return square
+
+
 def _turns(
     chain: Chain,
     points: tuple[Array, Array, Array],
@@ -422,11 +451,12 @@ def _turns(
     biases: dict[str, Array],
     to_tcp: Array,
     nu: float,
+    gains_moved: float,
 ) -> Turns:
     """What first order leaves out because mounts turn or something is known, of both errors.
 
-    points: that the three mounts displace; nu: of the images.  What is BOUNDED counts as known, with the signs that
-    lengthen the bias.
+    points: that the three mounts displace; nu: of the images; gains_moved: ``gains_moved_by_seat``.  What is BOUNDED
+    counts as known, with the signs that lengthen the bias.
     """
     system = chain.system
     mounts = system.mounts
@@ -459,7 +489,7 @@ def _turns(
         ("tcp", at_tool, bent_at_tool, beside @ beside.T, to_tcp),
     ):
         total = jacobian @ z @ jacobian.T + rest
-        turns = turns_of(jacobian, second, z, total, biases[error])
+        turns = turns_of(jacobian, second, z, total, biases[error], gains_moved)
         grown = images_beside_bias(nu, z[IMAGES, IMAGES], of_images, total, biases[error])
         out = out.larger(turns._replace(images_beside_bias=grown))
     if any(

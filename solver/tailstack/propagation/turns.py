@@ -8,7 +8,9 @@ all that comes before it.  So the second order ``x2 = 1/2 z'Hz`` of the mounts i
 torsors and the error of localisation by the images, and the levers hold every known error of what comes before.
 
 **Size**: ``sqrt(E|x2|^2 / E|e|^2)``, e the whole error to first order, its known part included.  Without a known error
-P95 errs in proportion to its square.
+P95 errs in proportion to its square.  A structure that its mount turns is seen from elsewhere, so that the gains of
+images are others; the second moment of their change times the noise is part of it, counted twice, for P95 errs by up to
+twice its square and by some 0.7 of the rest.
 
 **Along the bias**: a known error b that lies along the lever is shortened by every turn, whatever its sign, and P95
 errs in proportion to the turn itself: with b = L s u (L the lever, s the turn about each of two axes) by b L s^2 u^2
@@ -139,16 +141,18 @@ def images_beside_bias(nu: float, covariance: Array, to_error: Array, total: Arr
     return turns_of(to_error, _along(to_error, second), covariance, total, bias).along_bias
 
 
-def turns_of(jacobian: Array, second: Array, covariance: Array, total: Array, bias: Array) -> Turns:
+def turns_of(
+    jacobian: Array, second: Array, covariance: Array, total: Array, bias: Array, gains_moved: float = 0.0
+) -> Turns:
     """The first two numbers of one error.
 
     jacobian (3, SIZE) and second (3, SIZE, SIZE): its derivatives by z; covariance (SIZE, SIZE) of z; total (3, 3)
-    mm^2, covariance of the whole error, and its bias (3,) mm.
+    mm^2, covariance of the whole error, and its bias (3,) mm; gains_moved mm^2: see the module.
     """
     c1 = float(total.trace() + bias @ bias)
     through = second @ covariance
     mean = 0.5 * through.trace(axis1=1, axis2=2)
-    square = float(mean @ mean) + 0.5 * float((through * through.transpose(0, 2, 1)).sum())
+    square = float(mean @ mean) + 0.5 * float((through * through.transpose(0, 2, 1)).sum()) + 2.0 * gains_moved
     if square <= 0.0 or c1 <= 0.0:
         return NO_TURNS
     size, pulled = sqrt(square / c1), total @ bias

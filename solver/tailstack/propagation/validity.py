@@ -63,6 +63,15 @@ PARTS = {
 }
 
 
+def level_of(counted: float, turns: float, linear: float) -> tuple[Level, float] | None:
+    """What is stated of nu as it is counted, ``Turns.size`` and what errs in its first power: the status and the error
+    of P95 in per cent; None: not valid."""
+    for (limit, status, percent), of_turns, of_bias in zip(LEVELS, TURN_LIMITS, BIAS_LIMITS, strict=True):
+        if counted <= limit and turns <= of_turns and linear <= of_bias:
+            return status, percent
+    return None
+
+
 def error_percent(trust: Validity, quantile: float) -> float:
     """Up to how many per cent a first-order quantile may be off; inf where nothing is known."""
     if trust.expected_error_percent is None:
@@ -181,15 +190,13 @@ def validity(numbers: Nonlinearity, system: System, turns: Turns = NO_TURNS) -> 
             f"{counted}; first order was not calibrated for {uncalibrated}: what its P95 is worth is not known, and "
             "only Monte Carlo (`tailstack verify`) decides",
         )
-    for (limit, status, percent), of_turns, of_bias in zip(LEVELS, TURN_LIMITS, BIAS_LIMITS, strict=True):
-        if times * numbers.nu <= limit and turns.size <= of_turns and linear <= of_bias:
-            return state(
-                status,
-                percent,
-                f"{counted}: first-order P95 agrees with the full chain within {percent:g} %, in at least "
-                f"{PROMISED_PERCENT:g} of 100 designs that it is said of"
-                + ("" if percent <= 1 else "; it may be optimistic: verify by Monte Carlo"),
-            )
+    if (level := level_of(times * numbers.nu, turns.size, linear)) is not None:
+        return state(
+            *level,
+            f"{counted}: first-order P95 agrees with the full chain within {level[1]:g} %, in at least "
+            f"{PROMISED_PERCENT:g} of 100 designs that it is said of"
+            + ("" if level[1] <= 1 else "; it may be optimistic: verify by Monte Carlo"),
+        )
     return state(
         "not valid",
         None,
