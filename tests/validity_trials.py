@@ -19,6 +19,7 @@ from tailstack.montecarlo import compile_plan, draw, gains_in_plan_order, run_in
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.propagation.validity import COUNTED, LEVELS, error_percent
 from tailstack.results import Check
+from tailstack.scoring import trust_of
 from tailstack.system import Estimator, System
 from tailstack.tail.declared import law_quantile
 from tailstack_service.gate.case import compare_numbers
@@ -337,6 +338,17 @@ def hold_design(
         error, quantile, least, highest, sampled, document,
     )  # fmt: skip
     return hold_to_trials(row, looks, precise)
+
+
+def restate(row: Held) -> Held:
+    """The row as it would be stated of its design today."""
+    system = check_design(load_design(row.document))[0]
+    trust = trust_of(system, {"t": linearise(system, system.targets[0])})
+    return replace(
+        row, status=trust.status, numbers=tuple(getattr(trust, f"nu_{name}") for name in NUMBERS),
+        percents=tuple(error_percent(trust, q) for q in QUANTILES),
+        passed_by_first_order=row.passed_by_first_order if (trust.expected_error_percent or inf) <= 5 else None,
+    )  # fmt: skip
 
 
 def hold_to_trials(row: Held, looks: tuple[int, ...], precise: float = inf) -> Held:
