@@ -126,20 +126,23 @@ def hold_believed(row: Held) -> Held:
 
 
 def digest(rows: Sequence[Held]) -> str:
-    """What is known of the designs that were held to trials, as a table without their documents: what decides what is
-    stated of each, and the largest error of P95, in per cent, with its standard error."""
+    """The designs as a table without their documents: what decides what is stated of each (fiducials: of the view that
+    sees the fewest), and the largest error of P95, in per cent, with its standard error; empty where nothing was stated
+    of it and no trials were run."""
     lines = [
         "form,views,fiducials,radii,rays_deg,laden,status," + ",".join(NUMBERS) + ",error_percent,deviation_percent"
     ]
-    for row in (row for row in rows if row.ratios):
-        errors, deviations = (np.array(each)[:, 1] for each in (np.subtract(row.ratios, 1), row.deviations))
-        worst = int(np.abs(np.log1p(errors)).argmax())
+    for row in rows:
         radii, rays_deg = farness(row.document)
-        laden = "e" * row.form.effects + "c" * row.form.corners
+        fewest = min(len(view.get("sees", row.document["fiducials"]["points"])) for view in row.document["views"])
+        laden, found = "e" * row.form.effects + "c" * row.form.corners, ["", ""]
+        if row.ratios:
+            ratios, deviations = (np.array(each)[:, 1] for each in (row.ratios, row.deviations))
+            worst = int(np.abs(np.log(ratios)).argmax())
+            found = [f"{100 * ratios[worst] - 100:.2f}", f"{100 * deviations[worst]:.2f}"]
         cells = [
-            f"{row.form.estimator}+{row.form.triangulation}", str(row.views), str(row.fiducials), f"{radii:.1f}",
-            f"{rays_deg:.1f}", laden, row.status, *(f"{number:.3g}" for number in row.numbers),
-            f"{100 * errors[worst]:.2f}", f"{100 * deviations[worst]:.2f}",
+            f"{row.form.estimator}+{row.form.triangulation}", str(row.views), str(fewest), f"{radii:.1f}",
+            f"{rays_deg:.1f}", laden, row.status, *(f"{number:.5g}" for number in row.numbers), *found,
         ]  # fmt: skip
         lines.append(",".join(cells))
     return "\n".join(lines) + "\n"
