@@ -99,9 +99,9 @@ def python_with_libraries(folder: Path) -> Path:
     command.write_text(
         "#!/bin/sh\n"
         f'python="{sys.executable}"\n'
-        'if [ "$1 $2" = "-m venv" ]; then\n'
-        '  "$python" -m venv --without-pip "$3" || exit $?\n'  # pip is among the libraries
-        '  for site in "$3"/lib/python*/site-packages; do\n'
+        'if [ "$1 $2 $3" = "-I -m venv" ]; then\n'
+        '  "$python" -I -m venv --without-pip "$4" || exit $?\n'  # pip is among the libraries
+        '  for site in "$4"/lib/python*/site-packages; do\n'
         f"    echo '{sysconfig.get_path('purelib')}' > \"$site/host.pth\"\n"
         "  done\n"
         "  exit 0\n"

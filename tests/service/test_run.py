@@ -98,7 +98,7 @@ def test_kernels_of_the_demo_are_compiled_while_the_rest_is_installed(tmp_path: 
     assert compiling
     assert core < compiling[0]
     assert "--for demo" in calls[compiling[0]]
-    assert clone.calls()[-1].endswith("main demo")  # nobody starts before the kernels are there
+    assert clone.calls()[-1].endswith("__main__.py demo")  # nobody starts before the kernels are there
 
 
 def test_another_command_installs_and_compiles_nothing_ahead(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from typing import NoReturn
 
 from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
+from tailstack.numba_settings import ignore_settings_of_folder
 from tailstack.version import __version__
 
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
@@ -167,6 +168,7 @@ def _speak_utf8_where_possible() -> None:
 
 def command() -> NoReturn:
     """The program: ``main``, and the end of the process with its code."""
+    ignore_settings_of_folder()
     sys.unraisablehook = _repeat_interrupt
     gc.set_threshold(300_000)  # a start makes a quarter of a million objects: the usual 700 searches them 330 times
     gc.callbacks.append(_search_more_often)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import tempfile
 import threading
@@ -101,7 +102,8 @@ def _compile(calls: Sequence[KernelCall]) -> None:
     from tailstack.cores import usable_cores
 
     reason = kernels.why_not_installed() if kernels.installed_directories() else ""
-    environment = make_environment()
+    # and not in the working directory, of which numba would take settings
+    environment = {**make_environment(), "NUMBA_CACHE_DIR": os.path.abspath(kernels.writable_directory())}
     if not kernels.is_writable():
         try:
             place = tempfile.TemporaryDirectory(prefix="tailstack-kernels-")
@@ -129,7 +131,7 @@ def _feed(waiting: SimpleQueue[KernelCall], environment: dict[str, str], progres
     from tailstack.ahead import EVERY
 
     with suppress(Empty, OSError), subprocess.Popen(
-        make_command("tailstack.ahead"), env=environment, text=True,
+        make_command("tailstack.ahead"), env=environment, cwd=os.path.dirname(__file__), text=True,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
     ) as process:  # fmt: skip
         assert process.stdin is not None

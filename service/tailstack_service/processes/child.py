@@ -22,6 +22,8 @@ from functools import partial
 from importlib import import_module
 from typing import IO, Any
 
+from tailstack.numba_settings import ignore_settings_of_folder
+
 from ..operations.content import canonical
 from ..operations.example import EXAMPLE_DESIGN
 from ..task import ADVANCE, Estimated, Task, UnitResult
@@ -48,6 +50,7 @@ def main(function: str, parent: int, code: str, most_bytes: int) -> None:
     code: digest of the parent's sources.  most_bytes: of memory; 0: any.
     """
     # A Ctrl-C or a stop of the whole group is for the worker to act on: a unit that died of it would be blamed
+    ignore_settings_of_folder()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     end_with(parent)

@@ -10,6 +10,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tailstack.version import __file__ as _file_of_solver
 from tailstack.version import __version__
 
 if TYPE_CHECKING:
@@ -73,9 +74,20 @@ def running_code() -> str:
 
 
 def make_environment() -> dict[str, str]:
-    """The environment of this process, with its module path."""
-    path = os.pathsep.join(dict.fromkeys(entry for entry in sys.path if entry))
+    """The environment of this process, with its module path, but for what is on that because it is the working
+    directory (``python -m`` puts it first, as an absolute path): a child takes no modules from there."""
+    first = sys.path[:1] if _is_working_directory(*sys.path[:1]) else []
+    path = os.pathsep.join(dict.fromkeys(entry for entry in sys.path[len(first) :] if entry))
     return {**os.environ, **SINGLE_THREADED, **ALLOCATORS, "PYTHONPATH": path}
+
+
+def _is_working_directory(entry: str = "") -> bool:
+    try:
+        here = os.path.realpath(os.getcwd())
+    except OSError:  # it was deleted
+        return False
+    ours = {os.path.realpath(Path(file).parents[1]) for file in (_file_of_solver, Path(__file__).parent)}
+    return not sys.flags.safe_path and here not in ours and os.path.realpath(entry) == here
 
 
 # What a signal says to whoever reads it in the problem of a job

@@ -33,6 +33,8 @@ from select import POLLHUP, POLLIN, poll
 from struct import Struct
 from typing import NamedTuple
 
+from tailstack.numba_settings import ignore_settings_of_folder
+
 from . import linux
 from .interpreter import digest_code, make_command, make_environment
 
@@ -444,6 +446,7 @@ class Step:
 
 def main(parent: int) -> None:
     """Fork what is wanted until nobody can want anything any more, and nothing forked is left."""
+    ignore_settings_of_folder()
     from .child import end_with, list_warm_up_steps
 
     # A Ctrl-C or a stop of the whole group is for the process that started it to act on
