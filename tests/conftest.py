@@ -17,6 +17,16 @@ from hypothesis import settings
 settings.register_profile("fixed", deadline=None, derandomize=True)
 settings.register_profile("free", deadline=None, derandomize=False)  # with CI in the environment the default is not
 
+# What a caller may have said to pytest, pipelines, Git, terminals and tailstack is not for what tests start.  As xdist
+# tells its workers who they are by the environment, those keep that.
+CALLERS = (
+    "PYTEST_", "TAILSTACK_", "GITHUB_", "GITLAB_", "RUNNER_", "CI_", "GATE_", "GIT_", "PYTHONPATH", "PYTHONSTARTUP",
+    "PYTHONWARNINGS", "PY_COLORS", "NO_COLOR", "FORCE_COLOR", "COLUMNS", "LINES", "SOURCE_DATE_EPOCH",
+)  # fmt: skip
+OF_TESTS = (
+    "TAILSTACK_TESTS_LIMIT_SECONDS", "TAILSTACK_TESTS_REQUIRE", "TAILSTACK_SCREENSHOTS", "PYTEST_XDIST_WORKER",
+    "PYTEST_XDIST_WORKER_COUNT", "PYTEST_XDIST_TESTRUNUID", "PYTEST_DISABLE_PLUGIN_AUTOLOAD",
+)  # fmt: skip
 PYTEST_OWN = "PYTEST_CURRENT_TEST"  # pytest writes it before each phase of a test
 OUR_LOGGERS = ("tailstack", "tailstack_service")
 LEFT_OUT = pytest.StashKey[int]()
@@ -36,6 +46,8 @@ def pytest_configure(config: pytest.Config) -> None:
         "long(*cases, but=()): left out of the short tier: the whole test, the cases named, or all but those in `but`",
     )
     config.addinivalue_line("markers", "hostile: random; with another --seed it tries what it has not tried before")
+    for name in [name for name in os.environ if name.startswith(CALLERS) and name not in (PYTEST_OWN, *OF_TESTS)]:
+        del os.environ[name]
     settings.load_profile("free" if config.getoption("--seed") else "fixed")
     gc.disable()  # what is imported and collected stays: looking through it took a fifth of the time of collecting it
 

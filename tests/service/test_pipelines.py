@@ -37,7 +37,10 @@ from pipeline_scenes import (
 )
 from service_scenes import ROOT
 
+from tailstack.design.fiducial_files import ENDINGS
+from tailstack.design.reading import DOCUMENTS
 from tailstack.version import __version__
+from tailstack_service.cli.gate_changes import list_affected
 from tailstack_service.cli.main import main
 from tailstack_service.gate.waivers import read_waivers
 from waiting import LIMIT_SECONDS
@@ -127,7 +130,7 @@ def test_an_environment_that_is_there_is_used_again(installed: Ran, room: Path) 
 def test_what_cannot_be_installed_is_no_verdict(failing: str, tmp_path: Path) -> None:
     """Exit code 3, an annotation, and no output that looks like a path."""
     python = tmp_path / "python3"
-    excuse = "case $2 in *version_info*) exit 1;; esac" if failing == "version" else '[ "$2" != venv ] || exit 1'
+    excuse = "case $3 in *version_info*) exit 1;; esac" if failing == "version" else '[ "$3" != venv ] || exit 1'
     python.write_text(f'#!/bin/sh\n{excuse}\nexec "{sys.executable}" "$@"\n', encoding="utf-8")
     python.chmod(0o755)
     done = run_step("install", inputs(designs="-", python=str(python)), tmp_path, tmp_path)
@@ -316,25 +319,77 @@ def test_the_hook_is_one_that_pre_commit_takes() -> None:
         ("designs/guide.yaml", True),
         ("robots/designs/old/guide.json", True),
         ("designs/guide.yml", True),
-        ("policy.yaml", False),
+        ("designs/guide.YAML", True),
+        ("Designs/GUIDE.Yml", True),
+        ("designs/phantom.mrk.json", True),
+        ("designs/points.csv", True),
+        ("designs/beads/points.FCSV", True),
+        ("designs/points.tsv", True),
+        ("policy.yaml", True),
+        ("ci/policy-guides.yml", True),
+        ("waivers.yaml", True),
+        ("baseline.json", True),
         ("mydesigns/guide.yaml", False),
-        ("designs/phantom.mrk.json", False),
-        ("designs/points.csv", False),
+        ("readme.md", False),
+        ("designs/photo.png", False),
+        ("points.csv", False),  # which the page says
     ],
 )
-def test_the_hook_looks_at_designs(file: str, taken: bool) -> None:
+def test_the_hook_looks_at_what_a_verdict_hangs_on(file: str, taken: bool) -> None:
     assert chosen(HOOKS[0], [file]) == ([file] if taken else [])
 
 
+def test_every_ending_of_what_a_design_names_triggers_the_hook() -> None:
+    assert all(chosen(HOOKS[0], [f"designs/beads{ending}"]) for ending in (*ENDINGS, *DOCUMENTS))
+
+
 def chosen(hook: dict[str, Any], files: list[str]) -> list[str]:
-    """The files that pre-commit would hand over: it searches both expressions; types go by endings here."""
-    endings = {"yaml": (".yaml", ".yml"), "json": (".json",)}
-    known = tuple(ending for kind in hook["types_or"] for ending in endings[kind])
-    return [
-        file
-        for file in files
-        if re.search(hook["files"], file) and not re.search(hook["exclude"], file) and file.endswith(known)
-    ]
+    """The files that pre-commit would hand over, of any type: it searches the expression."""
+    assert not hook.keys() & {"types", "types_or", "exclude"}
+    return [file for file in files if re.search(hook["files"], file)]
+
+
+def test_what_hangs_on_a_change_is_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table of beads: the designs that name it; policy, waivers, baseline: all that Git has."""
+    git(tmp_path, "init", "-q")
+    text = (EXAMPLE / "pass.yaml").read_text(encoding="utf-8")
+    for name in ("a", "b", "sub/c"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        file = "../beads.csv" if "/" in name else "beads.csv"
+        body = text if name == "b" else f"schema: tailstack/design/1\nfiducials: {{ file: {file} }}\n"
+        (tmp_path / f"{name}.yaml").write_text(body, encoding="utf-8")
+    for name, body in {
+        "beads.csv": "label,x_mm,y_mm,z_mm\n", "policy.yaml": "schema: tailstack/policy/1\n", "other.csv": "",
+        "k8s/policy.yaml": "kind: NetworkPolicy\n", "damaged.yaml": "schema: tailstack/desgn/1\n",
+        "waivers.yaml": "# of tailstack/design/1\nschema: tailstack/waivers/1\n",
+        "result.json": '{"schema": "tailstack/score/1"}',
+    }.items():  # fmt: skip
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(body, encoding="utf-8")
+    git(tmp_path, "add", "--all")
+    (tmp_path / "untracked.yaml").write_text(text, encoding="utf-8")
+    (tmp_path / "link.yaml").symlink_to("beads.csv")
+    monkeypatch.chdir(tmp_path)
+    every = {"a.yaml", "b.yaml", "sub/c.yaml"}
+    for changed, judged in {
+        ("a.yaml",): {"a.yaml"}, ("beads.csv",): {"a.yaml", "sub/c.yaml"}, ("other.csv",): set(),
+        ("policy.yaml",): every, ("waivers.yaml", "b.yaml"): every, ("k8s/policy.yaml",): set(),
+        ("damaged.yaml",): {"damaged.yaml"}, ("result.json",): set(), ("beads.csv", "b.yaml"): every,
+        ("gone.yaml",): {"gone.yaml"}, ("link.yaml",): {"a.yaml", "sub/c.yaml"},
+    }.items():  # fmt: skip
+        found = list_affected(list(changed), ["policy.yaml", "waivers.yaml", None])
+        assert {os.path.relpath(name) for name in found} == judged, changed
+
+
+def test_a_policy_that_is_not_the_one_judged_by_changes_nothing(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(project)
+    assert main(["gate", "--changed", "policy.yaml", "--mode", "analytic"]) == 0
+    assert "no design hangs on what changes" in capsys.readouterr().err
+    assert main(["gate", "--changed", "policy.yaml", "--policy", "policy.yaml", "--mode", "analytic"]) == 1
+    monkeypatch.setenv("PATH", "")
+    assert main(["gate", "--changed", "policy.yaml", "--mode", "analytic"]) == 2
 
 
 def hooked(project: Path) -> Ran:

@@ -43,12 +43,12 @@ def test_draws(k):
 """
 
 
-def run_tests(folder: Path, *options: str, code: int = 0) -> str:
+def run_tests(folder: Path, *options: str, code: int = 0, said: dict[str, str] | None = None) -> str:
     """What pytest says of the folder, with our conftest."""
     (folder / "conftest.py").write_text(CONFTEST.read_text(encoding="utf-8"), encoding="utf-8")
     plugins = ["-p", "no:cacheprovider", "-p", "xdist", "-p", "_hypothesis_pytestplugin"]
     command = [sys.executable, "-m", "pytest", "-v", *plugins, "--rootdir", str(folder), *options, "."]
-    given = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    given = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", **(said or {})}
     done = subprocess.run(
         command, cwd=folder, env=given, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
     )
@@ -69,6 +69,30 @@ def test_the_short_tier_leaves_out_what_is_marked_and_says_how_much(tmp_path: Pa
 def test_a_mark_that_names_a_case_that_there_is_not_is_refused(tmp_path: Path) -> None:
     (tmp_path / "test_cases.py").write_text(CASES.replace('long("b")', 'long("b", "B")'))
     assert "names cases that there are not: B" in run_tests(tmp_path, "-n", "1", code=1)
+
+
+LEFT = """
+import os, subprocess, sys
+
+def test_nothing_is_left():
+    left = sorted(name for name in os.environ if name in SAID)
+    assert not left
+    assert subprocess.run(["git", "rev-parse", "--git-dir"], capture_output=True).returncode  # here is no repository
+"""
+SAID = {
+    "PYTEST_ADDOPTS": "--durations=3", "TAILSTACK_DATABASE": "sqlite:////nowhere/x",
+    "TAILSTACK_TRACEBACK": "1", "TAILSTACK_COMMAND": "x", "GITHUB_WORKSPACE": "/", "GITHUB_STEP_SUMMARY": "/nowhere/x",
+    "CI_PROJECT_DIR": "/", "GITLAB_CI": "1", "RUNNER_TEMP": "/", "GATE_MODE": "verify",
+    "GIT_DIR": str(CONFTEST.parents[1] / ".git"), "GIT_INDEX_FILE": "/nowhere/x", "PYTHONPATH": ".", "LINES": "3",
+    "PYTHONWARNINGS": "ignore", "NO_COLOR": "1", "FORCE_COLOR": "1", "COLUMNS": "20", "SOURCE_DATE_EPOCH": "0",
+}  # fmt: skip
+
+
+@pytest.mark.long("options1-2")
+@pytest.mark.parametrize("options", [(), ("-n", "2")])
+def test_what_the_caller_has_said_is_not_for_what_tests_start(tmp_path: Path, options: tuple[str, ...]) -> None:
+    (tmp_path / "test_cases.py").write_text(LEFT.replace("SAID", repr(sorted(SAID))))
+    assert " passed" in run_tests(tmp_path, *options, said=SAID)
 
 
 def test_a_random_order_is_that_of_its_seed_and_keeps_files_together(tmp_path: Path) -> None:

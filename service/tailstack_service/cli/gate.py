@@ -56,6 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--remote", metavar="URL", help="let a running service judge, with the key in TAILSTACK_KEY; same answer"
     )
+    parser.add_argument(
+        "--changed", action="store_true",
+        help="DESIGN are the files that a commit changes: judge the designs among them, and those that hang on them",
+    )  # fmt: skip
     add_details(parser)
     parser.add_argument(
         "--explain",
@@ -82,9 +86,16 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..gate.text import summarise
     from .gate_outputs import FOR_PEOPLE, choose_outputs, record_unwritten, say
 
-    matches = _find_files(
-        arguments.design
-    )  # before anything is written: no output becomes a design, no design an output
+    if arguments.changed:
+        from .gate_changes import list_affected
+
+        judged_by = (arguments.policy, arguments.waivers, arguments.baseline)
+        arguments.design = list_affected(arguments.design, judged_by)
+        if not arguments.design:
+            say(["no design hangs on what changes, nothing was judged"])
+            return Answer("", PASS)
+    # before anything is written: no output becomes a design, no design an output
+    matches = _find_files(arguments.design)
     inputs = [arguments.policy, arguments.waivers, arguments.baseline, *arguments.design, *chain(*matches.values())]
     outputs, wrong = choose_outputs(
         arguments.format or [("text", None)],
