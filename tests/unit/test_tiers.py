@@ -88,7 +88,7 @@ SAID = {
 }  # fmt: skip
 
 
-@pytest.mark.long("options1-2")
+@pytest.mark.long("options1")
 @pytest.mark.parametrize("options", [(), ("-n", "2")])
 def test_what_the_caller_has_said_is_not_for_what_tests_start(tmp_path: Path, options: tuple[str, ...]) -> None:
     (tmp_path / "test_cases.py").write_text(LEFT.replace("SAID", repr(sorted(SAID))))
