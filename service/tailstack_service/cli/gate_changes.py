@@ -15,10 +15,12 @@ from tailstack.design.reading import DOCUMENTS
 from tailstack.errors import Problem, TailstackError
 
 from ..problems import RequestError
+from ..schemas import TITLES
 from .gate_files import find_root, resolve
 
 TABLES = (*FORMATS, ".tsv")  # endings of files of fiducials that are nothing else
 BESIDE = re.compile(r"(policy|waivers|baseline)[^/]*$", re.IGNORECASE)  # how files are called that are no designs
+OF_OURS = {name.encode() for name in TITLES}  # other documents, but for a design
 SCHEMA = re.compile(rb"\btailstack/(\w+)/\d")
 
 
@@ -43,7 +45,7 @@ def _may_be_design(name: str) -> bool:
             kinds = {*SCHEMA.findall(file.read())}
     except OSError:
         return True
-    other = bool(kinds) or bool(BESIDE.search(name)) or name.lower().endswith(TABLES)
+    other = bool(kinds & OF_OURS) or bool(BESIDE.search(name)) or name.lower().endswith(TABLES)
     return b"design" in kinds or not other
 
 
