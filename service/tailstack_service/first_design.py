@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from math import ceil, hypot
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tailstack.design.presets import Preset
 
 LENGTH_FIELDS = ("source_isocentre_mm", "pixel_mm")  # of a preset, stated where its source does not state them
 
@@ -22,6 +25,7 @@ class Wishes:
     noise_px: float
     source_isocentre_mm: float | None
     pixel_mm: float | None
+    unstated: frozenset[str] = frozenset()  # fields of these that nobody answered
 
 
 Point = tuple[float, float, float]
@@ -68,6 +72,27 @@ def closest_images(point: tuple[float, float, float], others: list[tuple[float, 
     return min((hypot(min(abs(x - a), abs(y - b)), z - c) for a, b, c in others), default=0.0)
 
 
+FILLED = 0.45  # of a detector's width, from its middle to what is farthest out: nine tenths of it are used
+CLEAR = 20.0  # mm between a structure and the detector
+
+
+def start_lengths(preset: Preset) -> dict[str, float]:
+    """What a C-arm is taken for where its source does not state it: a detector of 0.3 m, or pixels of 0.3 mm."""
+    width = min(preset.image_size_px or (1000,))
+    return {"source_isocentre_mm": 700.0, "pixel_mm": max(0.3, round(300 / width, 1))}
+
+
+def aim_views(preset: Preset, half_mm: float, target: Point, pixel_mm: float) -> tuple[Point, float]:
+    """The middle of fiducials and target, from that of the fiducials, and how far from the source it has to be at least
+    for both to be seen along x and along y, mm."""
+    ends = [(min(-half_mm, value), max(half_mm, value)) for value in target]
+    x, y, z = (round((low + high) / 2, 1) for low, high in ends)
+    reach = [max(high - at, at - low) for (low, high), at in zip(ends, (x, y, z), strict=True)]
+    depth, half_detector = max(reach[:2]), FILLED * pixel_mm * min(preset.image_size_px or (1000,))
+    needed = depth + max(reach) * preset.source_detector_mm / half_detector
+    return (x, y, z), min(float(ceil(needed)), float(int(preset.source_detector_mm - depth - CLEAR)))
+
+
 def design_text(wishes: Wishes, beads: Beads | None = None) -> str:
     """The design, with its comments; with beads, everything else is laid about their middle."""
     from tailstack.design.presets import PRESETS
@@ -81,15 +106,22 @@ def design_text(wishes: Wishes, beads: Beads | None = None) -> str:
     def place(*offset: float) -> str:
         return ", ".join(show_value(round(a + b, 6)) for a, b in zip(centre, offset, strict=True))
 
-    between = [round((min(0.0, value) + max(0.0, value)) / 2, 1) for value in wishes.target]
+    pixel_mm = wishes.pixel_mm or preset.pixel_mm or start_lengths(preset)["pixel_mm"]
+    between, farthest = aim_views(preset, half, wishes.target, pixel_mm)
     stated = {field: value for field in LENGTH_FIELDS if (value := getattr(wishes, field)) is not None}
+    unstated = wishes.unstated
+    if wishes.source_isocentre_mm is None or "source_isocentre_mm" in unstated:
+        published = wishes.source_isocentre_mm or preset.source_isocentre_mm or farthest
+        if farthest > published:  # nearer to the detector more is seen
+            stated = {**stated, "source_isocentre_mm": farthest}
+            unstated = unstated | {"source_isocentre_mm"}
     lengths = "".join(f"    {field}: {show_value(value)}\n" for field, value in stated.items())
     noise, isocentre = show_value(wishes.noise_px), f"[{place(*between)}]"
     views = f"""\
   - name: AP
     preset: {wishes.preset} # {preset.title}
 {lengths}    orientation: AP
-    isocentre_mm: {isocentre} # between the fiducials and the target
+    isocentre_mm: {isocentre} # the middle of fiducials and target
     fiducial_noise_px: {noise} # how well one is located; measure yours
     target_noise_px: {noise}
   - name: LAT
@@ -130,7 +162,22 @@ optimise: # what tailstack optimise may change
   min_spacing_mm: {show_value(spacing)}
   rotation_bounds: {{ min_deg: 0.01, max_deg: 0.5 }} # how tight and how loose the seats may be made
   starts: 8
-"""
+
+assumed: # what nobody stated: take off what you know or have corrected
+{"".join(f"  - {pointer}{chr(10)}" for pointer in list_guesses(unstated, tuple(stated)))}"""
+
+
+def list_guesses(unstated: frozenset[str], lengths: tuple[str, ...]) -> list[str]:
+    """Pointers of what the text says and nobody stated; ``lengths``: those of the C-arm that the views state."""
+    of_view = ["isocentre_mm", *(field for field in ("preset", *lengths) if field in unstated)]
+    of_view += ["fiducial_noise_px", "target_noise_px"] if "noise_px" in unstated else []
+    return [
+        *(f"/views/{k}/{field}" for k in (0, 1) for field in of_view),
+        "/fiducials/manufacturing",
+        "/interfaces",
+        *(["/targets/0/position_mm"] if "target" in unstated else []),
+        *(["/requirements/0/limit_mm"] if "limit_mm" in unstated else []),
+    ]
 
 
 def show_value(value: Any) -> str:
@@ -151,13 +198,14 @@ TOLERANCES = """\
 """  # of both seats alike
 
 HEAD = """\
-# A first design, made by tailstack init.  Every number is yours to correct; docs/design.md explains the fields.
+# A first design, made by tailstack init.  The list `assumed` at its end
+# says which values nobody stated; docs/design.md explains the fields.
 #
 # Frame con (connector): its origin is the middle of the fiducials, z points to the patient.  Lengths in mm.
 """
 HEAD_OF_FILE = """\
-# A first design about the fiducials of {file}, made by tailstack convert.  Views, seats, target and limit are a
-# start and yours to correct; docs/design.md explains the fields.
+# A first design about the fiducials of {file}, made by tailstack convert.  The list `assumed` at
+# its end says which values nobody stated; docs/design.md explains the fields.
 #
 # Frame con (connector): that of the file; z is taken to point to the patient.  Lengths in mm.
 """
@@ -179,10 +227,21 @@ def list_points(wishes: Wishes, beads: Beads | None) -> tuple[str, Point, str]:
     return "".join(lines), (x, y, z), HEAD_OF_FILE.format(file=" ".join(beads.file.split()))
 
 
-def design_of_beads(beads: Beads) -> str:
-    """A first design about beads that are there already: a C-arm and seats like those of ``tailstack init``."""
+def design_of_beads(beads: Beads, preset: str = "generic-mobile-c-arm") -> str:
+    """A first design about beads that are there already, whichever C-arm sees them; seats like those of ``init``."""
+    from tailstack.design.presets import PRESETS
+
+    arm = PRESETS[preset]
+    lengths = {field: value for field, value in start_lengths(arm).items() if field in arm.missing}
     extents = [max(values) - min(values) for values in zip(*beads.positions_mm, strict=True)]
     size = max(20.0, float(ceil(max(extents))))
-    target = (0.0, 0.0, size / 2 + 50)
-    wishes = Wishes("first design", "generic-mobile-c-arm", len(beads.labels), size, target, 1.0, 0.3, None, None)
-    return design_text(wishes, beads)
+    half, pixel_mm = size / 2, arm.pixel_mm or lengths["pixel_mm"]
+    seen = FILLED * pixel_mm * min(arm.image_size_px or (1000,)) / arm.source_detector_mm  # per mm from the source
+    most = 2 * seen * (arm.source_detector_mm - size - CLEAR) - half
+    target = (0.0, 0.0, max(half + 10, min(half + 50, float(int(most)))))
+    start = Wishes("first design", preset, len(beads.labels), size, target, 1.0, 0.3, None, None, EVERYTHING)
+    stated = replace(start, source_isocentre_mm=lengths.get("source_isocentre_mm"), pixel_mm=lengths.get("pixel_mm"))
+    return design_text(stated, beads)
+
+
+EVERYTHING = frozenset(field.name for field in fields(Wishes))

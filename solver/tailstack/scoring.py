@@ -39,6 +39,7 @@ from .results import (
     Score,
     SecondOrder,
     TargetScore,
+    TitleBlock,
     Validity,
     Vector3,
     ViewCheck,
@@ -349,6 +350,8 @@ def provenance(
         not_included=(*not_included(system, simulated=simulated, missed=missed), *_taken_for_exact(system), *also),
         estimator=str(system.estimator),
         sources_sha256=digest_of_package(),
+        assumed=system.assumed,
+        document=None if system.title_block is None else TitleBlock(**system.title_block),
     )
 
 

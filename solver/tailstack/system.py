@@ -484,6 +484,8 @@ class System:
     loss_probability: tuple[float, ...] = ()  # of each fiducial in a shot, in all views at once; (): none is ever lost
     design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
+    assumed: tuple[str, ...] = ()  # pointers of values that nobody stated
+    title_block: Mapping[str, str | None] | None = None  # under which number it is kept, and who answers for it
 
     @property
     def interfaces(self) -> tuple[DirectEffect, DirectEffect]:

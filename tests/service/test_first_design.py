@@ -37,7 +37,7 @@ def test_the_first_design_scores_and_passes(call: Any) -> None:
     code, out, err = call("init")
     assert (code, out) == (0, "next: tailstack score design.yaml\n")
     assert err.splitlines()[-1] == "wrote design.yaml"
-    assert "verdict: pass (estimate)" in call("score", "design.yaml")[1]
+    assert "verdict: pass, on 25 assumed values (estimate)" in call("score", "design.yaml")[1]
     assert check_design(load_design(Path("design.yaml")))[1] == ()  # nothing is remarked
     text = Path("design.yaml").read_text(encoding="utf-8")
     assert text.startswith("# yaml-language-server: $schema=")

@@ -1,6 +1,7 @@
 """Write a first design: a C-arm, a carrier with beads, two seats, a target and a limit, each with a comment.
 
-On a terminal it asks for what no flag says; Enter takes the value in brackets.  The design scores as it is, and its
+On a terminal it asks for what no flag says; Enter takes the value in brackets, which the design then lists as
+``assumed``, as it does the seats.  The design scores as it is, and its
 section optimise lets the optimiser improve it.  Correct it where yours differs.
 """
 
@@ -9,7 +10,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -22,7 +23,7 @@ from ..console.editors import write_document
 from ..console.files import writable
 from ..console.parser import suggest
 from ..console.program import program
-from ..first_design import Wishes, design_text, show_value
+from ..first_design import Wishes, design_text, show_value, start_lengths
 from ..problems import RequestError
 
 HELP = "write a first design, by questions or flags"
@@ -132,11 +133,15 @@ def read_wishes(arguments: argparse.Namespace, *, ask: bool) -> Wishes:
     """What flags say, and what is asked for besides.  Raises RequestError for a length that nobody says."""
     from tailstack.design.presets import PRESETS
 
+    unstated = set()
+
     def answer(question: Question) -> Any:
         given = getattr(arguments, question.field)
-        if given is not None:
-            return given
-        return ask_for(question) if ask else question.default
+        if given is None and ask:
+            given = ask_for(question)
+        if given is None:
+            unstated.add(question.field)
+        return question.default if given is None else given
 
     answers = {question.field: answer(question) for question in QUESTIONS}
     missing = PRESETS[answers["preset"]].missing
@@ -146,17 +151,17 @@ def read_wishes(arguments: argparse.Namespace, *, ask: bool) -> Wishes:
             if not ask:
                 detail = f"the source of preset {answers['preset']} does not state {field}"
                 raise RequestError(Problem("", "option-missing", detail, f"{question.flag} X, {question.words}"))
-            answers[field] = ask_for(question)
-    return Wishes(**{field.name: answers[field.name] for field in fields(Wishes)})
+            answers[field] = answer(replace(question, default=start_lengths(PRESETS[answers["preset"]])[field]))
+    return Wishes(**answers, unstated=frozenset(unstated))
 
 
 def ask_for(question: Question) -> Any:
-    """Ask on the terminal until the answer can be read; nothing is the default, and so is the end of the input."""
+    """Ask on the terminal until the answer can be read; nothing, and the end of the input, is None: the default."""
     while True:
         print(f"{question.words} [{show_value(question.default)}]: ", end="", file=sys.stderr, flush=True)
         line = sys.stdin.readline()
         if not line.strip():
-            return question.default
+            return None
         try:
             return question.read(line.strip())
         except argparse.ArgumentTypeError as error:

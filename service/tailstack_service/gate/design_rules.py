@@ -14,6 +14,7 @@ from tailstack.design.document import Interface
 from tailstack.fields import INTERFACES
 from tailstack.results import ERRORS, Score, headline_of
 from tailstack.results.digits import count_decimals, in_percent, length
+from tailstack.results.verdicts import assumed_sentence
 from tailstack.tolerances import Tolerances
 
 from ..rendering.sentences import error_of, leading_bias_mm, sources_of, trust_sentence
@@ -69,6 +70,16 @@ def find_first_order_gaps(case: Case) -> list[Remark]:
         )
         remarks.append(Remark(point_at_target(case, index), message, percent, allowed, target.name))
     return remarks
+
+
+def find_assumed_values(case: Case) -> list[Remark]:
+    """Rule assumed-values: how many values of the design nobody stated, and where."""
+    assumed, most = case.score.provenance.assumed, case.rules.assumed_values.max_count
+    if len(assumed) <= most:
+        return []
+    allowed = f"; {most} are accepted" if most else ""
+    message = f"the verdict rests on {assumed_sentence(assumed)}{allowed}"
+    return [Remark("/assumed", message, len(assumed), most or None)]
 
 
 def _make_remark(case: Case, comparison: LimitComparison, hint: str) -> Remark:

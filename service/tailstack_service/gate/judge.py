@@ -369,6 +369,7 @@ def _record_design(case: Case, verdict: GateVerdict) -> GatedDesign:
         requirements=case.requirements,
         not_judged=case.not_judged,
         sections=hash_sections(case.design),
+        assumed=case.score.provenance.assumed,
     )
 
 

@@ -133,6 +133,14 @@ class PlausibilityRule(_WarningRule):
     )
 
 
+class AssumedRule(_WarningRule):
+    """Values of the design that nobody stated."""
+
+    max_count: Annotated[int, Field(ge=0, le=1000)] = Field(
+        default=0, description="So many assumed values are accepted. Default none.", examples=[3]
+    )
+
+
 class SpacingRule(_ErrorRule):
     """Distance between fiducials."""
 
@@ -288,6 +296,7 @@ class Rules(Record):
     first_order_gap: GapRule = Field(default_factory=GapRule)
     conditioning: ConditioningRule = Field(default_factory=ConditioningRule)
     plausibility: PlausibilityRule = Field(default_factory=PlausibilityRule)
+    assumed_values: AssumedRule = Field(default_factory=AssumedRule)
     fiducial_spacing: SpacingRule = Field(default_factory=SpacingRule)
     survives_loss: LossRule = Field(default_factory=LossRule)
     reliability: ReliabilityRule = Field(default_factory=ReliabilityRule)

@@ -186,6 +186,8 @@ class GatedDesign:
     """What was asked for, or targets, that nothing was held against."""
     sections: tuple[GateSection, ...] = ()
     """Sections of the document by their content: how a design is found again in a baseline."""
+    assumed: tuple[str, ...] = ()
+    """What nobody stated: a JSON pointer (RFC 6901) into the design document for each assumed value."""
 
 
 @dataclass(frozen=True, slots=True)

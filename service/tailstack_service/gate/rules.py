@@ -12,6 +12,7 @@ from tailstack.design.document import without_null
 from .baseline import find_not_compared, find_regressions, find_relaxed_limits
 from .case import Case, find_class_names, find_unjudged
 from .design_rules import (
+    find_assumed_values,
     find_close_fiducials,
     find_close_images,
     find_failures,
@@ -68,6 +69,7 @@ _RULES = (
     Rule("first-order-gap", "Estimate and Monte Carlo disagree", find_first_order_gaps, "more", "%"),
     Rule("conditioning", "The layout barely determines the answer", find_weaknesses, "less"),
     Rule("plausibility", "A value is allowed and hardly ever meant", find_implausible_values),
+    Rule("assumed-values", "The verdict rests on values that nobody stated", find_assumed_values, "more"),
     Rule("fiducial-spacing", "Two fiducials are too close", find_close_fiducials, "less", "mm"),
     Rule("survives-loss", "A limit is not kept when fiducials are lost", find_fatal_losses, "more", "mm"),
     Rule("reliability", "A slipped image does too much before it is noticed", find_unseen_slips, "more", "mm"),
@@ -186,6 +188,14 @@ What to do: correct the unit. If the value is meant, list in `remarks` the remar
 noted and fail nothing.
 
 Policy: severity, remarks. No waiver covers it: a value that is meant once is meant always.""",
+    "assumed-values": """\
+The list `assumed` of the design names values that nobody stated: the first guesses of `tailstack init`, `convert` and
+the workbench. The limits are judged with them as they are, so a pass holds as far as they do. The finding's value is
+how many there are; they are listed under `assumed` of the design in the record, and by `tailstack validate DESIGN`.
+
+What to do: measure the value or ask who knows it, write it into the design and take its pointer off the list.
+
+Policy: severity, max_count. Waiver: max_value, the number of assumed values.""",
     "fiducial-spacing": """\
 Two fiducials are closer than `min_mm`, centre to centre. Judged only if the policy sets it: how much wall a bead needs
 is a matter of manufacturing. The ten closest pairs are findings of their own, a note says how many more there are.

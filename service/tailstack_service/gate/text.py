@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from tailstack.results.tables import Cell, Column, On, Table, write_cell
-from tailstack.results.verdicts import name_basis
+from tailstack.results.verdicts import name_basis, rest_of
 
 from ..rendering.finding_groups import group_alike, list_others, name_field, name_rule
 from ..rendering.page import current, write_on
@@ -61,7 +61,10 @@ def summarise(record: GateRecord) -> list[str]:
     """In a few lines what the gate came to and why, for a log that gets no other words: designs, the worst first, the
     findings that decide, the verdict."""
     designs = sorted(record.designs, key=lambda design: WORST_FIRST.index(design.verdict))
-    lines = [f"{visible(design.file)}: {design.verdict}" for design in designs[:MOST_TOLD]]
+    lines = [
+        ", ".join(filter(None, (f"{visible(design.file)}: {design.verdict}", rest_of(design.assumed))))
+        for design in designs[:MOST_TOLD]
+    ]
     if more := designs[MOST_TOLD:]:
         bad = sum(design.verdict != "pass" for design in more)
         lines.append(f"... and {len(more)} more designs, " + (f"{bad} of which do not pass" if bad else "which pass"))
@@ -91,7 +94,8 @@ def _list_designs(record: GateRecord) -> str:
         name = f" ({visible(design.name)})" if design.name else ""
         rates = [number.error_rate for number in design.numbers if number.error_rate is not None]
         basis += f"; each status wrong with a probability of at most {100 * max(rates):.3g} %" if rates else ""
-        line = f"{visible(design.file)}{name}{kind}: {design.verdict}" + (f" ({basis})" if basis else "")
+        rests = f", {rest_of(design.assumed)}" if design.assumed else ""
+        line = f"{visible(design.file)}{name}{kind}: {design.verdict}{rests}" + (f" ({basis})" if basis else "")
         # the verdict is painted once the line is laid out, for colours take no room
         blocks.append(wrap(line, first="", indent="  ").replace(f": {design.verdict}", f": {verdict}", 1))
         if design.numbers:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from tailstack.errors import TailstackError
 from tailstack.results import Finding, ViewCheck
 from tailstack.results.record import Published
+from tailstack.results.verdicts import assumed_sentence
 
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_design
@@ -57,6 +58,8 @@ class Validation(Published):
     """Remarks about the design's geometry."""
     notes: tuple[str, ...]
     """What was done to the design's numbers on the way, and what it leaves open."""
+    assumed: tuple[str, ...] = ()
+    """What nobody stated: a JSON pointer (RFC 6901) into the design document for each assumed value."""
 
 
 def validate(design: Design) -> Validation:
@@ -76,6 +79,7 @@ def validate(design: Design) -> Validation:
         visibility=visibility,
         findings=findings,
         notes=system.notes,
+        assumed=system.assumed,
     )
 
 
@@ -96,6 +100,9 @@ def validation_text(file: str, validation: Validation) -> str:
         if view.outside
     ]
     lines += [wrap(note, first="  note: ", indent="    ") for note in validation.notes]
+    if validation.assumed:
+        lines.append(wrap(f"{assumed_sentence(validation.assumed)}:", first="  assumed: ", indent="    "))
+        lines += [f"    {visible(pointer)}" for pointer in validation.assumed]
     return "\n".join(lines) + "\n"
 
 

@@ -47,7 +47,7 @@ def before_after_text(
         for t in result.tolerances
     ]
     rows.append(("verdict", "", before.verdict.status, after.verdict.status))
-    ending = write_ending(ending_of(after.verdict), after.verdict.status)
+    ending = write_ending(ending_of(after.verdict, after.provenance), after.verdict.status)
     return draw_table(("", "unit", "before", "after"), rows, left=2) + f"\n\n{ending}\n"
 
 

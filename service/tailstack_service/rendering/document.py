@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from tailstack.results.tables import On, Table
-from tailstack.results.verdicts import STATED
+from tailstack.results.verdicts import STATED, assumed_sentence
 
 from ..report.blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragraph
 from .finding_groups import group_findings
@@ -79,7 +79,10 @@ def findings_text(findings: Sequence[Finding]) -> str:
 
 def _write_provenance(made: Provenance) -> str:
     """Assumptions made on the way, and what no number here includes."""
-    return _write_said([*(("note", note) for note in made.notes), ("not included", "; ".join(made.not_included))])
+    notes = [("note", note) for note in made.notes]
+    return _write_said(
+        [*notes, ("assumed", assumed_sentence(made.assumed)), ("not included", "; ".join(made.not_included))]
+    )
 
 
 def _write_said(pairs: Sequence[tuple[str, str]]) -> str:

@@ -13,10 +13,21 @@ from typing import TYPE_CHECKING
 
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length, percent, saving
 from tailstack.results.score import group, single_lines, source_name, tenth_of, width_of
-from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis
+from tailstack.results.verdicts import checks_sentence, decisive_check, name_basis, rest_of
 
 if TYPE_CHECKING:
-    from tailstack.results import Check, Contributor, Losses, Mixture, Score, TargetScore, Validity, Verdict, ViewCheck
+    from tailstack.results import (
+        Check,
+        Contributor,
+        Losses,
+        Mixture,
+        Provenance,
+        Score,
+        TargetScore,
+        Validity,
+        Verdict,
+        ViewCheck,
+    )
 
 
 def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float | None]) -> str:
@@ -217,9 +228,10 @@ def _next_step(check: Check, basis: str, optimised: Sequence[str] | None) -> str
     return "Simulate more shots to decide: a tighter --precision or more --trials."
 
 
-def ending_of(verdict: Verdict) -> str:
+def ending_of(verdict: Verdict, provenance: Provenance) -> str:
     """The last line of every answer."""
-    return f"verdict: {verdict.status} ({name_basis(verdict.basis)})"
+    status = ", ".join(filter(None, (verdict.status, rest_of(provenance.assumed))))
+    return f"verdict: {status} ({name_basis(verdict.basis)})"
 
 
 LOCATED = (

@@ -5,6 +5,7 @@ import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { answer, busy, current, key, keyWanted, refused } from "./api";
 import { loadRecent, resume, runs, startProblem, unfinished } from "./jobs";
+import { anyAssumed, Assumed, wanted } from "./parts/Assumed";
 import { Contributors } from "./parts/Contributors";
 import { Beads, Geometry } from "./parts/Controls";
 import { assumes, Gallery, OpenFile, OwnPoints, takeFile, takeText, TakeAway, Variants, Asking, working } from "./parts/Files";
@@ -129,6 +130,7 @@ function Workbench() {
         <Splitter />
         <div class="change">
           <Part title="What is to blame" open paper><section aria-label="Budget"><Contributors /></section></Part>
+          {anyAssumed.value && <Part title="What nobody stated" open={assumes.value} summoned={wanted.value}><Assumed /></Part>}
           <Part title="Views, pivots, targets, limits" summoned={assumes.value}><Geometry /></Part>
           <Part title="Variants"><Variants /></Part>
           <Part title="Share and save"><TakeAway /></Part>

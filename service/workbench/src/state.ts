@@ -5,6 +5,7 @@
 // ends.
 
 import { batch, computed, effect, signal } from "@preact/signals";
+import { stating } from "./assumed";
 import { type Edit, type Json, parse, withEdits, writeEdits } from "./document";
 
 export { differences, type Edit, type Json, parse, type Path, valueAt, withEdits, writeYaml } from "./document";
@@ -76,7 +77,7 @@ const withinReach = (all: Step[], most: number) => (all.length > most ? [all[0],
 
 export function edit(edits: Edit[], what: string, within = 0): void {
   try {
-    const { text: next, spelled } = writeEdits(text.value, edits);
+    const { text: next, spelled } = writeEdits(text.value, stating(settled.value, edits));
     commit(next, what, within);
     if (spelled.length) say(`${spelled.map((path) => path.join(" › ")).join(", ")}: an alias (*name) stood there; it is written out now, because it no longer has the value of its anchor.`);
   } catch (error) {

@@ -33,6 +33,7 @@ from ..system import (
     no_sources,
 )
 from ..tolerances import coverage_of
+from .assumed import list_assumed
 from .cameras import compile_transform, compile_view, detector_distances
 from .document import (
     Compliance,
@@ -108,6 +109,8 @@ def _compile(design: Design) -> System:
         fiducial_radius_mm=None if document.fiducials.diameter_mm is None else document.fiducials.diameter_mm / 2,
         loss_probability=loss_probabilities(document.fiducials, len(fiducials)),
         notes=tuple(notes),
+        assumed=list_assumed(design.source.data),
+        title_block=None if document.document is None else document.document.model_dump(),
     )
 
 

@@ -8,6 +8,7 @@ are, then installation and execution errors, then the document as a whole.
 
 from __future__ import annotations
 
+from datetime import date
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
@@ -794,6 +795,33 @@ class Model(Record):
     _as_before = leave_out_later({"estimator": DEFAULT_ESTIMATOR})
 
 
+_Entry = Annotated[str, Field(max_length=80, pattern=r"^[^\x00-\x1f\x7f]*$")]
+
+
+class DocumentTitle(Record):
+    """Under which number the design is kept, and who answers for it; reports show it, and boxes to sign what is empty.
+
+    No number depends on it.
+    """
+
+    number: _Entry = Field(default="", description="Number of the document.", examples=["DG-1042"])
+    revision: _Entry = Field(default="", description="Its revision.", examples=["C"])
+    date: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")] | None = Field(
+        default=None, description="Day of the revision, YYYY-MM-DD.", examples=["2026-11-28"]
+    )
+    author: _Entry = Field(default="", description="Who made it.", examples=["M. Keller"])
+    checker: _Entry = Field(default="", description="Who checked it.", examples=["A. Okafor"])
+    approver: _Entry = Field(default="", description="Who releases it.", examples=["L. Brandt"])
+
+    @model_validator(mode="after")
+    def _is_day(self) -> DocumentTitle:
+        try:
+            date.fromisoformat(self.date or "2000-01-01")
+        except ValueError:
+            raise refusal("bad-text", f"{self.date} is no day of the calendar", "YYYY-MM-DD", "date") from None
+        return self
+
+
 class _Design(Record):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
@@ -803,6 +831,11 @@ class _Design(Record):
     name: Name = Field(description="Name of the design.", examples=["drill-guide reference, rev C"])
     description: Annotated[str, Field(max_length=4000)] = Field(
         default="", description="Free text.", examples=["12 beads of 3 mm on a PEEK carrier"]
+    )
+    document: DocumentTitle | None = Field(
+        default=None,
+        description="Title block of the reports: number, revision, date, author, checker, approver. No number depends "
+        "on it. Absent: reports have empty boxes.",
     )
     views: Annotated[list[ViewDocument], Field(min_length=2)] = Field(description="The X-ray views, two or more.")
     fiducials: Fiducials = Field(description="The fiducials the views are resected from.")
@@ -835,8 +868,15 @@ class DesignDocument(_DesignWithEffects):
     requirements: list[RequirementDocument] = Field(default=[], description="What is promised. Default nothing.")
     model: Model = Field(default_factory=share(Model.model_construct()), description="Choices of the model.")
     optimise: Optimise | None = Field(default=None, description="Freedom of the optimiser. Absent: it refuses.")
+    assumed: Annotated[list[Annotated[str, Field(max_length=400)]], Field(max_length=1000)] = Field(
+        default=[],
+        description="What nobody stated: JSON pointers into this document. One to a mapping, or to a list of mappings, "
+        "covers every number below it. A verdict says on how many assumed values it rests; who knows a value takes "
+        "its pointer off. No number depends on it. Default none.",
+        examples=[["/interfaces", "/views/0/fiducial_noise_px"]],
+    )
 
-    _as_before = leave_out_later(later_fields("design"))
+    _as_before = leave_out_later({"document": None, "assumed": []} | later_fields("design"))
 
 
 SCHEMA_ID = "urn:tailstack:schema:design:1"

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from ..errors import DesignError, LimitError, Problem
 from ..json_text import write_json
+from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
 from .document import (
     SCHEMA_NAME,
@@ -36,6 +37,7 @@ from .reading import (
     show,
 )
 from .refusals import place, refuse
+from .refusals import pointer as write_pointer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +74,8 @@ class Design:
         path: a JSON pointer, ``/views/0/fiducial_noise_px``, or names with dots between them,
         ``views.AP.fiducial_noise_px``; ``*`` stands for every element.  value: a number in the unit of the field's
         name, a text, a list or a mapping, as it would stand in the document; a field that the document leaves to its
-        default can be set too.  Raises DesignError with the pointer of what is wrong, LimitError.
+        default can be set too.  What it changes, or says again, is no longer
+        ``assumed``.  Raises DesignError with the pointer of what is wrong, LimitError.
         """
         data = self.source.data
         pointer = pointer_of(data, path)
@@ -83,7 +86,8 @@ class Design:
                 hint = "the points stand in a file: change it, or load design_to_data(design), which holds them"
             raise DesignError(Problem(pointer, "not-found", f"the design as it was written has no {pointer}", hint))
         for each in places:
-            data = replace_value(data, each, value)
+            changed = replace_value(data, each, value)
+            data = changed if each[0] == FIELD else follow_changes(data, changed, write_pointer(each))
         return load_design(data, base_directory=self.source.directory)
 
 
@@ -147,7 +151,7 @@ def _check(source: DocumentSource, allow_files: bool, limits: Limits) -> Design:
         document = DesignDocument.model_validate(data)
     except ValidationError as error:
         raise refuse(error, source, limits) from None
-    _refuse_all(check_document(document, limits), source, limits)
+    _refuse_all([*check_document(document, limits), *check_assumed(data)], source, limits)
     fiducials = _fiducials(document, source, allow_files, limits)
     _refuse_all(check_fiducials(document, fiducials), source, limits)
     freeze_lists(document)

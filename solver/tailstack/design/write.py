@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from math import degrees
 from typing import Any
@@ -13,6 +14,7 @@ import yaml
 from ..arrays import Array
 from ..geometry.camera import turn_view
 from ..json_text import write_json
+from .assumed import FIELD, follow_changes
 from .document import DistanceView, FiducialPoint, PresetView
 from .loading import (
     Design,
@@ -36,7 +38,8 @@ def design_to_data(design: Design, *, inline: bool = True) -> dict[str, Any]:
         stated = document.fiducials
         remaining = {name: getattr(stated, name) for name in stated.model_fields_set - {"file", "points", "origin"}}
         fiducials = type(stated).model_validate({"points": points, "origin": design.fiducials.origin, **remaining})
-        document = document.model_copy(update={"fiducials": fiducials})
+        assumed = ["/fiducials/points" if each == "/fiducials/file" else each for each in document.assumed]
+        document = document.model_copy(update={"fiducials": fiducials} | ({FIELD: assumed} if assumed else {}))
     return document.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
@@ -146,7 +149,8 @@ def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIM
 
     Fiducials from a file become points of the document, so the result stands alone.  Raises DesignError.
     """
-    data: dict[str, Any] = design_to_data(design, inline=True)
+    before = design_to_data(design, inline=True)
+    data: dict[str, Any] = deepcopy(before)
     if change.fiducials_mm is not None:
         labels = design.fiducials.labels if change.labels is None else change.labels
         own = dict(zip(design.fiducials.labels, data["fiducials"].get("points") or (), strict=False))
@@ -170,7 +174,7 @@ def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIM
         centre = positions.mean(axis=0)
         for locator, position in zip(locators, centre + scale * (positions - centre), strict=True):
             locator["position_mm"] = [float(value) for value in position]
-    return load_design(data, limits=limits)
+    return load_design(follow_changes(before, data), limits=limits)
 
 
 def _set_half_width(interface: dict[str, Any], component: str, value: float) -> None:

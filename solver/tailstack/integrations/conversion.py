@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..design.assumed import FIELD, follow_changes
 from ..design.document import VIEW_KINDS, MatrixView
 from ..design.fiducial_files import ENDINGS, FORMATS, FiducialList, read_fiducials, write_fiducials
 from ..design.loading import Design, holds_points, load_design
@@ -145,7 +147,8 @@ def _place_fiducials(
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The design with other fiducials and perhaps contacts; without one, these sections of it.  And what to mind."""
     base = base(fiducials) if callable(base) else base
-    data = {} if base is None else design_to_data(base)
+    old = {} if base is None else design_to_data(base)
+    data = deepcopy(old)
     before = data.get("fiducials", {})
     own = {point.get("label"): point for point in before.pop("points", [])}
     before.pop("origin", None)
@@ -162,7 +165,10 @@ def _place_fiducials(
     data["fiducials"] = section
     if data.get("optimise", {}).get("fixed"):
         forget_missing_labels(data, set(fiducials.labels))
-    notes = _place_contacts(data, contacts) if contacts else ()
+    notes, guessed = _place_contacts(data, contacts) if contacts else ((), [])
+    data = follow_changes(old, data)
+    if guessed:
+        data[FIELD] = [*data.get(FIELD, ()), *guessed]
     return data if base is None else design_to_data(load_design(data)), notes
 
 
@@ -179,13 +185,14 @@ def _place_camera(
     camera, fiducials = read_camera(content, source, cage, limits), FiducialList((), ())
     if not isinstance(base, Design):
         return Conversion(_write_data({"views": [camera.view]}, fiducials, target), camera.notes, fiducials)
-    data = design_to_data(base)
+    old = design_to_data(base)
+    data = deepcopy(old)
     names = [view["name"] for view in data["views"]]
     index = names.index(camera.view["name"]) if camera.view["name"] in names else len(names)
     before = data["views"][index] if index < len(names) else {}
     own = {name: before[name] for name in before if name not in _GEOMETRY}  # its noise and what else was said of it
     data["views"][index : index + 1] = [camera.view | own]
-    data = design_to_data(load_design(data))
+    data = design_to_data(load_design(follow_changes(old, data)))
     return Conversion(_write_data(data, base.fiducials, target), camera.notes, base.fiducials)
 
 
@@ -195,8 +202,10 @@ _GEOMETRY = frozenset(
 ) | {"projection", "image_size_px"}
 
 
-def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tuple[str, ...]:
-    """Contacts as the locators of the structure on its connector; half-widths of those that had them before stay."""
+def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tuple[tuple[str, ...], list[str]]:
+    """Contacts as the locators of the structure on its connector; half-widths of those that had them before stay.
+
+    What to mind, and the pointers of half-widths that are a start."""
     interface = data.setdefault("interfaces", {}).setdefault("structure_connector", {})
     before = {locator["name"]: locator for locator in interface.get("locators") or ()}
     start = {"half_width_mm": SEAT_HALF_WIDTH_MM, "distribution": "uniform"}
@@ -213,11 +222,12 @@ def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tu
     ]
     new = [each.name for each in contacts if each.name not in before]
     if not new:
-        return ()
+        return (), []
     words = (
         f"half-width {SEAT_HALF_WIDTH_MM} mm, uniform, of {', '.join(new)}: a start, as STEP states none; correct it"
     )
-    return (words,)
+    at = "/interfaces/structure_connector/locators"
+    return (words,), [f"{at}/{k}/half_width_mm" for k, each in enumerate(contacts) if each.name in new]
 
 
 def _write_data(data: Mapping[str, Any], fiducials: FiducialList, target: str, cage: CageForm | None = None) -> str:

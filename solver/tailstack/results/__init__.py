@@ -86,8 +86,8 @@ _HOME = {
     ),
     **dict.fromkeys(
         (
-            "ERRORS", "Check", "Finding", "Interval", "Matrix3", "Provenance", "Severity", "Vector3", "Verdict",
-            "ViewCheck", "headline_of",
+            "ERRORS", "Check", "Finding", "Interval", "Matrix3", "Provenance", "Severity", "TitleBlock", "Vector3",
+            "Verdict", "ViewCheck", "headline_of",
         ),
         "verdicts",
     ),

@@ -418,7 +418,7 @@ class Optimisation(Result):
             "Optimised design",
             self.provenance.design_name,
             self.verdict_status,
-            f"{self._cost_sentence()} {verdict_sentence(verdict)}",
+            f"{self._cost_sentence()} {verdict_sentence(verdict, self.provenance)}",
             (
                 frame(ChangedTolerance, "tolerances", self.tolerances, changes_table(self)),
                 checks_frame(verdict),

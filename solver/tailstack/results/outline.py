@@ -13,7 +13,18 @@ from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from .tables import Table
-from .verdicts import Check, Finding, Interval, Matrix3, Vector3, Verdict, checks_sentence, checks_table
+from .verdicts import (
+    Check,
+    Finding,
+    Interval,
+    Matrix3,
+    Provenance,
+    Vector3,
+    Verdict,
+    assumed_sentence,
+    checks_sentence,
+    checks_table,
+)
 
 Row = Mapping[str, Any]  # by column; units are in the names of the columns
 UNITS = ("mm", "mm2", "px", "deg")
@@ -158,9 +169,11 @@ def frame(kind: type, name: str, records: Sequence[Any], shown: Table | None = N
     return Frame(name, tuple(row_of(record) for record in records), columns, shown)
 
 
-def verdict_sentence(verdict: Verdict) -> str:
-    """How many requirements are kept, and the check that decides, in words."""
-    return checks_sentence(verdict.checks) or "The design states no requirement."
+def verdict_sentence(verdict: Verdict, provenance: Provenance) -> str:
+    """How many requirements are kept, the check that decides, and what nobody stated, in words."""
+    sentence = checks_sentence(verdict.checks) or "The design states no requirement."
+    assumed = assumed_sentence(provenance.assumed)
+    return f"{sentence} It rests on {assumed}." if assumed else sentence
 
 
 def checks_frame(verdict: Verdict) -> Frame:

@@ -357,7 +357,7 @@ class Score(Result):
             "Score, an estimate",
             self.provenance.design_name,
             self.verdict.status,
-            verdict_sentence(self.verdict),
+            verdict_sentence(self.verdict, self.provenance),
             (
                 frame(TargetScore, "targets", self.targets, targets_table(self)),
                 checks_frame(self.verdict),

@@ -141,6 +141,24 @@ class ViewCheck:
 
 
 @dataclass(frozen=True, slots=True)
+class TitleBlock:
+    """Under which number a design is kept, and who answers for it; a text is empty where the design does not say."""
+
+    number: str = ""
+    """Number of the document."""
+    revision: str = ""
+    """Its revision."""
+    date: str | None = None
+    """Day of the revision, ISO 8601; null where the design does not say."""
+    author: str = ""
+    """Who made it."""
+    checker: str = ""
+    """Who checked it."""
+    approver: str = ""
+    """Who releases it."""
+
+
+@dataclass(frozen=True, slots=True)
 class Provenance:
     """Which design, by which version, under which model, and what is not included."""
 
@@ -168,6 +186,30 @@ class Provenance:
     """What each view is estimated as: dlt, reprojection (eleven unknowns), pose or pose_with_prior."""
     sources_sha256: str | None = None
     """SHA-256 of the solver's sources, which tells apart two codes of one version; null in records of before."""
+    assumed: tuple[str, ...] = ()
+    """What nobody stated: a JSON pointer (RFC 6901) into the design document for each assumed value."""
+    document: TitleBlock | None = None
+    """The design's title block; null where it has none."""
+
+
+# --- what nobody stated, in words -------------------------------------------------------------------------
+
+
+def rest_of(assumed: Sequence[str]) -> str:
+    """What a verdict rests on besides the design: "on 22 assumed values"; "" where everything is stated."""
+    return f"on {len(assumed)} assumed value{'' if len(assumed) == 1 else 's'}" if assumed else ""
+
+
+def assumed_sentence(assumed: Sequence[str]) -> str:
+    """How many values nobody stated, and in which sections of the design; "" where everything is stated."""
+    if not assumed:
+        return ""
+    sections: dict[str, int] = {}
+    for pointer in assumed:
+        name = pointer.split("/")[1]
+        sections[name] = sections.get(name, 0) + 1
+    listed = ", ".join(f"{count} in {name}" for name, count in sections.items())
+    return f"{len(assumed)} value{'' if len(assumed) == 1 else 's'} that nobody stated ({listed})"
 
 
 # --- what decides, in words -------------------------------------------------------------------------------

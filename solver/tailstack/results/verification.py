@@ -168,7 +168,7 @@ class Verification(Result):
             "Monte Carlo check",
             self.provenance.design_name,
             self.verdict.status,
-            verdict_sentence(self.verdict),
+            verdict_sentence(self.verdict, self.provenance),
             (frame(TargetEstimate, "targets", self.targets, estimates_table(self)), checks_frame(self.verdict)),
             Bars(f"P95 of the error at the tool, {self.trials:,} trials", "P95 with its interval, mm", bars),
             self.verdict.findings,

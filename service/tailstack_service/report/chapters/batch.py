@@ -50,7 +50,7 @@ def batch_document(record: ScoredTable, sha256: str) -> Document:
                 ),
             ),
             Section("Method and assumptions", (Bullets((how, *record.provenance.notes)),), on=PAPER, reader="auditor"),
-            *closing_sections(record.provenance.not_included),
+            *closing_sections(record.provenance),
         ),
         provenance=provenance_facts(record.provenance, sha256, record.schema),
         made=record.provenance,

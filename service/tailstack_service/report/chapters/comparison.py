@@ -49,7 +49,7 @@ def comparison_document(comparison: Comparison, sha256: str) -> Document:
         Section("Budgets side by side", tuple(_budgets(comparison))),
         Section("Requirements and findings", _verdict_blocks(comparison)),
         Section("Method and assumptions", _method(comparison), reader="auditor"),
-        *closing_sections(second.provenance.not_included, *_reproduction(second)),
+        *closing_sections(second.provenance, *_reproduction(second), design=second.design),
     ]
     for which, report in reports:
         listing = design_listing(report.design, f"{which} design, as YAML")
@@ -66,6 +66,7 @@ def comparison_document(comparison: Comparison, sha256: str) -> Document:
         requirements=_requirements(comparison),
         sections=tuple(sections),
         provenance=_provenance(comparison, sha256),
+        made=second.provenance,
     )
 
 

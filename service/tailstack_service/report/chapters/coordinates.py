@@ -40,7 +40,7 @@ def layout_document(layout: Layout, sha256: str) -> Document:
             Section("In space", (_places_table(layout),), on=PAPER),
             Section("In the images", tuple(map(_image_table, layout.views))),
             *closing_sections(
-                made.not_included,
+                made,
                 Listing("tailstack layout design.yaml --json"),
                 Paragraph("With the design of the hash named above; `tailstack report design.yaml` draws it."),
             ),

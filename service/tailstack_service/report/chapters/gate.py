@@ -51,7 +51,7 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
         sections=(
             Section("Designs", tuple(designs)),
             Section("Findings", tuple(tables) or (Bullets(("None.",)),)),
-            *closing_sections(record.provenance.not_included, Listing(_command(record)), Paragraph(REPRODUCTION)),
+            *closing_sections(record.provenance, Listing(_command(record)), Paragraph(REPRODUCTION)),
         ),
         provenance=Facts(
             "Provenance",

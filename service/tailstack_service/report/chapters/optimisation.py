@@ -102,9 +102,10 @@ def optimisation_document(optimisation: Optimisation, sha256: str) -> Document:
             Section("Certificate", certificate_blocks(optimisation), on=IN_DETAIL, reader="auditor"),
             Section("How sure", (say("how sure", _confidence_sentence(optimisation)),), on=On.PLAIN),
             *closing_sections(
-                optimisation.provenance.not_included,
+                check.provenance,
                 Listing(f"{optimise_command(optimisation)}\ntailstack report --verify THIS_FILE"),
                 Paragraph(REPRODUCTION),
+                design=optimisation.design,
             ),
             *(
                 Section(title, (BlockGroup(partial(_list_design, data, f"{what}, as YAML"), PAPER),), reader="auditor")
@@ -120,7 +121,7 @@ def optimisation_document(optimisation: Optimisation, sha256: str) -> Document:
         method="first order with the exact law",
         opening=(decision_sentence(check.verdict, optimisation.not_asked), *others_sentences(optimisation)),
         findings=(*optimisation.influence, *check.verdict.findings),
-        ending=ending_of(check.verdict),
+        ending=ending_of(check.verdict, check.provenance),
     )
 
 

@@ -60,7 +60,7 @@ def report_document(report: Report, sha256: str) -> Document:
         )
     sections += [
         Section("Method and assumptions", method_chapter(report), reader="auditor"),
-        *closing_sections(report.provenance.not_included, *reproduction_blocks(report)),
+        *closing_sections(report.provenance, *reproduction_blocks(report), design=report.design),
         Section("The design", (design_listing(report.design, "The design document, as YAML"),), reader="auditor"),
     ]
     judged = report.verification or report.score
@@ -77,6 +77,7 @@ def report_document(report: Report, sha256: str) -> Document:
         requirements=requirements_table(judged.verdict),
         sections=tuple(sections),
         provenance=provenance_facts(report.provenance, sha256, report.schema),
+        made=report.provenance,
     )
 
 

@@ -80,7 +80,7 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
             Section("How good the estimate is", _trust(score, chosen), on=TERMINAL),
             Section("Method and assumptions", method_blocks(score), on=PAPER, reader="auditor"),
             *closing_sections(
-                score.provenance.not_included,
+                score.provenance,
                 Listing("tailstack score design.yaml --json"),
                 Paragraph("With the design of the hash named above."),
             ),
@@ -91,7 +91,7 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
         method="first order",
         opening=(decision_sentence(score.verdict) or headline.sentence, *_margin(score)),
         findings=score.verdict.findings,
-        ending=ending_of(score.verdict),
+        ending=ending_of(score.verdict, score.provenance),
     )
 
 

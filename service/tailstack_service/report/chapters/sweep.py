@@ -58,7 +58,7 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
                 ),
             ),
             Section("Method and assumptions", (_method(sweep),), on=PAPER, reader="auditor"),
-            *closing_sections(sweep.provenance.not_included, Listing(_command(sweep)), Paragraph(REPRODUCTION)),
+            *closing_sections(sweep.provenance, Listing(_command(sweep)), Paragraph(REPRODUCTION)),
         ),
         provenance=provenance_facts(sweep.provenance, sha256, sweep.schema),
         made=sweep.provenance,

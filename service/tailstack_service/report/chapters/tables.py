@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tailstack.results.score import BudgetLine, budget_table
-from tailstack.results.tables import PAPER, Cell, Column, On, Table
-from tailstack.results.verdicts import checks_table, findings_table
+from tailstack.results.tables import PAPER, Cell, Column, On, Table, tabulate
+from tailstack.results.verdicts import assumed_sentence, checks_table, findings_table
 
 from ..blocks import Block, Bullets, Facts, Section
 
 if TYPE_CHECKING:
     from tailstack.results import Provenance, TargetScore, Verdict
 
+    from ...gate.records import GateProvenance
     from ..records import Allowance
 
 SLACK_NOTE = (
@@ -68,12 +69,41 @@ def provenance_facts(provenance: Provenance, sha256: str, schema: str, which: st
     )
 
 
-def closing_sections(not_included: Sequence[str], *reproduction: Block) -> tuple[Section, ...]:
-    """What a report ends with: errors that no number in it includes, and how to have it again."""
+def closing_sections(
+    provenance: Provenance | GateProvenance, *reproduction: Block, design: dict[str, Any] | None = None
+) -> tuple[Section, ...]:
+    """What a report ends with: what nobody stated, errors that no number in it includes, and how to have it again.
+
+    design: its document, where the record holds it.
+    """
+    assumed = getattr(provenance, "assumed", ())  # a gate has several designs, each with its own
     return (
-        Section("What is not included", (Bullets(tuple(not_included)),), on=PAPER, reader="auditor"),
+        Section("What nobody stated", (_assumed_table(assumed, design),), on=PAPER),
+        Section("What is not included", (Bullets(tuple(provenance.not_included)),), on=PAPER, reader="auditor"),
         Section("Reproduction", reproduction, on=PAPER, reader="auditor"),
     )
+
+
+def _assumed_table(assumed: Sequence[str], design: dict[str, Any] | None) -> Table:
+    """Each assumed value: by name and as it is where the design is known."""
+    from tailstack.design.pointers import find_places, name_of, value_at
+
+    def in_words(pointer: str) -> str:
+        places = find_places(design, pointer)
+        return "" if not places else " ".join(str(value_at(design, places[0])).strip("[]").split())
+
+    columns: tuple[Column, ...] = (Column("Pointer into the design", of=lambda pointer: pointer),)
+    if design is not None:
+        columns = (
+            Column("Assumed value", of=lambda pointer: name_of(design, pointer)),
+            Column("As assumed", of=in_words),
+            *columns,
+        )
+    note = (
+        "Nobody stated these values of the design: they are a start, and the verdict holds as far as they do. Who "
+        "knows a value takes its pointer off the design's list `assumed`."
+    )
+    return tabulate("Assumed", assumed_sentence(assumed), columns, assumed, note)
 
 
 def verdict_blocks(verdict: Verdict) -> tuple[Block, ...]:

@@ -71,9 +71,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
                 ),
             ),
             Section("Method", sampling_blocks(check), on=IN_DETAIL, reader="auditor"),
-            *closing_sections(
-                check.provenance.not_included, Listing(f"tailstack verify design.yaml {drawn_by(check)} --json")
-            ),
+            *closing_sections(check.provenance, Listing(f"tailstack verify design.yaml {drawn_by(check)} --json")),
         ),
         provenance=provenance_facts(check.provenance, sha256, check.schema),
         made=check.provenance,
@@ -81,7 +79,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
         method=check.method,
         opening=(decision_sentence(check.verdict) or headline.sentence,),
         findings=check.verdict.findings,
-        ending=ending_of(check.verdict),
+        ending=ending_of(check.verdict, check.provenance),
     )
 
 

@@ -44,7 +44,7 @@ def compose_study(
             Section("In words", (Bullets(tuple(sentences)),)),
             *sections,
             Section("Method and assumptions", tuple(about), on=IN_DETAIL, reader="auditor"),
-            *closing_sections(made.not_included, Listing(command), Paragraph(REPRODUCTION)),
+            *closing_sections(made, Listing(command), Paragraph(REPRODUCTION)),
         ),
         provenance=provenance_facts(made, sha256, study.schema),
         made=made,

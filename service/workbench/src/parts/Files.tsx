@@ -4,11 +4,12 @@ import { signal } from "@preact/signals";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { current, key, pathOf, placeInWords, pointerOf, readRefusal, type Score, send, unreachable } from "../api";
 import { canUndo, commit, design, differences, edit, type Json, keepVariant, linked, linkOf, LONGEST_LINK, open, parse, removeVariant, say, text, valueAt, variants } from "../state";
-import { assumed, cArm, cArms, firstDesign, limit, loadCArms } from "../first";
+import { firstDesign } from "../first";
 import { rounded } from "../geometry";
 import { runs, start, unfinished } from "../jobs";
 import { BY, type Change, changes, known, type Known, read, type Reading, simulationOf } from "../readings";
 import { changed, mm, readNumber, stated, VERDICTS } from "../words";
+import { CArmChoice, CArmNote, wishes } from "./CArm";
 import { beginMinute } from "./Minute";
 import { ghost } from "./Pictures";
 import { fileName, save } from "./Reports";
@@ -94,9 +95,9 @@ async function takePoints(file: File, format: string, more = ""): Promise<void> 
   const left = (made.bodies ?? []).filter((body: Json) => body.reason).map((body: Json) => `${body.path} was left: ${body.reason}`);
   const notes = [...made.notes, ...left].slice(0, 5).join("; ");
   if (!design.value) {
-    begin(firstDesign(points, name), `Open ${name}`);
+    begin(firstDesign(points, name, await wishes()), `Open ${name}`);
     assumes.value = true;
-    return void say(`${points.length} fiducials of ${name} are in a first design. C-arm, seats, tolerances, target and limit are assumed: they stand beside the pictures, correct them.${notes ? ` ${notes}` : ""}`);
+    return void say(`${points.length} fiducials of ${name} are in a first design. What nobody stated is assumed, and listed beside the pictures.${notes ? ` ${notes}` : ""}`);
   }
   const kept = Object.fromEntries(Object.entries(design.value.fiducials ?? {}).filter(([field]) => !["points", "file", "region", "frame"].includes(field)));
   edit([{ path: ["fiducials"], value: { points, ...kept } }], `Fiducials of ${name}`);
@@ -136,35 +137,19 @@ export function Asking() {
 
 /** The first door: points of one's own, seen by a C-arm that is chosen. */
 export function OwnPoints() {
-  useEffect(() => {
-    if (!cArms.value.length) void loadCArms();
-  }, [key.value]);
-  const chosen = cArms.value.find(({ name }) => name === cArm.value), missing = assumed(cArm.value);
   return (
     <section class="own" aria-label="Your own beads">
       <h2>Begin with your own beads</h2>
       <p>A list of where they are is enough: a CSV file (columns label, x_mm, y_mm, z_mm), markups of 3D Slicer (.mrk.json, .fcsv), or a STEP file with balls in it. Seats, tolerances and a target are assumed about them, and are yours to correct.</p>
       <p class="controls">
-        <label>C-arm{" "}
-          <select value={cArm.value} onChange={(event) => (cArm.value = event.currentTarget.value)}>
-            {(cArms.value.length ? cArms.value : [{ name: cArm.value, title: "Generic mobile C-arm" }]).map(({ name, title }) => <option key={name} value={name}>{title}</option>)}
-          </select>
-        </label>
-        <label>95 % of all errors within, mm{" "}
-          <input type="text" inputMode="decimal" size={5} defaultValue={String(limit.value)} onInput={(event) => {
-            const value = readNumber(event.currentTarget.value, "mm"), good = value !== null && value > 0;
-            event.currentTarget.setAttribute("aria-invalid", String(!good));
-            if (good) limit.value = value;
-          }} />
-        </label>
+        <CArmChoice />
         <OpenFile words="Choose a file of beads" />
         <span class="note">or drop one anywhere on this page</span>
       </p>
-      {chosen && <p class="note">{`${[chosen.source_detector_mm && `source to detector ${chosen.source_detector_mm} mm`, chosen.image_size_px && `${chosen.image_size_px.join(" × ")} pixels`, chosen.pixel_mm && `of ${chosen.pixel_mm} mm`].filter(Boolean).join(", ")}; from ${chosen.source}${missing.length ? `. Not published, and assumed: ${missing.map(([field, value]) => `${LENGTH_WORDS[field] ?? field} ${value} mm`).join(", ")}` : ""}.`}</p>}
+      <CArmNote />
     </section>
   );
 }
-const LENGTH_WORDS: Record<string, string> = { source_isocentre_mm: "source to isocentre", pixel_mm: "pixel" };
 
 // --- the gallery ---------------------------------------------------------------------------------------------------------
 

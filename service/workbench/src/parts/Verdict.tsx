@@ -9,6 +9,7 @@ import { loadResult, outOfReach, results, runs, start, stateWords, unfinished } 
 import { type AnyReading, BY, change, decimals, seen, shown, standing, verified } from "../readings";
 import { canRedo, canUndo, design, edit, gesture, goTo, type Json, type Path, position, redo, steps, text, undo } from "../state";
 import { brief, changed, decimalsOf, duration, mm, percent, stated, VERDICTS } from "../words";
+import { Rests } from "./Assumed";
 import { Checks, interval } from "./Checks";
 import { NumberField } from "./Controls";
 import { Problems } from "./Problems";
@@ -45,6 +46,7 @@ export function Verdict() {
       <div class="head">
         <p class={`badge ${old && !problem ? "old" : ""}`}>
           {waits ? (warming.value ? "Warming up" : "…") : problem ? "No answer" : word}
+          {reading && !problem && <Rests />}
           {reading && !problem && <span class="basis"><Term word={reading.kind === "simulation" ? "verification" : "estimate"} quiet>{BY[reading.kind]}</Term></span>}
         </p>
         {reading && (
