@@ -5,19 +5,20 @@ from __future__ import annotations
 import io
 import json
 import os
+import random
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 
 import pytest
 
 from family import die_with_parent, ended
 from tailstack import ahead
-from tailstack_service.console.compilation import CompilationProgress
+from tailstack_service.console.compilation import CAUTION, CompilationProgress
 from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS
 
@@ -92,45 +93,67 @@ def test_without_a_place_to_keep_them_they_are_compiled_beside_all_the_same(tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["home"]  # what was lent is gone
 
 
-def test_an_eta_is_given_from_the_first_moment() -> None:
-    """closed_form: shares of the table's seconds; before the first kernel is done they are the only guide."""
+HEAD = "compiling kernels, once on this machine:"
+
+
+def test_a_time_is_named_from_the_first_moment_to_the_last_kernel() -> None:
+    """closed_form: before anything is measured, the table's seconds on a machine that is taken for a slow one."""
     calls = ahead.calls_for(("optimise",))
     clock = TurnedClock()
-    reason = "those installed were built from other sources"
-    progress = CompilationProgress(calls, 2, reason, io.StringIO(), clock=clock)
-    total = sum(call.seconds for call in calls)
-    head = "compiling kernels, once on this machine:"
-    assert progress.line() == f"{head} 0 of 3, about {total / 2:.0f} s"
-    for call in calls[:2]:
-        progress.begin(call)
-    clock.turn(100.0)  # a slow machine: how long the rest takes is not known before something is done
-    assert progress.line() == f"{head} 0 of 3"
-    progress.note(calls[1])
-    done = calls[1].seconds + 0.5 * calls[0].seconds
-    assert progress.line() == f"{head} 1 of 3, about {100.0 * (total / done - 1.0):.0f} s"
-    progress.note(calls[0])
-    progress.begin(calls[2])
-    progress.note(calls[2])
-    assert progress.line() == "compiling kernels, once on this machine: 3 of 3"
-
-
-def test_the_time_left_never_rises_while_one_waits() -> None:
-    """Kernels that take 4 s each by the table, two at once, on a machine that takes twenty times as long."""
-    call = ahead.EVERY[0]
-    calls = [replace(call, seconds=4.0) for _ in range(6)]
-    clock = TurnedClock()
     progress = CompilationProgress(calls, 2, "", io.StringIO(), clock=clock)
+    total = sum(call.seconds for call in calls)
+    assert progress.line() == f"{HEAD} 0 of 3, about {total / 2 / CAUTION:.0f} s"
+    for call in calls:
+        progress.begin(call)
+        progress.note(call)
+    assert progress.line() == f"{HEAD} 3 of 3"
 
-    for done in range(5):
-        progress.begin(calls[done])
-        said = []
-        for _ in range(80):
-            if found := re.search(r"about (\d+) s", progress.line()):
-                said.append(int(found[1]))
-            clock.turn(1.0)
-        assert said == sorted(said, reverse=True)
-        assert len(said) > 1
-        progress.note(calls[done])
+
+def waited(seed: int) -> tuple[int, list[int]]:
+    """How long all kernels take on a machine that is drawn, s, and what is named at each second.
+
+    One to four processes, each a fifth to three halves as fast as the table's, each kernel by a factor of its own
+    (standard deviation 0.3 of its logarithm), and up to 6 s before a process begins.
+    """
+    draw = random.Random(seed)
+    waiting = list(ahead.calls_for(ahead.COMPUTATIONS))
+    processes, pace, start = draw.choice([1, 2, 2, 4]), draw.uniform(0.2, 1.5), draw.uniform(0, 6)
+    clock = TurnedClock()
+    progress = CompilationProgress(waiting.copy(), processes, "", io.StringIO(), clock=clock)
+    running: dict[ahead.KernelCall, float] = {}
+
+    def begin(delay: float) -> None:
+        call = waiting.pop(0)
+        progress.begin(call)
+        running[call] = clock.monotonic() + delay + call.seconds / pace * draw.lognormvariate(0, 0.3)
+
+    for _ in range(processes):
+        begin(start)
+    named = []
+    while running:
+        found = re.search(r"about (\d+) s$", progress.line())
+        assert found is not None, "a time that was named never goes"
+        named.append(int(found[1]))
+        clock.turn(1.0)
+        for call in [call for call, end in running.items() if end <= clock.monotonic()]:
+            progress.note(call)
+            del running[call]
+            if waiting:
+                begin(0.0)
+    return len(named), named
+
+
+def test_the_time_left_never_rises_and_comes_true() -> None:
+    """On a hundred machines; their seeds are fixed, so that the means, measured as 0.19 and 0.11, are always these."""
+    off: dict[float, list[float]] = {0.5: [], 0.75: []}
+    for seed in range(100):
+        seconds, named = waited(seed)
+        assert named == sorted(named, reverse=True)
+        for part, errors in off.items():
+            at = int(part * seconds)
+            errors.append(abs(named[at] - (seconds - at)) / seconds)
+    assert fmean(off[0.5]) < 0.2
+    assert fmean(off[0.75]) < 0.12
 
 
 def test_an_unknown_verb_is_refused_with_those_that_there_are(capsys: pytest.CaptureFixture[str]) -> None:

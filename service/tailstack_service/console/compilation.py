@@ -8,6 +8,7 @@ import tempfile
 import threading
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, TextIO
@@ -51,8 +52,18 @@ def compile_for(verbs: Iterable[str]) -> int:
     return len(missing)
 
 
+CAUTION = 0.6  # pace of a machine that has shown none yet, of that on which the table was made
+FASTEST = 1.6  # seconds that the time left falls by in a second: one kernel that was quick says little of the others
+LEARNT_SECONDS = 12.0  # of the table, in one process: from so much on what was measured counts more than that
+
+
 class CompilationProgress(Progress):
-    """How many kernels are compiled, of how many, and how long the rest takes."""
+    """How many kernels are compiled, of how many, and how long the rest takes.
+
+    By the pace that was measured: seconds of the table over seconds that passed, with a cautious machine's before
+    there is much to measure, and with what is being compiled as far as that pace brings it.  The time that is named
+    never rises and never goes: where the machine turns out slower, it stands until the rest is that short.
+    """
 
     def __init__(
         self, calls: Sequence[KernelCall], processes: int, reason: str, stream: TextIO | None = None, *,
@@ -60,40 +71,36 @@ class CompilationProgress(Progress):
     ) -> None:  # fmt: skip
         super().__init__("compiling kernels, once on this machine", stream, clock=clock)
         self.preface = wrap(reason, first="kernels are compiled: ", indent="  ") if reason else ""
-        self._calls = calls
-        self._count, self._seconds_done, self._seconds_begun = 0, 0.0, 0.0
+        self._calls, self._processes = calls, processes
+        self._count, self._seconds_done, self._busy = 0, 0.0, 0.0  # of the table, and of the processes
+        self._under_way: dict[KernelCall, float] = {}  # what is being compiled, since when
         self._total = sum(call.seconds for call in calls)
-        self._estimate, self._estimated_at = self._total / processes, 0.0  # seconds left, and when that was said
+        self._named = (0.0, inf)  # when seconds left were named last, and how many
 
     def begin(self, call: KernelCall) -> None:
         """One of them is being compiled."""
-        self._seconds_begun += call.seconds
+        self._under_way[call] = self.elapsed
 
     def note(self, call: KernelCall) -> None:
         """One of them is compiled."""
         self._count += 1
         self._seconds_done += call.seconds
-        self._seconds_begun -= call.seconds
-        self._estimated_at = self.elapsed
-        done = self._seconds_done + 0.5 * self._seconds_begun
-        self._estimate = (self._total - done) * self._estimated_at / done
+        self._busy += self.elapsed - self._under_way.pop(call)
 
-    def _seconds_left(self) -> float | None:
-        """By the pace when a kernel was last done, with what was begun taken for half done.
-
-        Before the first is done, by the pace of the machine on which the table was made.  It never rises while one
-        waits: None once less time is left of it than what is not begun yet takes.
-        """
-        waiting = self._total - self._seconds_done - self._seconds_begun
-        left = self._estimate - (self.elapsed - self._estimated_at)
-        least = self._estimate * waiting / (self._total - self._seconds_done) if self._seconds_begun else 0.0
-        return left if left > least else None
+    def _seconds_left(self) -> float:
+        pace = (LEARNT_SECONDS + self._seconds_done) / (LEARNT_SECONDS / CAUTION + self._busy)
+        now, left = self.elapsed, self._total - self._seconds_done
+        for call, since in self._under_way.items():
+            left -= min(0.9 * call.seconds, pace * (now - since))
+        left /= pace * self._processes
+        then, before = self._named
+        self._named = now, min(before, max(left, before - FASTEST * (now - then)) if before < inf else left)
+        return self._named[1]
 
     def line(self) -> str:
         """One line of progress as it stands."""
         text = f"{self.what}: {self._count} of {len(self._calls)}"
-        left = self._seconds_left() if self._count < len(self._calls) else None
-        return text if left is None else f"{text}, about {max(1.0, left):.0f} s"
+        return f"{text}, about {max(1.0, self._seconds_left()):.0f} s" if self._count < len(self._calls) else text
 
 
 def _compile(calls: Sequence[KernelCall]) -> None:
