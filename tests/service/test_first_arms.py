@@ -1,28 +1,23 @@
 """Whichever C-arm is offered, an ordinary table of beads gets a first design that scores: the command's and the page's.
 
-The page's text is made by its own source, run by Node with its types stripped by the compiler that the page is built
-with; that of the command is made in this process, and both say the same.
+The page's text is made by its own source; that of the command in this process, and both say the same.
 """
 
 from __future__ import annotations
 
-import json
 import random
-import subprocess
 from pathlib import Path
 from typing import Any
 
-import node
 import pytest
 import yaml
-from service_scenes import ROOT
+from page_modules import PAGE, call_page
 
 from tailstack import load_design, score
 from tailstack.design import check_design
 from tailstack.design.presets import PRESETS, list_presets
 from tailstack_service.first_design import Beads, design_of_beads
 
-PAGE = ROOT / "service" / "workbench"
 TABLES = [(kind, size_mm) for kind in ("cube", "plate", "tube", "tower", "away") for size_mm in (40, 60, 80, 100, 120)]
 
 
@@ -56,36 +51,16 @@ def test_every_c_arm_answers_every_ordinary_table(preset: str) -> None:
         judged(design_of_beads(table(kind, size_mm), preset))
 
 
-@pytest.fixture(scope="module")
-def page_texts(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """What the page makes of tables by C-arms: a function of wishes."""
-    try:
-        modules = node.tools(PAGE).parent
-    except node.NodeMissing as missing:
-        pytest.skip(f"NOT TESTED: {missing}")
-    folder = tmp_path_factory.mktemp("first")
-    script = """
-const ts = require(process.argv[1] + "/typescript"), fs = require("fs");
-const compilerOptions = { module: "commonjs", target: "es2022" };
-const out = ts.transpileModule(fs.readFileSync(process.argv[2], "utf8"), { compilerOptions });
-fs.writeFileSync("first.cjs", out.outputText);
-const { firstDesign } = require(process.cwd() + "/first.cjs");
-const asked = JSON.parse(fs.readFileSync(0, "utf8"));
-const texts = asked.map(({ points, stated, ...wishes }) =>
-  firstDesign(points, "beads.csv", { ...wishes, stated: new Set(stated) }));
-console.log(JSON.stringify(texts));
+SCRIPT = """
+const { firstDesign } = require("./first");
+answer(asked.map(({ points, stated, ...wishes }) =>
+  firstDesign(points, "beads.csv", { ...wishes, stated: new Set(stated) })));
 """
 
-    def make(asked: list[dict[str, Any]]) -> list[str]:
-        done = subprocess.run(
-            ["node", "-e", script, str(modules), str(PAGE / "src" / "first.ts")],
-            input=json.dumps(asked), capture_output=True, text=True, cwd=folder, timeout=60, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        texts: list[str] = json.loads(done.stdout)
-        return texts
 
-    return make
+def page_texts(folder: Path, asked: list[dict[str, Any]]) -> list[str]:
+    texts: list[str] = call_page(folder, ("first",), SCRIPT, asked)
+    return texts
 
 
 def wish(beads: Beads, arm: dict[str, Any], *stated: str, limit_mm: float = 1.0) -> dict[str, Any]:
@@ -94,19 +69,19 @@ def wish(beads: Beads, arm: dict[str, Any], *stated: str, limit_mm: float = 1.0)
     return {"points": points, "arm": arm, "limit_mm": limit_mm, "stated": list(stated)}
 
 
-def test_the_page_writes_what_the_command_writes_for_every_c_arm_and_table(page_texts: Any) -> None:
+def test_the_page_writes_what_the_command_writes_for_every_c_arm_and_table(tmp_path: Path) -> None:
     cases = [(arm, table(kind, size_mm)) for arm in list_presets() for kind, size_mm in TABLES]
-    for (arm, beads), text in zip(cases, page_texts([wish(beads, arm) for arm, beads in cases]), strict=True):
+    for (arm, beads), text in zip(cases, page_texts(tmp_path, [wish(beads, arm) for arm, beads in cases]), strict=True):
         made, wanted = yaml.safe_load(text), yaml.safe_load(design_of_beads(beads, arm["name"]))
         assert made.pop("name") == "first design of beads.csv"
         del wanted["name"]
         assert made == wanted, (arm["name"], beads)
 
 
-def test_ones_own_c_arm_answers_and_what_was_typed_is_not_assumed(page_texts: Any) -> None:
+def test_ones_own_c_arm_answers_and_what_was_typed_is_not_assumed(tmp_path: Path) -> None:
     own = {"source_detector_mm": 1080, "source_isocentre_mm": 610, "pixel_mm": 0.4, "image_size_px": [768, 600]}
     cases = [(table(kind, size_mm), tuple(own)[:typed]) for kind, size_mm in TABLES for typed in (0, 4)]
-    texts = page_texts([wish(beads, own, "arm", "limit_mm", *typed, limit_mm=1.5) for beads, typed in cases])
+    texts = page_texts(tmp_path, [wish(beads, own, "arm", "limit_mm", *typed, limit_mm=1.5) for beads, typed in cases])
     for (_, typed), text in zip(cases, texts, strict=True):
         judged(text)
         data = yaml.safe_load(text)
