@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 from tailstack.results.tables import EVERYWHERE, TERMINAL, On, Table
+from tailstack.results.verdicts import rest_of
 
 if TYPE_CHECKING:
     from tailstack.results import Finding, Provenance
@@ -133,6 +134,25 @@ class Document:
     findings: tuple[Finding, ...] = ()
     ending: str = ""
     captions: bool = False  # whether a terminal has those of the tables, and their notes
+
+    @property
+    def rests(self) -> str:
+        """On how many assumed values the verdict rests, beside it."""
+        return "" if self.made is None else rest_of(self.made.assumed)
+
+    @property
+    def title_block(self) -> tuple[tuple[str, str], ...]:
+        """Under which number the design is kept, and who answers for it; what it does not say is empty."""
+        if self.made is None:
+            return ()
+        block = self.made.document
+        return tuple(
+            (word, ("" if block is None else getattr(block, field)) or "")
+            for field, word in (
+                ("number", "Document"), ("revision", "Revision"), ("date", "Date"), ("author", "Author"),
+                ("checker", "Checked"), ("approver", "Approved"),
+            )
+        )  # fmt: skip
 
     def of(self, place: On) -> Document:
         """What of it is shown at a place: no table without rows, and groups in a terminal only."""

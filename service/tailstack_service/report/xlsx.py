@@ -19,7 +19,7 @@ import xlsxwriter
 
 from tailstack.results.tables import Cell, Column, On, Table
 
-from .blocks import Bullets, Document, Facts, Listing
+from .blocks import Bullets, Document, Facts, KeyNumber, Listing
 
 # A workbook says when it was made; a report must not, or the same result would give other bytes tomorrow.
 EPOCH = datetime(2000, 1, 1)
@@ -103,6 +103,8 @@ def _look_of(column: Column, cell: Cell, indent: int) -> Look:
         "fixed": decimals, "signed": f"+{decimals};-{decimals};0", "percent": f"{decimals}%", "whole": "#,##0",
         "significant": _significant(cell, column.digits), "stated": "General", "given": "General",
     }.get(column.kind, "@")  # fmt: skip
+    if isinstance(cell, int | float) and not column.numeric:
+        kind = "General"  # a number among texts, such as what a field was and is
     look: Look = {"num_format": kind, "valign": "top"}
     return look if column.numeric else look | {"align": "left", "indent": indent, "text_wrap": True}
 
@@ -138,6 +140,26 @@ def _height(text: str, width: float, bold: bool = False) -> float:
     return LINE * sum(len(textwrap.wrap(line, letters)) or 1 for line in text.split("\n"))
 
 
+def _numbers(sheet: Any, formats: _Formats, row: int, numbers: Sequence[KeyNumber]) -> int:
+    """Large numbers of the first page, a row each: the number, its unit beside the word; gives the row below them."""
+    for place, entry in enumerate(numbers, row):
+        said = WRITTEN_NUMBER.fullmatch(entry.value)
+        if said is None:
+            _pairs(sheet, formats, place, [(entry.label, entry.value)])
+        else:
+            sign, digits, unit = said.groups()
+            number = float(digits.replace(",", "")) * (-1 if sign in ("-", "−") else 1)
+            percent = unit == "%"
+            decimals = len(digits.partition(".")[2])
+            format_ = f"0.{'0' * decimals}" if decimals else "#,##0"
+            _pairs(sheet, formats, place, [(f"{entry.label}, {unit}" if unit and not percent else entry.label, "")])
+            look = {"num_format": f"{format_}%" if percent else format_, "align": "left", "valign": "top"}
+            sheet.write_number(place, 1, number / 100 if percent else number, formats.of(look))
+        _text(formats, sheet, place, 2, entry.detail, WRAPPED)
+        sheet.set_row(place, max(_height(entry.label, FRONT[0], True) + LINE, _height(entry.detail, FRONT[2])))
+    return row + len(numbers)
+
+
 def _pairs(sheet: Any, formats: _Formats, row: int, pairs: Sequence[tuple[str, str]], look: Look = WRAPPED) -> int:
     """A word and what it is, a row each; gives the row below them."""
     larger = look.get("font_size", 11) / 11
@@ -163,17 +185,19 @@ def _paragraph(sheet: Any, formats: _Formats, row: int, text: str, look: Look, w
     sheet.set_row(row, _height(text, width, "bold" in look))
 
 
-FRONT = (30, 100)
+FRONT = (30, 100, 60)
+WRITTEN_NUMBER = re.compile(r"([-+−])?([0-9][0-9,]*(?:\.[0-9]+)?)(?: (mm|px|deg|%))?")
 UNSET = 8.43  # width of a column of which nothing is said
 
 
 def _summary(book: Any, formats: _Formats, document: Document) -> None:
     sheet = _open(book, "Summary", FRONT)
     row = _pairs(sheet, formats, 0, [(document.kind, document.title)], TITLE)
-    row = _pairs(sheet, formats, row, [("Verdict", document.status)], BOLD)
-    pairs = [("In words", document.sentence)]
-    pairs += [(n.label, f"{n.value}  ({n.detail})" if n.detail else n.value) for n in document.numbers]
-    pairs += [(f"What matters, {k}", sentence) for k, sentence in enumerate(document.matters, 1)]
+    row = _pairs(sheet, formats, row, [("Verdict", ", ".join(filter(None, (document.status, document.rests))))], BOLD)
+    row = _pairs(sheet, formats, row, document.title_block)
+    row = _pairs(sheet, formats, row, [("In words", document.sentence)])
+    row = _numbers(sheet, formats, row, document.numbers)
+    pairs = [(f"What matters, {k}", sentence) for k, sentence in enumerate(document.matters, 1)]
     _pairs(sheet, formats, row, pairs)
 
 

@@ -80,7 +80,8 @@ def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
 
 
 def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.SequenceNode:
-    flat = all(not isinstance(item, dict | list) for item in items)
+    pointers = any(isinstance(item, str) and item.startswith("/") for item in items)  # too long to share a line
+    flat = not pointers and all(not isinstance(item, dict | list) for item in items)
     return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flat)
 
 

@@ -221,7 +221,7 @@ def _change_blocks(comparison: Comparison) -> tuple[Block, ...]:
     if not comparison.changes:
         return (Paragraph("Nothing: the two documents say the same."),)
     rows = [
-        Row((entry.name, entry.unit, _or_dash(entry.first), _or_dash(entry.second), entry.kind, entry.pointer))
+        Row((entry.name, entry.unit, _stated(entry.first), _stated(entry.second), entry.kind, entry.pointer))
         for entry in comparison.changes
     ]
     columns = (
@@ -234,8 +234,14 @@ def _change_blocks(comparison: Comparison) -> tuple[Block, ...]:
     return (Table("Changes", "Fields of the design document that differ", columns, tuple(rows), note),)
 
 
-def _or_dash(value: str | None) -> str:
-    return "–" if value is None else value
+def _stated(value: str | None) -> Cell:
+    """What a document says, as JSON: a number is one, and what is not there is a dash."""
+    if value is None:
+        return "–"
+    try:
+        return float(value)
+    except ValueError:
+        return value
 
 
 def _layouts(comparison: Comparison) -> tuple[Block, ...]:

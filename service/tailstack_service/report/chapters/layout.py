@@ -5,6 +5,7 @@ from __future__ import annotations
 from tailstack.design import Design, load_design
 from tailstack.errors import TailstackError
 from tailstack.results import Score
+from tailstack.results.tables import LONG_TABLE, Column, Table, tabulate
 from tailstack.scoring import score
 
 from ..blocks import Block, Figure
@@ -49,6 +50,27 @@ def score_if_determined(data: dict[str, object]) -> Known | None:
         return data, score(load_inside(data), losses=False)
     except TailstackError:
         return None
+
+
+def beads_table(data: dict[str, object]) -> Table:
+    """Where each bead is drawn, and how far from there it may be made."""
+    design = load_inside(data)
+    made = design.document.fiducials.manufacturing
+    widths = None if made is None else made.half_width_mm
+    each = widths if isinstance(widths, tuple) else (widths,) * 3
+    columns = (
+        Column("Bead", of=lambda row: row[0]),
+        *(Column(axis, "mm", "given", of=lambda row, k=k: row[1][k]) for k, axis in enumerate("xyz")),
+        *(Column(f"{axis} ±", "mm", "given", of=lambda _, k=k: each[k]) for k, axis in enumerate("xyz")),
+    )
+    law = "no tolerance is declared: every bead counts as exactly there"
+    if made is not None:
+        factor = f", {made.coverage_factor or 2:g} standard deviations" if made.distribution == "normal" else ""
+        law = f"half-widths, {made.distribution}{factor}"
+    size = design.document.fiducials.diameter_mm
+    note = f"Tolerances: {law}." + ("" if size is None else f" Diameter {size:g} mm.")
+    rows = zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
+    return tabulate("Beads", "The beads as drawn, in the connector frame con", columns, rows, note, most=LONG_TABLE)
 
 
 def load_inside(data: dict[str, object]) -> Design:

@@ -9,11 +9,12 @@ from tailstack.results.score import targets_table, views_table
 from tailstack.results.verdicts import checks_table, findings_table, requirements_table
 from tailstack.results.verification import estimates_table
 
+from ...rendering.sentences import units_sentence
 from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ..charts import draw_convergence, draw_distribution, draw_tolerances
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
-from .layout import layout_blocks, load_inside, score_if_determined
+from .layout import beads_table, layout_blocks, load_inside, score_if_determined
 from .optimisation import (
     certificate_blocks,
     change_blocks,
@@ -30,6 +31,7 @@ from .score import (
     largest_targets,
     losses_listed,
     method_blocks,
+    units_number,
 )
 from .tables import closing_sections, provenance_facts
 from .verification import sampling_blocks
@@ -40,11 +42,11 @@ if TYPE_CHECKING:
 
 def report_document(report: Report, sha256: str) -> Document:
     """The whole report."""
-    headline = report.headline
+    headline, drawn = report.headline, (report.design, report.score)
     sections = [
         Section("The budget", budget_chapter(report)),
         Section("The error", error_chapter(report)),
-        Section("The layout", layout_blocks((report.design, report.score), report.title)),
+        Section("The layout", (*layout_blocks(drawn, report.title), beads_table(report.design))),
         Section("Requirements and findings", judged_blocks(report)),
     ]
     if report.optimisation is not None:
@@ -71,7 +73,7 @@ def report_document(report: Report, sha256: str) -> Document:
         tone=tone_of(headline.status),
         status=headline.status,
         sentence=headline.sentence,
-        numbers=key_numbers(headline, decimals),
+        numbers=(*key_numbers(headline, decimals), units_number(report.score, headline.target)),
         matters=headline.matters,
         figures=(headline_figure(headline, judged.targets, decimals),),
         requirements=requirements_table(judged.verdict),
@@ -117,8 +119,8 @@ def error_chapter(report: Report) -> tuple[Block, ...]:
         )
     if report.verification is not None:
         blocks.append(estimates_table(report.verification))
-    blocks.append(targets_table(report.score))
-    return tuple(blocks)
+    units = units_sentence(report.score.worst_target, report.score.decimals)
+    return (*blocks, targets_table(report.score), Paragraph(units))
 
 
 def judged_blocks(report: Report) -> tuple[Block, ...]:

@@ -68,7 +68,7 @@ def score_document(score: Score, sha256: str, target: str | None = None) -> Docu
         tone=tone_of(headline.status),
         status=headline.status,
         sentence=headline.sentence,
-        numbers=key_numbers(headline, score.decimals),
+        numbers=(*key_numbers(headline, score.decimals), units_number(score, headline.target)),
         matters=headline.matters,
         figures=(headline_figure(headline, score.targets, score.decimals),),
         requirements=requirements_table(score.verdict),
@@ -215,6 +215,17 @@ def key_numbers(headline: Headline, decimals: int) -> tuple[KeyNumber, ...]:
     return (*numbers, KeyNumber("Margin", f"{signed_decimal(margin, decimals)} mm".replace("-", "−"), detail))
 
 
+def units_number(score: Score, name: str) -> KeyNumber:
+    """How many installed units keep the limit in their own shots; without one, what most of them keep."""
+    unit, decimals = next(entry for entry in score.targets if entry.name == name).per_unit, score.decimals
+    value = unit.p95_of_units_mm if unit.value_mm is None else unit.value_mm
+    shots = f"{100 * unit.quantile:.6g} % of their own shots"
+    if unit.yield_fraction is None or unit.limit_mm is None:
+        return KeyNumber(headline_words(unit.quantile, unit.units_fraction), f"{value:.{decimals}f} mm", "estimate")
+    kept = f"of units keep {shots} within {unit.limit_mm:g} mm, estimate"
+    return KeyNumber("Yield", in_percent(unit.yield_fraction, 1), kept)
+
+
 def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEstimate], decimals: int) -> Figure:
     """What decides, its interval and the limit on one scale.
 
@@ -244,6 +255,7 @@ def error_blocks(score: Score) -> tuple[Block, ...]:
     views = (views_table(score.views),) if score.views else ()
     return (
         group(targets_table(score), group(Paragraph(LOCATED), on=On.PLAIN)),
+        group(Paragraph(units_sentence(score.worst_target, score.decimals)), on=PAPER),
         group(*verdict_blocks(score.verdict), on=PAPER),
         group(*views, on=IN_DETAIL),
         say("fiducials in the images", views_sentence(score.views), on=On.PLAIN),
@@ -362,7 +374,6 @@ def method_blocks(score: Score) -> tuple[Block, ...]:
     worst, decimals, validity = score.worst_target, score.decimals, score.validity
     told = (
         *_law(worst, decimals),
-        ("unit by unit", units_sentence(worst, decimals)),
         *(("second order", words) for words in second_order(worst, decimals)),
         ("linearisation", f"{validity.status}. {validity.statement}."),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from tailstack.results.score import BudgetLine, budget_table
@@ -88,16 +89,17 @@ def _assumed_table(assumed: Sequence[str], design: dict[str, Any] | None) -> Tab
     """Each assumed value: by name and as it is where the design is known."""
     from tailstack.design.pointers import find_places, name_of, value_at
 
-    def in_words(pointer: str) -> str:
+    def as_assumed(pointer: str) -> Cell:
         places = find_places(design, pointer)
-        return "" if not places else " ".join(str(value_at(design, places[0])).strip("[]").split())
+        value = value_at(design, places[0]) if places else None
+        return value if isinstance(value, int | float | str) else ", ".join(map(str, value or ()))
 
     columns: tuple[Column, ...] = (Column("Pointer into the design", of=lambda pointer: pointer),)
     if design is not None:
         columns = (
             Column("Assumed value", of=lambda pointer: name_of(design, pointer)),
-            Column("As assumed", of=in_words),
-            *columns,
+            Column("As assumed", of=as_assumed),
+            replace(columns[0], on=On.SHEET),
         )
     note = (
         "Nobody stated these values of the design: they are a start, and the verdict holds as far as they do. Who "

@@ -1,0 +1,123 @@
+"""A report is a document that somebody signs: title block, what nobody stated, the beads as drawn, the yield beside the
+verdict, and numbers as numbers in a spreadsheet.  Pages are read back by other libraries than those that wrote them.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from functools import cache
+from typing import Any
+
+import openpyxl
+import pytest
+from pypdf import PdfReader
+from service_scenes import limited
+from test_report_rendering import Page
+
+from tailstack import load_design, score, verify
+from tailstack.results.verdicts import rest_of
+from tailstack.sweeping import read_axes, sweep
+from tailstack_service.documents import to_json
+from tailstack_service.operations.rendering import render
+from tailstack_service.report.assembling import ReportContents, compute_report
+from tailstack_service.report.comparing import compute_comparison
+
+BLOCK = {"number": "DG-1042", "revision": "C", "date": "2026-11-28", "author": "M. Keller"}
+WORDS = ("Document", "Revision", "Date", "Author", "Checked", "Approved")
+ASSUMED = ["/interfaces", "/targets/0/position_mm", "/views/0/fiducial_noise_px"]
+FEW = ReportContents(trials=20_000, seed=3)
+NUMBER = re.compile(r"[-+−]?\d[\d,]*(\.\d+)?(e[-+]\d+)?( (mm|px|%|deg))?")
+
+
+def designs() -> tuple[dict[str, Any], dict[str, Any]]:
+    plain = limited(0.9)
+    return plain, {**plain, "document": BLOCK, "assumed": ASSUMED}
+
+
+@cache
+def results() -> dict[str, Any]:
+    """Of every kind that is of designs: its name as a record, and a result whose design says everything."""
+    plain, signed = map(load_design, designs())
+    axes = read_axes(signed, [{"pointer": "/views/0/fiducial_noise_px", "values": [0.2, 0.3]}])
+    return {
+        "report": compute_report(signed, FEW), "score": score(signed), "verification": verify(signed, trials=20_000),
+        "comparison": compute_comparison(plain, signed, FEW), "sweep": sweep(signed, axes),
+    }  # fmt: skip
+
+
+def page(kind: str) -> str:
+    return " ".join(" ".join(Page(render(kind, to_json(results()[kind]), "html")).texts).split())
+
+
+@pytest.mark.parametrize("kind", ["report", "score", "verification", "comparison", "sweep"])
+def test_every_page_has_the_title_block_and_says_what_nobody_stated(kind: str) -> None:
+    text = page(kind)
+    for entry in BLOCK.values():
+        assert entry in text
+    assert re.search(" .*".join(WORDS), text)
+    count = len(score(load_design(designs()[1])).provenance.assumed)
+    assert f"on {count} assumed values" in text
+    assert "What nobody stated" in text
+    assert "/interfaces/structure_connector/tolerances/rx/half_width_deg" in text
+
+
+def test_what_the_design_does_not_say_is_a_box_to_sign() -> None:
+    html = render("score", to_json(score(load_design(designs()[0]))), "html").decode()
+    assert html.count('<div class="open"><dt>') == len(WORDS)
+    assert "assumed value" not in html
+    signed = render("score", to_json(results()["score"]), "html").decode()
+    assert signed.count('<div class="open"><dt>') == len(WORDS) - len(BLOCK)
+
+
+def test_the_pdf_has_the_same_on_its_first_page() -> None:
+    first = PdfReader(io.BytesIO(render("report", to_json(results()["report"]), "pdf"))).pages[0].extract_text()
+    report = results()["report"]
+    for entry in (*BLOCK.values(), *WORDS, rest_of(report.provenance.assumed)):
+        assert entry in first
+    unit = report.score.targets[0].per_unit
+    assert f"{100 * unit.yield_fraction:.1f}" in first, "the yield stands beside the verdict"
+
+
+def test_the_beads_are_listed_as_drawn() -> None:
+    design = load_design(designs()[1])
+    book = openpyxl.load_workbook(io.BytesIO(render("report", to_json(results()["report"]), "xlsx")))
+    head, *rows = list(book["Beads"].iter_rows(min_row=2, values_only=True))
+    assert head[:7] == ("Bead", "x, mm", "y, mm", "z, mm", "x ±, mm", "y ±, mm", "z ±, mm")
+    made = design.document.fiducials.manufacturing
+    assert made is not None
+    listed = {row[0]: row[1:7] for row in rows if row[0] in design.fiducials.labels}
+    assert listed == {
+        label: (*at, *(made.half_width_mm,) * 3)
+        for label, at in zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
+    }
+    assert str(made.distribution) in page("report")
+
+
+@pytest.mark.parametrize("kind", ["report", "score", "verification", "comparison", "sweep"])
+def test_no_cell_of_a_spreadsheet_holds_a_number_as_a_text(kind: str) -> None:
+    """But for names: labels, revisions and hashes are texts whatever they look like."""
+    book = openpyxl.load_workbook(io.BytesIO(render(kind, to_json(results()[kind]), "xlsx")))
+    texts = [
+        (sheet.title, cell.coordinate, cell.value)
+        for sheet in book.worksheets
+        if sheet.title not in ("Record", "Provenance") and not sheet.title.startswith("Design")
+        for row in sheet.iter_rows()
+        for cell in row
+        if isinstance(cell.value, str) and NUMBER.fullmatch(cell.value)
+    ]
+    assert texts == []
+    values = {cell.value for row in book["Summary"].iter_rows() for cell in row}
+    assert any(isinstance(value, float) for value in values)
+
+
+def test_the_yield_stands_beside_the_verdict_of_every_score() -> None:
+    design = limited(0.9)
+    html = page("score")
+    unit = score(load_design(design)).targets[0].per_unit
+    assert unit.yield_fraction is not None
+    assert f"{100 * unit.yield_fraction:.1f} %" in html.partition("What matters")[0]
+    free = {**design, "requirements": []}
+    free.pop("optimise", None)
+    text = " ".join(Page(render("score", to_json(score(load_design(free))), "html")).texts)
+    assert "P95 that 95 % of units keep" in text.partition("What matters")[0]
