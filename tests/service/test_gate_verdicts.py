@@ -637,3 +637,25 @@ def test_an_estimate_that_is_not_known_to_be_good_is_not_called_too_close() -> N
     (found,) = of_rule(gate(design, mode="analytic"), "inconclusive")
     assert "how far the estimate is from a simulation is not known; gate with --mode auto or verify" in found.message
     assert "too close" not in found.message
+
+
+def test_what_nobody_stated_is_a_finding_at_the_list_that_a_waiver_accepts() -> None:
+    text = data_to_yaml(limited(1.5 * P95, assumed=["/interfaces", "/targets/0/position_mm"]))
+    record = gate(text)
+    [finding] = of_rule(record, "assumed-values")
+    count = len(record.designs[0].assumed)
+    assert (record.verdict, record.exit_code, finding.severity) == ("pass", 0, "warning")
+    assert (finding.pointer, finding.value, finding.limit) == ("/assumed", count, None)
+    assert text.splitlines()[(finding.line or 0) - 1].strip() in ("assumed:", "- /interfaces")
+    assert f"{count} values that nobody stated" in finding.message
+    assert gate(text, fail_level="warning").exit_code == 1
+    assert gate(text, policy=policy({"assumed-values": {"severity": "error"}})).exit_code == 1
+    strict = policy({"assumed-values": {"severity": "error", "max_count": count - 1}})
+    assert of_rule(gate(text, policy=strict), "assumed-values")[0].limit == count - 1
+    lax = policy({"assumed-values": {"severity": "error", "max_count": count}})
+    assert of_rule(gate(text, policy=lax), "assumed-values") == []
+    for most, code in ((count, 0), (count - 1, 1)):
+        accepted = waivers(waiver(rule="assumed-values", max_value=most, designs=["d0.yaml"]))
+        severe = policy({"assumed-values": {"severity": "error"}})
+        assert gate(text, policy=severe, waivers=accepted).exit_code == code
+    assert of_rule(gate(limited(1.5 * P95)), "assumed-values") == []
