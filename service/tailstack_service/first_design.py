@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from math import ceil, hypot
+from math import ceil, floor, hypot
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -76,6 +76,11 @@ FILLED = 0.45  # of a detector's width, from its middle to what is farthest out:
 CLEAR = 20.0  # mm between a structure and the detector
 
 
+def tenth(value_mm: float) -> float:
+    """To a tenth of a millimetre, halves upwards, as the page rounds."""
+    return floor(10 * value_mm + 0.5) / 10
+
+
 def start_lengths(preset: Preset) -> dict[str, float]:
     """What a C-arm is taken for where its source does not state it: a detector of 0.3 m, or pixels of 0.3 mm."""
     width = min(preset.image_size_px or (1000,))
@@ -86,7 +91,7 @@ def aim_views(preset: Preset, half_mm: float, target: Point, pixel_mm: float) ->
     """The middle of fiducials and target, from that of the fiducials, and how far from the source it has to be at least
     for both to be seen along x and along y, mm."""
     ends = [(min(-half_mm, value), max(half_mm, value)) for value in target]
-    x, y, z = (round((low + high) / 2, 1) for low, high in ends)
+    x, y, z = (tenth((low + high) / 2) for low, high in ends)
     reach = [max(high - at, at - low) for (low, high), at in zip(ends, (x, y, z), strict=True)]
     depth, half_detector = max(reach[:2]), FILLED * pixel_mm * min(preset.image_size_px or (1000,))
     needed = depth + max(reach) * preset.source_detector_mm / half_detector
@@ -131,7 +136,7 @@ def design_text(wishes: Wishes, beads: Beads | None = None) -> str:
     fiducial_noise_px: {noise}
     target_noise_px: {noise}
 """
-    spacing = round(0.4 * wishes.size_mm / wishes.fiducials ** (1 / 3), 1)
+    spacing = tenth(0.4 * wishes.size_mm / wishes.fiducials ** (1 / 3))
     low, high = (f"[{place(value, value, value)}]" for value in (-half, half))
     return f"""\
 {head}schema: tailstack/design/1
@@ -223,7 +228,7 @@ def list_points(wishes: Wishes, beads: Beads | None) -> tuple[str, Point, str]:
         return points, (0.0, 0.0, 0.0), HEAD
     lines = [f"    - {dump_flow({'label': label, 'position_mm': list(position)})}\n"
              for label, position in zip(beads.labels, beads.positions_mm, strict=True)]  # fmt: skip
-    x, y, z = (round((min(values) + max(values)) / 2, 1) for values in zip(*beads.positions_mm, strict=True))
+    x, y, z = (tenth((min(values) + max(values)) / 2) for values in zip(*beads.positions_mm, strict=True))
     return "".join(lines), (x, y, z), HEAD_OF_FILE.format(file=" ".join(beads.file.split()))
 
 

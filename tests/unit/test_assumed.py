@@ -13,6 +13,7 @@ import yaml
 from tailstack import DesignError, load_design, score
 from tailstack.design import Revision, compile_design, design_to_data, design_to_yaml, revise_design
 from tailstack.design.assumed import follow_changes, list_assumed
+from tailstack.design.yaml_text import revise_yaml
 from tailstack.results.verdicts import assumed_sentence, rest_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -144,6 +145,19 @@ def test_no_number_depends_on_the_list_and_the_answer_names_each_value() -> None
 def test_text_written_back_says_the_same() -> None:
     data = assuming("/interfaces", "/views/0/fiducial_noise_px")
     assert yaml.safe_load(design_to_yaml(load_design(data)))["assumed"] == data["assumed"]
+
+
+def test_an_optimum_is_written_into_its_authors_text_comments_and_all() -> None:
+    data = assuming("/interfaces", "/views/0/fiducial_noise_px")
+    text = (EXAMPLES / "demo.yaml").read_text() + "\nassumed: # ask the workshop\n  - /interfaces\n"
+    text += "  - /views/0/fiducial_noise_px # measured in May?\n"
+    design = load_design(text)
+    assert design.document.assumed == data["assumed"]
+    revised = revise_design(design, Revision(half_width={("structure_connector", "rx"): 0.001}))
+    written = revise_yaml(text, design_to_data(design, inline=False), design_to_data(revised))
+    assert load_design(written).sha256 == revised.sha256
+    assert "# ask the workshop" in written
+    assert written.count("#") >= text.count("#") - 1
 
 
 def test_statements_in_any_order_leave_nothing() -> None:

@@ -25,7 +25,7 @@ const FILLED = 0.45, CLEAR = 20; // part of a detector's width that is used, fro
 const number = (value: number) => String(Number(value.toPrecision(6)));
 const text = (words: string) => (/^[A-Za-z]+[0-9]+$/.test(words) && !/^e[0-9]/i.test(words) ? words : JSON.stringify(words));
 const list = (values: number[]) => `[${values.map(number).join(", ")}]`;
-const rounded = (value: number) => Number(value.toFixed(1));
+const rounded = (value: number) => Math.floor(10 * value + 0.5) / 10; // halves upwards, as the service rounds
 
 export function firstDesign(points: Point[], file: string, { arm, limit_mm, stated }: Wishes): string {
   const ends = [0, 1, 2].map((k) => [Math.min(...points.map((p) => p.position_mm[k])), Math.max(...points.map((p) => p.position_mm[k]))]);

@@ -79,18 +79,24 @@ def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 
+class _Lines(list[str]):
+    """Pointers, each on a line of its own."""
+
+
 def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.SequenceNode:
-    pointers = any(isinstance(item, str) and item.startswith("/") for item in items)  # too long to share a line
-    flat = not pointers and all(not isinstance(item, dict | list) for item in items)
+    flat = type(items) is not _Lines and all(not isinstance(item, dict | list) for item in items)
     return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flat)
 
 
 _Dumper.add_representer(str, _represent_text)
 _Dumper.add_representer(list, _represent_list)
+_Dumper.add_representer(_Lines, _represent_list)
 
 
 def data_to_yaml(data: Any) -> str:
     """Plain data as YAML text that :func:`read_text` reads back unchanged."""
+    if isinstance(data, dict) and isinstance(data.get(FIELD), list):
+        data = {**data, FIELD: _Lines(data[FIELD])}
     text: str = yaml.dump(
         data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120, default_flow_style=False
     )

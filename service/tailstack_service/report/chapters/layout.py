@@ -5,7 +5,7 @@ from __future__ import annotations
 from tailstack.design import Design, load_design
 from tailstack.errors import TailstackError
 from tailstack.results import Score
-from tailstack.results.tables import LONG_TABLE, Column, Table, tabulate
+from tailstack.results.tables import LONG_TABLE, Column, Row, Table
 from tailstack.scoring import score
 
 from ..blocks import Block, Figure
@@ -58,19 +58,16 @@ def beads_table(data: dict[str, object]) -> Table:
     made = design.document.fiducials.manufacturing
     widths = None if made is None else made.half_width_mm
     each = widths if isinstance(widths, tuple) else (widths,) * 3
-    columns = (
-        Column("Bead", of=lambda row: row[0]),
-        *(Column(axis, "mm", "given", of=lambda row, k=k: row[1][k]) for k, axis in enumerate("xyz")),
-        *(Column(f"{axis} ±", "mm", "given", of=lambda _, k=k: each[k]) for k, axis in enumerate("xyz")),
-    )
+    columns = (Column("Bead"), *(Column(f"{axis}{end}", "mm", "given") for end in ("", " ±") for axis in "xyz"))
     law = "no tolerance is declared: every bead counts as exactly there"
     if made is not None:
         factor = f", {made.coverage_factor or 2:g} standard deviations" if made.distribution == "normal" else ""
         law = f"half-widths, {made.distribution}{factor}"
     size = design.document.fiducials.diameter_mm
     note = f"Tolerances: {law}." + ("" if size is None else f" Diameter {size:g} mm.")
-    rows = zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
-    return tabulate("Beads", "The beads as drawn, in the connector frame con", columns, rows, note, most=LONG_TABLE)
+    beads = zip(design.fiducials.labels, design.fiducials.positions_mm, strict=True)
+    rows = tuple(Row((label, *position_mm, *each)) for label, position_mm in beads)
+    return Table("Beads", "The beads as drawn, in the connector frame con", columns, rows, note, LONG_TABLE)
 
 
 def load_inside(data: dict[str, object]) -> Design:
