@@ -434,7 +434,7 @@ def gains_moved_by_seat(chain: Chain, target_mm: Array, at_rest: Array) -> float
         projections, points, per_error = geometry_at(system.projections, system.fiducials_mm, first, system.reading)
         beside = replace(chain, projections=projections, points=points, per_error=per_error)
         if system.reading is Reading.PHYSICAL:
-            reconstructed = np.linalg.solve(first.rotation, target_mm - first.shift_mm)
+            reconstructed = np.asarray(np.linalg.solve(first.rotation, target_mm - first.shift_mm), dtype=np.float64)
             back = chain.mounts.undone @ first.rotation
         else:
             reconstructed = first.move(target_mm)
