@@ -326,6 +326,8 @@ class Batch:
             self.slots += [(column, slot) for slot in slots if slot is not None]
             if None in slots:
                 reasons.append(f"{self.pointers[column]} is more than a number of the compiled design")
+        if system.loss_probability:
+            reasons.append("fiducials that are missed make a law for each pattern of them, row by row")
         self._placed = not reasons
         if self._placed:
             self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)
@@ -420,9 +422,8 @@ class Batch:
             elif column == "verdict":
                 cells.append(conclude(tuple(checks), (), "first order").status)
             else:
-                cells.append(
-                    WITHIN[all(each.value_mm <= each.limit_mm for each in checks)] if checks else NO_REQUIREMENT
-                )
+                kept = all(each.value_mm <= each.limit_mm and not each.open_because for each in checks)
+                cells.append(WITHIN[kept] if checks else NO_REQUIREMENT)
         return cells
 
 

@@ -93,9 +93,13 @@ class DesignFunction:
 
         target: its name, by default the first.  error: ``tcp``, at the tool, or ``localisation``.  At a worst vertex of
         bounded components the vertex stays.  Raises OutOfRangeError for an input by which the derivative is not known,
-        and where P95 itself is only sampled.
+        where P95 itself is only sampled, and where fiducials are missed in some shots.
         """
         system = compile_design(self.design_at(values))
+        if system.loss_probability:
+            detail = "P95 is over shots in some of which fiducials are missed: its derivative is not known"
+            hint = "leave out loss_probability to have that of shots that miss none, or take differences of evaluations"
+            raise OutOfRangeError(Problem("/fiducials/loss_probability", "no-derivative", detail, hint))
         chain = chain_of(system)
         model = linearise_at(chain, _target_named(system, target))
         law = _Law(model, error_law(model, error, P95))

@@ -10,7 +10,7 @@ scoring each remaining structure by itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import combinations
 from math import inf, sqrt
@@ -25,15 +25,16 @@ from .contributors import BOUNDED, ErrorLaw, error_law, law_of
 from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
 from .kernels import kernel
-from .propagation.linear import Chain, LinearModel, believed_directions, believed_knowns, linearise_at
+from .propagation.linear import Chain, LinearModel, believed_directions, believed_knowns, chain_of, linearise_at
 from .propagation.noise import Eliminated, Estimation, eliminate_for, gains_after, room_for, stack_columns_jit
 from .propagation.systematic import shift_together
-from .results import Loss, Mixture
+from .propagation.validity import QUANTILES, validity
+from .results import Interval, Loss, Mixture
 from .results.verdicts import P95
 from .system import Effect, System, Way
 from .tail.approximation import columns_in_cumulants, pearson_square
 from .tail.bounded import worst_case
-from .tail.declared import SAMPLED_METHOD, LawQuantile, LinearLaw, MixedLaw, law_quantile
+from .tail.declared import SAMPLED_METHOD, LawQuantile, LinearLaw, MixedLaw, find_radius, law_quantile
 
 PAIRS_UP_TO = 30  # fiducials; beyond, trying every pair would take longer than the score itself
 # By which Pearson's form may rank a loss too low: a P95 by up to 1.3 %, 1.2 % more where laws are uniform; further out
@@ -42,6 +43,9 @@ MARGIN, MARGIN_BEYOND_P95 = 0.025, 0.06
 SLOPE = 0.1  # by which it may rank a loss too low beside another, per relative difference of the covariances
 ALIKE = 1e-9  # losses whose cumulants differ by less are one by symmetry
 WORSE = 10.0  # only a loss that multiplies the quantile by so much may leave a structure that determines nothing
+HIGHEST = QUANTILES[-1][0]  # order of the quantiles up to which something is known of first order
+BEYOND = np.log1p(-np.array([level for level, _ in reversed(QUANTILES)]))  # ascending
+TIMES = np.array([times for _, times in reversed(QUANTILES)])
 ROUNDING_MM = 1e-9  # differences below it are none: coordinates of some 1000 mm carry 1e-13 mm, their gains more
 
 
@@ -237,6 +241,85 @@ def rank(imaged: Array, moved: Array, rest: Rest, z: float, ranking: Ranking) ->
             ranking.cumulants[t, s, 2] = c3
 
 
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """An error at a target over all shots, those in which fiducials are missed among them, as far as first order tells.
+
+    Where the quantile of a simulation lies follows from what was calibrated of each structure that may be left.  With
+    an error of a fraction d in P95, t(q) d at the quantile of order q (``QUANTILES``, between them by log(1 - q)), so
+    much of its shots is surely within r as first order has within r / (1 + t d), and at most what it has within
+    r (1 + t d).  A structure of which nothing is known, and more losses than are looked at, may be all beyond, or all
+    within.
+    """
+
+    law: MixedLaw  # of every pattern of losses that was looked at and leaves an answer
+    errors: Array  # (S,) of first order in the P95 of each, a fraction; inf: not known
+    unexamined: float  # probability of patterns that were not looked at
+
+    @property
+    def unaccounted(self) -> float:
+        """Probability of a shot that counts as beyond every limit."""
+        return max(1.0 - float(self.law.weights.sum()), 0.0)
+
+    @lru_cache(maxsize=16)  # noqa: B019
+    def bound(self, p: float) -> float:
+        """The quantile, mm; infinite where more shots than it leaves count as beyond every limit."""
+        return self.law.quantile(p)
+
+    @property
+    def open_words(self) -> str:
+        """Which shots first order cannot tell of."""
+        refused = max(self.unaccounted - self.unexamined, 0.0)
+        unknown = float(self.law.weights[~np.isfinite(self.errors)].sum())
+        parts = (
+            (self.unexamined, "miss more fiducials than are looked at"),
+            (refused, "leave too few for an answer"),
+            (unknown, "leave a structure that first order does not hold for"),
+        )
+        return ", ".join(f"{100 * share:.2g} % of shots {words}" for share, words in parts if share > 0)
+
+    def why_open(self, p: float) -> str:
+        """Why a quantile has no upper end; empty: it has one."""
+        if self.interval(p)[1] < inf:
+            return ""
+        return self.open_words or f"first order is not calibrated for P{100 * p:g}"
+
+    def value(self, p: float) -> float:
+        """The quantile, mm; where it is infinite, that of shots with an answer that was looked at."""
+        bound = self.bound(p)
+        return bound if bound < inf else self.law.given_answer.quantile(p)
+
+    @lru_cache(maxsize=16)  # noqa: B019
+    def interval(self, p: float) -> Interval:
+        """Where the quantile of a simulation lies, mm."""
+        known, weights = np.isfinite(self.errors), self.law.weights
+        errors = np.where(known, self.errors, 0.0)
+        sure, open_ = np.where(known, weights, 0.0), float(weights[~known].sum()) + self.unexamined
+        if p > HIGHEST or float(sure.sum()) + open_ <= p:  # nothing is known, or there is no such quantile
+            return 0.0, inf
+
+        def within(radii: Array) -> Array:
+            return self.law.probabilities(radii)
+
+        def least(r: float) -> float:
+            times = _times(within(np.full(len(weights), r)))
+            return float(sure @ np.minimum(within(r / (1 + times * errors)), HIGHEST))
+
+        def most(r: float) -> float:
+            times = _times(within(r * (1 + TIMES[0] * errors)))
+            there = within(r * (1 + times * errors))
+            return float(sure @ np.where(there > HIGHEST, 1.0, there)) + open_
+
+        start = self.value(p)
+        high = find_radius(least, p, start) if HIGHEST * float(sure.sum()) > p else inf
+        return find_radius(most, p, start), high
+
+
+def _times(levels: Array) -> Array:
+    """How many times the error in P95 first order may err in quantiles of these orders."""
+    return np.asarray(np.interp(np.log1p(-np.minimum(levels, HIGHEST)), BEYOND, TIMES))
+
+
 class LossSearch:
     """The losses of one system, ranked for whatever is asked of its error."""
 
@@ -250,6 +333,9 @@ class LossSearch:
         self._rest = lru_cache(maxsize=None)(self._find_rest)
         self._ranking = lru_cache(maxsize=None)(self._rank)
         self._refusal = lru_cache(maxsize=None)(self._find_refusal)
+        self._error_of = lru_cache(maxsize=None)(self._find_error)
+        self.shots = lru_cache(maxsize=None)(self._find_shots)  # of an error at a target, about a quantile
+        self._chains: dict[bytes, Chain] = {}
         self._losses: dict[int, LossGains] = {}
 
     @cached_property
@@ -341,8 +427,8 @@ class LossSearch:
         probability = np.array(self.system.loss_probability)
         if not probability.size:
             return None
-        masks, weights, _ = self._patterns(error, quantile, targets)
-        values = [self._mix(name, error, quantile, masks, weights).quantile(quantile) for name in targets]
+        shots = [self.shots(name, error, quantile) for name in targets]
+        values = [each.bound(quantile) for each in shots]
         highest = int(np.argmax(values))
         return Mixture(
             quantile=quantile,
@@ -351,24 +437,42 @@ class LossSearch:
             smallest_loss_probability=float(probability.min()),
             largest_loss_probability=float(probability.max()),
             probability_of_none=float((1 - probability).prod()),
-            probability_unaccounted=max(1.0 - float(weights.sum()), 0.0),
+            probability_unaccounted=shots[highest].unaccounted,
         )
 
-    def law(self, name: str, error: str, quantile: float) -> MixedLaw:
+    def simulated(self, name: str, error: str, quantile: float) -> MixedLaw:
         """The law of an error at a target over all shots of a simulation, as far as first order tells.
 
-        Patterns of more losses than are looked at do not count as beyond, as they do in ``mixture``, which is a bound:
+        Patterns of more losses than are looked at do not count as beyond, as they do in ``shots``, which is a bound:
         they are as if they were like the others.
         """
         masks, weights, examined = self._patterns(error, quantile, (name,))
         return self._mix(name, error, quantile, masks, weights / examined)
+
+    def _find_shots(self, name: str, error: str, quantile: float) -> Shots:
+        masks, weights, examined = self._patterns(error, quantile, (name,))
+        errors = np.array([self._error_of(name, mask.tobytes()) for mask in masks])
+        return Shots(self._mix(name, error, quantile, masks, weights), errors, max(1.0 - examined, 0.0))
+
+    def _find_error(self, name: str, mask: bytes) -> float:
+        """Up to what fraction first order may err in P95 without fiducials that have a 0 in mask (N,); inf: not known.
+
+        The rest is less redundant and worse conditioned: it is judged as a structure of its own.
+        """
+        if mask not in self._chains:
+            lost = self.labels(np.frombuffer(mask))
+            self._chains[mask] = chain_of(without_fiducials(self.system, lost)) if lost else self.chain
+        chain = self._chains[mask]
+        model = linearise_at(chain, self.models[name].target) if chain is not self.chain else self.models[name]
+        percent = validity(model.nonlinearity, chain.system, model.turns).expected_error_percent
+        return inf if percent is None else percent / 100
 
     def _mix(self, name: str, error: str, quantile: float, masks: Array, weights: Array) -> MixedLaw:
         laws = []
         for left in masks:
             law, bounded = self._law_without(name, error, quantile, left)
             laws.append(worst_case(law, bounded, quantile).law if bounded.any() else law)
-        return MixedLaw(laws, weights)
+        return MixedLaw(laws, weights, quantile)
 
     def _patterns(self, error: str, quantile: float, targets: Sequence[str]) -> tuple[Array, Array, float]:
         """Losses of none, one and two (of very many fiducials: one) that leave an answer: masks (S, N), and their
@@ -471,3 +575,11 @@ class LossSearch:
         ranking = Ranking(np.empty(size), np.empty((*size, 3)), np.empty((*size, 3, 3)))
         rank(losses.imaged[which], losses.moved[which], rest, float(ndtri(quantile)), ranking)
         return ranking
+
+
+def search_losses(system: System) -> LossSearch | None:
+    """The losses of a system in some of whose shots fiducials are missed; None: in none."""
+    if not system.loss_probability:
+        return None
+    chain = chain_of(system)
+    return LossSearch(chain, {target.name: linearise_at(chain, target) for target in system.targets})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from math import inf, isinf
 from typing import Any
 
@@ -15,16 +16,15 @@ from .design import Design, check_design
 from .effects import EFFECTS
 from .errors import OutOfRangeError
 from .estimation.checks import examine
-from .losses import PAIRS_UP_TO, LossSearch
+from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .propagation.linear import (
     LinearModel,
     chain_of,
     covariance_block_diagonal,
-    linearise_all,
     linearise_at,
 )
 from .propagation.second_order import refuse_outside_range, second_order_moments
-from .propagation.validity import error_percent, worst_validity
+from .propagation.validity import error_percent, widen_validity, worst_validity
 from .reliability import slip_reliabilities
 from .results import (
     Check,
@@ -44,7 +44,7 @@ from .results import (
     Vector3,
     ViewCheck,
 )
-from .results.verdicts import P95
+from .results.verdicts import MISSED, P95
 from .sources import digest_of_package
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
@@ -89,13 +89,17 @@ def score(
     system, findings, views = checked_system(design)
     chain = chain_of(system)
     models = {target.name: linearise_at(chain, target) for target in system.targets}
+    search = LossSearch(chain, models) if losses or system.loss_probability else None
     trust = trust_of(system, models)
-    metrics = {(name, error): _score_error(system, models[name], error) for name in models for error in FRAMES}
+    metrics = {(name, error): _score_error(system, models[name], error, search) for name in models for error in FRAMES}
     checks = tuple(
         check_requirement(requirement, name, trust, metrics[name, requirement.error])
         for requirement in system.requirements
         for name in requirement.targets
     )
+    if search is not None and system.loss_probability:
+        trust = trust_over_shots(trust, search)
+        findings += (_remark_missed(search, trust),)
     return Score(
         schema="tailstack/score/1",
         targets=tuple(
@@ -103,9 +107,9 @@ def score(
         ),
         validity=trust,
         views=views,
-        verdict=conclude(checks, findings, "first order"),
-        provenance=provenance(system, missed=losses and bool(system.loss_probability)),
-        losses=_losses(system, LossSearch(chain, models), checks, metrics) if losses else (),
+        verdict=conclude(checks, findings, basis_of("first order", system)),
+        provenance=provenance(system, missed=bool(system.loss_probability)),
+        losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
     )
 
@@ -128,14 +132,17 @@ class Errors:
 def score_errors(design: Design) -> Errors:
     """What ``score`` says of the errors themselves, to the last digit.  Raises DesignError, IllPosedError."""
     system, _, _ = checked_system(design)
+    chain = chain_of(system)
+    models = {target.name: linearise_at(chain, target) for target in system.targets}
+    search = LossSearch(chain, models) if system.loss_probability else None
     return Errors(
         tuple(
             TargetErrors(
-                **_fields(_metric(_score_error(system, model, "tcp"))),
+                **_fields(_metric(_score_error(system, model, "tcp", search))),
                 name=name,
-                localisation=_metric(_score_error(system, model, "localisation")),
+                localisation=_metric(_score_error(system, model, "localisation", search)),
             )
-            for name, model in linearise_all(system).items()
+            for name, model in models.items()
         )
     )
 
@@ -152,13 +159,14 @@ def _losses(
     whole = Requirement("", "tcp", P95, inf, P95, every)
     losses = []
     for item in system.requirements or (whole,):
-        values = [check.value_mm for check in checks if check.requirement == item.name]
-        values = values or [metrics[name, "tcp"].summary.quantile.quantile_mm for name in every]
+        p, values = item.quantile, [check.value_mm for check in checks if check.requirement == item.name]
+        if item.risk == "pooled" and (system.loss_probability or not values):
+            values = [law_quantile(metrics[name, item.error].law_at(p).law, p).quantile_mm for name in item.targets]
         pair = len(system.fiducial_labels) <= PAIRS_UP_TO
         single, double = (_loss(search, item, lost) if lost == 1 or pair else None for lost in (1, 2))
         assert single is not None
         limit = None if isinf(item.limit_mm) else item.limit_mm
-        mixture = search.mixture(item.error, item.quantile, item.targets)
+        mixture = search.mixture(item.error, p, item.targets)
         losses.append(Losses(item.name, limit, max(values), single, double, mixture))
     return tuple(losses)
 
@@ -182,23 +190,66 @@ def checked_system(design: Design | System) -> tuple[System, tuple[Finding, ...]
 
 
 def trust_of(system: System, models: dict[str, LinearModel]) -> Validity:
-    """The validity of first order at the worst target."""
+    """The validity of first order at the worst target, of shots in which no fiducial is missed."""
     return worst_validity([(model.nonlinearity, model.turns) for model in models.values()], system)
+
+
+def trust_over_shots(trust: Validity, search: LossSearch) -> Validity:
+    """The validity of P95 over all shots at the worst target and error; trust: of those that miss no fiducial."""
+    worst = 0.0
+    for name, error in product(search.models, FRAMES):
+        shots = search.shots(name, error, P95)
+        value, (low, high) = shots.value(P95), shots.interval(P95)
+        if value > 0:
+            worst = max(worst, high / value - 1, value / low - 1 if low > 0 else inf)
+    return widen_validity(trust, 100 * worst)
+
+
+def basis_of(how: str, system: System) -> str:
+    """What a verdict rests on: first order or Monte Carlo, and whether it is of shots that miss fiducials, too."""
+    return f"{how}, {MISSED}" if system.loss_probability else how
+
+
+def _remark_missed(search: LossSearch, trust: Validity) -> Finding:
+    """That a verdict is of all shots, and where first order cannot say what those with fiducials missed come to."""
+    name = max(search.models, key=lambda each: search.shots(each, "tcp", P95).unaccounted)
+    shots = search.shots(name, "tcp", P95)
+    none = float((1 - np.array(search.system.loss_probability)).prod())
+    message = (
+        f"in {1 - none:.2%} of shots a fiducial or more is missed, as often as the design says; quantiles, mean of the "
+        "worst 5 %, exceedance and verdict are of all shots, budget and risk of each unit of those that miss none"
+    )
+    if trust.expected_error_percent is None:
+        message += f"; {shots.open_words}: how far the estimate is from a simulation is not known"
+    return Finding("missed-fiducials", "note" if trust.expected_error_percent else "warning", message,
+                   "/fiducials/loss_probability", shots.unaccounted)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorScore:
-    """One error at one target: its model, its law at the worst vertex, and what is read off that."""
+    """One error at one target: its model, its law at the worst vertex, and what is read off that.
+
+    Where the design says how often fiducials are missed, ``summary`` is of all shots; ``at`` is of those that miss
+    none.
+    """
 
     model: LinearModel
     at: ErrorLaw
     limit_mm: float | None
     summary: LawSummary
+    search: LossSearch | None = None  # where fiducials are missed
+
+    def law_at(self, quantile: float) -> ErrorLaw:
+        """At the vertex that is worst for a quantile."""
+        return self.at if quantile == P95 else error_law(self.model, self.at.error, quantile)
+
+    def shots(self, quantile: float) -> Shots | None:
+        """All shots, where fiducials are missed in some of them."""
+        return None if self.search is None else self.search.shots(self.model.target.name, self.at.error, quantile)
 
     def unit_risk(self, quantile: float, limit_mm: float | None, fraction: float) -> UnitRisk:
-        """Installation drawn once per unit, noise, repeatability and load at each shot."""
-        at = self.at if quantile == P95 else error_law(self.model, self.at.error, quantile)
-        return risk_of_units(self.model, at, quantile, limit_mm, fraction)
+        """Installation drawn once per unit, noise, repeatability and load at each shot; no fiducial missed."""
+        return risk_of_units(self.model, self.law_at(quantile), quantile, limit_mm, fraction)
 
 
 def risk_of_units(
@@ -213,10 +264,13 @@ def risk_of_units(
     return unit_risk(installed, shot, quantile, limit_mm, fraction, log2_units=7)
 
 
-def _score_error(system: System, model: LinearModel, error: str) -> ErrorScore:
+def _score_error(system: System, model: LinearModel, error: str, search: LossSearch | None) -> ErrorScore:
     at = error_law(model, error, P95)
     limit = tightest_limit(system, model.target.name, error)
-    return ErrorScore(model, at, limit, law_summary(at.law, P95, limit))
+    if search is None or not system.loss_probability:
+        return ErrorScore(model, at, limit, law_summary(at.law, P95, limit))
+    summary = search.shots(model.target.name, error, P95).law.summary(P95, limit)
+    return ErrorScore(model, at, limit, summary, search)
 
 
 def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, second_order: bool) -> TargetScore:
@@ -226,7 +280,7 @@ def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, sec
         **_fields(_metric(tcp)),
         localisation=_metric(localisation),
         block_diagonal_p95_mm=norm_quantile(P95, at.worst.mean_mm, covariance_block_diagonal(model, "tcp")),
-        contributors=budget(model, at, tcp.summary.quantile),
+        contributors=budget(model, at, tcp.summary.quantile if tcp.search is None else law_quantile(at.law, P95)),
         worst_vertex=at.worst.names,
         per_unit=_per_unit(system, tcp),
         second_order=_second_order(system, tcp)
@@ -237,7 +291,10 @@ def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, sec
 
 
 def _metric(error: ErrorScore) -> MetricScore:
-    mean, total, summary = error.at.law.mean, error.at.total_covariance, error.summary
+    shots, summary = error.shots(P95), error.summary
+    mean, total = error.at.law.mean, error.at.total_covariance
+    if shots is not None:
+        mean, total = shots.law.mean, shots.law.total_covariance
     return MetricScore(
         frame=FRAMES[error.at.error],
         bias_mm=vector3(mean),
@@ -299,14 +356,20 @@ def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
 
 
 def check_requirement(requirement: Requirement, target: str, trust: Validity, error: ErrorScore) -> Check:
-    """A requirement held against the estimate at one target, of the error that it limits."""
-    p, fraction = requirement.quantile, requirement.units_fraction
+    """A requirement held against the estimate at one target, of the error that it limits.
+
+    trust: of shots in which no fiducial is missed.
+    """
+    p, fraction, shots = requirement.quantile, requirement.units_fraction, error.shots(requirement.quantile)
+    if fraction is None and shots is not None:
+        return judge(requirement, target, shots.value(p), shots.interval(p), open_because=shots.why_open(p))
     if fraction is None:
-        quantile = error.summary.quantile
-        if p != P95:
-            quantile = law_quantile(error_law(error.model, requirement.error, p).law, p)
+        quantile = error.summary.quantile if p == P95 else law_quantile(error.law_at(p).law, p)
         return judge(requirement, target, quantile.quantile_mm, _error_band(quantile.quantile_mm, trust, p))
     risk = error.unit_risk(p, requirement.limit_mm, fraction)
+    if shots is not None:
+        why = "no estimate is known of the risk of each unit where fiducials are missed"
+        return judge(requirement, target, risk.value_mm, (0.0, inf), risk.yield_fraction, open_because=why)
     # Where the sampling of units leaves the value, and the error of the linearisation about both ends of that.
     doubt = 3 * risk.standard_error_mm
     low, _ = _error_band(max(risk.value_mm - doubt, 0.0), trust, p)

@@ -169,7 +169,7 @@ def assemble_sweep(
 
 def _provenance(design: Design, checked: bool) -> Provenance:
     system = compile_design(design)
-    return provenance(system, simulated=checked, missed=checked and bool(system.loss_probability))
+    return provenance(system, simulated=checked, missed=bool(system.loss_probability))
 
 
 def _axis(design: Design, axis: VariedNumber) -> SweepAxis:

@@ -21,7 +21,13 @@ def decide(interval_mm: Interval, limit_mm: float) -> Status:
 
 
 def judge(
-    requirement: Requirement, target: str, value_mm: float, interval_mm: Interval, yield_fraction: float | None = None
+    requirement: Requirement,
+    target: str,
+    value_mm: float,
+    interval_mm: Interval,
+    yield_fraction: float | None = None,
+    *,
+    open_because: str = "",
 ) -> Check:
     """A requirement held against the interval of the value that it limits.
 
@@ -41,6 +47,7 @@ def judge(
         yield_fraction=yield_fraction,
         min_yield=requirement.units_fraction,
         status=decide(interval_mm, requirement.limit_mm),
+        open_because=open_because,
     )
 
 
@@ -71,11 +78,13 @@ def _finding(check: Check, basis: str) -> Finding:
     what = f"{value} is {length(check.value_mm, decimals)} mm {ends}, limit {check.limit_mm:g} mm"
     if check.yield_fraction is not None:
         what += f" ({in_percent(check.yield_fraction, 2)} of installed units meet it)"
+    estimated = basis.startswith("first order")
     if check.status == "fail":
         closing = ""
-    elif basis == "first order" and high is None:
-        closing = ": how far this estimate is from a simulation is not known; run `tailstack verify`"
-    elif basis == "first order":
+    elif estimated and high is None:
+        why = check.open_because or "how far this estimate is from a simulation is not known"
+        closing = f": {why}; run `tailstack verify`"
+    elif estimated:
         closing = ": too close to say by estimate; run `tailstack verify`"
     elif check.risk == "per_unit":
         closing = ": too close to say, and the number of units drawn is fixed; change the limit or the design"

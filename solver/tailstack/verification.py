@@ -54,7 +54,7 @@ from .results import (
 )
 from .results.digits import RESOLUTION_MM
 from .results.verdicts import P95
-from .scoring import FRAMES, checked_system, provenance, tightest_limit, trust_of, vector3
+from .scoring import FRAMES, basis_of, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
 from .tail.declared import MixedLaw, law_exceedance, law_quantile
 from .verdict import conclude, decide, judge
@@ -168,7 +168,7 @@ class PreparedDesign:
     def law(self, name: str, error: str) -> MixedLaw:
         """What first order says of an error at a target over all shots, those with fiducials missed among them."""
         if self.search is not None:
-            return self.search.law(name, error, P95)
+            return self.search.simulated(name, error, P95)
         law, _ = declared_law(self.models[name], error, self.worst[name, error].mean_mm)
         return MixedLaw((law,), np.ones(1))
 
@@ -589,6 +589,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
     targets = tuple(_estimate_target(ready, sampled, target.name) for target in ready.system.targets)
     worst = max(targets, key=lambda target: target.p95_mm)
     plain = sampling.trials is None and sampling.method == "plain" and not sampling.sequential
+    basis = basis_of("Monte Carlo", ready.system)
     radial_precision = sampling.precision if sampling.method == "radial" else None
     return Verification(
         schema="tailstack/verification/1",
@@ -603,7 +604,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         targets=targets,
         reprojection=_summarise_reprojection(sampled),
         first_order_ratio=worst.first_order_ratio,
-        verdict=conclude(checks, ready.findings + _remark_losses(drawn) + _remark_gaps(targets), "Monte Carlo"),
+        verdict=conclude(checks, ready.findings + _remark_losses(drawn) + _remark_gaps(targets), basis),
         provenance=provenance(ready.system, simulated=True, missed=drawn is not None),
         losses=drawn,
     )

@@ -15,6 +15,7 @@ from tailstack.design import Design, design_to_data, load_design
 from tailstack.estimation.checks import DETERMINATION
 from tailstack.propagation.validity import error_percent
 from tailstack.results import ERRORS, Check, Score, Verification
+from tailstack.results.verdicts import is_of_all_shots
 from tailstack.verdict import decide
 
 from .policy import ClassOfName, Rules
@@ -23,6 +24,7 @@ from .records import GatedDesign, GateNumber, GateRequirement, GateTarget, Unjud
 
 CVAR_LIKE = 0.99  # first order errs in the mean of the worst 5 % as in this quantile (docs/method.md, section 4)
 TRUSTED_PERCENT = 5.0  # error of P95 up to which first order decides a limit
+CVAR_MISSED = "how far the estimate of it is from a simulation is not known where fiducials are missed"
 UNKNOWN = (0.0, None)  # where a simulation's quantile lies if first order decides nothing, mm
 MOST_NAMES = 3
 
@@ -33,6 +35,7 @@ class LimitComparison:
 
     requirement: GateRequirement
     number: GateNumber
+    open_because: str = ""  # why first order has no upper end of it, where it has one of others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +163,7 @@ def compare_numbers(
             rate = None if verification is None else _error_rate(own)
             if doubted:
                 check = replace(check, interval_mm=UNKNOWN, status="inconclusive")
-            comparisons.append(LimitComparison(requirement, _make_number(requirement, check, rate)))
+            comparisons.append(LimitComparison(requirement, _make_number(requirement, check, rate), check.open_because))
     for requirement in requirements.values():
         if requirement.rule == "cvar" and requirement.severity != "off":
             comparisons += _compare_cvar(score, verification, requirement, looks)
@@ -191,9 +194,8 @@ def _compare_cvar(
         ratio = 1 + error_percent(score.validity, CVAR_LIKE) / 100
         for target in score.targets:
             mean = target.cvar95_mm
-            estimates.append(
-                (target.name, mean, (0.0, inf) if doubt_first_order(score) else (mean / ratio, mean * ratio))
-            )
+            unknown = doubt_first_order(score) or is_of_all_shots(score.verdict)
+            estimates.append((target.name, mean, (0.0, inf) if unknown else (mean / ratio, mean * ratio)))
     else:
         from tailstack.montecarlo.estimators import cvar_interval
 
@@ -208,7 +210,8 @@ def _compare_cvar(
         interval = (low, high if high != inf else None)
         status = decide((low, high), limit)
         number = GateNumber("cvar", "cvar", name, "mm", value, interval, limit, status, rate, "CVaR95")
-        comparisons.append(LimitComparison(requirement, number))
+        why = CVAR_MISSED if verification is None and is_of_all_shots(score.verdict) else ""
+        comparisons.append(LimitComparison(requirement, number, why))
     return comparisons
 
 

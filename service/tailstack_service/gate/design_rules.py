@@ -39,12 +39,17 @@ def find_failures(case: Case, rule: str) -> list[Remark]:
 
 def find_open_questions(case: Case) -> list[Remark]:
     """Rule inconclusive: limits that an interval holds."""
-    close = doubt_first_order(case.score) or "too close to say by estimate"
-    hint = f"{close}; gate with --mode auto or verify"
-    if case.verification is not None:
-        hint = f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
-    open_ones = (comparison for comparison in case.comparisons if comparison.number.status == "inconclusive")
-    return [_make_remark(case, comparison, hint) for comparison in open_ones]
+    remarks = []
+    for comparison in case.comparisons:
+        if comparison.number.status == "inconclusive":
+            why = comparison.open_because or doubt_first_order(case.score) or "too close to say by estimate"
+            hint = f"{why}; gate with --mode auto or verify"
+            if case.verification is not None:
+                hint = (
+                    f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
+                )
+            remarks.append(_make_remark(case, comparison, hint))
+    return remarks
 
 
 def find_first_order_gaps(case: Case) -> list[Remark]:

@@ -13,7 +13,6 @@ from datetime import date
 from typing import TYPE_CHECKING
 
 from tailstack.design import Design, compile_design
-from tailstack.design.compile import loss_probabilities
 from tailstack.design.refusals import place
 from tailstack.errors import Problem, TailstackError
 from tailstack.results import Score, Verification
@@ -193,11 +192,7 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
     policy = gate.policy.document
     if gate.mode == "auto":
         numbers = [entry.number for entry in compare_numbers(scored.score, None, scored.requirements)]
-        near = is_near_limit(numbers, policy.guard_band_percent, lambda n: [*waived_up_to(n.rule, n.target)])
-        design = scored.limited
-        # A score is of shots that have all fiducials
-        missed = loss_probabilities(design.document.fiducials, len(design.fiducials.labels))
-        if not near and not (missed and numbers):
+        if not is_near_limit(numbers, policy.guard_band_percent, lambda n: [*waived_up_to(n.rule, n.target)]):
             return None
 
     from tailstack.montecarlo.stopping import CvarQuestion, LimitQuestion

@@ -67,6 +67,7 @@ def size_of(design: Design) -> Size:
 
 GAIN_SECONDS = 1e-7  # of one fiducial in one view, with one loss, at one target
 LAW_SECONDS = 7e-4  # of one exact law with a loss
+MISSED_SECONDS = 4e-3  # of one loss at one target: its own validity, and its law in the mixtures of both errors
 ASKED = 3  # such laws for each requirement and target, until the worst loss is known: one to ten
 
 
@@ -78,7 +79,9 @@ def score_seconds(sizes: Iterable[Size], *, second_order: bool = False, losses: 
         seconds += 0.004 + 0.0005 * fiducials + 0.0035 * targets * (1 + fiducials * views / 200)
         if losses and judged:
             seconds += GAIN_SECONDS * targets * size.losses(fiducials) * views * fiducials
-            seconds += LAW_SECONDS * judged * (ASKED + (size.losses(missed) if missed else 0))
+            seconds += LAW_SECONDS * judged * ASKED
+        if missed:
+            seconds += MISSED_SECONDS * targets * size.losses(missed)
         if second_order:
             seconds += 2e-5 * (targets * fiducials * views) ** 2
     return seconds

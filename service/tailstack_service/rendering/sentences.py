@@ -221,7 +221,7 @@ def _next_step(check: Check, basis: str, optimised: Sequence[str] | None) -> str
         return "`tailstack optimise` looks for the cheapest design that keeps it."
     if check.status == "pass":
         return ""
-    if basis == "first order":
+    if basis.startswith("first order"):
         return "Run `tailstack verify`, which simulates, to decide."
     if check.risk == "per_unit":
         return "The number of units drawn is fixed: change the limit or the design."

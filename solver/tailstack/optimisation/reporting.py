@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Array
-from ..design import Design, design_to_data
+from ..design import Design, compile_design, design_to_data
 from ..errors import IllPosedError
 from ..estimation.checks import check_geometry
+from ..losses import search_losses
 from ..propagation.linear import linearise
 from ..results import (
     ERRORS,
@@ -26,6 +27,7 @@ from ..results import (
     ViewSearch,
 )
 from ..results.digits import at_least, percent_change
+from ..results.verdicts import P95
 from ..scoring import vector3
 from ..system import System
 from .certificate import bound_cost, name_binding, price_bounds
@@ -65,7 +67,7 @@ def report(
     fiducials_cost = count_price * len(after_system.fiducial_labels)
     cost_after = (problem.cost(now.half_width) if priced else 0.0) + fiducials_cost
     minimised = problem.objective != "quantile"
-    p95_before_mm, p95_after_mm = _p95_before(request.problem), _p95(after_system, after.demands)
+    p95_before_mm, p95_after_mm = find_p95_mm(request.design), _p95(compile_design(verified.design), after.demands)
     certified = optimum.solution or verified.exact
     return Optimisation(
         schema="tailstack/optimisation/1",
@@ -171,7 +173,7 @@ def add_aims(optimisation: Optimisation, design: Design, search: ViewSearch) -> 
     problem = read_request(design).problem
     return replace(
         optimisation,
-        p95_before_mm=_p95_before(problem),
+        p95_before_mm=find_p95_mm(design),
         influence=(
             *(remark for remark in optimisation.influence if remark.rule == "no-lever"),
             *(remark for remark in influence_of(problem) if remark.rule != "no-lever"),
@@ -183,13 +185,10 @@ def add_aims(optimisation: Optimisation, design: Design, search: ViewSearch) -> 
 
 def find_p95_mm(design: Design) -> float | None:
     """Largest first-order P95 of what is limited in a design as it stands; None where its layout determines none."""
-    return _p95_before(read_request(design).problem)
-
-
-def _p95_before(problem: PlacementProblem) -> float | None:
+    system = compile_design(design)
     try:
-        check_geometry(problem.system)
-        return _p95(problem.system, problem.demands)
+        check_geometry(system)
+        return _p95(system, read_request(design).problem.demands)
     except IllPosedError:  # the layout as it stands has no answer; the new one has
         return None
 
@@ -223,12 +222,16 @@ def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
 
 
 def _p95(system: System, demands: tuple[QuantileConstraint, ...]) -> float:
-    """Largest P95 over the demanded errors and targets, pooled, whatever the requirements limit."""
-    values = []
+    """Largest P95 over the demanded errors and targets, pooled, whatever the requirements limit; of all shots, those
+    that miss fiducials among them."""
+    search, values = search_losses(system), []
     for demand in demands:
         if demand.lost:
             continue
         wanted = replace(demand.requirement, quantile=0.95, risk="pooled", min_yield=None)
+        if search is not None:
+            values.append(search.shots(demand.target.name, wanted.error, P95).value(P95))
+            continue
         model = linearise(system, demand.target)
         values.append(exact_quantile(model, QuantileConstraint(wanted, demand.target)).value_mm)
     return max(values)

@@ -13,7 +13,8 @@ expected at P95 is multiplied.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, sqrt
+from dataclasses import replace
+from math import ceil, inf, sqrt
 from typing import Literal
 
 import numpy as np
@@ -128,6 +129,24 @@ def _class_of(system: System, limits: Sequence[Limit]) -> tuple[str, str]:
     if system.rotation_form is not RotationForm.FULL:
         return words, "rotations in their small-angle form"
     return words, ""
+
+
+def widen_validity(trust: Validity, percent: float) -> Validity:
+    """The statement of a P95 over shots that miss fiducials, which first order may be off by so many per cent; trust:
+    of the structure with all of them."""
+    level = next((status for _, status, least in LEVELS if percent <= least), None)
+    if level is None:
+        statement = (
+            f"{trust.statement}. Of shots that miss fiducials, as the design says that some do, first order is not "
+            "known to tell enough, and only Monte Carlo (`tailstack verify`) decides"
+        )
+        return replace(trust, status="not valid", expected_error_percent=None, statement=statement)
+    rounded = max(ceil(100 * percent) / 100, trust.expected_error_percent or 0.0)
+    statement = (
+        f"{trust.statement}. Over all shots, those that miss fiducials among them and the structures that are left "
+        f"judged like this one, P95 agrees within {rounded:g} %"
+    )
+    return replace(trust, status=level, expected_error_percent=rounded, statement=statement)
 
 
 def worst_validity(by_target: Sequence[tuple[Nonlinearity, Turns]], system: System) -> Validity:

@@ -77,6 +77,8 @@ class Check:
     """Limit less the upper end of the interval, mm: not negative just where the status is pass. Null where that end is
     not known.
     """
+    open_because: str = ""
+    """Why the upper end is not known although first order holds for shots that miss no fiducial; empty otherwise."""
 
     def __post_init__(self) -> None:
         high = self.interval_mm[1]
@@ -107,7 +109,9 @@ class Verdict:
     status: Literal["pass", "fail", "inconclusive", "no requirement"]
     """Of all checks together: the worst of them. No requirement: nothing was to be held."""
     basis: str
-    """What the checks rest on: first order or Monte Carlo."""
+    """What the checks rest on: first order or Monte Carlo; with "missed fiducials included" where the design says how
+    often fiducials are missed, and the checks are of all shots.
+    """
     checks: tuple[Check, ...]
     """Every requirement at every target that it names."""
     findings: tuple[Finding, ...]
@@ -292,12 +296,19 @@ def _describe(check: Check) -> str:
 # --- tables ---------------------------------------------------------------------------------------------------
 
 BASIS = {"first order": "estimate", "Monte Carlo": "Monte Carlo"}  # what a verdict rests on, by its name in records
+MISSED = "missed fiducials included"  # after it, where the design says how often they are
 MARGIN_NOTE = "Margin: the limit less the upper end of the interval. A requirement passes where it is not negative."
+
+
+def is_of_all_shots(verdict: Verdict) -> bool:
+    """Whether shots that miss fiducials are among those that the checks are of, as the design says that some do."""
+    return verdict.basis.endswith(MISSED)
 
 
 def name_basis(basis: str) -> str:
     """What a number rests on: the estimate of a score, or a Monte Carlo simulation."""
-    return BASIS.get(basis, basis)
+    how, mark, more = basis.partition(", ")
+    return BASIS.get(how, how) + mark + more
 
 
 class Judged(NamedTuple):

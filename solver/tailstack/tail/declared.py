@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from math import inf, log, sqrt
 from typing import NamedTuple
 
@@ -203,6 +203,7 @@ class DeclaredLaw:
         lattice = self._lattice
         if lattice is None or rho > self._largest:
             lattice = build(rho, self.frame, self.accuracy, False)
+            self._lattice, self._largest = lattice, rho
         if lattice.volume == 0.0:
             return self.points.probability(r)
         return min(max(float(ball_sums(rho, self.frame.dimension, lattice.t, lattice.w)[0]), 0.0), 1.0)
@@ -300,21 +301,52 @@ def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
     return DeclaredLaw(law, accuracy_for(0.5, fine)).probability(float(r))
 
 
-def _probability_near(law: LinearLaw, p: float) -> Callable[[float], float]:
-    """P(|e| <= r) by r, mm; radii below the p-quantile, and a little above it, are read from one lattice."""
-    if not law.columns.any():
-        return partial(norm_cdf, mean=law.mean, covariance=law.covariance)
-    evaluation = DeclaredLaw(law, accuracy_for(p, True))
-    evaluation.quantile(p)
-    return evaluation.probability
+MIXED_METHOD = "mixture over missed fiducials of exact laws"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+class _Member:
+    """One law of a mixture, evaluated about its p-quantile: radii up to a little above it are read from one lattice."""
+
+    def __init__(self, law: LinearLaw, p: float) -> None:
+        self.law = law
+        self._declared = DeclaredLaw(law, accuracy_for(p, True)) if law.columns.any() else None
+        if self._declared is not None:
+            self._declared.quantile(p)
+
+    def probability(self, r: float) -> float:
+        """P(|e| <= r)"""
+        if self._declared is None:
+            return norm_cdf(r, self.law.mean, self.law.covariance)
+        return self._declared.probability(r)
+
+    def excess(self, r: float) -> float:
+        """E[(|e| - r)+], mm."""
+        if self._declared is None and not self.law.covariance.any():
+            return max(float(np.linalg.norm(self.law.mean)) - r, 0.0)
+        declared = self._declared or DeclaredLaw(self.law, accuracy_for(0.95, True))
+        return declared.excess(r)
+
+
+@dataclass(frozen=True, eq=False)
 class MixedLaw:
     """One of several laws, each with its probability; what these lack to 1 is beyond every radius."""
 
     laws: Sequence[LinearLaw]
     weights: Array
+    near: float = 0.95  # the quantile about which it is asked
+
+    @cached_property
+    def _members(self) -> list[_Member]:
+        return [_Member(law, self.near) for law in self.laws]
+
+    def probabilities(self, radii: Array) -> Array:
+        """(S,) P_k(|e| <= r_k) of each of the laws; radii (S,) mm."""
+        return np.array([member.probability(r) for member, r in zip(self._members, radii.tolist(), strict=True)])
+
+    @property
+    def given_answer(self) -> MixedLaw:
+        """The law of what is not beyond every radius."""
+        return MixedLaw(self.laws, self.weights / self.weights.sum(), self.near)
 
     def quantile(self, p: float) -> float:
         """The r with sum_k weights_k P_k(|e| <= r) = p, mm; infinite where p is among what is beyond.
@@ -326,26 +358,57 @@ class MixedLaw:
             return law_quantile(self.laws[0], p).quantile_mm
         if self.weights.sum() <= p:
             return inf
-        within = [_probability_near(law, p) for law in self.laws]
-
-        from scipy.optimize import brentq  # as few scores take a mixture
-
-        def beyond_p(r: float) -> float:
-            return float(self.weights @ [probability(r) for probability in within]) - p
-
-        low, high = 0.0, law_quantile(self.laws[int(self.weights.argmax())], p).quantile_mm or 1e-9
-        while beyond_p(high) < 0:
-            low, high = high, MIXTURE_STEP * high
-            if high > LARGEST_MIXTURE:  # p differs from the sum of the weights by less than rounding
-                return inf
-        return float(brentq(beyond_p, low, high, xtol=1e-12, rtol=1e-10)) if beyond_p(low) < 0 else low
+        start = law_quantile(self.laws[int(self.weights.argmax())], p).quantile_mm
+        return find_radius(lambda r: float(self.weights @ self.probabilities(np.full(len(self.laws), r))), p, start)
 
     def exceedance(self, limit: float) -> float:
         """P(|e| > limit), limit >= 0 mm."""
-        if len(self.laws) == 1 and self.weights[0] == 1:
-            return law_exceedance(self.laws[0], limit)
         beyond = [law_exceedance(law, limit) for law in self.laws]
         return float(self.weights @ beyond) + max(1.0 - float(self.weights.sum()), 0.0)
+
+    @property
+    def mean(self) -> Array:
+        """(3,) mm, of what is not beyond every radius."""
+        return np.asarray(self.weights @ [law.mean for law in self.laws] / self.weights.sum())
+
+    @property
+    def total_covariance(self) -> Array:
+        """(3, 3) mm^2, of what is not beyond every radius."""
+        apart = np.array([law.mean for law in self.laws]) - self.mean
+        each = np.array([law.total_covariance for law in self.laws]) + apart[:, :, None] * apart[:, None, :]
+        return np.asarray(np.tensordot(self.weights, each, 1) / self.weights.sum())
+
+    def summary(self, p: float, limit: float | None) -> LawSummary:
+        """As :func:`law_summary`; mean and mean of the worst 1 - p are of what is not beyond every radius.
+
+        Where more than 1 - p is, the quantile is of the rest as well.
+        """
+        r = self.quantile(p)
+        if r == inf:
+            return self.given_answer.summary(p, None)._replace(
+                exceedance=None if limit is None else self.exceedance(limit)
+            )
+        whole = float(self.weights.sum())
+        mean, beyond = (float(self.weights @ [member.excess(at) for member in self._members]) for at in (0.0, r))
+        quantile = LawQuantile(p, r, 0.0, MIXED_METHOD, 1e-9 * r)
+        tail_mean = r + beyond / (whole - p)
+        return LawSummary(quantile, mean / whole, tail_mean, None if limit is None else self.exceedance(limit))
+
+
+def find_radius(probability: Callable[[float], float], p: float, start: float) -> float:
+    """The r, mm, at which a probability that rises with the radius comes to p; 0 where it is p there already, infinite
+    where it never is.  start: where it is looked for first, mm."""
+    from scipy.optimize import brentq  # as few scores take a mixture
+
+    def beyond_p(r: float) -> float:
+        return probability(r) - p
+
+    low, high = 0.0, start or 1e-9
+    while beyond_p(high) < 0:
+        low, high = high, MIXTURE_STEP * high
+        if high > LARGEST_MIXTURE:  # p differs from what is reached by less than rounding
+            return inf
+    return float(brentq(beyond_p, low, high, xtol=1e-12, rtol=1e-10)) if beyond_p(low) < 0 else low
 
 
 def law_exceedance(law: LinearLaw, limit: float) -> float:
