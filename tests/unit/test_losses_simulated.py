@@ -15,9 +15,11 @@ from scenes import cios_system, cube8_system, installation, random_system, read_
 from tailstack import load_design, optimise, score, sweep, verify
 from tailstack.design.write import Revision, revise_design
 from tailstack.errors import IllPosedError, OutOfRangeError
-from tailstack.montecarlo import compile_plan, draw, run_indices, simulate
+from tailstack.estimation.checks import examine, find_surely_answered
+from tailstack.montecarlo import chain, compile_plan, draw, run_indices, simulate
 from tailstack.montecarlo.chain import draw_losses
 from tailstack.montecarlo.estimators import cvar_interval
+from tailstack.montecarlo.plan import hide_fiducials, object_frame, replan
 from tailstack.montecarlo.shards import compute_shard, shard_from_bytes, shard_to_bytes
 from tailstack.montecarlo.simulate import Run, Simulation
 from tailstack.optimisation import margin
@@ -136,6 +138,55 @@ def test_a_bead_that_every_shot_misses_is_one_that_no_view_sees(estimator):
     np.testing.assert_array_equal(each[0].errors, each[1].errors)
     np.testing.assert_array_equal(each[0].reprojection, each[1].reprojection)
     assert each[0].missed == 3000
+
+
+@pytest.mark.parametrize("estimator", [Estimator.DLT, Estimator.POSE])
+def test_what_is_surely_answered_is_not_refused(estimator):
+    """consistency: with the full examination, over patterns that leave few, flat and undetermined structures."""
+    rng = np.random.default_rng(8)
+    flat = rng.uniform(-40, 40, (10, 3)) * [1, 1, 1e-7] + np.array([0, 0, -20])
+    flat[:4, 2] += rng.uniform(5, 30, 4)  # what holds it off a plane
+    said = []
+    for points in (flat, rng.uniform(-40, 40, (10, 3)) + np.array([0, 0, -20])):
+        system = replace(system_of(points), estimator=estimator)
+        lost = rng.random((200, 10)) < 0.4
+        lost[:8, :4], lost[:8, 4:] = True, False
+        sure = find_surely_answered(system, (system.sees > 0) & ~lost[:, None])
+        for pattern, surely in zip(lost, sure, strict=True):
+            try:
+                examine(hide_fiducials(system, pattern))
+                said.append((True, bool(surely)))
+            except IllPosedError:
+                assert not surely
+                said.append((False, False))
+    passed = [surely for answered, surely in said if answered]
+    assert len(passed) < len(said)
+    assert sum(passed) > (0.9 if estimator is Estimator.DLT else 0.3) * len(passed)
+
+
+def test_shots_that_miss_much_cost_no_examination_each(monkeypatch):
+    """Twelve beads, three in ten missed: of 2,000 patterns in a block hardly one is examined by itself, and the plans
+    of all have, bit for bit, the tables of a plan made for each."""
+    calls = []
+    monkeypatch.setattr(chain, "examine", lambda system: calls.append(system) or examine(system))
+    rng = np.random.default_rng(4)
+    system = missed(system_of(rng.uniform(-50, 50, (12, 3)) + np.array([0, 0, -20])), 0.3)
+    plan = compile_plan(system)
+    run_indices(plan, 0, 0, 2048)
+    lost = draw_losses(plan, 0, np.arange(2048))
+    patterns = np.unique(lost[lost.any(axis=1)], axis=0)
+    answered = patterns[(~patterns).sum(axis=1) >= 6]
+    assert len(answered) > 500
+    assert len(calls) - (len(patterns) - len(answered)) < 0.1 * len(answered)
+    for part, pattern in zip(replan(plan, answered[:100]), answered[:100], strict=True):
+        (alone,) = replan(plan, pattern[None])
+        own = object_frame(system.fiducials_mm[~pattern])
+        assert (part.tables.products[0, ~pattern, 9] == 1).all()
+        assert (part.tables.products[0, ~pattern, 3] == own.points[:, 0]).all()
+        for name, table in part.tables._asdict().items():
+            assert np.array_equal(table, getattr(alone.tables, name)), name
+            assert table.flags.c_contiguous
+            assert not table.flags.writeable
 
 
 def test_each_bead_is_missed_as_often_as_it_says_and_by_itself():

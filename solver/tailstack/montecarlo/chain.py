@@ -11,6 +11,7 @@ pattern run together, by a plan whose views do not see them.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -19,12 +20,12 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..errors import IllPosedError, NotConvergedError, OutOfRangeError, Problem
-from ..estimation.checks import examine
+from ..estimation.checks import examine, find_surely_answered
 from ..estimation.least_squares import estimate_views, locate, weights_at_rest
 from ..estimation.resection import project
 from ..estimation.triangulation import reprojection_rms
 from ..geometry.rotation import torsor_transform, transform_points
-from ..system import Law, Reading, Weighing
+from ..system import Law, Reading, System, Weighing
 from .kernel import Draws, Results, run_trials, scratch_size
 from .plan import LAW_CODE, ChainPlan, hide_fiducials, replan
 from .streams import draw_columns, stream_key
@@ -33,7 +34,7 @@ from .tables import EXECUTION, MANUFACTURED, MOUNTS, beads_slot, images_slot, in
 PLAIN_BATCH = 1024  # trials of the plain form at once: about 5 MB of design matrices at 12 fiducials
 EVALUATE_BATCH = 8192
 LOSS_STREAM = 4  # 0 and 1 are the trials' own, 2 and 3 those of radial sampling
-PATTERNS = 2048  # of missed fiducials, whose plans are kept: 200,000 shots of twelve missed in 5 % have 600
+PLANS, PATTERNS = 64, 2**17  # of missed fiducials, of which is kept whether they leave an answer
 _NOT_GIVEN = np.empty((0, 0))
 _NO_KEYS = np.zeros(2, dtype=np.uint64)
 
@@ -150,11 +151,8 @@ def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reproject
     errors = np.full((len(plan.system.targets), 2, 3, count), np.nan)
     rms = np.full(count, np.nan) if reprojection else None
     redone = 0
-    for pattern, columns in _patterns(lost):
-        part = _without(plan, pattern)
-        if part is None or not len(columns):
-            continue
-        own = _run_at(part, seed, indices[columns], reprojection, missed=part is not plan)
+    for part, missed, columns in _group_shots(plan, lost):
+        own = _run_at(part, seed, indices[columns], reprojection, missed=missed)
         errors[..., columns] = own.errors
         redone += own.redone
         if rms is not None:
@@ -162,47 +160,72 @@ def run_indices(plan: ChainPlan, seed: int, first: int, count: int, *, reproject
     return TrialResults(errors, redone, rms, int(lost.any(axis=1).sum()))
 
 
-def _patterns(lost: NDArray[np.bool_]) -> Iterator[tuple[bytes, NDArray[np.int64]]]:
-    """Each pattern of missed fiducials, as bytes, with the rows of ``lost`` (n, N) that it is in."""
+def _group_shots(
+    plan: ChainPlan, lost: NDArray[np.bool_]
+) -> Iterator[tuple[ChainPlan, NDArray[np.bool_] | None, NDArray[np.int64]]]:
+    """Shots by which fiducials they miss, rows of ``lost`` (n, N): the plan of each pattern that leaves an answer, the
+    pattern (None: nothing), and its rows."""
     some = lost.any(axis=1)
-    yield np.zeros(lost.shape[1], dtype=bool).tobytes(), np.flatnonzero(~some)  # most shots, which need no sorting
+    if not some.all():  # most shots, which need no sorting
+        yield plan, None, np.flatnonzero(~some)
     rows = np.flatnonzero(some)
     bits = np.packbits(lost[rows], axis=1)
     order = np.lexsort(bits.T)
     bits, rows = bits[order], rows[order]
-    ends = np.append(np.flatnonzero((bits[1:] != bits[:-1]).any(axis=1)) + 1, len(rows))
-    first = 0
-    for end in ends.tolist() if len(rows) else ():
-        yield lost[rows[first]].tobytes(), rows[first:end]
-        first = end
+    starts = np.flatnonzero(np.append(True, (bits[1:] != bits[:-1]).any(axis=1))) if len(rows) else rows
+    groups = [group for group in np.split(rows, starts[1:]) if len(group)]
+    patterns = lost[[int(group[0]) for group in groups]]
+    answered = np.flatnonzero(_leave_answers(plan, patterns))
+    plans = replan(plan, patterns[answered])
+    yield from zip(plans, patterns[answered], (groups[k] for k in answered.tolist()), strict=True)
 
 
-@lru_cache(maxsize=PATTERNS)
-def _without(plan: ChainPlan, pattern: bytes) -> ChainPlan | None:
-    """The plan of shots that miss this pattern; None where what is left has no answer, and is refused by itself."""
-    lost = np.frombuffer(pattern, dtype=bool)
-    if not lost.any():
-        return plan
-    rest = hide_fiducials(plan.system, lost)
+@lru_cache(maxsize=PLANS)
+def _verdicts_of(plan: ChainPlan) -> dict[bytes, bool]:
+    """By pattern of missed fiducials whether what is left has an answer, as far as it was asked."""
+    return {}
+
+
+def _leave_answers(plan: ChainPlan, patterns: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(S,) whether what is left without the fiducials lost (S, N) has an answer, and is not refused by itself."""
+    known = _verdicts_of(plan)
+    if len(known) > PATTERNS:
+        known.clear()
+    keys = [pattern.tobytes() for pattern in patterns]
+    new = [k for k, key in enumerate(keys) if key not in known]
+    if new:
+        surely = find_surely_answered(plan.system, (plan.system.sees > 0) & ~patterns[new, None])
+        for k, sure in zip(new, surely.tolist(), strict=True):
+            known[keys[k]] = sure or _passes(hide_fiducials(plan.system, patterns[k]))
+    return np.array([known[key] for key in keys], dtype=np.bool_)
+
+
+def _passes(system: System) -> bool:
     try:
-        examine(rest)
+        examine(system)
     except IllPosedError:
-        return None
-    return replan(plan, rest)
+        return False
+    return True
 
 
 def _run_at(
-    plan: ChainPlan, seed: int, indices: NDArray[np.int64], reprojection: bool, *, missed: bool = False
+    plan: ChainPlan,
+    seed: int,
+    indices: NDArray[np.int64],
+    reprojection: bool,
+    *,
+    missed: NDArray[np.bool_] | None = None,
 ) -> TrialResults:
-    """Trials with these indices, all of them by one plan."""
+    """Trials with these indices, all of them by one plan; missed: the fiducials (N,) that it was made without."""
     count = len(indices)
     shape = (len(plan.system.targets), 2, 3)
     errors, flags, rms = _run(plan, _keys(seed), _pad(indices), _NOT_GIVEN, reprojection)
     errors, rms = errors.reshape(*shape, -1)[..., :count], rms[:count]
     columns = np.flatnonzero(flags[:count])
     if len(columns):
+        rest = plan if missed is None else replace(plan, system=hide_fiducials(plan.system, missed))
         z = draw(plan, seed, indices[columns])
-        _redo(plan, z, columns, errors, rms if reprojection else None, missed=missed)
+        _redo(rest, z, columns, errors, rms if reprojection else None, missed=missed is not None)
     return TrialResults(errors, len(columns), rms if reprojection else None)
 
 

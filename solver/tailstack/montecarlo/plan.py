@@ -30,8 +30,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import sqrt
-from typing import Any, NamedTuple, assert_never
+from typing import NamedTuple, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -271,8 +272,9 @@ def _vertex_values(names: tuple[str, ...], vertex: Mapping[str, float] | Array |
 
 
 def product(a: Array, b: Array) -> Array:
-    """Matrix product by plain sums.  BLAS picks its order of summation by processor; these tables decide digits."""
-    return np.asarray((a[:, :, None] * b[None, :, :]).sum(axis=1))
+    """Matrix products (..., i, k), (..., k, j) by plain sums.  BLAS picks its order of summation by processor; these
+    tables decide digits."""
+    return np.asarray((a[..., :, :, None] * b[..., None, :, :]).sum(axis=-2))
 
 
 def images_of(projection: Array, points: Array) -> Array:
@@ -282,39 +284,43 @@ def images_of(projection: Array, points: Array) -> Array:
 
 
 def principal_axes(moment: Array) -> Array:
-    """Eigenvectors (rows, right-handed) of a symmetric (3, 3), by cyclic Jacobi rotations (Golub and Van Loan 8.5)."""
-    m, axes = moment.copy(), np.eye(3)
+    """Eigenvectors (rows, right-handed) of symmetric (..., 3, 3): cyclic Jacobi rotations (Golub and Van Loan 8.5)."""
+    m, axes = moment.copy(), np.broadcast_to(np.eye(3), moment.shape)
     for _ in range(12):  # quadratic convergence: six sweeps reach rounding
         for p, q in ((0, 1), (0, 2), (1, 2)):
-            if abs(m[p, q]) <= 1e-17 * (abs(m[p, p]) + abs(m[q, q])):
+            off = m[..., p, q]
+            turned = ~(np.abs(off) <= 1e-17 * (np.abs(m[..., p, p]) + np.abs(m[..., q, q])))
+            if not turned.any():
                 continue
-            ratio = (m[q, q] - m[p, p]) / (2 * m[p, q])
-            t = (1.0 if ratio >= 0 else -1.0) / (abs(ratio) + sqrt(ratio * ratio + 1))
-            c = 1 / sqrt(t * t + 1)
-            turn = np.eye(3)
-            turn[p, p] = turn[q, q] = c
-            turn[p, q], turn[q, p] = -t * c, t * c
-            m = product(product(turn, m), turn.T)
-            axes = product(turn, axes)
+            ratio = (m[..., q, q] - m[..., p, p]) / np.where(turned, 2 * off, 1.0)
+            t = np.where(ratio >= 0, 1.0, -1.0) / (np.abs(ratio) + np.sqrt(ratio * ratio + 1))
+            c = 1 / np.sqrt(t * t + 1)
+            turn = np.broadcast_to(np.eye(3), moment.shape).copy()
+            turn[..., p, p] = turn[..., q, q] = c
+            turn[..., p, q], turn[..., q, p] = -t * c, t * c
+            these = turned[..., None, None]
+            m = np.where(these, product(product(turn, m), np.swapaxes(turn, -1, -2)), m)
+            axes = np.where(these, product(turn, axes), axes)
     return axes
 
 
 class ObjectFrame(NamedTuple):
-    """``X = E y + centroid``: the fiducials' Hartley frame, turned to their principal axes."""
+    """``X = E y + centroid``: the fiducials' Hartley frame, turned to their principal axes; of one set or of many."""
 
-    out: Array  # (3, 3) E
-    into: Array  # (3, 3) its inverse
-    centroid: Array  # (3,) mm, con
-    points: Array  # (N, 3) y of the fiducials: centred, RMS distance sqrt(3)
+    out: Array  # (..., 3, 3) E
+    into: Array  # (..., 3, 3) its inverse
+    centroid: Array  # (..., 3) mm, con
+    points: Array  # (..., N, 3) y of the fiducials: centred, RMS distance sqrt(3)
 
 
 def object_frame(points: Array) -> ObjectFrame:
-    """The object frame of fiducials (N, 3), mm."""
-    centroid = points.mean(axis=0)
-    centred = points - centroid
-    scale = sqrt(3) / sqrt((centred**2).sum(axis=1).mean())
-    into = scale * principal_axes(product(centred.T, centred))
-    return ObjectFrame(into.T / scale**2, into, centroid, product(centred, into.T))
+    """The object frame of fiducials (..., N, 3), mm."""
+    centroid = points.mean(axis=-2)
+    centred = points - centroid[..., None, :]
+    scale = (sqrt(3) / np.sqrt((centred**2).sum(axis=-1).mean(axis=-1)))[..., None, None]
+    into = scale * principal_axes(product(np.swapaxes(centred, -1, -2), centred))
+    turned = np.swapaxes(into, -1, -2)
+    return ObjectFrame(turned / scale**2, into, centroid, product(centred, turned))
 
 
 def compile_plan(
@@ -364,15 +370,26 @@ def hide_fiducials(system: System, lost: NDArray[np.bool_]) -> System:
     return replace(system, views=views, loss_probability=())
 
 
-def replan(plan: ChainPlan, system: System) -> ChainPlan:
-    """The plan of a system of which some fiducials were hidden: columns and their deviates stay what they are."""
+def replan(plan: ChainPlan, lost: NDArray[np.bool_]) -> list[ChainPlan]:
+    """Plans in which no view sees fiducials (S, N) that are lost: columns and their deviates stay what they are.
+
+    Their system is that of the plan: what the kernel runs by are the tables.
+    """
     tables = plan.tables
     out, into = tables.out_of_frame.reshape(3, 3), tables.into_frame.reshape(3, 3)
-    seen = _tables_of_views(system, ObjectFrame(out, into, tables.centre, tables.nominal))
+    seen = (plan.system.sees > 0) & ~lost[:, None]
+    own = _tables_of_views(seen, plan.system.fiducials_mm, ObjectFrame(out, into, tables.centre, tables.nominal))
+    weighed = plan.system.triangulation.traits.weighing is Weighing.BY_NOISE
     counts = tables.counts.copy()
     counts[HIDDEN] = 1
-    own = {name: frozen(table, table.dtype) for name, table in (seen | {"counts": counts}).items()}
-    return replace(plan, system=system, tables=tables._replace(**own))
+    every = {name: frozen(table, table.dtype) for name, table in (own | {"counts": counts}).items()}
+    plans = []
+    for s, each in enumerate(lost):
+        factors = _factors_without(plan, each.tobytes()) if weighed else tables.row_factors
+        named = {name: every[name][s] for name in own}
+        changed = tables._replace(**named, counts=every["counts"], row_factors=factors)
+        plans.append(replace(plan, tables=changed))
+    return plans
 
 
 def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array]:
@@ -390,7 +407,11 @@ def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array
         intrinsics.append(np.concatenate([intrinsics_of(cameras[-1]), assumed, known[v]]))
     return {
         "nominal": frame.points,
-        **_tables_of_views(system, frame),
+        **{
+            name: table[0]
+            for name, table in _tables_of_views(system.sees[None] > 0, system.fiducials_mm, frame).items()
+        },
+        "row_factors": _tabulate_factors(system),
         "into_frame": frame.into.ravel(),
         "out_of_frame": frame.out.ravel(),
         "object_scale": np.array([sqrt(scale2), 1 / scale2]),
@@ -406,13 +427,31 @@ def _compile_geometry(system: System, sources: _SourceTables) -> dict[str, Array
     }
 
 
-def _tables_of_views(system: System, frame: ObjectFrame) -> dict[str, NDArray[Any]]:
-    """The tables that hang on which fiducials a view sees."""
-    every = [tuple((seen > 0).tolist()) for seen in system.sees]
-    own = {seen: _view_tables(system, frame, np.array(seen)) for seen in set(every)}  # most often they are alike
-    each = zip(*(own[seen] for seen in every), strict=True)
-    tables = dict(zip(("products", "diagonal", "view_frames"), map(np.array, each), strict=True))
-    return tables | {"row_factors": np.array([_row_factors(system, target) for target in system.targets])}
+def _tables_of_views(seen: NDArray[np.bool_], fiducials: Array, frame: ObjectFrame) -> dict[str, Array]:
+    """The tables that hang on which fiducials a view sees, of many sets of views (S, V, N): (S, V, ...) each."""
+    several, views, count = seen.shape
+    masks, which = np.unique(seen.reshape(-1, count), axis=0, return_inverse=True)  # most often views are alike
+    products = np.zeros((len(masks), count, 10))
+    diagonal, frames = np.zeros((len(masks), 8)), np.zeros((len(masks), 12))
+    sizes = masks.sum(axis=1)
+    for size in np.unique(sizes).tolist():
+        rows = np.flatnonzero(sizes == size)
+        columns = np.nonzero(masks[rows])[1].reshape(len(rows), size)
+        own = frame if size == count else object_frame(fiducials[columns])
+        products[rows[:, None], columns], diagonal[rows], frames[rows] = _view_tables(frame, own)
+    each = which.reshape(several, views)
+    return {"products": products[each], "diagonal": diagonal[each], "view_frames": frames[each]}
+
+
+@lru_cache(maxsize=2**12)
+def _factors_without(plan: ChainPlan, lost: bytes) -> Array:
+    """:func:`_tabulate_factors` where fiducials (N,) are lost."""
+    return frozen(_tabulate_factors(hide_fiducials(plan.system, np.frombuffer(lost, dtype=np.bool_))))
+
+
+def _tabulate_factors(system: System) -> Array:
+    """(T, V, 3) of each target: ``_row_factors``."""
+    return np.array([_row_factors(system, target) for target in system.targets])
 
 
 def _row_factors(system: System, target: Target) -> Array:
@@ -424,18 +463,17 @@ def _row_factors(system: System, target: Target) -> Array:
     return np.stack([first, b / first, np.sqrt(c - (b / first) ** 2)], axis=-1)
 
 
-def _view_tables(system: System, frame: ObjectFrame, seen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """Products (N, 10), diagonal (8,) and frame (12,) of a view that sees these of the fiducials (N,)."""
-    own = frame if seen.all() else object_frame(system.fiducials_mm[seen])
+def _view_tables(frame: ObjectFrame, own: ObjectFrame) -> tuple[Array, Array, Array]:
+    """Products (..., n, 10), diagonal (..., 8), frame (..., 12) of views that see the n fiducials of their own frame;
+    frame: of all."""
     y1, upper = homogeneous(own.points), np.triu_indices(4)
-    diagonal = (y1**2).sum(axis=0)
-    products = np.zeros((len(seen), 10))
-    products[seen] = y1[:, upper[0]] * y1[:, upper[1]]
+    diagonal = (y1**2).sum(axis=-2)
     linear = np.eye(3) if own is frame else product(own.into, frame.out)
-    shift = (own.into * (frame.centroid - own.centroid)).sum(axis=1)
+    shift = (own.into * (frame.centroid - own.centroid)[..., None, :]).sum(axis=-1)
     with np.errstate(divide="ignore"):  # of fiducials in one plane, which the lanes are not asked for
         inverse = 1 / diagonal
-    return products, np.array([*diagonal, *inverse]), np.array([*linear.ravel(), *shift])
+    frames = np.concatenate([linear.reshape(*linear.shape[:-2], 9), shift], axis=-1)
+    return y1[..., upper[0]] * y1[..., upper[1]], np.concatenate([diagonal, inverse], axis=-1), frames
 
 
 def _spread(system: System) -> Array:
