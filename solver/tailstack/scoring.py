@@ -275,18 +275,20 @@ def _score_error(system: System, model: LinearModel, error: str, search: LossSea
 
 def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, second_order: bool) -> TargetScore:
     model, at = tcp.model, tcp.at
+    whole = tcp.summary.quantile if tcp.search is None else law_quantile(at.law, P95)
     return TargetScore(
         name=model.target.name,
         **_fields(_metric(tcp)),
         localisation=_metric(localisation),
         block_diagonal_p95_mm=norm_quantile(P95, at.worst.mean_mm, covariance_block_diagonal(model, "tcp")),
-        contributors=budget(model, at, tcp.summary.quantile if tcp.search is None else law_quantile(at.law, P95)),
+        contributors=budget(model, at, whole),
         worst_vertex=at.worst.names,
         per_unit=_per_unit(system, tcp),
         second_order=_second_order(system, tcp)
         if second_order
         else SecondOrder("not requested", "ask for it with --second-order"),
         extrapolation=model.extrapolation,
+        budget_p95_mm=whole.quantile_mm,
     )
 
 
@@ -362,7 +364,9 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     """
     p, fraction, shots = requirement.quantile, requirement.units_fraction, error.shots(requirement.quantile)
     if fraction is None and shots is not None:
-        return judge(requirement, target, shots.value(p), shots.interval(p), open_because=shots.why_open(p))
+        return judge(
+            requirement, target, shots.value(p), shots.interval(p), missed=True, open_because=shots.why_open(p)
+        )
     if fraction is None:
         quantile = error.summary.quantile if p == P95 else law_quantile(error.law_at(p).law, p)
         return judge(requirement, target, quantile.quantile_mm, _error_band(quantile.quantile_mm, trust, p))

@@ -27,6 +27,7 @@ def judge(
     interval_mm: Interval,
     yield_fraction: float | None = None,
     *,
+    missed: bool = False,
     open_because: str = "",
 ) -> Check:
     """A requirement held against the interval of the value that it limits.
@@ -47,6 +48,7 @@ def judge(
         yield_fraction=yield_fraction,
         min_yield=requirement.units_fraction,
         status=decide(interval_mm, requirement.limit_mm),
+        missed=missed,
         open_because=open_because,
     )
 
@@ -74,7 +76,7 @@ def _finding(check: Check, basis: str) -> Finding:
         if high is not None
         else "(no upper end is known)"
     )
-    value = headline_of(check.quantile, check.min_yield, ERRORS[check.error])
+    value = headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed)
     what = f"{value} is {length(check.value_mm, decimals)} mm {ends}, limit {check.limit_mm:g} mm"
     if check.yield_fraction is not None:
         what += f" ({in_percent(check.yield_fraction, 2)} of installed units meet it)"

@@ -736,18 +736,18 @@ def _summarise_reprojection(sampled: SampledDesign) -> Reprojection:
 
 
 def _judge_requirements(ready: PreparedDesign, sampled: SampledDesign, own: UnitQuantiles) -> tuple[Check, ...]:
-    checks = []
+    checks, missed = [], bool(ready.system.loss_probability)
     for requirement in ready.system.requirements:
         for name in requirement.targets:
             if requirement.risk == "pooled":
                 estimate = _estimate_quantile(ready, sampled, name, requirement.error, requirement.quantile)
-                checks.append(judge(requirement, name, estimate.value_mm, estimate.interval_mm))
+                checks.append(judge(requirement, name, estimate.value_mm, estimate.interval_mm, missed=missed))
             else:
-                checks.append(_judge_units(requirement, name, own[requirement, name]))
+                checks.append(_judge_units(requirement, name, own[requirement, name], missed))
     return tuple(checks)
 
 
-def _judge_units(requirement: Requirement, name: str, own: list[Array]) -> Check:
+def _judge_units(requirement: Requirement, name: str, own: list[Array], missed: bool) -> Check:
     """Nested sampling at each vertex of installed units, ``SHOTS`` shots of each; the worst vertex is told.
 
     The quantile over units of the unit's own quantile, by order statistics, at the fraction of units that must keep
@@ -767,7 +767,7 @@ def _judge_units(requirement: Requirement, name: str, own: list[Array]) -> Check
 
     interval = (0.0 if low is None else largest(low), inf if high is None else largest(high))
     met = min(int((ordered <= requirement.limit_mm).sum()) for ordered in at_each)
-    return judge(requirement, name, largest(ceil(drawn * fraction)), interval, met / drawn)
+    return judge(requirement, name, largest(ceil(drawn * fraction)), interval, met / drawn, missed=missed)
 
 
 def _remark_gaps(targets: tuple[TargetEstimate, ...]) -> tuple[Finding, ...]:

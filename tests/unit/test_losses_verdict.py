@@ -15,7 +15,7 @@ from scipy.stats import chi
 from tailstack import DesignFunction, load_design, score, score_batch, sweep, verify
 from tailstack.errors import OutOfRangeError
 from tailstack.losses import Shots
-from tailstack.results.verdicts import is_of_all_shots
+from tailstack.results.verdicts import MISSED, checks_sentence, is_of_all_shots
 from tailstack.scoring import score_errors
 from tailstack.tail.declared import MixedLaw, linear_law
 
@@ -54,6 +54,9 @@ def test_every_door_judges_all_shots(quantile, error):
     assert check.interval_mm[0] < mixed < check.interval_mm[1]
     assert found.verdict.status != "pass"
     assert is_of_all_shots(found.verdict)
+    assert check.missed
+    assert MISSED in check.headline
+    assert MISSED in checks_sentence([check])
     assert "missed-fiducials" in {finding.rule for finding in found.verdict.findings}
     table = {NOISE: [DEMO["views"][0]["fiducial_noise_px"]]}
     rows = score_batch(design, table, columns=["p95_mm", "localisation_p95_mm", "value_mm", "within_limits", "verdict"])

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from tailstack.results.tables import Cell, Column, On, Table, write_cell
-from tailstack.results.verdicts import name_basis, rest_of
+from tailstack.results.verdicts import MISSED, name_basis, rest_of
 
 from ..rendering.finding_groups import group_alike, list_others, name_field, name_rule
 from ..rendering.page import current, write_on
@@ -88,6 +88,7 @@ def _list_designs(record: GateRecord) -> str:
     blocks = []
     for design in record.designs:
         basis = "" if design.basis == "none" else name_basis(design.basis)
+        basis += f", {MISSED}" if any(MISSED in number.headline for number in design.numbers) else ""
         basis += f", {design.trials:,} trials" if design.trials is not None else ""
         kind = f" [{design.design_class}]" if design.design_class else ""
         verdict = paint(design.verdict, _ROLE.get(design.verdict, "fail"))

@@ -77,12 +77,14 @@ class Check:
     """Limit less the upper end of the interval, mm: not negative just where the status is pass. Null where that end is
     not known.
     """
+    missed: bool = False
+    """Whether shots that miss fiducials, as often as the design says, are in the value."""
     open_because: str = ""
     """Why the upper end is not known although first order holds for shots that miss no fiducial; empty otherwise."""
 
     def __post_init__(self) -> None:
         high = self.interval_mm[1]
-        object.__setattr__(self, "headline", headline_of(self.quantile, self.min_yield))
+        object.__setattr__(self, "headline", headline_of(self.quantile, self.min_yield, missed=self.missed))
         object.__setattr__(self, "margin_mm", None if high is None else self.limit_mm - high)
 
     @property
@@ -92,14 +94,16 @@ class Check:
         return inf if high is None else high
 
 
+MISSED = "missed fiducials included"  # of what is over all shots of a design that says how often they are missed
 ERRORS = {"tcp": "the error at the tool", "localisation": "the error of the located target"}  # as people say it
 
 
-def headline_of(quantile: float, min_yield: float | None, of: str = "") -> str:
-    """What a requirement limits: P95, or P95 that 90 % of units keep; ``of`` what, if that is named."""
+def headline_of(quantile: float, min_yield: float | None, of: str = "", *, missed: bool = False) -> str:
+    """What a requirement limits: P95, or P95 that 90 % of units keep; ``of`` what, if that is named; missed: of all
+    shots, those that miss fiducials among them."""
     whose = f" of {of}" if of else ""
     units = "" if min_yield is None else f" that {100 * min_yield:.6g} % of units keep"
-    return f"P{100 * quantile:.6g}{whose}{units}"
+    return f"P{100 * quantile:.6g}{whose}{units}" + (f" ({MISSED})" if missed else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,6 +285,7 @@ def _describe(check: Check) -> str:
         shots += "shots"
     else:
         shots = f"{100 * check.min_yield:.6g} % of installed units, in {shots}their own shots"
+    shots += f", {MISSED}" if check.missed else ""
     low, high = check.interval_mm
     ends = "no upper end is known" if high is None else f"between {length(low, decimals)} and {length(high, decimals)}"
     limit = f"the limit of {check.limit_mm:g} mm"
@@ -296,7 +301,6 @@ def _describe(check: Check) -> str:
 # --- tables ---------------------------------------------------------------------------------------------------
 
 BASIS = {"first order": "estimate", "Monte Carlo": "Monte Carlo"}  # what a verdict rests on, by its name in records
-MISSED = "missed fiducials included"  # after it, where the design says how often they are
 MARGIN_NOTE = "Margin: the limit less the upper end of the interval. A requirement passes where it is not negative."
 
 
@@ -321,7 +325,7 @@ class Judged(NamedTuple):
 
 def what_is_limited(check: Check) -> str:
     """The quantile and of which error, in words."""
-    return headline_of(check.quantile, check.min_yield, ERRORS[check.error])
+    return headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed)
 
 
 def _limited_briefly(check: Check) -> str:

@@ -12,7 +12,7 @@ from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
 from tailstack.results.score import budget_table, source_name, targets_table, views_table
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill
-from tailstack.results.verdicts import P95, decisive_check, name_basis, requirements_table
+from tailstack.results.verdicts import P95, decisive_check, is_of_all_shots, name_basis, requirements_table
 
 from ...rendering.sentences import (
     LOCATED,
@@ -110,9 +110,10 @@ def _chosen_budget(score: Score, target: TargetScore) -> BlockGroup:
     """Where the error at one target comes from."""
     count = len(score.targets)
     others = f" (of {count} targets; --target NAME shows another)" if count > 1 else ""
+    missed = " where no fiducial is missed" if is_of_all_shots(score.verdict) else ""
     return group(
         Paragraph(
-            f", P95 {length(target.p95_mm, score.decimals)} mm{others}",
+            f", P95 {length(target.budget_p95_mm, score.decimals)} mm{missed}{others}",
             f"Where the error at target {target.name} comes from",
         ),
         budget_table(target, score.decimals),
@@ -297,7 +298,7 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
                     draw_without,
                     target.contributors,
                     target.name,
-                    target.p95_mm,
+                    target.p95_of_budget_mm,
                     limit,
                     f"without{suffix}",
                     score.decimals,
