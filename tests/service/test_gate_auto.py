@@ -162,11 +162,13 @@ def test_missed_beads_are_simulated_where_the_estimate_cannot_tell(p95: float) -
     (open_one,) = of_rule(gate(design, mode="analytic", policy=rules), "inconclusive")
     assert "CVaR95" in open_one.message
     assert "missed" in open_one.message
-    design["fiducials"]["loss_probability"] = 0.15
+    del design["fiducials"]["points"][0]["loss_probability"]
+    design["fiducials"]["loss_probability"] = 0.1
     assert gate(design, mode="auto", policy=policy(verification=QUICK)).designs[0].trials is not None
     record = gate(design, mode="analytic")
     assert (record.verdict, record.exit_code) == ("inconclusive", 4)
     assert "miss more fiducials than are looked at" in of_rule(record, "inconclusive")[0].message
+    assert record.designs[0].targets[0].first_order_p95_mm < 3 * p95
 
 
 # --- baseline -----------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ def in_words_of_today(data: Any) -> Any:
     """Plain data of a result, its sources of error named as in the design document; the data itself stays as it is.
 
     Until version 0.1 results called the interfaces ``interface_1`` and ``interface_2``, and stated neither labels nor
-    shares of the localisation error.
+    shares of the localisation error, nor what the budget is of where fiducials are missed.
     """
     if isinstance(data, list):
         return [in_words_of_today(entry) for entry in data]
@@ -27,6 +27,7 @@ def in_words_of_today(data: Any) -> Any:
         read["worst_vertex"] = [_rename(end) for end in ends]
     if isinstance(lines := read.get("contributors"), list) and isinstance(read.get("localisation"), dict):
         _share_localisation(read, lines)
+        read.setdefault("budget_p95_mm", read.get("p95_mm"))
     return read
 
 

@@ -186,13 +186,8 @@ class TargetScore:
     """Correction by the second derivatives of the chain."""
     extrapolation: float
     """Distance of the target from the fiducials' centroid over their RMS radius."""
-    budget_p95_mm: float | None = None
-    """P95 that the budget is of, mm: that of shots in which no fiducial is missed; null in records of before."""
-
-    @property
-    def p95_of_budget_mm(self) -> float:
-        """With which the budget's P95 without a source are to be compared, mm."""
-        return self.p95_mm if self.budget_p95_mm is None else self.budget_p95_mm
+    budget_p95_mm: float
+    """P95 that the budget is of, mm: that of shots in which no fiducial is missed."""
 
 
 @dataclass(frozen=True, slots=True)

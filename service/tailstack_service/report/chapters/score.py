@@ -298,7 +298,7 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
                     draw_without,
                     target.contributors,
                     target.name,
-                    target.p95_of_budget_mm,
+                    target.budget_p95_mm,
                     limit,
                     f"without{suffix}",
                     score.decimals,
