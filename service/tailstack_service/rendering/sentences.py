@@ -149,7 +149,8 @@ def dominant_sentence(source: ErrorSource, target: TargetScore, error: str, deci
         )
     return (
         f"The largest source of error is {source.name}: {share} of the variance; were it perfect, P95 at {target.name} "
-        f"would be {length(source.line.p95_without_mm, decimals)} instead of {length(target.budget_p95_mm, decimals)} mm."
+        f"would be {length(source.line.p95_without_mm, decimals)} instead of "
+        f"{length(target.budget_p95_mm, decimals)} mm."
     )
 
 
