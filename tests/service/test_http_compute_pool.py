@@ -550,16 +550,18 @@ def test_the_losses_of_a_score_are_expected_at_what_they_take(
     score(loaded)
     size = effort.size_of(loaded)
     assert size.missed == {"": 0, "one": 1, "all": fiducials}[missed]
-    plain = effort.score_seconds([size], losses=False)
-    for seconds, other in (("GAIN_SECONDS", "LAW_SECONDS"), ("LAW_SECONDS", "GAIN_SECONDS")):
-        with monkeypatch.context() as alone:
-            alone.setattr(effort, seconds, 1.0)
-            alone.setattr(effort, other, 0.0)
-            expected = effort.score_seconds([size]) - plain
-        if seconds == "GAIN_SECONDS":
-            assert expected == pytest.approx(gains[0], rel=1e-9)
-        else:  # one to ten of a requirement at a target are asked before the worst is known
-            assert abs(expected - laws[0]) <= 10 * targets * limits
+
+    def expected(**per: float) -> float:
+        """With so many seconds for each of these, and none for the others."""
+        for name in ("GAIN_SECONDS", "LAW_SECONDS", "MISSED_SECONDS"):
+            monkeypatch.setattr(effort, name, per.get(name, 0.0))
+        return effort.score_seconds([size])
+
+    plain = expected()
+    assert expected(GAIN_SECONDS=1.0) - plain == pytest.approx(gains[0], rel=1e-9)
+    # one to ten of a requirement at a target are asked before the worst is known; a mixture is made of both errors
+    asked_for = expected(LAW_SECONDS=1.0, MISSED_SECONDS=2.0) - plain
+    assert abs(asked_for - laws[0]) <= 10 * targets * limits
 
 
 def test_what_is_asked_without_losses_is_expected_without_them() -> None:
@@ -573,7 +575,9 @@ def test_what_is_asked_without_losses_is_expected_without_them() -> None:
     assert [one.seconds for one in found] == [  # type: ignore[union-attr]
         effort.score_seconds([size]), effort.score_seconds([size], losses=False)
     ]  # fmt: skip
-    assert found[0].seconds > 5 * found[1].seconds  # type: ignore[union-attr]
+    assert found[0].seconds > found[1].seconds  # type: ignore[union-attr]
+    every = effort.score_seconds([size._replace(missed=0)], losses=False)
+    assert found[1].seconds > 5 * every, "what is missed is in every score"  # type: ignore[union-attr]
 
 
 def large_design() -> dict[str, Any]:
