@@ -16,10 +16,12 @@ from pydantic import Field, model_validator
 
 from ..arrays import frozen
 from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, Typical, refuse_coverage
+from ..ranges import Meant
 from ..system import Act, Drawn, Effect, Law, Place, Scene, Sources, System
 from ..tolerances import coverage_of
-from .kind import Doubt, EffectKind, Excess, PlausibilityTest
+from .kind import EffectKind, Excess
 
+SAG_MM = Meant("sag", "mm", 0.001, "less than anybody measures", 5.0, "a structure that sags like a rope")
 NAME, WORDS = "skeleton", "skeleton of the structure"
 LARGEST_MM = 5.0
 
@@ -27,7 +29,7 @@ LARGEST_MM = 5.0
 class Skeleton(Record):
     """How far a bead at 100 mm from the z axis may sag along z, drawn at every shot."""
 
-    half_width_mm: Annotated[HalfWidth, Typical(0.05, 1)] = Field(
+    half_width_mm: Annotated[HalfWidth, Typical(0.05, 1), SAG_MM] = Field(
         description="Half-width of the sag, mm.", examples=[0.1]
     )
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
@@ -72,21 +74,6 @@ def _say_not_modelled(system: System) -> str:
     return "" if any(effect.name == NAME for effect in system.effects) else WORDS
 
 
-def _doubt(subject: Any) -> Iterator[Doubt]:
-    own = subject.document.skeleton
-    if own is not None and own.half_width_mm > LARGEST_MM:
-        words = f"a structure that sags by more than {LARGEST_MM:g} mm is none"
-        yield Doubt("/skeleton/half_width_mm", words, own.half_width_mm, LARGEST_MM)
-
-
-ROPE = PlausibilityTest(
-    "skeleton-too-large",
-    "A structure that sags like a rope",
-    "5 mm: a judgement.",
-    _doubt,
-)
-
-
 def _limits(system: System) -> Iterator[Excess]:
     own = (effect.sources.half_width[0] for effect in system.effects if effect.name == NAME)
     if any(width > LARGEST_MM for width in own):
@@ -97,6 +84,5 @@ KIND = EffectKind(
     sections={"design": OfDesign},
     compile=_compile,
     not_modelled=_say_not_modelled,
-    doubts=(ROPE,),
     limits=_limits,
 )

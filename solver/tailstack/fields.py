@@ -16,6 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFu
 from pydantic_core import PydanticCustomError
 
 from .cures import ask_meant
+from .ranges import COVERAGE, DIRECTION, MATRIX, NOISE_PX, PLACE_MM, TURN_DEG, Meant
 
 LENGTH = 1e5  # mm
 # The interfaces of the chain, called everywhere as in the design document, in the order of the chain
@@ -115,34 +116,43 @@ Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\
 Coordinate = Annotated[float, Field(ge=-LENGTH, le=LENGTH)]
 Length = Annotated[float, Field(ge=1e-6, le=LENGTH)]
 Distance = Annotated[float, Field(ge=1, le=LENGTH)]  # of a source
-PixelPitch = Annotated[float, Field(ge=1e-4, le=100)]
+PixelPitch = Annotated[
+    float,
+    Field(ge=1e-4, le=100),
+    Meant("pixel", "mm", 0.004, "finer than any camera behind a screen (some 0.007 mm)", 1.0,
+          "coarser than any X-ray detector (some 0.4 mm)", "length-too-small", "length-too-large"),
+]  # fmt: skip
 HalfWidth = Annotated[float, Field(ge=0, le=1e3)]
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 HalfWidthDegrees = Annotated[float, Field(ge=0, le=45)]
-Pixels = Annotated[float, Field(ge=0, le=1e3)]
+Pixels = Annotated[float, Field(ge=0, le=1e3), NOISE_PX]
 Unit = Annotated[float, Field(ge=-1e6, le=1e6)]  # a component of a direction or a rotation
 Entry = Annotated[float, Field(ge=-1e12, le=1e12)]  # of a projection matrix
 
 # Lists arrive as lists; strictness stays on for what they hold.
 _lenient = Field(strict=False)
-Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient]
-Direction = Annotated[tuple[Unit, Unit, Unit], _lenient]
-Rotation3 = Annotated[tuple[Direction, Direction, Direction], _lenient]
+Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient, PLACE_MM]
+Direction = Annotated[tuple[Unit, Unit, Unit], _lenient, DIRECTION]
+Rotation3 = Annotated[tuple[Direction, Direction, Direction], _lenient, MATRIX]
 HalfWidths = Annotated[tuple[HalfWidth, HalfWidth, HalfWidth], _lenient]
 Force = Annotated[tuple[Coordinate, Coordinate, Coordinate], _lenient]
-Angles = Annotated[tuple[Degrees, Degrees, Degrees], _lenient]
-Quaternion = Annotated[tuple[Unit, Unit, Unit, Unit], _lenient]
-ImageSize = Annotated[tuple[Annotated[int, Field(ge=2, le=100_000)], Annotated[int, Field(ge=2, le=100_000)]], _lenient]
+Angles = Annotated[tuple[Degrees, Degrees, Degrees], _lenient, TURN_DEG]
+Quaternion = Annotated[tuple[Unit, Unit, Unit, Unit], _lenient, MATRIX]
+ImageSize = Annotated[
+    tuple[Annotated[int, Field(ge=2, le=100_000)], Annotated[int, Field(ge=2, le=100_000)]],
+    _lenient,
+    Meant("image", "px", 64, "fewer pixels than any detector has", 20_000, "more pixels than any detector has"),
+]
 ImagePoint = Annotated[
     tuple[Annotated[float, Field(ge=-1e6, le=1e6)], Annotated[float, Field(ge=-1e6, le=1e6)]], _lenient
 ]
 Row4 = Annotated[tuple[Entry, Entry, Entry, Entry], _lenient]
-Matrix34 = Annotated[tuple[Row4, Row4, Row4], _lenient]
-Matrix44 = Annotated[tuple[Row4, Row4, Row4, Row4], _lenient]
+Matrix34 = Annotated[tuple[Row4, Row4, Row4], _lenient, MATRIX]
+Matrix44 = Annotated[tuple[Row4, Row4, Row4, Row4], _lenient, PLACE_MM]  # that of its fourth column
 
 AnyLaw = Annotated[Distribution, one_of(Distribution)]
 RandomLaw = Literal["normal", "uniform", "triangular"]
-CoverageFactor = Annotated[float, Field(ge=0.1, le=10), Typical(1, 3)]
+CoverageFactor = Annotated[float, Field(ge=0.1, le=10), Typical(1, 3), COVERAGE]
 
 LAW_WORDS = (
     "Law of the deviation within the half-width h. normal: standard deviation h / coverage_factor; "

@@ -16,6 +16,7 @@ from .design import Design, check_design
 from .effects import EFFECTS
 from .errors import OutOfRangeError
 from .estimation.checks import examine
+from .geometry.rotation import transform_points
 from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .propagation.linear import (
     LinearModel,
@@ -289,6 +290,7 @@ def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, sec
         else SecondOrder("not requested", "ask for it with --second-order"),
         extrapolation=model.extrapolation,
         budget_p95_mm=whole.quantile_mm,
+        position_tcp_mm=vector3(transform_points(system.T_tcp_con, model.target.position_mm)),
     )
 
 

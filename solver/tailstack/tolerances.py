@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import radians
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -24,6 +25,7 @@ from .fields import (
     Record,
     refuse_coverage,
 )
+from .ranges import KNOWN_DEG, KNOWN_MM, SEAT_DEG, SEAT_MM
 from .system import TORSOR_COMPONENTS, Law, Sources
 
 DEFAULT_COVERAGE = 2.0
@@ -32,12 +34,12 @@ DEFAULT_COVERAGE = 2.0
 class Bias(Record):
     """A known displacement: X -> R (X - pivot) + pivot + t with R = Rx(rx) Ry(ry) Rz(rz)."""
 
-    rx_deg: Degrees = Field(default=0.0, description="Rotation about x, degrees.", examples=[0.1])
-    ry_deg: Degrees = Field(default=0.0, description="Rotation about y, degrees.", examples=[0.0])
-    rz_deg: Degrees = Field(default=0.0, description="Rotation about z, degrees.", examples=[0.0])
-    tx_mm: Coordinate = Field(default=0.0, description="Translation along x, mm.", examples=[0.0])
-    ty_mm: Coordinate = Field(default=0.0, description="Translation along y, mm.", examples=[0.0])
-    tz_mm: Coordinate = Field(default=0.0, description="Translation along z, mm.", examples=[0.05])
+    rx_deg: Annotated[Degrees, KNOWN_DEG] = Field(default=0.0, description="Rotation about x, degrees.", examples=[0.1])
+    ry_deg: Annotated[Degrees, KNOWN_DEG] = Field(default=0.0, description="Rotation about y, degrees.", examples=[0.0])
+    rz_deg: Annotated[Degrees, KNOWN_DEG] = Field(default=0.0, description="Rotation about z, degrees.", examples=[0.0])
+    tx_mm: Annotated[Coordinate, KNOWN_MM] = Field(default=0.0, description="Translation along x, mm.", examples=[0.0])
+    ty_mm: Annotated[Coordinate, KNOWN_MM] = Field(default=0.0, description="Translation along y, mm.", examples=[0.0])
+    tz_mm: Annotated[Coordinate, KNOWN_MM] = Field(default=0.0, description="Translation along z, mm.", examples=[0.05])
 
     @property
     def torsor(self) -> Array:
@@ -49,7 +51,9 @@ class Bias(Record):
 class RotationTolerance(Record):
     """Half-width of one rotation."""
 
-    half_width_deg: HalfWidthDegrees = Field(description="Half-width h of the rotation, degrees.", examples=[0.05])
+    half_width_deg: Annotated[HalfWidthDegrees, SEAT_DEG] = Field(
+        description="Half-width h of the rotation, degrees.", examples=[0.05]
+    )
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
@@ -59,7 +63,9 @@ class RotationTolerance(Record):
 class TranslationTolerance(Record):
     """Half-width of one translation."""
 
-    half_width_mm: HalfWidth = Field(description="Half-width h of the translation, mm.", examples=[0.02])
+    half_width_mm: Annotated[HalfWidth, SEAT_MM] = Field(
+        description="Half-width h of the translation, mm.", examples=[0.02]
+    )
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 

@@ -66,18 +66,18 @@ THEATRE = replaced(replaced(DEMO, ("temperature",), WARM), ("fiducials", "diamet
 THEATRE = replaced(THEATRE, ("views", 1, "intrinsics_prior"), {"focal_rel_sd": 0.01, "principal_point_px_sd": 10})
 THEATRE["views"][1]["intrinsics_error"] = {"focal": {"bias_rel": 0, "half_width_rel": 0.01, "distribution": "normal"}}
 CASES = [
-    ("ball-size", ("fiducials", "diameter_mm"), 0.003, 0.3, "metres: write 3"),
+    ("ball-size", ("fiducials", "diameter_mm"), 0.003, 0.3, "If metres were meant, write 3"),
     ("ball-size", ("fiducials", "diameter_mm"), 30, 15, "in one place"),
     ("share-in-percent", ("views", 1, "intrinsics_prior", "focal_rel_sd"), 1, 0.2, "write 0.01"),
-    ("share-in-percent", ("views", 1, "intrinsics_error", "focal", "half_width_rel"), 0.5, 0.1, "50 %"),
+    ("share-in-percent", ("views", 1, "intrinsics_error", "focal", "half_width_rel"), 0.5, 0.1, "50 %: which"),
     ("share-in-percent", ("views", 1, "intrinsics_error", "focal", "bias_rel"), -0.3, -0.1, "write -0.003"),
     ("share-in-percent", ("fiducials", "loss_probability"), 0.5, 0.05, "write 0.005"),
-    ("share-in-percent", ("fiducials", "points", 3, "loss_probability"), 0.9, 0, "F4: loss_probability"),
+    ("share-in-percent", ("fiducials", "points", 3, "loss_probability"), 0.9, 0, "F4 loss_probability"),
     ("expansion-too-small", ("temperature", "structure_expansion_um_per_m_k"), 47e-6, 1, "write 47"),
     ("expansion-too-small", ("temperature", "connector_expansion_um_per_m_k"), -1e-6, 0, "glass ceramic"),
-    ("half-width-too-fine", RX, 0.00035, 0.0021, "0.0201"),  # 0.02 degrees in radians
+    ("half-width-too-fine", RX, 0.00035, 0.0021, "0.02005"),  # 0.02 degrees in radians
     ("half-width-too-fine", TX, 0.00002, 0.0001, "write 0.02"),  # 0.02 mm in metres
-    ("half-width-too-fine", TX, 1e-9, 0, "Check its unit"),  # 0 says that it does not vary
+    ("half-width-too-fine", TX, 1e-9, 0, "If it does not vary at all, write 0"),  # 0 says that it does not vary
     ("half-width-too-fine", ("fiducials", "manufacturing", "half_width_mm"), 0.00005, 0.005, "write 0.05"),
     ("half-width-too-wide", RX, 1.5, 1.0, "clip-on"),
     ("half-width-too-wide", TX, 20, 0.5, "clip-on"),  # micrometres
@@ -87,10 +87,19 @@ CASES = [
     ("noise-too-large", ("views", 1, "target_noise_px"), 5.1, 5.0, "clicked by hand"),
     ("repeatability-too-wide", ("execution", "repeatability", "std_mm"), 500, 0.5, "write 0.5"),
     ("repeatability-too-wide", ("execution", "repeatability", "std_mm"), 5, 1.0, "no robot's data sheet"),
-    ("limit-too-wide", ("requirements", 0, "limit_mm"), 600, 20, "micrometres: write 0.6"),
+    ("limit-too-wide", ("requirements", 0, "limit_mm"), 600, 20, "If micrometres were meant, write 0.6"),
     ("pivot-among-fiducials", (*SEAT, "pivot_mm"), [0, 0, -9.5], [0, 0, -95], "write [0, 0, -95]"),
     ("pivot-among-fiducials", ("interfaces", "connector_flange", "pivot_mm"), [0, 0, -14.5], [0, 0, -90], "-145"),
-    ("target-in-bead", ("targets", 0, "position_mm"), [-12, 6, -53], [-12, 6, -52.4], "centre of fiducial F9"),
+    ("length-too-small", (*SEAT, "pivot_mm"), [0, 0, -0.095], [0, 0, -95], "If metres were meant, write [0, 0, -95]"),
+    (
+        "length-too-large",
+        (*SEAT, "pivot_mm"),
+        [0, 0, -95_000],
+        [0, 0, -95],
+        "micrometres were meant, write [0, 0, -95]",
+    ),
+    ("value-too-small", (*SEAT, "bias", "tz_mm"), 0.00003, 0.03, "If metres were meant, write 0.03"),
+    ("value-too-large", ("temperature", "difference_k"), 293, 20, "absolute scale"),
     ("angle-in-radians", ("transforms", "T_tcp_flange", "rotation_deg", 2), -1.5708, -90, "Write -90"),
     ("angle-in-radians", ("transforms", "T_flange_con", "rotation_deg", 0), 0.785, 0.8, "Write 45"),
     ("angle-in-radians", (*SEAT, "bias", "rz_deg"), 3.14, 3.1, "Write 180"),
@@ -103,6 +112,14 @@ def test_a_slip_is_remarked_and_its_neighbour_is_not(rule, path, value, neighbou
     assert found == [(rule, "/" + "/".join(map(str, path)))]
     assert words in sentences
     assert remarks(replaced(THEATRE, path, neighbour)) == ([], "")
+
+
+def test_a_target_in_a_bead():
+    """There is no tool there either; 1.6 mm from the bead it is clear of it."""
+    for z, rules in (-53, ["target-off-tool", "target-in-bead"]), (-52.4, ["target-off-tool"]):
+        found, sentences = remarks(replaced(THEATRE, ("targets", 0, "position_mm"), [-12, 6, z]))
+        assert [rule for rule, _ in found] == rules
+        assert ("centre of fiducial F9" in sentences) == (len(rules) == 2)
 
 
 def test_locators_are_held_to_the_same_ladder():
@@ -236,7 +253,8 @@ def test_a_target_at_the_pivot():
 
 def test_every_rule_is_met_above_and_says_where_its_numbers_come_from():
     met = {case[0] for case in CASES} | {"structure-size", "source-distance", "no-lever-arm", "detector-width"}
-    assert met == set(PLAUSIBILITY)
+    met |= {"target-in-bead", "target-off-tool"}
+    assert met | {"principal-point", "cone-too-wide", "quaternion-order"} == set(PLAUSIBILITY)  # test_written_frames
     assert all(rule.numbers and rule.title for rule in PLAUSIBILITY.values())
 
 

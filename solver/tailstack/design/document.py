@@ -8,6 +8,7 @@ are, then installation and execution errors, then the document as a whole.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import date
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -55,22 +56,57 @@ from ..fields import (
     refuse_coverage,
     share,
 )
+from ..ranges import (
+    BEAD_PLACE_MM,
+    COUNT,
+    EXTENT_MM,
+    HAND_EYE_DEG,
+    HAND_EYE_MM,
+    KNOWN_HAND_EYE_DEG,
+    KNOWN_HAND_EYE_MM,
+    LEVEL,
+    LIMIT_MM,
+    SEAT_MM,
+    SHARE,
+    TARGET_MM,
+    AnySize,
+    Meant,
+)
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, RotationForm, Triangulation
 from ..tolerances import Bias, Tolerances
 from .compliance import check_passive
 from .optimise_document import Optimise
 from .presets import PRESETS
 
+DETECTOR_MM = Meant(
+    "source to detector", "mm", 200.0, "no C-arm is that short (published ones have 1020 to 1260)", 5000.0,
+    "no C-arm is that long", "source-distance", "source-distance", by="source-distance",
+)  # fmt: skip
+ISOCENTRE_MM = Meant(
+    "source to isocentre", "mm", 100.0, "no C-arm is that short (published ones have 530 to 810)", 5000.0,
+    "no C-arm is that long", "source-distance", "source-distance", by="source-distance",
+)  # fmt: skip
+FOOT_PX = AnySize("principal-point judges it by the middle of the image")
 ALONG = {"AP": (0.0, 1.0, 0.0), "LAT": (-1.0, 0.0, 0.0)}  # beam directions in con
+
+
+FOOT_SD_PX = Meant(
+    "standard deviation of a principal point",
+    "px",
+    0.02,
+    "finer than any calibration (some 0.1 px)",
+    500.0,
+    "as wide as the image",
+)
 
 
 class IntrinsicsPrior(Record):
     """How well the intrinsics of a view are known before its fiducials are seen, as standard deviations."""
 
-    focal_rel_sd: Annotated[float, Field(ge=1e-6, le=1)] = Field(
+    focal_rel_sd: Annotated[float, Field(ge=1e-6, le=1), SHARE] = Field(
         description="Standard deviation of the focal length, as a part of it: 0.01 is 1 %.", examples=[0.01]
     )
-    principal_point_px_sd: Annotated[float, Field(ge=1e-3, le=1e4)] = Field(
+    principal_point_px_sd: Annotated[float, Field(ge=1e-3, le=1e4), FOOT_SD_PX] = Field(
         description="Standard deviation of each coordinate of the principal point, px.", examples=[10.0]
     )
 
@@ -132,7 +168,7 @@ class _Aimed(_AnyView):
         description="Direction in con that is up in the image (v runs the other way). Default z.",
         examples=[[0.0, 0.0, 1.0]],
     )
-    isocentre_mm: Point = Field(
+    isocentre_mm: Annotated[Point, TARGET_MM] = Field(
         default=(0.0, 0.0, 0.0),
         description="Where the beam's axis passes, in con, mm. Default the origin.",
         examples=[[0.0, 0.0, -30.0]],
@@ -173,10 +209,10 @@ class PresetView(_Aimed):
         examples=["siemens-cios-fusion"],
         json_schema_extra={"enum": list(PRESETS)},
     )
-    source_detector_mm: Distance | None = Field(
+    source_detector_mm: Annotated[Distance, DETECTOR_MM] | None = Field(
         default=None, description="Overrides the preset's. mm.", examples=[1020.0]
     )
-    source_isocentre_mm: Distance | None = Field(
+    source_isocentre_mm: Annotated[Distance, ISOCENTRE_MM] | None = Field(
         default=None, description="Overrides the preset's; required where the preset has none. mm.", examples=[700.0]
     )
     pixel_mm: PixelPitch | None = Field(
@@ -185,7 +221,7 @@ class PresetView(_Aimed):
     image_size_px: ImageSize | None = Field(
         default=None, description="Overrides the preset's image size [width, height], px.", examples=[[1536, 1536]]
     )
-    principal_point_px: ImagePoint | None = Field(
+    principal_point_px: Annotated[ImagePoint, FOOT_PX] | None = Field(
         default=None,
         description="Foot of the perpendicular from the source to the detector, px; pixel centres are integers, the "
         "first is (0, 0). Default the image centre.",
@@ -196,11 +232,15 @@ class PresetView(_Aimed):
 class DistanceView(_Aimed):
     """A C-arm by the numbers of its data sheet, aimed."""
 
-    source_detector_mm: Distance = Field(description="Source to detector, mm.", examples=[1020.0])
-    source_isocentre_mm: Distance = Field(description="Source to isocentre_mm, mm.", examples=[700.0])
+    source_detector_mm: Annotated[Distance, DETECTOR_MM] = Field(
+        description="Source to detector, mm.", examples=[1020.0]
+    )
+    source_isocentre_mm: Annotated[Distance, ISOCENTRE_MM] = Field(
+        description="Source to isocentre_mm, mm.", examples=[700.0]
+    )
     pixel_mm: PixelPitch = Field(description="Pixel pitch at the detector (square pixels), mm.", examples=[0.194])
     image_size_px: ImageSize = Field(description="Image [width, height], px.", examples=[[1536, 1536]])
-    principal_point_px: ImagePoint | None = Field(
+    principal_point_px: Annotated[ImagePoint, FOOT_PX] | None = Field(
         default=None,
         description="Foot of the perpendicular from the source to the detector, px; pixel centres are integers, the "
         "first is (0, 0). Default the image centre.",
@@ -222,11 +262,21 @@ class DistanceView(_Aimed):
 class Intrinsics(Record):
     """Pinhole intrinsics: u = fx x/z + skew y/z + cx, v = fy y/z + cy."""
 
-    focal_px: ImagePoint = Field(
-        description="[fx, fy], px: source-detector distance over pixel.", examples=[[5258, 5258]]
-    )
-    principal_point_px: ImagePoint = Field(description="[cx, cy], px.", examples=[[767.5, 767.5]])
-    skew_px: Entry = Field(default=0.0, description="Skew of the pixel axes, px. Default 0.", examples=[0.0])
+    focal_px: Annotated[
+        ImagePoint,
+        Meant(
+            "focal length",
+            "px",
+            200.0,
+            "shorter than the image of any X-ray source is wide",
+            1e6,
+            "longer than any detector is fine",
+        ),
+    ] = Field(description="[fx, fy], px: source-detector distance over pixel.", examples=[[5258, 5258]])
+    principal_point_px: Annotated[ImagePoint, FOOT_PX] = Field(description="[cx, cy], px.", examples=[[767.5, 767.5]])
+    skew_px: Annotated[
+        Entry, Meant("skew", "px", 0.0, "it may be as small as it likes", 100.0, "a detector has right angles")
+    ] = Field(default=0.0, description="Skew of the pixel axes, px. Default 0.", examples=[0.0])
 
     @model_validator(mode="after")
     def _focal_not_zero(self) -> Intrinsics:
@@ -283,7 +333,7 @@ class PinholeView(_AnyView):
     """Calibrated camera: intrinsics and the pose that maps con to the camera frame."""
 
     intrinsics: Intrinsics = Field(description="Pinhole intrinsics, px.")
-    pose: Transform = Field(
+    pose: Annotated[Transform, AnySize("source-distance judges where its source lies", "mm")] = Field(
         description="T_camera_con: maps con coordinates to the camera frame (source at the origin, z towards the "
         "detector, x along u, y along v). A 4x4 matrix (mm) or a rotation and translation_mm."
     )
@@ -356,7 +406,7 @@ class Locator(Record):
         description="Direction along which the contact constrains the part, in con; any length.",
         examples=[[0.0, 0.0, 1.0]],
     )
-    half_width_mm: HalfWidth = Field(
+    half_width_mm: Annotated[HalfWidth, SEAT_MM] = Field(
         description="Half-width of the contact's deviation along the normal, mm.", examples=[0.01]
     )
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
@@ -425,8 +475,32 @@ class HandEye(Record):
         description="Reduction point in the tcp frame, mm. Default its origin.",
         examples=[[0, 0, 0]],
     )
-    bias: Bias = Field(default_factory=Bias, description="Known, fixed part. Default none.")
-    tolerances: Tolerances = Field(default_factory=Tolerances, description="Half-width and law per component.")
+    bias: Annotated[Bias, KNOWN_HAND_EYE_DEG, KNOWN_HAND_EYE_MM] = Field(
+        default_factory=Bias, description="Known, fixed part. Default none."
+    )
+    tolerances: Annotated[Tolerances, HAND_EYE_DEG, HAND_EYE_MM] = Field(
+        default_factory=Tolerances, description="Half-width and law per component."
+    )
+
+
+SCATTER_MM = Meant(
+    "repeatability of a robot",
+    "mm",
+    5e-4,
+    "finer than any robot repeats (5 um, hexapods 1 um)",
+    1.0,
+    "no robot's data sheet (0.02 to 0.5 mm, ISO 9283)",
+    above="repeatability-too-wide",
+)
+LOAD_N = Meant(
+    "load of a tool",
+    "N",
+    0.05,
+    "less than the weight of 5 g",
+    500.0,
+    "more than anybody pushes a tool with",
+    together=True,
+)
 
 
 class Repeatability(Record):
@@ -434,13 +508,13 @@ class Repeatability(Record):
 
     model_config = ConfigDict(json_schema_extra=exactly_one("std_mm", "half_width_mm"))
 
-    std_mm: HalfWidth | HalfWidths | None = Field(
+    std_mm: Annotated[HalfWidth | HalfWidths | None, SCATTER_MM] = Field(
         default=None,
         description="Standard deviation of a normal law, mm: one number for the three axes, or [x, y, z]. Either this "
         "or half_width_mm.",
         examples=[0.02],
     )
-    half_width_mm: HalfWidth | HalfWidths | None = Field(
+    half_width_mm: Annotated[HalfWidth | HalfWidths | None, SCATTER_MM] = Field(
         default=None, description="Half-width, mm: one number for the three axes, or [x, y, z].", examples=[0.05]
     )
     distribution: RandomLaw | None = Field(
@@ -467,17 +541,28 @@ class Repeatability(Record):
 class Compliance(Record):
     """Elastic deflection of the tool under a load: d = C f, in the tcp frame."""
 
-    matrix_mm_per_n: Rotation3 = Field(
+    matrix_mm_per_n: Annotated[
+        Rotation3,
+        Meant(
+            "compliance",
+            "mm/N",
+            1e-4,
+            "stiffer than any robot (10 N/um: hexapods have 1 to 7 along their softest)",
+            1.0,
+            "softer than 1 N/mm",
+            together=True,
+        ),
+    ] = Field(
         description="Compliance C, row by row: deflection in mm per newton, tcp frame. Symmetric, no eigenvalue below "
         "zero.",
         examples=[[[0.002, 0, 0], [0, 0.002, 0], [0, 0, 0.0005]]],
     )
-    load_n: Force = Field(
+    load_n: Annotated[Force, LOAD_N] = Field(
         default=(0.0, 0.0, 0.0),
         description="Nominal load in newtons, tcp frame. Its deflection is a known bias. Default none.",
         examples=[[0.0, 0.0, -8.0]],
     )
-    load_half_width_n: HalfWidth | HalfWidths | None = Field(
+    load_half_width_n: Annotated[HalfWidth | HalfWidths | None, replace(LOAD_N, what="half-width of a load")] = Field(
         default=None,
         description="Half-width of the load about its nominal value, N: one number or [x, y, z]. Absent: it is "
         "constant.",
@@ -516,13 +601,13 @@ class Execution(Record):
 
 SCHEMA_NAME = "tailstack/design/1"
 
-_Side = Annotated[float, Field(ge=0, le=1e5)]
-_Sides = Annotated[tuple[_Side, _Side, _Side], Field(strict=False)]
-_Count = Annotated[int, Field(ge=1, le=20)]
+_Side = Annotated[float, Field(ge=0, le=1e5), EXTENT_MM]
+_Sides = Annotated[tuple[_Side, _Side, _Side], Field(strict=False), EXTENT_MM]
+_Count = Annotated[int, Field(ge=1, le=20), COUNT]
 _Counts = Annotated[tuple[_Count, _Count, _Count], Field(strict=False)]
 
 
-LossProbability = Annotated[float, Field(ge=0, lt=1)]
+LossProbability = Annotated[float, Field(ge=0, lt=1), SHARE]
 
 
 class FiducialPoint(Record):
@@ -531,7 +616,9 @@ class FiducialPoint(Record):
     label: Name | None = Field(
         default=None, description="Name; default F1, F2, ... by position in the list.", examples=["F1"]
     )
-    position_mm: Point = Field(description="Nominal position in con, mm.", examples=[[-40.0, 30.0, -60.0]])
+    position_mm: Annotated[Point, AnySize("structure-size judges all of them together")] = Field(
+        description="Nominal position in con, mm.", examples=[[-40.0, 30.0, -60.0]]
+    )
     loss_probability: LossProbability | None = Field(
         default=None, description="Of this fiducial, instead of the fiducials' loss_probability.", examples=[0.02]
     )
@@ -542,7 +629,7 @@ class FiducialPoint(Record):
 class Manufacturing(Record):
     """How far each fiducial may sit from its nominal position, per coordinate, independently."""
 
-    half_width_mm: HalfWidth | HalfWidths = Field(
+    half_width_mm: Annotated[HalfWidth | HalfWidths, BEAD_PLACE_MM] = Field(
         description="Half-width, mm: one number for the three axes, or [x, y, z].", examples=[0.05]
     )
     distribution: RandomLaw = Field(description=LAW_WORDS + ".", examples=["uniform"])
@@ -673,7 +760,7 @@ class Transforms(Record):
 class Box(Record):
     """A grid of targets in an axis-parallel box."""
 
-    centre_mm: Point = Field(description="Centre in con, mm.", examples=[[0.0, 0.0, 60.0]])
+    centre_mm: Annotated[Point, TARGET_MM] = Field(description="Centre in con, mm.", examples=[[0.0, 0.0, 60.0]])
     size_mm: _Sides = Field(description="Full edge lengths along x, y, z, mm.", examples=[[30.0, 20.0, 10.0]])
     points_per_axis: _Count | _Counts = Field(
         default=2,
@@ -685,8 +772,8 @@ class Box(Record):
 class Sphere(Record):
     """A ball sampled by its centre, its 6 axis points and 8 diagonal points."""
 
-    centre_mm: Point = Field(description="Centre in con, mm.", examples=[[0.0, 0.0, 60.0]])
-    radius_mm: Length = Field(description="Radius, mm.", examples=[10.0])
+    centre_mm: Annotated[Point, TARGET_MM] = Field(description="Centre in con, mm.", examples=[[0.0, 0.0, 60.0]])
+    radius_mm: Annotated[Length, EXTENT_MM] = Field(description="Radius, mm.", examples=[10.0])
 
 
 class Region(Record):
@@ -710,7 +797,7 @@ class TargetDocument(Record):
     model_config = ConfigDict(json_schema_extra=exactly_one("position_mm", "region"))
 
     name: Name = Field(description="Name, unique.", examples=["tip"])
-    position_mm: Point | None = Field(
+    position_mm: Annotated[Point | None, TARGET_MM] = Field(
         default=None, description="Position in con, mm. Either this or region.", examples=[[0.0, 0.0, 70.0]]
     )
     region: Region | None = Field(default=None, description="Target region in con.")
@@ -723,6 +810,11 @@ class TargetDocument(Record):
         return self
 
 
+YIELD = Meant(
+    "yield", "of 1", 0.5, "the part that fails, perhaps: it is the part of units that are good", 1.0, "all of them"
+)
+
+
 class RequirementDocument(Record):
     """What the design promises."""
 
@@ -732,11 +824,11 @@ class RequirementDocument(Record):
         description="tcp: error at the tool, everything included. localisation: of the reconstructed target in con.",
         examples=["tcp"],
     )
-    quantile: Annotated[float, Field(ge=0.5, le=0.9999)] = Field(
+    quantile: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
         default=0.95, description="Quantile of the error's norm that is limited. Default 0.95.", examples=[0.95]
     )
-    limit_mm: Length = Field(description="The quantile must not exceed this, mm.", examples=[2.0])
-    confidence: Annotated[float, Field(ge=0.5, le=0.9999)] = Field(
+    limit_mm: Annotated[Length, LIMIT_MM] = Field(description="The quantile must not exceed this, mm.", examples=[2.0])
+    confidence: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
         default=0.95,
         description="Confidence of the interval the Monte Carlo verdict is taken from. Default 0.95.",
         examples=[0.95],
@@ -749,7 +841,7 @@ class RequirementDocument(Record):
         description="pooled: over installed units and shots together. per_unit: each unit on its own; see min_yield.",
         examples=["pooled"],
     )
-    min_yield: Annotated[float, Field(gt=0, lt=1)] | None = Field(
+    min_yield: Annotated[float, Field(gt=0, lt=1), YIELD] | None = Field(
         default=None,
         description="per_unit only, required there: fraction of installed units whose own quantile meets the limit.",
         examples=[0.95],

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, groupby, product
+from itertools import chain, product
 from math import inf
 from typing import Any, NamedTuple
 
@@ -18,18 +18,31 @@ import numpy as np
 from ..arrays import Array, frozen
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import sight
-from ..geometry.camera import camera_centre, intrinsic_matrix, projection_from_pose
-from ..geometry.rotation import rigid_transform
+from ..geometry.camera import camera_centre, image_centre_px, intrinsic_matrix, projection_from_pose
+from ..geometry.rotation import rigid_transform, rotation_from_quaternion
+from ..ranges import LENGTHS as UNITS
 from ..system import View
 from .cameras import aim_view, compile_transform, compile_view, find_detector
-from .document import DesignDocument, DistanceView, MatrixView, PinholeView, Pose, PresetView
+from .document import (
+    DETECTOR_MM,
+    ISOCENTRE_MM,
+    DesignDocument,
+    DistanceView,
+    MatrixView,
+    PinholeView,
+    Pose,
+    PresetView,
+)
+from .presets import PRESETS
 from .target_points import expand_target
 
-UNITS = {"centimetres": 10.0, "inches": 25.4, "metres": 1000.0, "micrometres": 1e-3}  # and how many mm one is
-SHORTEST_MM = {"source_detector_mm": 200.0, "source_isocentre_mm": 100.0}
+SHORTEST_MM = {"source_detector_mm": DETECTOR_MM.least, "source_isocentre_mm": ISOCENTRE_MM.least}
+ASIDE, IN_THE_MIDDLE = 0.1, 0.05  # of the image: a principal point that is off, and one that another reading mends
 LONGEST_SOURCE_MM = 5000.0
 USUAL_SOURCE_MM = (300.0, 1500.0)  # from the middle of the fiducials: what a change of unit has to lead to
 USUAL_WIDTH_MM = (30.0, 375.0)  # of a structure: likewise
+# Published C-arms and a tenth more: from source to detector, and to the isocentre, which lies behind the middle
+ARMS_MM, ISOCENTRES_MM, NEAREST_ISOCENTRE = (900.0, 1400.0), (500.0, 900.0), 0.485
 TURNED = np.diag([1.0, -1.0, -1.0, 1.0])  # from the camera axes of OpenGL, y up and z away from the detector
 _PLACED = ("behind-source", "outside-view", "behind-detector")  # refusals that another meaning may be the cure of
 
@@ -67,23 +80,24 @@ class Meaning(NamedTuple):
     rescaled: bool  # some length has another unit
 
 
-def find_meanings(view: Any, scene: WrittenPoints) -> list[Meaning]:
-    """Ways to read a view of the document, as it is not written, that show everything; those with fewest changes."""
-    for _, alike in groupby(sorted(_list_meanings(view, scene), key=_changes), key=_changes):
-        fitting = [
-            each
-            for each in alike
-            if scene.shows(
-                each.view, each.detector_mm, *(USUAL_SOURCE_MM if each.rescaled else (100.0, LONGEST_SOURCE_MM))
-            )
-        ]
-        if fitting:
-            return fitting
-    return []
+def find_meanings(view: Any, scene: WrittenPoints, beside: Sequence[Any] = ()) -> list[Meaning]:
+    """Ways to read a view of the document, as it is not written, that show everything; those with fewest changes.
+
+    beside: views that are refused with it; who writes one camera in another way writes all of them so, and a way that
+    fits all goes before one that fits this view alone."""
+    fitting = _list_fitting(view, scene)
+    others = [{each.words for each in _list_fitting(other, scene)} for other in beside]
+    fitting = [each for each in fitting if all(each.words in words for words in others)] or fitting
+    return [each for each in fitting if each.changes == fitting[0].changes]
 
 
-def _changes(meaning: Meaning) -> int:
-    return meaning.changes
+def _list_fitting(view: Any, scene: WrittenPoints) -> list[Meaning]:
+    fitting = [
+        each
+        for each in _list_meanings(view, scene)
+        if scene.shows(each.view, each.detector_mm, *(USUAL_SOURCE_MM if each.rescaled else (100.0, LONGEST_SOURCE_MM)))
+    ]
+    return sorted(fitting, key=lambda meaning: meaning.changes)
 
 
 def _list_meanings(view: Any, scene: WrittenPoints) -> Iterator[Meaning]:
@@ -101,21 +115,27 @@ def _list_meanings(view: Any, scene: WrittenPoints) -> Iterator[Meaning]:
 def _read_pose(view: PinholeView, scene: WrittenPoints) -> Iterator[Meaning]:
     written = compile_transform(view.pose, "", [])
     plain, given = compile_view(view, "", scene.fiducials_mm, []), view.intrinsics
+    feet = list(read_foot(view))
+    for words, foot in feet:
+        camera = intrinsic_matrix(given.focal_px, foot, given.skew_px)
+        read = replace(plain, projection=frozen(projection_from_pose(camera, written)))
+        yield Meaning(1, words, f"principal_point_px: {write_numbers(foot)}", read, inf, False)
     middle = np.append(scene.fiducials_mm.mean(axis=0), 1.0)
-    for inverted, turned in product((False, True), repeat=2):
+    for (form, base), turned in product(read_transform(view.pose, written, "the camera to con"), (False, True)):
         focal_px = (-given.focal_px[0], given.focal_px[1]) if turned and min(given.focal_px) < 0 else given.focal_px
         camera = intrinsic_matrix(focal_px, given.principal_point_px, given.skew_px)
-        as_written = _turn(written, 1.0, inverted, turned)
-        usual = 100.0 <= float(np.linalg.norm(as_written[:3] @ middle)) <= LONGEST_SOURCE_MM
+        as_read = TURNED @ base if turned else base
+        usual = 100.0 <= float(np.linalg.norm(as_read[:3] @ middle)) <= LONGEST_SOURCE_MM
         for unit, factor in [("", 1.0)] if usual else [("", 1.0), *UNITS.items()]:
             parts = [f"its translation in {unit}"] * bool(unit)
-            parts += ["its pose read as its inverse, which maps the camera to con"] * inverted
+            parts += [f"its pose read as {form}"] * bool(form)
             parts += ["the camera axes turned, as computer graphics has z away from the detector"] * turned
             if not parts:
                 continue
-            pose = _turn(written, factor, inverted, turned)
+            pose = as_read * np.array([1.0, 1.0, 1.0, factor])
+            pose[3, 3] = 1.0
             cure = f"pose: {write_numbers(pose)}"
-            if not (inverted or turned):
+            if not turned and form in ("", ELSEWHERE):
                 numbers = write_numbers(pose[:3, 3])
                 whole = not isinstance(view.pose, Pose)
                 cure = f"{numbers} as the fourth column of pose" if whole else f"translation_mm: {numbers}"
@@ -125,14 +145,66 @@ def _read_pose(view: PinholeView, scene: WrittenPoints) -> Iterator[Meaning]:
                     "three rows of the pose as projection, whose sign is free"
                 )
             read = replace(plain, projection=frozen(projection_from_pose(camera, pose)))
-            yield Meaning(len(parts), " and ".join(parts), cure, read, inf, bool(unit))
+            yield Meaning(len(parts) + bool(feet), " and ".join(parts), cure, read, inf, bool(unit))
 
 
-def _turn(pose: Array, factor: float, inverted: bool, turned: bool) -> Array:
-    """A pose (4, 4) with its translation in another unit, then its inverse, then from other camera axes."""
-    rotation, shift = pose[:3, :3], factor * pose[:3, 3]
-    read = rigid_transform(rotation.T, -rotation.T @ shift) if inverted else rigid_transform(rotation, shift)
-    return TURNED @ read if turned else read
+ELSEWHERE = "its rotation beside the place of the other origin"
+
+
+def read_transform(written: Any, matrix: Array, way: str) -> Iterator[tuple[str, Array]]:
+    """A transform (4, 4) as it is written, and as what else its numbers may be: the inverse (``way``: what that maps),
+    whole or in one of its two parts, or a quaternion with the scalar last."""
+    rotation, shift = matrix[:3, :3], matrix[:3, 3]
+    yield "", matrix
+    yield f"its inverse, which maps {way}", rigid_transform(rotation.T, -rotation.T @ shift)
+    yield ELSEWHERE, rigid_transform(rotation, -rotation @ shift)
+    yield "its translation beside the inverse rotation", rigid_transform(rotation.T, shift)
+    if isinstance(written, Pose) and written.quaternion_wxyz is not None:
+        last = np.roll(written.quaternion_wxyz, 1)
+        yield "its quaternion with the scalar last", rigid_transform(rotation_from_quaternion(last), shift)
+
+
+def read_isocentre(view: PresetView | DistanceView) -> Iterator[tuple[str, float]]:
+    """The distance to the isocentre as that from isocentre to detector, where it would then be that of a C-arm."""
+    near, detector = view.source_isocentre_mm, find_detector(view)
+    if near is not None and near < NEAREST_ISOCENTRE * detector and ARMS_MM[0] <= detector <= ARMS_MM[1]:
+        far = detector - near
+        if ISOCENTRES_MM[0] <= far <= ISOCENTRES_MM[1]:
+            yield "source_isocentre_mm from isocentre to detector", far
+
+
+def read_foot(view: Any) -> Iterator[tuple[str, tuple[float, float]]]:
+    """What else the principal point of a view may be that is far from the middle of the image, where that is near."""
+    size, foot, pixel = state_foot(view)
+    if size is None or foot is None or lies_aside(foot, size) <= ASIDE:
+        return
+    middle = image_centre_px(size)
+    pixel = pixel or max(map(abs, foot)) / max(middle) or 1.0  # without one, that with which it would be in the middle
+    read = {
+        "in millimetres": (foot[0] / pixel, foot[1] / pixel),
+        "from the middle of the image": (middle[0] + foot[0], middle[1] + foot[1]),
+        "from the middle of the image, in millimetres": (middle[0] + foot[0] / pixel, middle[1] + foot[1] / pixel),
+        "with the other sign": (abs(foot[0]), abs(foot[1])),
+        "with v before u": (foot[1], foot[0]),
+    }
+    near = [each for each in read.items() if lies_aside(each[1], size) <= IN_THE_MIDDLE]
+    yield from ((f"its principal point {words}", place) for words, place in near[:1])
+
+
+def state_foot(view: Any) -> tuple[tuple[int, int] | None, tuple[float, float] | None, float | None]:
+    """Size of the image, px, principal point, px, and pixel, mm, as a view or its preset states them."""
+    preset = PRESETS.get(getattr(view, "preset", ""))
+    size: tuple[int, int] | None = view.image_size_px or getattr(preset, "image_size_px", None)
+    if isinstance(view, MatrixView):
+        return size, None, None
+    if isinstance(view, PinholeView):
+        return size, view.intrinsics.principal_point_px, None
+    return size, view.principal_point_px, view.pixel_mm or getattr(preset, "pixel_mm", None)
+
+
+def lies_aside(foot: tuple[float, float], size: tuple[int, int]) -> float:
+    """How far a principal point is from the middle of the image, as a part of its width or height, the larger."""
+    return max(abs(own - middle) / whole for own, middle, whole in zip(foot, image_centre_px(size), size, strict=True))
 
 
 def _read_matrix(view: MatrixView, scene: WrittenPoints) -> Iterator[Meaning]:
@@ -151,6 +223,15 @@ def _read_matrix(view: MatrixView, scene: WrittenPoints) -> Iterator[Meaning]:
 def _read_distances(view: PresetView | DistanceView, scene: WrittenPoints) -> Iterator[Meaning]:
     short = [field for field, least in SHORTEST_MM.items() if (own := getattr(view, field)) is not None and own < least]
     fields = [[short], [["isocentre_mm"]], [short, ["isocentre_mm"]]] if short else [[["isocentre_mm"]]]
+    plain, feet = compile_view(view, "", scene.fiducials_mm, []), list(read_foot(view))
+    for words, foot in feet:
+        changed = view.model_copy(update={"principal_point_px": foot})
+        read = replace(plain, projection=frozen(aim_view(changed)[0]))
+        yield Meaning(1, words, f"principal_point_px: {write_numbers(foot)}", read, find_detector(view), False)
+    for words, far in read_isocentre(view):
+        changed = view.model_copy(update={"source_isocentre_mm": far})
+        read = replace(plain, projection=frozen(aim_view(changed)[0]))
+        yield Meaning(1, words, f"source_isocentre_mm: {write_numbers(far)}", read, find_detector(view), True)
     for groups, (unit, factor) in product(fields, UNITS.items()):
         names = [name for group in groups for name in group]
         if "isocentre_mm" in names and not any(view.isocentre_mm):
@@ -160,8 +241,8 @@ def _read_distances(view: PresetView | DistanceView, scene: WrittenPoints) -> It
         words = f"{' and '.join(names)} in {unit}"
         cure = ", ".join(f"{name}: {write_numbers(value)}" for name, value in update.items())
         projection, _ = aim_view(changed)
-        read = replace(compile_view(view, "", scene.fiducials_mm, []), projection=frozen(projection))
-        yield Meaning(len(groups), words, cure, read, find_detector(changed), bool(short))
+        read = replace(plain, projection=frozen(projection))
+        yield Meaning(len(groups) + bool(feet), words, cure, read, find_detector(changed), bool(short))
 
 
 def _scale(value: Any, factor: float) -> Any:
@@ -178,9 +259,9 @@ def write_numbers(values: Any) -> str:
 # --- what is said -----------------------------------------------------------------------------------------
 
 
-def say_meanings(view: Any, scene: WrittenPoints) -> str:
+def say_meanings(view: Any, scene: WrittenPoints, beside: Sequence[Any] = ()) -> str:
     """What to write in a view so that it shows everything, without a point at its end; empty: nothing was found."""
-    meanings = find_meanings(view, scene)
+    meanings = find_meanings(view, scene, beside)
     where = "in front of the source" + (" and inside the image" if _states_size(view) else "")
     if len(meanings) == 1:
         return f"with {meanings[0].words}, all fiducials and targets lie {where}: write {meanings[0].cure}"
@@ -218,12 +299,15 @@ def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Seq
     """Problems of what a view shows, with what to do in a view of that kind."""
     hints: dict[str, str] = {}
     explained = []
+    refused = {int(each.pointer.split("/")[2]) for each in problems if each.code in _PLACED}
     for problem in problems:
         if problem.code in _PLACED:
-            view = document.views[int(problem.pointer.split("/")[2])]
+            index = int(problem.pointer.split("/")[2])
+            view = document.views[index]
+            beside = [document.views[k] for k in sorted(refused - {index}) if type(document.views[k]) is type(view)]
             first = problem.pointer not in hints
             meant = hints.setdefault(
-                problem.pointer, (say_meanings(view, scene) or _say_targets(document, scene)) if first else ""
+                problem.pointer, (say_meanings(view, scene, beside) or _say_targets(document, scene)) if first else ""
             )
             problem = replace(
                 problem, hint=(meant if first else "") if meant else _say_nothing_fits(view, problem.code)
@@ -233,6 +317,12 @@ def explain_places(document: DesignDocument, scene: WrittenPoints, problems: Seq
 
 
 def _say_nothing_fits(view: Any, code: str) -> str:
+    size, foot, _ = state_foot(view)
+    if size is not None and foot is not None and lies_aside(foot, size) > ASIDE:
+        return (
+            f"check principal_point_px first: {write_numbers(foot)} is far from the middle of the image, "
+            f"{write_numbers(image_centre_px(size))}"
+        )
     if code == "outside-view":
         if isinstance(view, PresetView | DistanceView):
             return "move it, isocentre_mm or the source; a longer source_isocentre_mm widens the field"

@@ -5,18 +5,45 @@ Where fiducials may go, may not go and how they repeat is said by shapes in con,
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from ..fields import Direction, Distance, HalfWidth, HalfWidthDegrees, Length, Name, Point, Record, refusal
+from ..ranges import (
+    CONE_DEG,
+    COUNT,
+    DISTANCE_PX,
+    EXTENT_MM,
+    LIMIT_MM,
+    MONEY,
+    SEAT_DEG,
+    SEAT_MM,
+    SPACING_MM,
+    TARGET_MM,
+    AnySize,
+    Meant,
+)
 
 InterfaceName = Literal["structure_connector", "connector_flange"]
-_Weight = Annotated[float, Field(gt=0, le=1e9)]
-_Degrees = Annotated[float, Field(ge=1e-4, le=10)]
-_Millimetres = Annotated[float, Field(ge=1e-5, le=100)]
-_Spacing = Annotated[float, Field(ge=0, le=1e4)]
-_Count = Annotated[int, Field(ge=6, le=1000)]
+FREE_DEG = replace(SEAT_DEG, what="half-width that is free", most=5.0, high="wider than anybody leaves a seat")
+FREE_MM = replace(SEAT_MM, what="half-width that is free", most=5.0, high="wider than anybody leaves a seat")
+REACH_MM = Meant(
+    "source to isocentre, where it is free",
+    "mm",
+    200.0,
+    "nearer than any C-arm that can be moved (530 to 810 mm)",
+    3000.0,
+    "further than any C-arm",
+    "length-too-small",
+    "length-too-large",
+)
+_Weight = Annotated[float, Field(gt=0, le=1e9), MONEY]
+_Degrees = Annotated[float, Field(ge=1e-4, le=10), FREE_DEG]
+_Millimetres = Annotated[float, Field(ge=1e-5, le=100), FREE_MM]
+_Spacing = Annotated[float, Field(ge=0, le=1e4), DISTANCE_PX]
+_Count = Annotated[int, Field(ge=6, le=1000), COUNT]
 
 
 class Count(Record):
@@ -24,7 +51,7 @@ class Count(Record):
 
     min: _Count = Field(description="Fewest fiducials, fixed ones included; at least 6.", examples=[8])
     max: _Count = Field(description="Most fiducials, fixed ones included.", examples=[16])
-    cost_per_fiducial: Annotated[float, Field(ge=0, le=1e9)] = Field(
+    cost_per_fiducial: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(
         default=0.0, description="Added to the cost for each fiducial. Default 0.", examples=[20.0]
     )
 
@@ -39,14 +66,14 @@ class Survive(Record):
     """What holds when fiducials are lost."""
 
     lost: Literal[1, 2] = Field(description="So many fiducials may be lost in all views, whichever.", examples=[1])
-    limit_mm: Length = Field(
+    limit_mm: Annotated[Length, LIMIT_MM] = Field(
         description="P95 of the error at the tool stays within this then, at every target that a requirement names, "
         "mm.",
         examples=[0.5],
     )
 
 
-_Reach = Annotated[tuple[Distance, Distance], Field(strict=False)]
+_Reach = Annotated[tuple[Distance, Distance], Field(strict=False), REACH_MM]
 
 
 def _check_reach(reach_mm: tuple[float, float] | None) -> None:
@@ -61,7 +88,7 @@ class FreeView(Record):
     view: Name = Field(
         description="Name of the view: one that is aimed, by a preset or by distances.", examples=["LAT"]
     )
-    cone_deg: Annotated[float, Field(ge=0, le=90)] = Field(
+    cone_deg: Annotated[float, Field(ge=0, le=90), CONE_DEG] = Field(
         default=0.0,
         description="How far its beam may turn about isocentre_mm from where it is, deg; the image turns with it. "
         "Default 0.",
@@ -90,12 +117,12 @@ class AddedView(Record):
         description="The aimed view that it is a copy of, isocentre, detector, noise and all, but for its direction.",
         examples=["AP"],
     )
-    price: Annotated[float, Field(ge=0, le=1e9)] = Field(
+    price: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(
         description="What it costs, in the unit of what is minimised. It is added where it saves more than that, or "
         "where no design keeps the limits without it.",
         examples=[300.0],
     )
-    cone_deg: Annotated[float, Field(gt=0, le=90)] = Field(
+    cone_deg: Annotated[float, Field(gt=0, le=90), CONE_DEG] = Field(
         default=90.0,
         description="How far its beam may be turned from that of `like` about isocentre_mm, deg; the image turns with "
         "it. Default 90: half of all directions, and the others are nearly the same from behind.",
@@ -157,13 +184,13 @@ class Grade(Record):
     """One process and what it costs."""
 
     name: Name = Field(description="Name of the process grade, unique in its table.", examples=["ground, IT5"])
-    half_width_deg: HalfWidthDegrees | None = Field(
+    half_width_deg: Annotated[HalfWidthDegrees, SEAT_DEG] | None = Field(
         default=None, description="Half-width it holds, degrees (rotations).", examples=[0.05]
     )
-    half_width_mm: HalfWidth | None = Field(
+    half_width_mm: Annotated[HalfWidth, SEAT_MM] | None = Field(
         default=None, description="Half-width it holds, mm (translations and locators).", examples=[0.01]
     )
-    price: Annotated[float, Field(ge=0, le=1e9)] = Field(description="What it costs.", examples=[120.0])
+    price: Annotated[float, Field(ge=0, le=1e9), MONEY] = Field(description="What it costs.", examples=[120.0])
 
     @model_validator(mode="after")
     def _one_width(self) -> Grade:
@@ -286,16 +313,19 @@ class FreePivot(Record):
     box: SearchBox = Field(description="Where its pivot may be.")
 
 
+FACTOR = Meant("factor on distances", "", 0.1, "less than a tenth of them", 10.0, "more than ten times them")
+
+
 class LocatorSpacing(Record):
     """Six locators that may be spread or drawn together about their centre."""
 
     interface: InterfaceName = Field(
         description="Which interface; it declares locators.", examples=["structure_connector"]
     )
-    min_scale: Annotated[float, Field(ge=0.01, le=100)] = Field(
+    min_scale: Annotated[float, Field(ge=0.01, le=100), FACTOR] = Field(
         description="Smallest factor on the distances from the locators' centre.", examples=[0.5]
     )
-    max_scale: Annotated[float, Field(ge=0.01, le=100)] = Field(description="Largest factor.", examples=[1.5])
+    max_scale: Annotated[float, Field(ge=0.01, le=100), FACTOR] = Field(description="Largest factor.", examples=[1.5])
 
     @model_validator(mode="after")
     def _check_order(self) -> LocatorSpacing:
@@ -308,11 +338,11 @@ class LocatorSpacing(Record):
 class Front(Record):
     """Limits at which the least cost is found."""
 
-    points: Annotated[int, Field(ge=2, le=50)] = Field(default=9, description="Points. Default 9.", examples=[9])
-    min_limit_mm: Length | None = Field(
+    points: Annotated[int, Field(ge=2, le=50), COUNT] = Field(default=9, description="Points. Default 9.", examples=[9])
+    min_limit_mm: Annotated[Length, LIMIT_MM] | None = Field(
         default=None, description="Tightest limit, mm. Default just above the smallest attainable.", examples=[0.6]
     )
-    max_limit_mm: Length | None = Field(
+    max_limit_mm: Annotated[Length, LIMIT_MM] | None = Field(
         default=None, description="Loosest limit, mm. Default twice the requirement's.", examples=[2.0]
     )
 
@@ -343,7 +373,7 @@ class Optimise(Record):
         "Default cost, or quantile when no tolerance is free.",
         examples=["cost"],
     )
-    cost_limit: Annotated[float, Field(gt=0, le=1e12)] | None = Field(
+    cost_limit: Annotated[float, Field(gt=0, le=1e12), MONEY] | None = Field(
         default=None, description="objective: quantile with free tolerances only; what may be spent.", examples=[2000]
     )
     front: Front | None = Field(default=None, description="objective: pareto only; which limits. Default nine.")
@@ -369,7 +399,7 @@ class Optimise(Record):
         description="Views that may be aimed otherwise, beside what else is free: the best of a few directions that "
         "are tried. One entry may add a view at a price. Default none.",
     )
-    min_spacing_mm: _Spacing = Field(
+    min_spacing_mm: Annotated[_Spacing, SPACING_MM] = Field(
         default=10.0, description="Smallest distance between two fiducials, mm. Default 10.", examples=[12.0]
     )
     min_projected_spacing_px: _Spacing = Field(
@@ -403,10 +433,10 @@ class Optimise(Record):
     locator_spacing: Annotated[list[LocatorSpacing], Field(max_length=2)] = Field(
         default=[], description="Locator patterns that may be spread. Default none."
     )
-    starts: Annotated[int, Field(ge=1, le=256)] = Field(
+    starts: Annotated[int, Field(ge=1, le=256), COUNT] = Field(
         default=8, description="Number of starting layouts. Default 8.", examples=[8]
     )
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = Field(
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1), AnySize("any number is a seed")] = Field(
         default=1, description="Seed of the starts and of the check. Default 1.", examples=[1]
     )
 
@@ -491,8 +521,8 @@ class Optimise(Record):
 class SearchBox(Record):
     """Axis-parallel box in con."""
 
-    min_mm: Point = Field(description="Lowest corner, con, mm.", examples=[[-50.0, -50.0, -90.0]])
-    max_mm: Point = Field(description="Highest corner, con, mm.", examples=[[50.0, 50.0, 10.0]])
+    min_mm: Annotated[Point, TARGET_MM] = Field(description="Lowest corner, con, mm.", examples=[[-50.0, -50.0, -90.0]])
+    max_mm: Annotated[Point, TARGET_MM] = Field(description="Highest corner, con, mm.", examples=[[50.0, 50.0, 10.0]])
 
     @model_validator(mode="after")
     def _check_order(self) -> SearchBox:
@@ -505,13 +535,17 @@ class SearchBox(Record):
 class SearchCylinder(Record):
     """Cylinder in con, or the tube between two radii."""
 
-    base_mm: Point = Field(description="Centre of the base, con, mm.", examples=[[0.0, 0.0, -90.0]])
+    base_mm: Annotated[Point, TARGET_MM] = Field(
+        description="Centre of the base, con, mm.", examples=[[0.0, 0.0, -90.0]]
+    )
     axis: Direction = Field(
         default=(0.0, 0.0, 1.0), description="Direction from base to top; any length. Default z.", examples=[[0, 0, 1]]
     )
-    height_mm: Annotated[float, Field(ge=0, le=1e5)] = Field(description="Height along the axis, mm.", examples=[100.0])
-    radius_mm: Length = Field(description="Outer radius, mm.", examples=[50.0])
-    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5)] = Field(
+    height_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(
+        description="Height along the axis, mm.", examples=[100.0]
+    )
+    radius_mm: Annotated[Length, EXTENT_MM] = Field(description="Outer radius, mm.", examples=[50.0])
+    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(
         default=0.0,
         description="Inner radius of a tube, mm; equal to radius_mm: on the surface. Default 0.",
         examples=[40.0],
@@ -528,9 +562,9 @@ class SearchCylinder(Record):
 class SearchBall(Record):
     """Ball in con, or the shell between two radii."""
 
-    centre_mm: Point = Field(description="Centre, con, mm.", examples=[[0.0, 0.0, -40.0]])
-    radius_mm: Length = Field(description="Outer radius, mm.", examples=[60.0])
-    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5)] = Field(
+    centre_mm: Annotated[Point, TARGET_MM] = Field(description="Centre, con, mm.", examples=[[0.0, 0.0, -40.0]])
+    radius_mm: Annotated[Length, EXTENT_MM] = Field(description="Outer radius, mm.", examples=[60.0])
+    inner_radius_mm: Annotated[float, Field(ge=0, le=1e5), EXTENT_MM] = Field(
         default=0.0,
         description="Inner radius of a shell, mm; equal to radius_mm: on the surface. Default 0.",
         examples=[50.0],
@@ -588,7 +622,7 @@ class KeepOutZone(Shaped):
     """Where no moved fiducial may be."""
 
     name: Name = Field(description="What is there: it is named when it binds.", examples=["clamp"])
-    clearance_mm: Annotated[float, Field(ge=0, le=1e4)] = Field(
+    clearance_mm: Annotated[float, Field(ge=0, le=1e4), SPACING_MM] = Field(
         default=0.0, description="Distance fiducial centres keep from the zone, mm. Default 0.", examples=[3.0]
     )
 
@@ -611,7 +645,7 @@ class Turn(Record):
     axis: Direction = Field(
         default=(0.0, 0.0, 1.0), description="Direction of the axis, con. Default z.", examples=[[0, 0, 1]]
     )
-    order: Annotated[int, Field(ge=2, le=24)] = Field(
+    order: Annotated[int, Field(ge=2, le=24), COUNT] = Field(
         description="Copies per turn: 3 repeats the pattern every 120 degrees.", examples=[3]
     )
 

@@ -1,15 +1,15 @@
 """Remarks on values that are allowed and hardly ever meant: a slip of unit, a seat nobody can make, no noise at all.
 
-A design document accepts a wide range, so that no honest design is refused.  The rules here are narrower and refuse
-nothing: each says what it met, why it doubts that, and what to do.  Their numbers are published ones where there are
-any, and each rule states where its numbers come from.
+A design document accepts a wide range, so that no honest design is refused.  Nothing here is refused: each number is
+held to the range that stands beside its field (``ranges``), and a few rules look at several numbers together.  Each
+says what it met, why it doubts that, and what to do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from math import dist, hypot, pi
+from math import asin, degrees, dist, hypot, pi
+from typing import Any
 
 import numpy as np
 
@@ -17,17 +17,20 @@ from tailstack.fields import INTERFACES
 
 from ..arrays import Array
 from ..effects import EFFECTS
-from ..effects.kind import Doubt, PlausibilityTest, Subject, guess_unit
+from ..effects.kind import Doubt, PlausibilityTest, Subject
 from ..errors import Problem
-from ..geometry.camera import camera_centre
+from ..geometry.camera import camera_centre, image_centre_px
+from ..ranges import LENGTHS, SLIPS, Meant, Number, list_numbers
 from ..results import Finding
 from ..system import System
-from ..tolerances import Bias, Tolerances
+from ..tolerances import Bias
+from .cameras import find_detector
 from .document import (
+    DETECTOR_MM,
+    ISOCENTRE_MM,
     DesignDocument,
     DistanceView,
     Interface,
-    MatrixView,
     PinholeView,
     Pose,
     PresetView,
@@ -35,54 +38,98 @@ from .document import (
     TargetDocument,
 )
 from .loading import Design
-from .meanings import SHORTEST_MM, UNITS, WrittenPoints, find_units_of_points, say_meanings
+from .meanings import (
+    ARMS_MM,
+    NEAREST_ISOCENTRE,
+    WrittenPoints,
+    find_units_of_points,
+    lies_aside,
+    read_foot,
+    read_isocentre,
+    say_meanings,
+    state_foot,
+    write_numbers,
+)
 from .presets import PRESETS
+from .tool import FARTHEST_MM, find_readings
 
+BESIDE = "The range beside the field: docs/design.md lists them with their sources."
 BEAD_MM = 3.0  # diameter of the beads that localisation noise is quoted for
-FINEST_DEG, FINEST_MM = 0.002, 1e-4
-WIDEST_DEG, WIDEST_MM = 1.0, 1.0
-BEST_NOISE_PX, WORST_NOISE_PX = 0.015, 5.0
-WIDEST_REPEATABILITY_MM = 1.0
-WIDEST_LIMIT_MM = 20.0
 SMALLEST_STRUCTURE_MM, LARGEST_STRUCTURE_MM = 5 * BEAD_MM, 750.0
-SHORTEST_DETECTOR_MM, SHORTEST_ISOCENTRE_MM = SHORTEST_MM["source_detector_mm"], SHORTEST_MM["source_isocentre_mm"]
+WIDEST_CONE, MM_CONE = 0.7, 1.5  # focal length over width of the image; the same of one that is a distance in mm
+FARTHEST_ASIDE = 0.45  # of an image, its principal point from its middle
 SAME_WIDTH = 0.01  # relative, of two detectors
-LARGEST_SHARE = 0.2
 # A multiple of 30 or 45 degrees, in radians, written with three digits or more: 1.57, 0.785, 3.1416.
 TURNS = sorted({k * pi / n for n in (4, 6) for k in range(1, 2 * n + 1)})
 SAME_TURN = 6e-4  # relative: 1.57 is nearer to a quarter turn
+LAST_SCALAR = 0.99  # of a quaternion: scalar last it is a turn by less than 16 degrees, scalar first nearly half a turn
 
 _ROTATIONS = ("rx", "ry", "rz")
-_COMPONENTS = (*_ROTATIONS, "tx", "ty", "tz")
 
 
 def find_implausible(design: Design, system: System) -> tuple[Finding, ...]:
-    """A warning for each value that a rule doubts, in the order of :data:`PLAUSIBILITY`."""
+    """A warning for each value that is doubted, in the order of :data:`PLAUSIBILITY`."""
     subject = Subject(design.document, system.fiducials_mm, system, system.fiducial_labels)
     return tuple(
-        Finding(rule.id, "warning", met.message, met.pointer, met.value, met.limit)
-        for rule in PLAUSIBILITY.values()
-        for met in rule.find(subject)
+        Finding(rule, "warning", met.message, met.pointer, met.value, met.limit) for rule, met in _doubt(subject)
     )
 
 
 def explain_refusal(design: Design, system: System | None = None) -> list[Problem]:
     """Slips of unit, as further problems of a geometry that is refused: they may be why."""
     subject = Subject(design.document, np.array(design.fiducials.positions_mm), system, tuple(design.fiducials.labels))
-    return [
-        Problem(met.pointer, rule.id, met.message)
-        for rule in PLAUSIBILITY.values()
-        if rule.slip
-        for met in rule.find(subject)
+    return [Problem(met.pointer, rule, met.message) for rule, met in _doubt(subject) if PLAUSIBILITY[rule].slip]
+
+
+def _doubt(subject: Subject) -> list[tuple[str, Doubt]]:
+    """(rule, doubt), in the order of the rules."""
+    doubts = [each for number in list_numbers(subject.document) for each in _doubt_range(number)]
+    doubts += [(rule.id, met) for rule in PLAUSIBILITY.values() if rule.find for met in rule.find(subject)]
+    order = list(PLAUSIBILITY)
+    return sorted(doubts, key=lambda each: order.index(each[0]))
+
+
+# --- one number -----------------------------------------------------------------------------------------
+
+
+def _doubt_range(number: Number) -> Iterator[tuple[str, Doubt]]:
+    """The number, or vector, whose size is outside of its range, and in which unit it would not be."""
+    meant, size = number.meant, number.largest
+    above, below = size > meant.most, size < meant.least and (size > 0 or meant.zero is None)
+    scalar = not isinstance(number.value, tuple)
+    if meant.by or not (above or below) or (scalar and abs(number.value) != size):
+        return
+    limit, why = (meant.most, meant.high) if above else (meant.least, meant.low)
+    unit = f", {100 * number.value:g} %" if meant.unit == "of 1" else f" {meant.unit}".rstrip()
+    message = f"{number.name} is {write_numbers(_shift(number.value))}{unit}: {why}. {_cure(number)}"
+    if meant.zero and below:
+        message += f" If {meant.zero}, write 0."
+    yield (meant.above if above else meant.below), Doubt(number.pointer, message, size, limit)
+
+
+def _shift(value: Any) -> Any:
+    """The translation of a transform (4, 4), any other value as it is."""
+    return tuple(row[3] for row in value[:3]) if isinstance(value, tuple) and len(value) == 4 else value
+
+
+def _cure(number: Number) -> str:
+    """What to write for the units in which the number is within its range, the commonest first."""
+    meant, value = number.meant, np.array(_shift(number.value), dtype=float)
+    read = {f"if {unit} were meant": value * factor for unit, factor in SLIPS[meant.unit].items()}
+    if meant.unit == "mm/N" and number.largest > meant.most and np.linalg.matrix_rank(value) == 3:
+        stiff = {"N/mm": 1.0, "N/um": 1e-3, "N/m": 1e3}
+        inverse = np.linalg.inv(value)
+        read = {f"if it is a stiffness in {unit}, invert the matrix": inverse * stiff[unit] for unit in stiff} | read
+    scale = number.largest / float(np.abs(value).max() or 1.0)
+    fitting = [
+        f"{words}, write {write_numbers(np.vectorize(lambda x: float(f'{x:.4g}'))(each))}"
+        for words, each in read.items()
+        if meant.least <= scale * float(np.abs(each).max()) <= meant.most
     ]
-
-
-_SECTIONS = ("interfaces", "transforms", "execution", "rotation_deg")
-
-
-def _name(pointer: str) -> str:
-    """What an angle belongs to, as a person calls it: structure_connector bias rz_deg, T_flange_con 2."""
-    return " ".join(step for step in pointer.split("/") if step and step not in _SECTIONS)
+    if not fitting:
+        return f"Check its unit, which is {meant.unit}." if SLIPS[meant.unit] else "Check it."
+    words = "; ".join(fitting[:3])
+    return f"{words[0].upper()}{words[1:]}."
 
 
 # --- lengths of the whole ------------------------------------------------------------------------------
@@ -110,12 +157,12 @@ def _doubt_structure_size(subject: Subject) -> Iterator[Doubt]:
 def _say_units(subject: Subject, width: float) -> str:
     """In which unit the fiducials and targets would lie in the images of all views."""
     units = find_units_of_points(subject.document, _scene_of(subject), width)
-    wide = [f"{unit} ({UNITS[unit] * width:.4g} mm)" for unit in units]
+    wide = [f"{unit} ({LENGTHS[unit] * width:.4g} mm)" for unit in units]
     if len(units) == 1:
-        return f"In {wide[0]} they lie in all images: multiply by {UNITS[units[0]]:g}, or correct the unit"
+        return f"In {wide[0]} they lie in all images: multiply by {LENGTHS[units[0]]:g}, or correct the unit"
     if units:
         return f"In {' and in '.join(wide)} they lie in all images: look up which it is, and correct the unit"
-    return f"In none of {', '.join(UNITS)} would they lie in all images: check the unit of the positions"
+    return f"In none of {', '.join(LENGTHS)} would they lie in all images: check the unit of the positions"
 
 
 def _scene_of(subject: Subject) -> WrittenPoints:
@@ -127,29 +174,67 @@ def _doubt_source_distances(subject: Subject) -> Iterator[Doubt]:
     for index, view in enumerate(subject.document.views):
         at = f"/views/{index}"
         if isinstance(view, PresetView | DistanceView):
-            for field, least in (
-                ("source_detector_mm", SHORTEST_DETECTOR_MM),
-                ("source_isocentre_mm", SHORTEST_ISOCENTRE_MM),
-            ):
+            for field, meant in (("source_detector_mm", DETECTOR_MM), ("source_isocentre_mm", ISOCENTRE_MM)):
                 length = getattr(view, field)
-                if length is not None and length < least:
-                    message = _describe_distance(subject, view, field, length, least)
-                    yield Doubt(f"{at}/{field}", message, length, least)
+                if length is not None:
+                    yield from _doubt_distance(subject, view, f"{at}/{field}", field, length, meant)
+            yield from _doubt_far_isocentre(view, at)
         elif subject.system is not None:
             field = "pose" if isinstance(view, PinholeView) else "projection"
             length = float(np.linalg.norm(camera_centre(subject.system.views[index].projection) - middle))
-            if length < SHORTEST_ISOCENTRE_MM:
-                what = "the distance of the source from the middle of the fiducials"
-                message = _describe_distance(subject, view, what, length, SHORTEST_ISOCENTRE_MM)
-                yield Doubt(f"{at}/{field}", message, length, SHORTEST_ISOCENTRE_MM)
+            what = "the distance of the source from the middle of the fiducials"
+            yield from _doubt_distance(subject, view, f"{at}/{field}", what, length, ISOCENTRE_MM)
 
 
-def _describe_distance(
-    subject: Subject, view: PresetView | DistanceView | PinholeView | MatrixView, what: str, length: float, least: float
-) -> str:
-    meant = say_meanings(view, _scene_of(subject)) or f"check its unit, which is mm: none of {', '.join(UNITS)} fits"
-    short = f"view {view.name}: {what} is {length:.4g} mm, less than {least:g} mm: no C-arm is that short"
-    return f"{short}. {meant[0].upper()}{meant[1:]}."
+def _doubt_far_isocentre(view: PresetView | DistanceView, at: str) -> Iterator[Doubt]:
+    for _, far in read_isocentre(view):
+        near, detector = view.source_isocentre_mm or 0.0, find_detector(view)
+        message = (
+            f"view {view.name}: source_isocentre_mm is {near:.4g} mm of {detector:.4g} mm to the detector, which "
+            f"magnifies {detector / near:.2g} times; the presets have 530 to 810 mm (1.4 to 1.9 times). If {near:.4g} "
+            f"mm are from isocentre to detector, write source_isocentre_mm: {far:.6g}."
+        )
+        yield Doubt(f"{at}/source_isocentre_mm", message, near, NEAREST_ISOCENTRE * detector)
+
+
+def _doubt_distance(
+    subject: Subject, view: Any, pointer: str, what: str, length: float, meant: Meant
+) -> Iterator[Doubt]:
+    if meant.least <= length <= meant.most:
+        return
+    limit, sort, why = (meant.least, "less", meant.low) if length < meant.least else (meant.most, "more", meant.high)
+    cure = say_meanings(view, _scene_of(subject)) or f"check its unit, which is mm: none of {', '.join(LENGTHS)} fits"
+    short = f"view {view.name}: {what} is {length:.4g} mm, {sort} than {limit:g} mm: {why}"
+    yield Doubt(pointer, f"{short}. {cure[0].upper()}{cure[1:]}.", length, limit)
+
+
+def _doubt_feet(subject: Subject) -> Iterator[Doubt]:
+    for index, view in enumerate(subject.document.views):
+        size, foot, _ = state_foot(view)
+        if size is None or foot is None:
+            continue
+        aside, meant = lies_aside(foot, size), [*read_foot(view)]
+        if aside > FARTHEST_ASIDE or meant:
+            cure = f"With {meant[0][0]} it is there: write {write_numbers(meant[0][1])}." if meant else "Check it."
+            message = (
+                f"view {view.name}: principal_point_px {write_numbers(foot)} is {100 * aside:.0f} % of the image away "
+                f"from its middle, {write_numbers(image_centre_px(size))}: detectors are not set that far aside. {cure}"
+            )
+            inner = "/intrinsics" if isinstance(view, PinholeView) else ""
+            yield Doubt(f"/views/{index}{inner}/principal_point_px", message, aside, FARTHEST_ASIDE)
+
+
+def _doubt_cones(subject: Subject) -> Iterator[Doubt]:
+    for index, view in enumerate(subject.document.views):
+        if isinstance(view, PinholeView) and view.image_size_px is not None:
+            focal, width = abs(view.intrinsics.focal_px[0]), view.image_size_px[0]
+            if focal < WIDEST_CONE * width or (ARMS_MM[0] <= focal <= ARMS_MM[1] and focal < MM_CONE * width):
+                message = (
+                    f"view {view.name}: its focal length, {focal:.5g} px, is {focal / width:.2g} times the width of "
+                    f"its image, {width} px: no C-arm opens that wide (they have 2.6 to 5). It is the distance "
+                    "from source to detector over the pixel: if it is in millimetres, divide it by the pixel."
+                )
+                yield Doubt(f"/views/{index}/intrinsics/focal_px", message, focal, WIDEST_CONE * width)
 
 
 def _doubt_detector_widths(subject: Subject) -> Iterator[Doubt]:
@@ -191,6 +276,14 @@ def _doubt_detector_widths(subject: Subject) -> Iterator[Doubt]:
         yield Doubt(f"/views/{index}/{field}", message, width, published)
 
 
+_SECTIONS = ("interfaces", "transforms", "execution", "rotation_deg")
+
+
+def _name(pointer: str) -> str:
+    """What an angle belongs to, as a person calls it: structure_connector bias rz_deg, T_flange_con 2."""
+    return " ".join(step for step in pointer.split("/") if step and step not in _SECTIONS)
+
+
 # --- angles ---------------------------------------------------------------------------------------------
 
 
@@ -204,16 +297,33 @@ def _doubt_angles(subject: Subject) -> Iterator[Doubt]:
             yield Doubt(pointer, message, angle, degrees)
 
 
+def _list_poses(document: DesignDocument) -> Iterator[tuple[str, Pose]]:
+    """(pointer, pose) of every transform that is written as rotation and translation."""
+    poses = [(f"/views/{k}/pose", view.pose) for k, view in enumerate(document.views) if isinstance(view, PinholeView)]
+    poses += [(f"/transforms/{name}", getattr(document.transforms, name)) for name in ("T_flange_con", "T_tcp_flange")]
+    yield from ((at, pose) for at, pose in poses if isinstance(pose, Pose))
+
+
 def _list_angles(document: DesignDocument) -> Iterator[tuple[str, float]]:
     """(pointer, degrees) of every rotation that is written as angles."""
-    poses = [(f"/views/{k}/pose", view.pose) for k, view in enumerate(document.views) if isinstance(view, PinholeView)]
-    transforms = document.transforms
-    poses += [(f"/transforms/{name}", getattr(transforms, name)) for name in ("T_flange_con", "T_tcp_flange")]
-    for at, pose in poses:
-        if isinstance(pose, Pose) and pose.rotation_deg is not None:
-            yield from ((f"{at}/rotation_deg/{axis}", angle) for axis, angle in enumerate(pose.rotation_deg))
+    for at, pose in _list_poses(document):
+        yield from ((f"{at}/rotation_deg/{axis}", angle) for axis, angle in enumerate(pose.rotation_deg or ()))
     for at, bias in _list_biases(document):
         yield from ((f"{at}/{axis}_deg", getattr(bias, f"{axis}_deg")) for axis in _ROTATIONS)
+
+
+def _doubt_quaternions(subject: Subject) -> Iterator[Doubt]:
+    for at, pose in _list_poses(subject.document):
+        if pose.quaternion_wxyz is not None and abs(pose.quaternion_wxyz[3]) > LAST_SCALAR:
+            first = pose.quaternion_wxyz
+            off = 2 * degrees(asin(min(1.0, hypot(*first[:3]))))
+            near = f", but for {off:.3g} degrees" if off else ""
+            message = (
+                f"{_name(at)}: quaternion_wxyz {write_numbers(first)} has its scalar first and is half a turn about z"
+                f"{near}; with the scalar last it is{' nearly' * bool(near)} none. If none is meant, write "
+                f"{write_numbers(np.roll(first, 1))}; half a turn is rotation_deg: [0, 0, 180]."
+            )
+            yield Doubt(f"{at}/quaternion_wxyz", message, abs(first[3]), LAST_SCALAR)
 
 
 def _list_biases(document: DesignDocument) -> Iterator[tuple[str, Bias]]:
@@ -230,157 +340,20 @@ def _list_interfaces(document: DesignDocument) -> Iterator[tuple[str, Interface]
             yield name, interface
 
 
-# --- half-widths ----------------------------------------------------------------------------------------
+# --- places and lever arms --------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _HalfWidth:
-    pointer: str
-    name: str  # as budgets call it
-    size: float
-    unit: str  # deg or mm
-    seat: bool  # of an interface: the ladder of seats applies at its wide end too
-
-
-def _list_half_widths(document: DesignDocument) -> Iterator[_HalfWidth]:
-    """Every half-width of a part that is made or seated; the scatter of a robot is none of them."""
-    manufacturing = document.fiducials.manufacturing
-    if manufacturing is not None:
-        at, widths = "/fiducials/manufacturing/half_width_mm", manufacturing.half_width_mm
-        if isinstance(widths, tuple):
-            for number, (axis, width) in enumerate(zip("xyz", widths, strict=True)):
-                yield _HalfWidth(f"{at}/{number}", f"fiducials {axis}", width, "mm", True)
-        else:
-            yield _HalfWidth(at, "fiducials", widths, "mm", True)
-    for name, interface in _list_interfaces(document):
-        if interface.tolerances is not None:
-            yield from _list_components(interface.tolerances, f"/interfaces/{name}/tolerances", name, seat=True)
-        for index, locator in enumerate(interface.locators or ()):
-            at = f"/interfaces/{name}/locators/{index}/half_width_mm"
-            yield _HalfWidth(at, f"{name} {locator.name}", locator.half_width_mm, "mm", True)
-    if document.execution.hand_eye is not None:
-        at = "/execution/hand_eye/tolerances"
-        yield from _list_components(document.execution.hand_eye.tolerances, at, "hand_eye", seat=False)
-
-
-def _list_components(tolerances: Tolerances, at: str, name: str, *, seat: bool) -> Iterator[_HalfWidth]:
-    for component in _COMPONENTS:
-        entry = getattr(tolerances, component)
-        if entry is not None:
-            unit = "deg" if component in _ROTATIONS else "mm"
-            field = f"half_width_{unit}"
-            yield _HalfWidth(f"{at}/{component}/{field}", f"{name} {component}", getattr(entry, field), unit, seat)
-
-
-def _doubt_fine_half_widths(subject: Subject) -> Iterator[Doubt]:
-    for width in _list_half_widths(subject.document):
-        least = FINEST_DEG if width.unit == "deg" else FINEST_MM
-        if 0 < width.size < least:  # 0 says on purpose that it does not vary
-            unit, factor = ("radians", 180 / pi) if width.unit == "deg" else ("metres", 1000.0)
-            meant = width.size * factor
-            cure = f"If {unit} were meant, write {meant:.3g}. " if meant >= least else "Check its unit. "
-            message = (
-                f"{width.name}: a half-width of {width.size:g} {width.unit} is finer than a kinematic coupling repeats "
-                f"({least:g} {width.unit}). {cure}If it does not vary at all, write 0."
-            )
-            yield Doubt(width.pointer, message, width.size, least)
-
-
-def _doubt_wide_half_widths(subject: Subject) -> Iterator[Doubt]:
-    for width in _list_half_widths(subject.document):
-        most = WIDEST_DEG if width.unit == "deg" else WIDEST_MM
-        if width.seat and width.size > most:
-            why = f"wider than the play of a clip-on seat ({most:g} {width.unit})"
-            if width.pointer.startswith("/fiducials"):
-                why = f"ten times ({most:g} mm) what is asked of the beads of a calibration object, and more"
-            message = (
-                f"{width.name}: a half-width of {width.size:g} {width.unit} is {why}. Check the unit, and that it is "
-                "half of the width and not a sum over parts."
-            )
-            yield Doubt(width.pointer, message, width.size, most)
-
-
-def _doubt_repeatability(subject: Subject) -> Iterator[Doubt]:
-    scatter = subject.document.execution.repeatability
-    if scatter is None:
+def _doubt_tool(subject: Subject) -> Iterator[Doubt]:
+    away, readings = find_readings(subject.document)
+    if not readings and away <= FARTHEST_MM:
         return
-    for field in ("std_mm", "half_width_mm"):
-        stated = getattr(scatter, field)
-        axes = enumerate(stated) if isinstance(stated, tuple) else [("", stated)]
-        for axis, width in axes:
-            if width is not None and width > WIDEST_REPEATABILITY_MM:
-                at = f"/execution/repeatability/{field}" + (f"/{axis}" if isinstance(stated, tuple) else "")
-                unit = guess_unit(width, 0.005, 0.5) or " Check its unit, which is mm."
-                message = (
-                    f"repeatability {field} is {width:g} mm; robots repeat a position to some 0.02 to 0.5 mm, and "
-                    f"{WIDEST_REPEATABILITY_MM:g} mm is no robot's data sheet.{unit}"
-                )
-                yield Doubt(at, message, width, WIDEST_REPEATABILITY_MM)
-
-
-def _doubt_limits(subject: Subject) -> Iterator[Doubt]:
-    for index, requirement in enumerate(subject.document.requirements):
-        if requirement.limit_mm > WIDEST_LIMIT_MM:
-            unit = guess_unit(requirement.limit_mm, 0.1, 5.0) or " Check its unit, which is mm."
-            message = (
-                f"requirement {requirement.name}: a limit of {requirement.limit_mm:g} mm is wider than any anatomy a "
-                f"robot is asked to keep clear of ({WIDEST_LIMIT_MM:g} mm).{unit}"
-            )
-            yield Doubt(f"/requirements/{index}/limit_mm", message, requirement.limit_mm, WIDEST_LIMIT_MM)
-
-
-# --- noise and lever arms -------------------------------------------------------------------------------
-
-
-def _list_noises(subject: Subject) -> Iterator[tuple[str, str, float]]:
-    """Each noise of a view: its place, what it is called, and its size in px."""
-    for index, view in enumerate(subject.document.views):
-        for field in ("fiducial_noise_px", "target_noise_px"):
-            yield f"/views/{index}/{field}", f"view {view.name}: {field}", getattr(view, field)
-
-
-def _doubt_noise(subject: Subject) -> Iterator[Doubt]:
-    for pointer, name, noise in _list_noises(subject):
-        if noise < BEST_NOISE_PX:
-            message = (
-                f"{name} is {noise:g} px, less than the best that was measured ({BEST_NOISE_PX:g} px): the error comes "
-                "out too small. Write 0.05 for the best, 0.3 for typical, 0.5 for clinical images."
-            )
-            yield Doubt(pointer, message, noise, BEST_NOISE_PX)
-
-
-def _doubt_noise_above(subject: Subject) -> Iterator[Doubt]:
-    for pointer, name, noise in _list_noises(subject):
-        if noise > WORST_NOISE_PX:
-            message = (
-                f"{name} is {noise:g} px, more than that of a bead clicked by hand ({WORST_NOISE_PX:g} px at most). It "
-                "is a standard deviation, in pixels: write 0.3 for typical images, 0.5 for clinical ones."
-            )
-            yield Doubt(pointer, message, noise, WORST_NOISE_PX)
-
-
-# --- what is said in per cent ---------------------------------------------------------------------------
-
-
-def _doubt_shares(subject: Subject) -> Iterator[Doubt]:
-    for pointer, name, share in _list_shares(subject.document):
-        if abs(share) > LARGEST_SHARE:
-            message = (
-                f"{name} is {share:g}, which is {100 * share:g} %. If {share:g} % is meant, write {share / 100:g}."
-            )
-            yield Doubt(pointer, message, share, LARGEST_SHARE)
-
-
-def _list_shares(document: DesignDocument) -> Iterator[tuple[str, str, float]]:
-    """(pointer, name, value) of every part of one that is usually said in per cent."""
-    for kind in EFFECTS:
-        yield from kind.shares(document)
-    fiducials = document.fiducials
-    every = [("/fiducials", "loss_probability", fiducials.loss_probability)]
-    for index, point in enumerate(fiducials.points or ()):
-        name = f"{point.label or f'F{index + 1}'}: loss_probability"
-        every.append((f"/fiducials/points/{index}", name, point.loss_probability))
-    yield from ((f"{at}/loss_probability", name, value) for at, name, value in every if value is not None)
+    told = f"at the executed pose the nearest target lies {away:.4g} mm from the tool's origin (tcp)"
+    if not readings:
+        cure = "check T_flange_con, T_tcp_flange and the frame of the targets: score says where each lies in tcp"
+        yield Doubt("/transforms", f"{told}, further than a tool is from its work: {cure}.", away, FARTHEST_MM)
+        return
+    ways = "; ".join(f"with {each.words}, it lies {each.away_mm:.3g} mm from it: {each.cure}" for each in readings[:2])
+    yield Doubt(readings[0].pointer, f"{told}; {ways}.", away, readings[0].away_mm)
 
 
 def _doubt_lever_arms(subject: Subject) -> Iterator[Doubt]:
@@ -430,13 +403,18 @@ def _doubt_pivots(subject: Subject) -> Iterator[Doubt]:
 
     for name, interface in _list_interfaces(subject.document):
         pivot = np.array(interface.pivot_mm)
-        if pivot.any() and among(pivot) and behind(10 * pivot) and not among(10 * pivot):
+        meant = {unit: LENGTHS[unit] * pivot for unit in ("centimetres", "inches")}
+        fitting = [
+            f"in {unit}, write {write_numbers(place.round(4))}"
+            for unit, place in meant.items()
+            if behind(place) and not among(place)
+        ]
+        if pivot.any() and among(pivot) and fitting:
             depth = float(np.minimum(pivot - low, high - pivot).min())
-            written = ", ".join(f"{10 * value:g}" for value in interface.pivot_mm)
             message = (
                 f"the pivot of {name} lies among the fiducials and targets, {depth:.3g} mm inside the box about them. "
                 "It is the place of a seat, which lies behind the structure; tolerances turn about it. "
-                f"If it is in centimetres, write [{written}]."
+                f"If it is {'; '.join(fitting)}."
             )
             yield Doubt(f"/interfaces/{name}/pivot_mm", message, depth, 0.0)
 
@@ -469,9 +447,11 @@ _RULES = (
     ),
     PlausibilityTest(
         "source-distance",
-        "A source that is nearer than that of any C-arm",
-        "Detector below 200 mm, isocentre (or, of a calibrated view, the middle of the fiducials) below 100 mm: a "
-        "judgement. Published C-arms have 1020-1260 mm and 530-810 mm, which is 102-126 and 53-81 in cm.",
+        "A source that is nearer or further than that of any C-arm, or an isocentre behind the middle",
+        "Detector below 200 mm, isocentre (or, of a calibrated view, the middle of the fiducials) below 100 mm, either "
+        "above 5 m: a judgement. Published C-arms have 1020-1260 mm and 530-810 mm, which is 102-126 and 53-81 in cm, "
+        "and magnify 1.4 to 1.9 times: an isocentre nearer to the source is remarked where the detector is 900-1400 mm "
+        "away and the rest is a published distance.",
         _doubt_source_distances,
         slip=True,
     ),
@@ -484,6 +464,22 @@ _RULES = (
         slip=True,
     ),
     PlausibilityTest(
+        "principal-point",
+        "A principal point far from the middle of the image",
+        "45 % of the image: detectors that are set aside on purpose (half a fan) have up to 40 %. Above 10 %, where "
+        "another reading (mm, from the middle, the other sign) is within 5 % of the middle: a judgement.",
+        _doubt_feet,
+        slip=True,
+    ),
+    PlausibilityTest(
+        "cone-too-wide",
+        "A focal length that is short for the width of the image",
+        "0.7 of the width, 71 degrees of fan: a judgement; C-arms have some 17, dental devices 24, micro-CT up to 40. "
+        "900 to 1400, which is a distance to a detector in mm, below 1.5 of the width.",
+        _doubt_cones,
+        slip=True,
+    ),
+    PlausibilityTest(
         "angle-in-radians",
         "An angle in a degree field that is a round angle in radians",
         "Multiples of 30 and 45 degrees to 0.06 %, so that 1.57 counts: a judgement.",
@@ -491,50 +487,31 @@ _RULES = (
         slip=True,
     ),
     PlausibilityTest(
-        "half-width-too-fine",
-        "A half-width finer than a kinematic coupling repeats",
-        "0.0001 mm: kinematic couplings repeat to less than 0.1 um (Schouten 1997); 0.002 degrees: a judgement from "
-        "it. 0 is not remarked: it says that nothing varies.",
-        _doubt_fine_half_widths,
+        "quaternion-order",
+        "A quaternion that is no turn with its scalar last",
+        "Within 16 degrees of half a turn about z: a judgement.",
+        _doubt_quaternions,
+        slip=True,
     ),
     PlausibilityTest(
-        "half-width-too-wide",
-        "A half-width wider than the play of a clip-on seat",
-        "1 degree and 1 mm: the play of a clip-on plate, 0.5 mm at each of two pins 50 mm apart, gives 0.57 to 1.15 "
-        "degrees; a judgement. Beads of calibration objects are placed within 0.1 mm (XMALab). Calibration of hand to "
-        "eye is not held to it: its measured standard deviation is up to 0.65 mm (arXiv 2404.05884).",
-        _doubt_wide_half_widths,
+        "target-off-tool",
+        "A target far from the tool that another reading of a transform brings to it",
+        "More than 20 mm from the tcp's origin, and by another unit, the inverse or another order of the quaternion at "
+        "a fifth of that or nearer; or 300 mm away: a judgement. A tcp that is the flange is not remarked.",
+        _doubt_tool,
     ),
-    PlausibilityTest(
-        "noise-too-small",
-        "Image noise of zero, or below the best that was measured",
-        "0.015 px: the centroid of a bead at 0.26 mm pixels is located to 0.015-0.05 px (Zhang 2015).",
-        _doubt_noise,
-    ),
-    PlausibilityTest(
-        "noise-too-large",
-        "Image noise beyond that of a bead clicked by hand",
-        "5 px: a judgement, a third of the image of a small bead. Clicks by hand scatter by one to two pixels.",
-        _doubt_noise_above,
-    ),
-    PlausibilityTest(
-        "repeatability-too-wide",
-        "A robot that does not repeat a position",
-        "1 mm: a judgement; data sheets by ISO 9283 state 0.02 to 0.5 mm.",
-        _doubt_repeatability,
-    ),
-    PlausibilityTest(
-        "limit-too-wide",
-        "A limit beyond any anatomy",
-        "20 mm: a judgement; safe zones are 2 to 4 mm (pedicle screws) and at most some 10 mm. 600 is 0.6 in um.",
-        _doubt_limits,
-    ),
-    PlausibilityTest(
-        "share-in-percent",
-        "A part of one that looks like per cent",
-        "0.2: a judgement; errors of the focal length up to 0.14 were tried on five C-arms (arXiv 2603.14031).",
-        _doubt_shares,
-    ),
+    PlausibilityTest("length-too-small", "A place or a size that nobody means", BESIDE, slip=True),
+    PlausibilityTest("length-too-large", "A place or a size beyond the room", BESIDE, slip=True),
+    PlausibilityTest("half-width-too-fine", "A half-width finer than anybody makes, holds or measures", BESIDE),
+    PlausibilityTest("half-width-too-wide", "A half-width wider than the play of what holds it", BESIDE),
+    PlausibilityTest("noise-too-small", "Image noise of zero, or below the best that was measured", BESIDE),
+    PlausibilityTest("noise-too-large", "Image noise beyond that of a bead clicked by hand", BESIDE),
+    PlausibilityTest("repeatability-too-wide", "A robot that does not repeat a position", BESIDE),
+    PlausibilityTest("limit-too-wide", "A limit beyond any anatomy", BESIDE),
+    PlausibilityTest("share-in-percent", "A part of one that looks like per cent", BESIDE),
+    PlausibilityTest("expansion-too-small", "An expansion below that of glass ceramic, and not 0", BESIDE),
+    PlausibilityTest("value-too-small", "Another number below what anybody means", BESIDE),
+    PlausibilityTest("value-too-large", "Another number above what anybody means", BESIDE),
     PlausibilityTest(
         "no-lever-arm",
         "A target at the pivot of a seat that may turn",
@@ -543,9 +520,9 @@ _RULES = (
     ),
     PlausibilityTest(
         "pivot-among-fiducials",
-        "A seat among the fiducials and targets that is behind them in centimetres",
-        "Inside the box about fiducials and targets, and ten times the pivot outside of it, on the far side from the "
-        "targets: a judgement. A pivot of [0, 0, 0], as when it is left out, is not remarked.",
+        "A seat among the fiducials and targets that is behind them in centimetres or inches",
+        "Inside the box about fiducials and targets, and 10 or 25.4 times the pivot outside of it, on the far side from "
+        "the targets: a judgement. A pivot of [0, 0, 0], as when it is left out, is not remarked.",
         _doubt_pivots,
     ),
     PlausibilityTest(

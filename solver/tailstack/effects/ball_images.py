@@ -12,20 +12,36 @@ from pydantic import Field, model_validator
 from ..arrays import frozen
 from ..fields import Length, Record, Typical, refusal
 from ..geometry.camera import image_of
+from ..ranges import Meant
 from ..system import Act, ArrayLike, Drawn, Effect, Place, Scene, System, View, no_sources
-from .kind import Doubt, EffectKind, PlausibilityTest, Subject, guess_unit
+from .kind import Doubt, EffectKind, PlausibilityTest, Subject
 
 if TYPE_CHECKING:
     from ..design.document import DesignDocument
 
-SMALLEST_BALL_MM = 0.3
 SHADOW = 0.8  # share of the outline's shift that the centroid of an even ball's shadow has
 
 
 class OfFiducials(Record):
     """What the fiducials say of it."""
 
-    diameter_mm: Annotated[Length, Typical(1.5, 10)] | None = Field(
+    diameter_mm: (
+        Annotated[
+            Length,
+            Typical(1.5, 10),
+            Meant(
+                "diameter of a ball",
+                "mm",
+                0.3,
+                "smaller than any that an X-ray image shows (radiostereometry: 0.5 to 1)",
+                40.0,
+                "larger than any bead",
+                "ball-size",
+                "ball-size",
+            ),
+        ]
+        | None
+    ) = Field(
         default=None,
         description="Diameter of the balls that are the fiducials, mm: the shift of a ball's image from the image of "
         "its centre is then a known bias. Absent, or where your software corrects it: none.",
@@ -101,18 +117,10 @@ def _not_modelled(system: System) -> str:
 
 def _doubt_size(subject: Subject) -> Iterator[Doubt]:
     diameter, points = subject.document.fiducials.diameter_mm, subject.fiducials_mm
-    if diameter is None:
-        return
     gaps = np.linalg.norm(points[:, None] - points, axis=2)[np.triu_indices(len(points), 1)]
-    nearest = float(gaps.min()) if gaps.size else np.inf
-    why, limit = "", SMALLEST_BALL_MM
-    if diameter > nearest:
-        why, limit = f"two of them, {nearest:.4g} mm apart, would be in one place", nearest
-    elif diameter < SMALLEST_BALL_MM:
-        why = f"no smaller ones than {SMALLEST_BALL_MM:g} mm are seen in an X-ray image"
-    if why:
-        unit = guess_unit(diameter, 0.5, nearest) or " Check its unit, which is mm."
-        yield Doubt("/fiducials/diameter_mm", f"balls of {diameter:.4g} mm: {why}.{unit}", diameter, limit)
+    if diameter is not None and diameter > (nearest := float(gaps.min()) if gaps.size else np.inf):
+        words = f"balls of {diameter:.4g} mm: two of them, {nearest:.4g} mm apart, would be in one place"
+        yield Doubt("/fiducials/diameter_mm", f"{words}. Check its unit, which is mm.", diameter, nearest)
 
 
 SIZE = PlausibilityTest(

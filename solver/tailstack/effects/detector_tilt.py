@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 from ..arrays import frozen
 from ..fields import Degrees, Record, Typical, refusal
 from ..geometry.camera import intrinsics_of
+from ..ranges import TILT_DEG
 from ..system import Act, Drawn, Effect, Place, Scene, Sources, System, View
 from ..tolerances import RotationTolerance, compile_sources
 from .kind import EffectKind, name_views
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 AXES = ("about_u", "about_v")
 LARGEST_DEG = 1.0  # a turn by a stretches the image by a^2 / 2 too, which is left out: 0.015 % at one degree
 
-Turn = Annotated[RotationTolerance, Typical(0.02, 0.5, of="half_width_deg")]
+Turn = Annotated[RotationTolerance, Typical(0.02, 0.5, of="half_width_deg"), TILT_DEG]
 
 
 class DetectorTilt(Record):
@@ -38,10 +39,10 @@ class DetectorTilt(Record):
 
     about_u: Turn | None = Field(default=None, description="About the axis along u. Absent: none.")
     about_v: Turn | None = Field(default=None, description="About the axis along v. Absent: none.")
-    bias_about_u_deg: Annotated[Degrees, Typical(-0.25, 0.25)] = Field(
+    bias_about_u_deg: Annotated[Degrees, Typical(-0.25, 0.25), TILT_DEG] = Field(
         default=0.0, description="Known turn about u, degrees. Default 0.", examples=[0.2]
     )
-    bias_about_v_deg: Annotated[Degrees, Typical(-0.25, 0.25)] = Field(
+    bias_about_v_deg: Annotated[Degrees, Typical(-0.25, 0.25), TILT_DEG] = Field(
         default=0.0, description="Known turn about v, degrees. Default 0.", examples=[0.2]
     )
 

@@ -14,6 +14,7 @@ from ..arrays import Array, frozen
 from ..errors import Problem
 from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, Typical, refuse_coverage
 from ..geometry.camera import image_centre_px
+from ..ranges import Meant
 from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, View
 from ..tolerances import coverage_of
 from .kind import EffectKind, name_views
@@ -29,7 +30,19 @@ class ImageField(Record):
     image's centre in units of half the diagonal; so c is the shift in the corner, px, and varies by itself.
     """
 
-    half_widths_px: Annotated[list[HalfWidth], Field(min_length=1, max_length=4), Typical(0.02, 1)] = Field(
+    half_widths_px: Annotated[
+        list[HalfWidth],
+        Field(min_length=1, max_length=4),
+        Typical(0.02, 1),
+        Meant(
+            "distortion that is left",
+            "px",
+            0.001,
+            "less than anybody measures of it",
+            30.0,
+            "more than a correction leaves",
+        ),
+    ] = Field(
         description="Half-width of the coefficients of degree 0, 1, 2, 3, px, in this order; every coefficient of a "
         "degree has the same one. Degrees 0 and 1 (shift, scale, shear) are absorbed by DLT.",
         examples=[[0.0, 0.0, 0.1, 0.3]],

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from ..arrays import frozen
 from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, Typical, check_law
+from ..ranges import SHARE, Meant
 from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Law, Place, Sources, System, View
 from ..tolerances import coverage_of
 from .kind import EffectKind, Limit, Proportional
@@ -27,12 +28,12 @@ UNITS = ("1", "px", "px")
 class FocalError(Record):
     """Error of the assumed focal length, as a part of the true one."""
 
-    bias_rel: Annotated[float, Field(ge=-0.5, le=0.5), Typical(-0.1, 0.1)] = Field(
+    bias_rel: Annotated[float, Field(ge=-0.5, le=0.5), Typical(-0.1, 0.1), SHARE] = Field(
         default=0.0,
         description="Known and fixed: 0.01 is an assumed focal length that is 1 % too long. Default 0.",
         examples=[0.01],
     )
-    half_width_rel: Annotated[float, Field(ge=0, le=1), Typical(0.001, 0.2)] = Field(
+    half_width_rel: Annotated[float, Field(ge=0, le=1), Typical(0.001, 0.2), SHARE] = Field(
         default=0.0, description="Half-width h, as a part of the focal length. Default 0.", examples=[0.01]
     )
     distribution: RandomLaw | None = Field(
@@ -46,15 +47,26 @@ class FocalError(Record):
         return self
 
 
+FOOT_PX = Meant(
+    "error of a principal point",
+    "px",
+    0.02,
+    "finer than any calibration (some 0.1 px)",
+    500.0,
+    "as wide as the image",
+    together=True,
+)
+
+
 class PrincipalPointError(Record):
     """Error of the assumed principal point."""
 
-    bias_px: Annotated[ImagePoint, Typical(-100, 100)] = Field(
+    bias_px: Annotated[ImagePoint, Typical(-100, 100), FOOT_PX] = Field(
         default=(0.0, 0.0),
         description="Known and fixed, [u, v], px: assumed less true. Default 0.",
         examples=[[5.0, 0.0]],
     )
-    half_width_px: Annotated[float, Field(ge=0, le=1e4), Typical(1, 200)] = Field(
+    half_width_px: Annotated[float, Field(ge=0, le=1e4), Typical(1, 200), FOOT_PX] = Field(
         default=0.0, description="Half-width h of each coordinate, px.", examples=[10.0]
     )
     distribution: RandomLaw | None = Field(
@@ -132,17 +144,6 @@ def _not_modelled(system: System) -> str:
     return ""
 
 
-def _list_shares(document: DesignDocument) -> Iterator[tuple[str, str, float]]:
-    for index, view in enumerate(document.views):
-        declared = cast(IntrinsicsOfView, view)
-        at = f"/views/{index}"
-        if (prior := declared.intrinsics_prior) is not None:
-            yield f"{at}/intrinsics_prior/focal_rel_sd", f"view {view.name}: focal_rel_sd", prior.focal_rel_sd
-        if declared.intrinsics_error is not None and (focal := declared.intrinsics_error.focal) is not None:
-            for field in ("bias_rel", "half_width_rel"):
-                yield f"{at}/intrinsics_error/focal/{field}", f"view {view.name}: focal {field}", getattr(focal, field)
-
-
 NEAR, COUNTED_FAR = 6.0, 3.0  # radii of the fiducials; how often a known error counts for a target beyond
 
 
@@ -167,6 +168,5 @@ KIND = EffectKind(
     sections={"view": IntrinsicsOfView},
     compile=_compile,
     not_modelled=_not_modelled,
-    shares=_list_shares,
     limits=_limits,
 )

@@ -47,7 +47,7 @@ class PlausibilityTest:
     id: str  # stable, the rule of its findings
     title: str
     numbers: str  # the bounds and their source
-    find: Callable[[Subject], Iterator[Doubt]]
+    find: Callable[[Subject], Iterator[Doubt]] | None = None  # None: the ranges of fields name it
     slip: bool = False  # a slip of unit, which may be why a geometry is refused
 
 
@@ -85,8 +85,6 @@ class EffectKind:
     """What is refused beyond one record."""
     doubts: tuple[PlausibilityTest, ...] = ()
     """Rules on values that are allowed and hardly ever meant."""
-    shares: Callable[[DesignDocument], Iterator[tuple[str, str, float]]] = _say_nothing
-    """(pointer, name, value) of what is a part of one and usually said in per cent."""
     limits: Callable[[System], Iterator[Limit]] = _say_nothing
     """Up to what size first order holds for it."""
 
@@ -98,11 +96,3 @@ def name_views(what: str, kind: type[Effect], system: System) -> str:
     if not without:
         return ""
     return what if len(without) == len(system.views) else f"{what} ({', '.join(without)})"
-
-
-def guess_unit(value: float, low: float, high: float) -> str:
-    """In which unit a length would be plausible, as a sentence; empty if in none."""
-    for unit, factor in (("centimetres", 10.0), ("metres", 1000.0), ("micrometres", 1e-3)):
-        if low <= value * factor <= high:
-            return f" It looks like {unit}: write {value * factor:.6g}."
-    return ""

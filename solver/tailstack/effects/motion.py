@@ -11,6 +11,7 @@ from pydantic import Field
 
 from ..arrays import frozen
 from ..fields import Point, Record, Typical
+from ..ranges import MOTION_DEG, MOTION_MM
 from ..system import DirectEffect, Drawn, Effect, Place, Sources, System, View
 from ..tolerances import Tolerances
 from .kind import EffectKind, Excess, Limit
@@ -34,7 +35,11 @@ class Motion(Record):
         examples=[[0.0, 0.0, -95.0]],
     )
     tolerances: Annotated[
-        Tolerances, Typical(0.005, 0.3, of="half_width_deg"), Typical(0.01, 0.3, of="half_width_mm")
+        Tolerances,
+        Typical(0.005, 0.3, of="half_width_deg"),
+        Typical(0.01, 0.3, of="half_width_mm"),
+        MOTION_DEG,
+        MOTION_MM,
     ] = Field(description="Half-width and law per component, drawn at every shot.")
 
 

@@ -12,14 +12,34 @@ from pydantic import Field, model_validator
 from ..arrays import frozen
 from ..errors import Problem
 from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, Point, Record, Typical, check_law
+from ..ranges import Meant
 from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, View, no_sources
 from ..tolerances import coverage_of
-from .kind import Doubt, EffectKind, Limit, PlausibilityTest, Proportional, Subject
+from .kind import EffectKind, Limit, Proportional
 
 if TYPE_CHECKING:
     from ..design.document import DesignDocument
 
-SMALLEST_EXPANSION = 0.02  # um/(m K)
+
+DIFFERENCE_K = Meant(
+    "difference of temperatures",
+    "K",
+    0.01,
+    "less than anybody measures in a room",
+    100.0,
+    "more than operation and measurement differ by: it is a difference, operation less measurement, not a temperature "
+    "(293 is 20 degrees Celsius on the absolute scale)",
+)
+EXPANSION = Meant(
+    "thermal expansion",
+    "um/(m K)",
+    0.02,
+    "less than that of glass ceramic (Zerodur, class 0: 0.02)",
+    300.0,
+    "more than that of any plastic (some 200)",
+    "expansion-too-small",
+    zero="nothing expands",
+)
 
 
 class Temperature(Record):
@@ -28,21 +48,21 @@ class Temperature(Record):
     The structure grows about its seat on the connector, the connector about its seat on the flange.
     """
 
-    difference_k: Annotated[float, Field(ge=-300, le=300), Typical(-20, 20)] = Field(
+    difference_k: Annotated[float, Field(ge=-300, le=300), Typical(-20, 20), DIFFERENCE_K] = Field(
         default=0.0, description="Known difference, K: operation less measurement. Default 0.", examples=[15.0]
     )
-    half_width_k: Annotated[float, Field(ge=0, le=300), Typical(0.5, 10)] = Field(
+    half_width_k: Annotated[float, Field(ge=0, le=300), Typical(0.5, 10), DIFFERENCE_K] = Field(
         default=0.0, description="Half-width of the difference about it, K, drawn at every shot.", examples=[5.0]
     )
     distribution: AnyLaw | None = Field(
         default=None, description=BOUNDED_WORDS + " Required with half_width_k.", examples=["uniform"]
     )
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
-    structure_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100)] = Field(
+    structure_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100), EXPANSION] = Field(
         description="Thermal expansion of the structure, um/(m K): PEEK 47, aluminium 23, steel 12 to 16, titanium 9.",
         examples=[47.0],
     )
-    connector_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100)] = Field(
+    connector_expansion_um_per_m_k: Annotated[float, Field(ge=-100, le=1000), Typical(5, 100), EXPANSION] = Field(
         default=0.0, description="The same of the connector. Default 0.", examples=[23.0]
     )
     seat_mm: Annotated[Point, Typical(-100, 100)] | None = Field(
@@ -169,27 +189,6 @@ def _declared(system: System) -> list[ThermalEffect]:
     return [effect for effect in system.effects if isinstance(effect, ThermalEffect)]
 
 
-def _doubt_expansion(subject: Subject) -> Iterator[Doubt]:
-    if (heat := cast(OfDesign, subject.document).temperature) is None:
-        return
-    for field in ("structure_expansion_um_per_m_k", "connector_expansion_um_per_m_k"):
-        value = getattr(heat, field)
-        if 0 < abs(value) < SMALLEST_EXPANSION:
-            message = (
-                f"{field} is {value:g}, less than that of glass ceramic ({SMALLEST_EXPANSION:g}). If it is in 1/K, "
-                f"write {1e6 * value:g}; if nothing expands, 0."
-            )
-            yield Doubt(f"/temperature/{field}", message, value, SMALLEST_EXPANSION)
-
-
-EXPANSION = PlausibilityTest(
-    "expansion-too-small",
-    "An expansion below that of glass ceramic, and not 0",
-    "0.02 um/(m K): glass ceramic of Zerodur's class 0; a judgement. PEEK in 1/K is 0.000047.",
-    _doubt_expansion,
-)
-
-
 def _limits(system: System) -> Iterator[Limit]:
     """How much the structure grows or shrinks at most: it errs by as much."""
     growth = [
@@ -203,6 +202,5 @@ KIND = EffectKind(
     compile=_compile,
     not_modelled=_not_modelled,
     check=_check,
-    doubts=(EXPANSION,),
     limits=_limits,
 )

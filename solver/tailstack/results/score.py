@@ -188,6 +188,8 @@ class TargetScore:
     """Distance of the target from the fiducials' centroid over their RMS radius."""
     budget_p95_mm: float
     """P95 that the budget is of, mm: that of shots in which no fiducial is missed."""
+    position_tcp_mm: Vector3 | None = None
+    """Where the target lies in tcp at the executed pose, mm: by a tool's tip near the origin. null: an older record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -435,6 +437,12 @@ def bias_columns(decimals: int) -> tuple[Column, ...]:
     return (size, *axes("Bias", decimals, PAPER), *axes("Std", decimals, IN_DETAIL))
 
 
+def say_place(metric: Any) -> str | None:
+    """Where a target lies in tcp, in a cell; None of what is located of it."""
+    place: Vector3 | None = getattr(metric, "position_tcp_mm", None)
+    return place and ", ".join(f"{each:.4g}" for each in place)
+
+
 TARGET = Column("Target", brief="error at the tool,\nby target", of=lambda row: row[0])
 
 
@@ -449,9 +457,12 @@ def pair_rows(targets: Sequence[Any], columns: Sequence[Column]) -> tuple[Row, .
 def targets_table(score: Score) -> Table:
     """First order: error at the tool, and as localised before the second interface; largest P95 first."""
     decimals = score.decimals
+    placed = [f"{each.name} ({at})" for each in score.targets if (at := say_place(each))]
+    places = f" At the executed pose, in tcp, mm: {'; '.join(placed[:5] + ['...'] * (len(placed) > 5))}."
     columns = (
         TARGET,
         Column("Frame", on=IN_DETAIL, of=lambda row: row[1].frame),
+        Column("At, in tcp", "mm", on=On.DETAIL | On.SHEET, brief="at, in tcp\nmm", of=lambda row: say_place(row[1])),
         *bias_columns(decimals),
         *norm_columns(decimals),
         Column("Limit", "mm", "stated", decimals, brief="limit\nmm", of=lambda row: row[1].limit_mm),
@@ -464,7 +475,8 @@ def targets_table(score: Score) -> Table:
         "Targets", "Estimate: the error at each target, in the frame named", columns,
         pair_rows(score.targets, columns),
         "Bias and standard deviation by axis of the frame; P95 and CVaR95 (the mean of the worst 5 %) of the "
-        "error's size, bias included. As located: the target as found in the images, before flange and robot.",
+        "error's size, bias included. As located: the target as found in the images, before flange and robot."
+        + places * bool(placed),
     )  # fmt: skip
 
 

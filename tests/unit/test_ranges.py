@@ -1,0 +1,193 @@
+"""What anybody means by each number of a design: no field without its range, both ends, and the page that has them."""
+
+from __future__ import annotations
+
+import copy
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+import numpy as np
+import pytest
+import yaml
+from pydantic import BaseModel
+
+from tailstack.design import check_design, design_json_schema, load_design
+from tailstack.design.document import DesignDocument
+from tailstack.design.plausibility import PLAUSIBILITY
+from tailstack.errors import DesignError, IllPosedError
+from tailstack.ranges import SLIPS, AnySize, Meant, find_ranges, list_numbers
+from tailstack.scoring import score
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+
+
+def is_numeric(kind: Any) -> bool:
+    if isinstance(kind, type):
+        return kind in (int, float)
+    return get_origin(kind) is not typing.Literal and any(map(is_numeric, get_args(kind)))
+
+
+def records_of(kind: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        yield kind
+    for part in get_args(kind):
+        yield from records_of(part)
+
+
+def walk_fields() -> Iterator[tuple[str, bool, Any]]:
+    """(record.field, whether it holds numbers itself, its ranges) of every field of a design document."""
+    seen: list[type[BaseModel]] = [DesignDocument]
+    for record in seen:
+        for name, field in record.model_fields.items():
+            seen += [each for each in records_of(field.annotation) if each not in seen]
+            yield (
+                f"{record.__name__}.{name}",
+                is_numeric(field.annotation),
+                find_ranges(field.annotation, field.metadata),
+            )
+
+
+FIELDS = {name: ranges for name, numeric, ranges in walk_fields() if numeric}
+MEANT = list(dict.fromkeys(each for _, _, ranges in walk_fields() for each in ranges if isinstance(each, Meant)))
+
+
+def test_every_number_of_the_document_has_a_range_or_says_why_not():
+    assert len(FIELDS) > 120
+    assert [name for name, ranges in FIELDS.items() if not ranges] == []
+
+
+@pytest.mark.parametrize("meant", MEANT, ids=lambda meant: f"{meant.what}, {meant.unit}")
+def test_a_range_has_two_ends_a_unit_and_rules_that_are_listed(meant):
+    assert 0 <= meant.least < meant.most
+    assert meant.low
+    assert meant.high
+    assert meant.unit in SLIPS
+    assert {meant.below, meant.above} | {meant.by or meant.below} <= set(PLAUSIBILITY)
+
+
+def test_what_has_no_range_says_why():
+    reasons = [each.because for ranges in FIELDS.values() for each in ranges if isinstance(each, AnySize)]
+    assert len(reasons) > 20
+    assert all(len(reason.split()) > 4 for reason in reasons)
+
+
+def row_of(meant: Meant) -> str:
+    unit = f" {meant.unit}" if meant.unit else ""
+    return f"| {meant.what} | {meant.least:g} | {meant.most:g}{unit} | {meant.low}; {meant.high} |"
+
+
+def test_the_page_has_every_range_with_its_reasons():
+    page = (ROOT / "docs/design.md").read_text()
+    assert [row_of(meant) for meant in MEANT if row_of(meant) not in page] == []
+
+
+def test_the_schema_has_every_range():
+    """Of the numbers themselves: a range beside records is that of the fields below them."""
+    text = yaml.safe_dump(design_json_schema())
+    own = [m for ranges in FIELDS.values() for m in ranges[-1:] if isinstance(m, Meant)]
+    assert text.count("x-plausible") >= len(own) - 4  # an optional one stands at its alternative
+    half_width = design_json_schema()["$defs"]["RotationTolerance"]["properties"]["half_width_deg"]
+    assert half_width["x-plausible"] == [0.002, 1.0]
+
+
+# --- what a slip of unit does -----------------------------------------------------------------------------
+
+
+def set_value(data: Any, pointer: str, value: Any) -> Any:
+    """A copy of plain data with another value at a JSON pointer."""
+    whole = place = copy.deepcopy(data)
+    *path, last = [int(step) if step.isdecimal() else step for step in pointer.split("/")[1:]]
+    for step in path:
+        place = place[step]
+    place[last] = value
+    return whole
+
+
+def scaled(value: Any, factor: float) -> Any:
+    return [scaled(each, factor) for each in value] if isinstance(value, list) else value * factor
+
+
+def list_slips(path: Path) -> Iterator[tuple[str, str, Any]]:
+    """(pointer, unit, the design's data with that number in that unit) of each number that a design states."""
+    data = yaml.safe_load(path.read_text())
+    for number in list_numbers(load_design(path).document):
+        written = find(data, number.pointer)
+        if written is None or not np.any(np.array(written, dtype=float)) or number.pointer.startswith("/optimise"):
+            continue
+        for unit, factor in SLIPS[number.meant.unit].items():
+            if isinstance(written, list) and len(written) == 4:
+                slip = [[*row[:3], row[3] / factor] for row in written[:3]] + [written[3]]
+            else:
+                slip = scaled(written, 1 / factor)
+            yield number.pointer, unit, set_value(data, number.pointer, slip)
+
+
+def find(data: Any, pointer: str) -> Any:
+    for step in pointer.split("/")[1:]:
+        try:
+            data = data[int(step)] if isinstance(data, list) else data.get(step)
+        except (IndexError, AttributeError):
+            return None
+        if data is None:
+            return None
+    return data
+
+
+# Slips that nobody can see in the number: it is one that others mean, and no other number of the design contradicts it
+UNSEEN = {
+    "half_width_mm": "a seat, a bead or a calibration that is ten times as fine is one that others make",
+    "half_width_deg": "from 0.115 degrees on, radians are a fine seat; 0.005 is a ground one",
+    "std_mm": "a robot that is ten times as good is one that others have",
+    "px": "noise that is smaller is that of better images",
+    "bias": "a known error that is smaller is one that others have",
+    "matrix_mm_per_n": "ten times as stiff is a stiff robot",
+    "load": "ten times as light is a light touch",
+    "pivot_mm": "a seat that is nearer is one that others have",
+    "expansion": "ten times as little is another material",
+    "locators": "contacts that are nearer are those of a smaller seat",
+}
+
+
+def judge(path: Path) -> Iterator[tuple[str, str, float, bool]]:
+    """(pointer, unit, P95 after less before, relative; whether it is doubted or refused) of each slip of a design."""
+    before = max(target.p95_mm for target in score(load_design(path)).targets)
+    assert not {each.rule for each in check_design(load_design(path))[1]} & set(PLAUSIBILITY)
+    for pointer, unit, data in list_slips(path):
+        try:
+            design = load_design(data, base_directory=path.parent)
+            findings = check_design(design)[1]
+            seen = any(each.rule in PLAUSIBILITY for each in findings)
+            after = before if seen else max(target.p95_mm for target in score(design).targets)
+        except (DesignError, IllPosedError):
+            seen, after = True, before
+        yield pointer, unit, after / before - 1, seen
+
+
+def measure_power(paths: list[Path]) -> tuple[float, dict[str, str]]:
+    """Which share of slips of a unit is seen, and those that are not although they lower P95 by more than a tenth."""
+    slips = [(path, *each) for path in paths for each in judge(path)]
+    missed = {f"{path.name}{at} in {unit}": f"{change:.0%}" for path, at, unit, change, seen in slips
+              if not seen and change < -0.1}  # fmt: skip
+    return sum(each[-1] for each in slips) / len(slips), missed
+
+
+def is_explained(slip: str) -> bool:
+    return any(part in slip for part in UNSEEN)
+
+
+def test_slips_of_the_demo_are_seen_or_nobody_can_see_them():
+    share, missed = measure_power([EXAMPLES / "demo.yaml"])
+    assert share > 0.55
+    assert [slip for slip in missed if not is_explained(slip)] == []
+    assert not any("metres" in slip and "centi" not in slip for slip in missed)
+
+
+@pytest.mark.long
+def test_slips_of_all_shipped_designs_are_seen_or_nobody_can_see_them():
+    paths = [path for path in sorted(EXAMPLES.rglob("*.yaml")) if "schema: tailstack/design/1" in path.read_text()]
+    share, missed = measure_power([path for path in paths if path.name != "demo.yaml"])
+    assert share > 0.55
+    assert [slip for slip in missed if not is_explained(slip)] == []

@@ -1,0 +1,221 @@
+"""Frames, orders and parts of poses that are written in another way: what is said of each, and what a score shows."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import test_meanings as scene
+import yaml
+from scipy.spatial.transform import Rotation
+
+from plain_data import replaced
+from tailstack.design import check_design, load_design
+from tailstack.design.plausibility import PLAUSIBILITY
+from tailstack.errors import IllPosedError
+from tailstack.scoring import score
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+DEMO = yaml.safe_load((EXAMPLES / "demo.yaml").read_text())
+CON, TCP = ("transforms", "T_flange_con"), ("transforms", "T_tcp_flange")
+
+
+def remarks(document):
+    findings = check_design(load_design(document))[1]
+    return {each.rule: each for each in findings if each.rule in PLAUSIBILITY}
+
+
+# --- the tool ---------------------------------------------------------------------------------------------
+
+SHIFTS = {"metres": 1e-3, "centimetres": 0.1, "inches": 1 / 25.4, "its inverse": -1.0}
+
+
+@pytest.mark.parametrize("words", SHIFTS)
+@pytest.mark.parametrize(("path", "z"), [(CON, 145), (TCP, -215)])
+def test_a_transform_in_another_unit_or_inverted_is_remarked_with_the_one_that_meets_the_target(path, z, words):
+    """independent: the demo's tip is 215 mm before the flange, which is 145 mm behind con; its target is at 70."""
+    written = replaced(DEMO, (*path, "translation_mm"), [0, 0, z * SHIFTS[words]])
+    met = remarks(written)["target-off-tool"]
+    assert met.pointer == "/" + "/".join(path)
+    assert words in met.message
+    meant = yaml.safe_load(re.search(rf"{path[1]}: translation_mm: (\[.*?\])", met.message)[1])
+    np.testing.assert_allclose(meant, [0, 0, z], atol=1e-6)
+    assert not remarks(replaced(written, (*path, "translation_mm"), meant))
+
+
+def test_both_inverted():
+    inverted = replaced(replaced(DEMO, (*CON, "translation_mm"), [0, 0, -145]), (*TCP, "translation_mm"), [0, 0, 215])
+    met = remarks(inverted)["target-off-tool"]
+    assert "both transforms" in met.message
+    assert (
+        "T_flange_con: translation_mm: [0, 0, 145] and write T_tcp_flange: translation_mm: [0, 0, -215]" in met.message
+    )
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("centimetres", 10), ("metres", 1000), ("inches", 25.4)])
+def test_targets_in_another_unit(unit, factor):
+    met = remarks(replaced(DEMO, ("targets", 0, "position_mm"), [0, 0, 70 / factor]))["target-off-tool"]
+    assert (met.pointer, f"multiply the targets by {factor:g}" in met.message) == ("/targets", True)
+
+
+def turned(rotation, shift):
+    return np.vstack([np.column_stack([rotation, shift]), [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_turned_transform_that_is_inverse_in_a_part(whole):
+    """independent: SciPy's rotations; a flange that is turned and aside of con, the tool's tip at the target."""
+    rotation, shift = Rotation.from_euler("XYZ", [20, -35, 80], degrees=True).as_matrix(), np.array([40, -25, 145])
+    there = rotation @ [0, 0, 70] + shift
+    wrong = turned(rotation.T, -rotation.T @ shift) if whole else turned(rotation, -rotation.T @ shift)
+    document = replaced(replaced(DEMO, CON, wrong.tolist()), TCP, {"translation_mm": (-there).tolist()})
+    met = remarks(document)["target-off-tool"]
+    meant = yaml.safe_load(re.search(r"write T_flange_con: (\[\[.*?\]\])", met.message)[1])
+    np.testing.assert_allclose(meant, turned(rotation, shift), atol=1e-6)
+
+
+def test_a_target_further_from_the_tool_than_any_tool_is_long_is_remarked_without_a_cure():
+    met = remarks(replaced(DEMO, (*TCP, "translation_mm"), [310, 170, -215]))["target-off-tool"]
+    assert "score says where each lies in tcp" in met.message
+
+
+def test_a_tool_at_some_distance_from_its_work_is_not_remarked():
+    """A drill guide's tcp is its sleeve; the flange itself may be the tool."""
+    assert "target-off-tool" not in remarks(replaced(DEMO, (*TCP, "translation_mm"), [0, 0, -130]))
+    assert "target-off-tool" not in remarks(
+        replaced(DEMO, ("transforms",), {"T_flange_con": DEMO["transforms"][CON[1]]})
+    )
+
+
+def test_a_score_says_where_each_target_lies_in_tcp():
+    """independent: the homogeneous products."""
+    document = yaml.safe_load((EXAMPLES / "locators_321.yaml").read_text())
+    found = {each.name: each.position_tcp_mm for each in score(load_design(document)).targets}
+    turn = Rotation.from_euler("z", 45, degrees=True).as_matrix()
+    np.testing.assert_allclose(found["centre"], [0, 0, -15], atol=1e-12)
+    np.testing.assert_allclose(found["workspace[0]"], turn @ [-15, -15, 35 + 130] - [0, 0, 190], atol=1e-12)
+
+
+# --- quaternions ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("last", [1.0, -1.0, 0.9995])
+def test_the_identity_with_its_scalar_last_is_half_a_turn_and_is_said_to_be(last):
+    written = [0, 0, (1 - last**2) ** 0.5, last]
+    met = remarks(replaced(DEMO, CON, {"quaternion_wxyz": written, "translation_mm": [0, 0, 145]}))["quaternion-order"]
+    assert "half a turn about z" in met.message
+    meant = yaml.safe_load(re.search(r"write (\[.*?\]);", met.message)[1])
+    np.testing.assert_allclose(Rotation.from_quat(written).as_quat(), np.roll(meant, -1), atol=1e-3)
+    assert not remarks(replaced(DEMO, CON, {"quaternion_wxyz": meant, "translation_mm": [0, 0, 145]}))
+
+
+def test_orders_of_angles_as_the_page_has_them():
+    """independent: SciPy; the page says X-Y-Z about moving axes here, Z-Y-X of ROS and KUKA, vectors of UR."""
+    page = (Path(__file__).parents[2] / "docs/conventions.md").read_text()
+    for words in (
+        "X-Y-Z about the moving axes",
+        "Z-Y-X: `Rz(yaw)",
+        "Z-Y-X: `Rz(A)",
+        "Universal Robots",
+        "rotation vector",
+    ):
+        assert words in page
+    angles = [20, -35, 80]
+    system = check_design(load_design(replaced(DEMO, (*CON, "rotation_deg"), angles)))[0]
+    np.testing.assert_allclose(
+        system.T_flange_con[:3, :3], Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
+    )
+
+
+# --- principal points -------------------------------------------------------------------------------------
+
+FEET = {  # as written, of an image of 1536 px with pixels of 0.194 mm, and what is meant
+    "in millimetres": ([148.9, 148.9], [767.5, 767.5]),
+    "from the middle of the image": ([3, -2], [770.5, 765.5]),
+    "with the other sign": ([-767.5, -767.5], [767.5, 767.5]),
+    "with the other sign of one": ([767.5, -767.5], [767.5, 767.5]),
+}
+
+
+@pytest.mark.parametrize("words", FEET)
+@pytest.mark.parametrize("aimed", [True, False])
+def test_a_principal_point_in_another_convention_is_named_with_what_is_meant(words, aimed):
+    foot, meant = FEET[words]
+    if aimed:
+        document = replaced(DEMO, ("views",), [view | {"principal_point_px": foot} for view in DEMO["views"]])
+    else:
+        document = scene.document(principal_point_px=foot)
+    with pytest.raises(IllPosedError) as caught:
+        check_design(load_design(document))
+    hints = [problem.hint for problem in caught.value.problems if problem.pointer.count("/") == 2 and problem.hint]
+    assert len(hints) == 2
+    for hint in hints:
+        assert "isocentre_mm" not in hint
+        written = yaml.safe_load(re.search(r"write principal_point_px: (\[.*?\])", hint)[1])
+        np.testing.assert_allclose(written, meant, atol=1)
+    inner = "" if aimed else "/intrinsics"
+    places = [problem.pointer for problem in caught.value.problems if problem.code == "principal-point"]
+    assert places == [f"/views/{k}{inner}/principal_point_px" for k in (0, 1)]
+
+
+def test_a_principal_point_that_nothing_explains_is_named_all_the_same():
+    document = scene.document(principal_point_px=[1700, 90])
+    with pytest.raises(IllPosedError) as caught:
+        check_design(load_design(document))
+    assert all(
+        "check principal_point_px first" in problem.hint
+        for problem in caught.value.problems
+        if problem.code == "outside-view"
+    )
+
+
+def test_a_focal_length_in_millimetres():
+    met = remarks(scene.document(focal_px=[1020, 1020]))["cone-too-wide"]
+    assert met.pointer.endswith("/intrinsics/focal_px")
+
+
+# --- poses in a part --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("wrong", [(0, 1), (0,), (1,)])
+def test_a_translation_that_is_the_camera_s_place_gets_its_cure_in_every_view_that_has_it(wrong):
+    """independent: the pose itself, R and -R c."""
+    document = scene.document()
+    for index in wrong:
+        pose = np.array(document["views"][index]["pose"])
+        centre = -pose[:3, :3].T @ pose[:3, 3]
+        document["views"][index]["pose"] = {"rotation": pose[:3, :3].tolist(), "translation_mm": centre.tolist()}
+    hints = scene.hints_of(document)
+    assert len(hints) == len(wrong)
+    for hint in hints:
+        np.testing.assert_allclose(yaml.safe_load(hint.partition("translation_mm: ")[2]), [0, 0, 700], atol=1e-6)
+
+
+# --- isocentres -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("detector", "isocentre"), [(1020, 700), (1259.65, 742.5), (1148, 809.89), (1085.6, 595)])
+def test_an_isocentre_measured_from_the_detector(detector, isocentre):
+    """The presets' own distances; ten beads in 30 mm, which every detector shows."""
+    document = yaml.safe_load((EXAMPLES / "gallery/small_carrier.yaml").read_text())
+    arm = {"source_detector_mm": detector, "pixel_mm": 0.3, "image_size_px": [1536, 1536], "isocentre_mm": [0, 0, 0]}
+    for view in document["views"]:
+        for field in ("preset", "principal_point_px"):
+            view.pop(field, None)
+        view |= arm | {"source_isocentre_mm": detector - isocentre}
+    said, hints = doubts(document)
+    cure = f"write source_isocentre_mm: {isocentre:g}"
+    assert len(said) == len(document["views"])
+    assert all(cure in each and "530 to 810 mm" in each for each in said)
+    assert all(cure in hint for hint in hints)
+
+
+def doubts(document):
+    """What is said of the sources, and the first hint where it is refused."""
+    try:
+        return [each.message for each in check_design(load_design(document))[1] if each.rule == "source-distance"], []
+    except IllPosedError as error:
+        said = [each.detail for each in error.problems if each.code == "source-distance"]
+        return said, [error.problems[0].hint]
