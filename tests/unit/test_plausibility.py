@@ -89,7 +89,7 @@ CASES = [
     ("repeatability-too-wide", ("execution", "repeatability", "std_mm"), 5, 1.0, "no robot's data sheet"),
     ("limit-too-wide", ("requirements", 0, "limit_mm"), 600, 20, "If micrometres were meant, write 0.6"),
     ("pivot-among-fiducials", (*SEAT, "pivot_mm"), [0, 0, -9.5], [0, 0, -95], "write [0, 0, -95]"),
-    ("pivot-among-fiducials", ("interfaces", "connector_flange", "pivot_mm"), [0, 0, -14.5], [0, 0, -90], "-145"),
+    ("pivot-off-flange", ("interfaces", "connector_flange", "pivot_mm"), [0, 0, -14.5], [0, 0, -90], "in centimetres"),
     ("length-too-small", (*SEAT, "pivot_mm"), [0, 0, -0.095], [0, 0, -95], "If metres were meant, write [0, 0, -95]"),
     (
         "length-too-large",

@@ -136,19 +136,15 @@ def find(data: Any, pointer: str) -> Any:
     return data
 
 
-# Slips that nobody can see in the number: it is one that others mean, and no other number of the design contradicts it
-UNSEEN = {
-    "half_width_mm": "a seat, a bead or a calibration that is ten times as fine is one that others make",
-    "half_width_deg": "from 0.115 degrees on, radians are a fine seat; 0.005 is a ground one",
-    "std_mm": "a robot that is ten times as good is one that others have",
-    "px": "noise that is smaller is that of better images",
-    "bias": "a known error that is smaller is one that others have",
-    "matrix_mm_per_n": "ten times as stiff is a stiff robot",
-    "load": "ten times as light is a light touch",
-    "pivot_mm": "a seat that is nearer is one that others have",
-    "expansion": "ten times as little is another material",
-    "locators": "contacts that are nearer are those of a smaller seat",
-}
+# Slips that nobody sees although they lower P95 by more than a tenth: what is written is what others mean, and no other
+# number of the design contradicts it: (end of the pointer, units, why)
+FINER = "ten times as fine is what others make, measure or own"
+UNSEEN = (
+    ("half_width_mm", ("centimetres", "inches"), FINER),
+    ("half_width_deg", ("radians",), "what is above 0.115 degrees is then a ground seat's"),
+    ("std_mm", ("centimetres", "inches"), FINER),
+    ("position_mm", ("centimetres", "inches"), "nearer is what others have, where no transform says where the tool is"),
+)
 
 
 def judge(path: Path) -> Iterator[tuple[str, str, float, bool]]:
@@ -166,28 +162,27 @@ def judge(path: Path) -> Iterator[tuple[str, str, float, bool]]:
         yield pointer, unit, after / before - 1, seen
 
 
-def measure_power(paths: list[Path]) -> tuple[float, dict[str, str]]:
-    """Which share of slips of a unit is seen, and those that are not although they lower P95 by more than a tenth."""
-    slips = [(path, *each) for path in paths for each in judge(path)]
-    missed = {f"{path.name}{at} in {unit}": f"{change:.0%}" for path, at, unit, change, seen in slips
-              if not seen and change < -0.1}  # fmt: skip
+def measure_power(paths: list[Path]) -> tuple[float, list[str]]:
+    """Which share of slips is seen, and which are not although they lower P95 by more than a tenth, but for UNSEEN."""
+    slips = [(path.name, *each) for path in paths for each in judge(path)]
+    missed = [
+        f"{name}{at} in {unit}: {change:.0%}"
+        for name, at, unit, change, seen in slips
+        if not seen and change < -0.1 and not any(end in at and unit in units for end, units, _ in UNSEEN)
+    ]
     return sum(each[-1] for each in slips) / len(slips), missed
 
 
-def is_explained(slip: str) -> bool:
-    return any(part in slip for part in UNSEEN)
-
-
 def test_slips_of_the_demo_are_seen_or_nobody_can_see_them():
+    """118 slips; measured: 69 % are seen."""
     share, missed = measure_power([EXAMPLES / "demo.yaml"])
-    assert share > 0.55
-    assert [slip for slip in missed if not is_explained(slip)] == []
-    assert not any("metres" in slip and "centi" not in slip for slip in missed)
+    assert share > 0.65
+    assert missed == []
 
 
 @pytest.mark.long
 def test_slips_of_all_shipped_designs_are_seen_or_nobody_can_see_them():
     paths = [path for path in sorted(EXAMPLES.rglob("*.yaml")) if "schema: tailstack/design/1" in path.read_text()]
-    share, missed = measure_power([path for path in paths if path.name != "demo.yaml"])
-    assert share > 0.55
-    assert [slip for slip in missed if not is_explained(slip)] == []
+    share, missed = measure_power(paths)
+    assert share > 0.6
+    assert missed == []

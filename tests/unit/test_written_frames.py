@@ -76,6 +76,33 @@ def test_a_turned_transform_that_is_inverse_in_a_part(whole):
     np.testing.assert_allclose(meant, turned(rotation, shift), atol=1e-6)
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("centimetres", 10), ("inches", 25.4)])
+def test_a_pivot_of_the_flange_in_another_unit(unit, factor):
+    """independent: the flange's face is 145 mm behind con."""
+    at = ("interfaces", "connector_flange", "pivot_mm")
+    met = remarks(replaced(DEMO, at, [0, 0, -145 / factor]))["pivot-off-flange"]
+    assert met.pointer == "/" + "/".join(at)
+    assert f"with the pivot in {unit}, it lies 0 mm from it: multiply pivot_mm by {factor:g}" in met.message
+
+
+@pytest.mark.parametrize("order", ["roll, pitch and yaw", "KUKA", "rotation vector", "radians", "scalar last"])
+def test_angles_of_another_order(order):
+    """independent: SciPy; a tool that is turned against its flange, written as another robot writes it."""
+    turn = Rotation.from_euler("XYZ", [25, 50, -70], degrees=True)
+    written = {
+        "roll, pitch and yaw": {"rotation_deg": turn.as_euler("ZYX", degrees=True)[::-1].tolist()},
+        "KUKA": {"rotation_deg": turn.as_euler("ZYX", degrees=True).tolist()},
+        "rotation vector": {"rotation_deg": turn.as_rotvec(degrees=True).tolist()},
+        "radians": {"rotation_deg": turn.as_euler("XYZ").tolist()},
+        "scalar last": {"quaternion_wxyz": turn.as_quat().tolist()},
+    }[order]
+    shift = -turn.apply([0, 0, 215])
+    met = remarks(replaced(DEMO, TCP, written | {"translation_mm": shift.tolist()}))["target-off-tool"]
+    assert order in met.message
+    meant = yaml.safe_load(re.search(r"write T_tcp_flange: (\[\[.*?\]\])", met.message)[1])
+    np.testing.assert_allclose(meant, turned(turn.as_matrix(), shift), atol=1e-6)
+
+
 def test_a_target_further_from_the_tool_than_any_tool_is_long_is_remarked_without_a_cure():
     met = remarks(replaced(DEMO, (*TCP, "translation_mm"), [310, 170, -215]))["target-off-tool"]
     assert "score says where each lies in tcp" in met.message

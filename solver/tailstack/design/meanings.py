@@ -19,7 +19,7 @@ from ..arrays import Array, frozen
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import sight
 from ..geometry.camera import camera_centre, image_centre_px, intrinsic_matrix, projection_from_pose
-from ..geometry.rotation import rigid_transform, rotation_from_quaternion
+from ..geometry.rotation import rigid_transform, rotation_from_quaternion, rotation_xyz
 from ..ranges import LENGTHS as UNITS
 from ..system import View
 from .cameras import aim_view, compile_transform, compile_view, find_detector
@@ -153,7 +153,7 @@ ELSEWHERE = "its rotation beside the place of the other origin"
 
 def read_transform(written: Any, matrix: Array, way: str) -> Iterator[tuple[str, Array]]:
     """A transform (4, 4) as it is written, and as what else its numbers may be: the inverse (``way``: what that maps),
-    whole or in one of its two parts, or a quaternion with the scalar last."""
+    whole or in one of its two parts, a quaternion with the scalar last, or angles of another order or unit."""
     rotation, shift = matrix[:3, :3], matrix[:3, 3]
     yield "", matrix
     yield f"its inverse, which maps {way}", rigid_transform(rotation.T, -rotation.T @ shift)
@@ -162,6 +162,16 @@ def read_transform(written: Any, matrix: Array, way: str) -> Iterator[tuple[str,
     if isinstance(written, Pose) and written.quaternion_wxyz is not None:
         last = np.roll(written.quaternion_wxyz, 1)
         yield "its quaternion with the scalar last", rigid_transform(rotation_from_quaternion(last), shift)
+    if isinstance(written, Pose) and written.rotation_deg is not None and any(written.rotation_deg):
+        angles = np.deg2rad(written.rotation_deg)
+        about_x, about_y, about_z = (rotation_xyz(angles * axis) for axis in np.eye(3))
+        yield "roll, pitch and yaw, Z-Y-X", rigid_transform(about_z @ about_y @ about_x, shift)
+        about_c, about_b, about_a = (rotation_xyz(angles[::-1] * axis) for axis in np.eye(3))
+        yield "the angles A, B, C of KUKA, Z-Y-X", rigid_transform(about_a @ about_b @ about_c, shift)
+        half = float(np.linalg.norm(angles)) / 2
+        vector = rotation_from_quaternion(np.append(np.cos(half), np.sin(half) * angles / (2 * half)))
+        yield "a rotation vector", rigid_transform(vector, shift)
+        yield "its angles in radians", rigid_transform(rotation_xyz(np.array(written.rotation_deg)), shift)
 
 
 def read_isocentre(view: PresetView | DistanceView) -> Iterator[tuple[str, float]]:

@@ -8,6 +8,7 @@ says what it met, why it doubts that, and what to do.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from math import asin, degrees, dist, hypot, pi
 from typing import Any
 
@@ -51,7 +52,7 @@ from .meanings import (
     write_numbers,
 )
 from .presets import PRESETS
-from .tool import FARTHEST_MM, find_readings
+from .tool import FARTHEST_MM, PIVOT, TARGET, doubt_tool
 
 BESIDE = "The range beside the field: docs/design.md lists them with their sources."
 BEAD_MM = 3.0  # diameter of the beads that localisation noise is quoted for
@@ -343,17 +344,19 @@ def _list_interfaces(document: DesignDocument) -> Iterator[tuple[str, Interface]
 # --- places and lever arms --------------------------------------------------------------------------------
 
 
-def _doubt_tool(subject: Subject) -> Iterator[Doubt]:
-    away, readings = find_readings(subject.document)
-    if not readings and away <= FARTHEST_MM:
-        return
-    told = f"at the executed pose the nearest target lies {away:.4g} mm from the tool's origin (tcp)"
-    if not readings:
-        cure = "check T_flange_con, T_tcp_flange and the frame of the targets: score says where each lies in tcp"
-        yield Doubt("/transforms", f"{told}, further than a tool is from its work: {cure}.", away, FARTHEST_MM)
-        return
-    ways = "; ".join(f"with {each.words}, it lies {each.away_mm:.3g} mm from it: {each.cure}" for each in readings[:2])
-    yield Doubt(readings[0].pointer, f"{told}; {ways}.", away, readings[0].away_mm)
+def _doubt_tool(rule: str, subject: Subject) -> Iterator[Doubt]:
+    for found, what, away, readings in doubt_tool(subject.document):
+        if found != rule:
+            continue
+        told = f"at the executed pose {what.format(f'{away:.4g}')}"
+        if readings:
+            ways = "; ".join(
+                f"with {each.words}, it lies {each.away_mm:.3g} mm from it: {each.cure}" for each in readings[:2]
+            )
+            yield Doubt(readings[0].pointer, f"{told}; {ways}.", away, readings[0].away_mm)
+        else:
+            cure = "check T_flange_con, T_tcp_flange and the frame of the targets: score says where each lies in tcp"
+            yield Doubt("/transforms", f"{told}, further than a tool is from its work: {cure}.", away, FARTHEST_MM)
 
 
 def _doubt_lever_arms(subject: Subject) -> Iterator[Doubt]:
@@ -401,7 +404,10 @@ def _doubt_pivots(subject: Subject) -> Iterator[Doubt]:
     def behind(place: Array) -> bool:
         return bool((place - middle) @ away > 0)
 
+    placed = subject.document.transforms.T_flange_con is not None  # then the flange's own is compared with that
     for name, interface in _list_interfaces(subject.document):
+        if placed and name == "connector_flange":
+            continue
         pivot = np.array(interface.pivot_mm)
         meant = {unit: LENGTHS[unit] * pivot for unit in ("centimetres", "inches")}
         fitting = [
@@ -494,11 +500,17 @@ _RULES = (
         slip=True,
     ),
     PlausibilityTest(
-        "target-off-tool",
+        TARGET,
         "A target far from the tool that another reading of a transform brings to it",
         "More than 20 mm from the tcp's origin, and by another unit, the inverse or another order of the quaternion at "
-        "a fifth of that or nearer; or 300 mm away: a judgement. A tcp that is the flange is not remarked.",
-        _doubt_tool,
+        "a fifth of that or nearer; or 300 mm away: a judgement. A design without transforms is not remarked.",
+        partial(_doubt_tool, TARGET),
+    ),
+    PlausibilityTest(
+        PIVOT,
+        "A pivot of connector_flange far from the flange's origin that another reading brings to it",
+        "As target-off-tool; where the target is at the tool, only another unit of the pivot.",
+        partial(_doubt_tool, PIVOT),
     ),
     PlausibilityTest("length-too-small", "A place or a size that nobody means", BESIDE, slip=True),
     PlausibilityTest("length-too-large", "A place or a size beyond the room", BESIDE, slip=True),
@@ -521,7 +533,7 @@ _RULES = (
     PlausibilityTest(
         "pivot-among-fiducials",
         "A seat among the fiducials and targets that is behind them in centimetres or inches",
-        "Inside the box about fiducials and targets, and 10 or 25.4 times the pivot outside of it, on the far side from "
+        "Inside the box about fiducials and targets, and 10 or 25.4 times as far outside of it, on the far side from "
         "the targets: a judgement. A pivot of [0, 0, 0], as when it is left out, is not remarked.",
         _doubt_pivots,
     ),
