@@ -139,11 +139,14 @@ def find(data: Any, pointer: str) -> Any:
 # Slips that nobody sees although they lower P95 by more than a tenth: what is written is what others mean, and no other
 # number of the design contradicts it: (end of the pointer, units, why)
 FINER = "ten times as fine is what others make, measure or own"
+NEARER = "nearer is what others have, where no transform says where the tool and the flange are"
 UNSEEN = (
     ("half_width_mm", ("centimetres", "inches"), FINER),
     ("half_width_deg", ("radians",), "what is above 0.115 degrees is then a ground seat's"),
     ("std_mm", ("centimetres", "inches"), FINER),
-    ("position_mm", ("centimetres", "inches"), "nearer is what others have, where no transform says where the tool is"),
+    ("position_mm", ("centimetres", "inches"), NEARER),
+    ("centre_mm", ("centimetres", "inches"), NEARER),
+    ("pivot_mm", ("centimetres", "inches"), NEARER),
 )
 
 
@@ -174,7 +177,7 @@ def measure_power(paths: list[Path]) -> tuple[float, list[str]]:
 
 
 def test_slips_of_the_demo_are_seen_or_nobody_can_see_them():
-    """118 slips; measured: 69 % are seen."""
+    """118 slips; measured: 70 % are seen."""
     share, missed = measure_power([EXAMPLES / "demo.yaml"])
     assert share > 0.65
     assert missed == []
@@ -182,7 +185,8 @@ def test_slips_of_the_demo_are_seen_or_nobody_can_see_them():
 
 @pytest.mark.long
 def test_slips_of_all_shipped_designs_are_seen_or_nobody_can_see_them():
+    """Of 22 designs, without the three that fit a paper's figures: 1,892 slips, of which 75 % were seen."""
     paths = [path for path in sorted(EXAMPLES.rglob("*.yaml")) if "schema: tailstack/design/1" in path.read_text()]
-    share, missed = measure_power(paths)
-    assert share > 0.6
+    share, missed = measure_power([path for path in paths if path.parent.name != "paper"])
+    assert share > 0.7
     assert missed == []

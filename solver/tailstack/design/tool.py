@@ -1,7 +1,7 @@
 """Where targets and seat lie from the tool's and the flange's origin, and what else the transforms may mean.
 
-At the executed pose a target is at the tool, a standoff away, and the pivot of the flange at its origin.  Where one is far
-from the other as written, and near it by another reading of a number, that reading is told.
+At the executed pose a target is at the tool, a standoff away, and the pivot of the flange at its origin.  Where one is
+far from the other as written, and near it by another reading of a number, that reading is told.
 """
 
 from __future__ import annotations
