@@ -180,8 +180,7 @@ Policy: severity. Waiver: min_value in the unit of the finding (mm, ratio or deg
     "plausibility": """\
 A value of the design looks like a slip: radians or metres where degrees or millimetres are asked for, a half-width
 finer than a kinematic coupling repeats or wider than a clip-on seat plays, noise below the best that was measured, a
-structure that is too small for its beads or too large for a detector, a transform that does not bring the target to the
-tool, a target at the pivot of a seat. The message
+structure that is too small for its beads or too large for a detector, a target at the pivot of a seat. The message
 begins with the remark's own name; docs/design.md lists them with the sources of their numbers. Where such a slip makes
 the geometry undetermined, the refusal says it: see not-evaluated.
 
