@@ -64,7 +64,10 @@ class RefusedAt(TailstackError):
         """``at``: pointer to what the error is about; its own pointers start there."""
         if isinstance(error, cls):
             return error
-        problems = [replace(problem, pointer=at + problem.pointer) for problem in error.problems]
+        problems = [
+            replace(each, pointer=at + each.pointer, fix=tuple(edit._replace(path=at + edit.path) for edit in each.fix))
+            for each in error.problems
+        ]
         return cls(problems, error.slug, error.title, error.exit_code)
 
 

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from tailstack.cores import usable_cores
-from tailstack.cures import find_nearest
+from tailstack.cures import ask_meant
 from tailstack.errors import Problem
 
 from .folders import state_directory
@@ -206,8 +206,7 @@ GONE = {
 def _unknown(name: str, known: list[str]) -> Problem:
     if name in GONE:
         return Problem("", "unknown-setting", f"the environment sets {name}, which is no setting any more", GONE[name])
-    close = find_nearest(name.removeprefix(PREFIX), [each.removeprefix(PREFIX) for each in known])
-    meant = f"did you mean {PREFIX}{close[0]}? " if close else ""
+    meant = f"{ask_meant(name, known)} ".lstrip()
     if name in (PREFIX + "PORT", PREFIX + "HOST"):
         meant = f"tailstack serve takes --{name.removeprefix(PREFIX).lower()}; "
     detail = f"the environment sets {name[:80]}, and there is no such setting"

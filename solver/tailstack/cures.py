@@ -11,6 +11,8 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
+from .field_names import convert_text, cure_name, read_name
+
 # Words of the trade for what a document calls otherwise.
 _SYNONYMS = {
     "gaussian": "normal",
@@ -47,6 +49,7 @@ _EITHER_WAY = re.compile(  # value, half-width, unit
 _BOUND = re.compile(  # one number of a drawing: sign, value, unit, and a word
     r"\s*(max\.?|<=?|≤|Ø|⌀)?\s*([0-9.,]+)\s*(mm|deg|°|px)?\s*(max\.?|maximum)?\s*", re.IGNORECASE
 )
+_QUANTITY = re.compile(r"\s*([-+]?(?:(?:0|[1-9]\d*)\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,:_][^\d]*?\d?)?\s*")
 _PERCENT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*%\s*")
 _LARGEST_PERCENT = 100.0
 
@@ -67,10 +70,44 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s_-]+", "", name[:200]).casefold() or name
 
 
-def ask_meant(name: str, known: Iterable[str], otherwise: str = "") -> str:
-    """``did you mean NAME?``, or what is said where no name is near."""
+def ask_label(name: str, known: Iterable[str], otherwise: str = "") -> str:
+    """``did you mean NAME?`` for what people call things, and for verbs; or what is said where none is near."""
     nearest = find_nearest(name, known)
     return f"did you mean {nearest[0]}?" if nearest else otherwise
+
+
+def ask_meant(name: str, known: Iterable[str], otherwise: str = "") -> str:
+    """``did you mean NAME?`` for a name that means something: a field, an option, a word of a choice.
+
+    One that differs in what it means is not offered as if it were the same: it is said what happens to its number, or
+    what is nearest to another law.  ``otherwise``: what is said where none is near."""
+    known = list(known)
+    plain = {_plain(each): each for each in known}
+    if (meant := plain.get(_plain(name), "") or _SYNONYMS.get(_plain(name), "")) in known:
+        return f"did you mean {meant}?"
+    law = _plain(re.sub("[ _-]*(distribution|distributed|law)$", "", name[:200]))
+    if "normal" in known:
+        if law in plain:
+            return f"did you mean {plain[law]}?"
+        for words, said in _OTHER_LAWS.items():
+            if any(word in law for word in words.split()):
+                return said.replace("WIDEST", "bounded" if "bounded" in known else "uniform")
+    text, reading = cure_name(name, known)[0], read_name(name)
+    return otherwise if reading.mark and not reading.unit else text or otherwise
+
+
+_OTHER_LAWS = {  # words in the name of a law that none of ours is, and what comes nearest
+    "halfnormal halfgauss folded onesided": "a half-normal law is one-sided, and none here is: its mean, 0.8 sigma, is "
+    "a bias, and its spread about it, 0.6 sigma, may be taken for normal; or give its reach as WIDEST",
+    "trunc": "normal is not cut off at the half-width: with coverage_factor: 3 a share of 0.0027 lies beyond it",
+    "log rayleigh weibull gamma beta exponential poisson chi maxwell gumbel skew pert": "a skewed law is none of "
+    "these: its mean is a bias, and its reach about that may be given as WIDEST",
+    "student cauchy laplace tdist lorentz": "its tails are heavier than those of normal, which would say too little: "
+    "give its reach as WIDEST",
+    "arcsin sine ushape bimodal twopoint bernoulli": "it lies at the ends more often than uniform: WIDEST is nearest",
+    "trapez cosine": "it lies between triangular and uniform, of which uniform has the wider spread",
+    "const fixed determin none known": "what does not vary is a bias: leave the tolerance out",
+}
 
 
 def cure_zone(upper: float, lower: float) -> str:
@@ -118,7 +155,8 @@ def _cure_zone_text(text: str, field: str) -> str:
         if (match[1] or "").lower() in ("ø", "⌀"):
             return f"a zone of diameter {value:.12g} has the half-width {value / 2:.12g}"
         return f"a half-width is the largest deviation to either side: write {value:.12g}"
-    if match := _ZONE.fullmatch(text):
+    stated = read_name(field)
+    if stated.spread in ("", "half-width") and (match := _ZONE.fullmatch(text)):
         first, second = (_read_decimal(each.replace(" ", "")) for each in match.groups())
         return "" if first is None or second is None else cure_zone(max(first, second), min(first, second))
     return ""
@@ -146,16 +184,22 @@ def cure_text(text: str, field: str) -> str:
         if len(decimals) == 3 and whole.lstrip("+-").strip("0"):
             return f"a number has no comma: write {whole}.{decimals.rstrip('0') or '0'} or {whole}{decimals}"
         return f"write decimals with a point: {whole}.{decimals}"
+    unit = read_name(field).unit
     if match := _PERCENT.fullmatch(text):
         value = float(match[1])
         if "percent" in field:
             return f"the field is in per cent: write {value:g}"
+        if unit is not None and unit.powers:
+            return f"the field is in {unit}, and of what this is a share is not said"
         return f"a fraction is a number without a sign: {value:g} % is {value / 100:.6g}"
-    return "no quotes, leading zeros or units: the unit is in the field's name" if _has_digit(text) else ""
-
-
-def _has_digit(text: str) -> bool:
-    return any(character.isdigit() for character in text)
+    plain = "no quotes, leading zeros or units"
+    if match := _QUANTITY.fullmatch(text):
+        number, given = match.groups()
+        if not given:
+            return f"{plain}: write {number}"
+        if cure := convert_text(number, given, field):
+            return f"{plain}: {cure}"
+    return f"{plain}: the unit is in the field's name" if any(map(str.isdigit, text)) else ""
 
 
 def cure_range(value: Any, field: str, *, least: float | None = None, most: float | None = None) -> str:
@@ -164,7 +208,7 @@ def cure_range(value: Any, field: str, *, least: float | None = None, most: floa
         return ""
     if most is not None and most <= 1 < value <= _LARGEST_PERCENT:
         return f"it is a fraction: {value:g} % is {value / 100:.6g}"
-    if least is not None and field.endswith("_mm") and least >= 1 and 0 < value < least:
+    if least is not None and field.endswith("_mm") and least >= 1 and least <= 1000 * value < 1000 * least:
         return f"it is in mm: {value:g} m is {value * 1000:g} mm"
     bound = abs(least or 0.0) if most is None else most
     if field.endswith("_mm") and bound >= 1e4 and bound < abs(value) <= 1000 * bound:

@@ -8,8 +8,16 @@ line as text; neither adds to what is said here.
 from __future__ import annotations
 
 import copyreg
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+
+class Edit(NamedTuple):
+    """One step of a JSON Patch (RFC 6902) of the user's document."""
+
+    op: Literal["add", "remove", "replace"]
+    path: str  # RFC 6901 pointer
+    value: Any = None  # of what is added or put in place
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +31,7 @@ class Problem:
     file: str | None = None
     line: int | None = None  # 1-based
     column: int | None = None  # 1-based
+    fix: tuple[Edit, ...] = field(default=(), compare=False)  # carries the hint out; empty: a person has to choose
 
     def __str__(self) -> str:
         place = self.pointer or "(document)"

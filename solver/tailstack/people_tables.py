@@ -21,6 +21,7 @@ from typing import IO
 
 from .cures import cure_text
 from .errors import Problem, TailstackError
+from .units import LENGTHS_MM
 
 DELIMITERS = "\t;,"
 NAMED_LINES = 5  # of each kind of row that was left out
@@ -36,7 +37,6 @@ SUMMARIES = (  # what the first cell of a row says that sums up those above it
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _COMMA_NUMBER = re.compile(r"[-+]?[0-9]+,[0-9]+([eE][-+]?[0-9]+)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}")  # one comma that may be either
-LENGTHS_MM = {"um": 1e-3, "\N{MICRO SIGN}m": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 UNITS = frozenset((*LENGTHS_MM, "deg", "rad", "mrad", "px"))  # that a column may state
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),

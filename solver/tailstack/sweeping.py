@@ -19,11 +19,11 @@ from .precision import MAX_TRIALS
 from .results import Provenance, Score, TargetEstimate, TargetScore, Verification
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 from .scoring import provenance, score
+from .units import unit_label
 from .verification import verify
 
 MOST_AXES, MOST_POINTS = 6, 1_000_000
 SIGNIFICANT = 12  # digits of the values of a range: 0.3, not 0.30000000000000004
-UNITS = {"_mm_per_n": "mm/N", "_deg": "deg", "_mm": "mm", "_px": "px", "_n": "N"}
 
 Check = Literal["score", "verification"]
 Progress = Callable[[int, int], None]
@@ -175,9 +175,8 @@ def _provenance(design: Design, checked: bool) -> Provenance:
 def _axis(design: Design, axis: VariedNumber) -> SweepAxis:
     base = {float(value_at(design.source.data, place)) for place in axis.places}
     field = next(str(step) for step in reversed(axis.places[0]) if isinstance(step, str))
-    unit = next((unit for ending, unit in UNITS.items() if field.endswith(ending)), "")
     name = name_of(design.source.data, axis.pointer)
-    return SweepAxis(axis.pointer, unit, base.pop() if len(base) == 1 else None, axis.values, name)
+    return SweepAxis(axis.pointer, unit_label(field), base.pop() if len(base) == 1 else None, axis.values, name)
 
 
 def _target(target: TargetScore | TargetEstimate) -> SweepTarget:

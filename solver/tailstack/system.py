@@ -22,7 +22,8 @@ from .arrays import Array
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
 
-TORSOR_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
+ROTATIONS, TRANSLATIONS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
+TORSOR_COMPONENTS = (*ROTATIONS, *TRANSLATIONS)
 
 
 class Law(StrEnum):

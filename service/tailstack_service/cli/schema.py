@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from tailstack.cures import ask_meant
+    from tailstack.cures import ask_label
 
     from ..schemas import TITLES, json_schema
 
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> Answer:
             raise RequestError(Problem("", "missing-parameter", "-o writes one schema; none is named", hint))
         return Answer("".join(f"{name:<18}{words}\n" for name, words in names.items()))
     if arguments.name not in names:
-        hint = f"{ask_meant(arguments.name, names)} one of {', '.join(names)}".strip()
+        hint = f"{ask_label(arguments.name, names)} one of {', '.join(names)}".strip()
         raise RequestError(Problem("", "unknown-schema", f"no schema is called {arguments.name!r}", hint))
     text = schema_text(json_schema(arguments.name, arguments.draft))
     if arguments.output is None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from tailstack.cures import ask_meant, find_nearest
+from tailstack.cures import ask_label, ask_meant, find_nearest
 
 from .answer import BAD_INPUT
 from .program import program, spell_commands
@@ -45,7 +45,7 @@ class Parser(argparse.ArgumentParser):
         for word in rest:
             if word.startswith("-"):
                 flag = word.partition("=")[0]
-                meant = suggest(flag, (flag for flag in flags if flag.startswith("--")))
+                meant = suggest(flag, (flag for flag in flags if flag.startswith("--")), ask_meant)
                 others = [] if meant else self.find_verbs(flag)
                 return text + (f"; it is a flag of {program()} {others[0]}" if others else meant)
         return text
@@ -54,13 +54,15 @@ class Parser(argparse.ArgumentParser):
         """As the library does it, with what was perhaps meant."""
         if action.choices is not None and value not in action.choices:
             known = [str(choice) for choice in action.choices]
-            message = f"invalid choice: {value!r} (choose from {', '.join(known)}){suggest(str(value), known)}"
+            message = (
+                f"invalid choice: {value!r} (choose from {', '.join(known)}){suggest(str(value), known, ask_meant)}"
+            )
             raise argparse.ArgumentError(action, message)
 
 
-def suggest(word: str, known: Iterable[str]) -> str:
-    """``; did you mean X?`` if something known is like the word, else nothing."""
-    meant = ask_meant(word, known)
+def suggest(word: str, known: Iterable[str], ask: Callable[[str, Iterable[str]], str] = ask_label) -> str:
+    """``; did you mean X?`` if something known is like the word, else nothing; ``ask``: how that is found."""
+    meant = ask(word, known)
     return f"; {meant}" if meant else ""
 
 

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from math import dist
 from typing import get_args
 
-from tailstack.cures import ask_meant
+from tailstack.cures import ask_label
 from tailstack.design import Design
 from tailstack.design.document import Interface
 from tailstack.fields import INTERFACES
@@ -401,6 +401,6 @@ def _explain_idle(process: Process, pattern: str, tolerances: list[Tolerance], d
             f"states no min_half_width_{unit}: nothing is judged by it"
         )
     of = "the design" if designs == 1 else f"the {designs} designs"
-    meant = ask_meant(pattern, sorted({tolerance.name for tolerance in tolerances}))
+    meant = ask_label(pattern, sorted({tolerance.name for tolerance in tolerances}))
     end = f"; {meant}" if meant else ""
     return f"process {process.name}: {pattern!r} matches no tolerance of {of} held to it{end}"

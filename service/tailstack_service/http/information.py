@@ -12,7 +12,7 @@ from typing import Any, Literal
 from fastapi import APIRouter, Depends, FastAPI, Request, Response
 
 from tailstack import __version__
-from tailstack.cures import ask_meant
+from tailstack.cures import ask_label
 from tailstack.design import list_presets
 from tailstack.errors import Problem, TailstackError
 from tailstack.json_text import write_json
@@ -264,7 +264,7 @@ async def schemas() -> Response:
 async def schema(request: Request) -> Response:
     name = request.path_params["name"]
     if name not in TITLES:
-        hint = ask_meant(name, TITLES, f"one of {', '.join(TITLES)}")
+        hint = ask_label(name, TITLES, f"one of {', '.join(TITLES)}")
         raise _unknown_name_error(f"no schema is called {name[:60]!r}", hint)
     asked = single(request.query_params.multi_items(), "draft")
     asked = DRAFTS[0] if asked is None else asked
@@ -352,7 +352,7 @@ async def example(request: Request) -> Response:
 async def problem_type(request: Request) -> Response:
     slug = request.path_params["slug"]
     if slug not in CATALOGUE:
-        hint = ask_meant(slug, CATALOGUE, f"one of {', '.join(CATALOGUE)}")
+        hint = ask_label(slug, CATALOGUE, f"one of {', '.join(CATALOGUE)}")
         raise _unknown_name_error(f"no class of problems is called {slug[:60]!r}", hint)
     entry: ProblemType = CATALOGUE[slug]
     return record_response(entry)

@@ -146,9 +146,9 @@ def score_table(
     header = table.header
     for path, name in settings:
         if name not in header:
-            from tailstack.cures import ask_meant
+            from tailstack.cures import ask_label
 
-            hint = ask_meant(name, header, f"the table has {', '.join(header[:12])}")
+            hint = ask_label(name, header, f"the table has {', '.join(header[:12])}")
             raise table.refuse("wrong-header", f"the table has no column {name!r}, which is to give {path}", hint, 1)
     chosen = list(settings) or [(name, name) for name in header if name.startswith("/") or "." in name]
     if not chosen:

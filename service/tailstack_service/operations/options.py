@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from tailstack.cures import ask_meant
+from tailstack.cures import ask_label
 from tailstack.errors import LimitError, Problem
 from tailstack.precision import FINEST_PRECISION, MAX_TRIALS
 
@@ -147,7 +147,7 @@ def refuse_unknown_target(name: str | None, names: Sequence[str], pointer: str =
     """Raises RequestError for a target that the design does not have; None: no target was named."""
     if name is not None and name not in names:
         detail = f"no target is called {name!r}; there are {', '.join(names[:20])}"
-        raise RequestError(Problem(pointer, "unknown-target", detail, ask_meant(name, names)))
+        raise RequestError(Problem(pointer, "unknown-target", detail, ask_label(name, names)))
 
 
 def within(value: int | None, setting: str, settings: Settings, pointer: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from math import isfinite
 from pathlib import Path
@@ -107,13 +107,11 @@ def _gaps(given: Any, at: str) -> Iterator[Problem]:
 
 def _of_result(problem: Problem, schema: str) -> Problem:
     detail = f"this is not a whole {schema}: {problem.detail}"
-    return Problem(problem.pointer, "bad-result", detail, HINT, problem.file, problem.line, problem.column)
+    return replace(problem, code="bad-result", detail=detail, hint=HINT, fix=())
 
 
 def _in_file(problem: Problem, file: str) -> Problem:
-    return Problem(
-        problem.pointer, problem.code, problem.detail, problem.hint, problem.file or file, problem.line, problem.column
-    )
+    return replace(problem, file=problem.file or file)
 
 
 __all__ = ["DESIGN", "HINT", "LimitError", "ReadResult", "read_document", "result_of"]

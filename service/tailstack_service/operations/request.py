@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from tailstack.cures import ask_meant, find_nearest
 from tailstack.design import Design, load_design
 from tailstack.design.loading import holds_points
 from tailstack.design.reading import (
@@ -30,8 +29,9 @@ from tailstack.design.reading import (
 )
 from tailstack.design.refusals import describe_value, pointer
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
+from tailstack.field_names import cure_name, find_renamings
 from tailstack.json_text import write_json
-from tailstack.people_tables import KEPT_ENDS
+from tailstack.people_tables import KEPT_ENDS, read_plain_number
 
 from ..console.flags import TypedOption, list_options
 from ..names import variable
@@ -156,9 +156,11 @@ def _translate(entry: Any, known: list[str], options: type[Options]) -> Problem:
             known = _fields_inside(options, str(path[0]))
             hint = ""
         else:
-            holder = next((own for own in options.model_fields if find_nearest(name, _fields_inside(options, own))), "")
+            holder = next(
+                (own for own in options.model_fields if find_renamings(name, _fields_inside(options, own))), ""
+            )
             hint = _example((holder,), options) if holder and name not in known else ""
-        hint = hint or ask_meant(name, known, f"known: {', '.join(known)}")
+        hint = hint or cure_name(name, known, entry.get("input"), otherwise=f"known: {', '.join(known)}")[0]
         return Problem(pointer(path), "unknown-field", f"there is no option {show(name)[9:]}", hint)
     if kind == "missing":
         detail = f"the field {str(path[-1])!r} is required"
@@ -203,11 +205,10 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
 
 def refuse_query(query: Query, known: tuple[str, ...], hint: str = "") -> None:
     """Refuse query parameters that mean nothing here, each with a pointer to its name.  Raises RequestError."""
-    for name, _ in query:
+    for name, text in query:
         if name not in known:
-            hint = hint or ask_meant(
-                name, known, f"known: {', '.join(known)}" if known else "this operation takes none"
-            )
+            otherwise = f"known: {', '.join(known)}" if known else "this operation takes none"
+            hint = hint or cure_name(name, known, read_plain_number(text), otherwise=otherwise)[0]
             detail = f"there is no query parameter {name[:60]!r}"
             raise RequestError(Problem(pointer([name[:60]]), "unknown-parameter", detail, hint))
 

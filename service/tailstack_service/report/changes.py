@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from tailstack.sweeping import UNITS
+from tailstack.units import unit_label
 
 from .records import Change
 
@@ -28,7 +28,7 @@ def _changes(first: Any, second: Any, old: str, new: str, name: str) -> Iterator
     elif _list_values(first) and _list_values(second):
         yield from _of_lists(first, second, old, new, name)
     elif first != second:
-        yield Change(new, name.strip(), _unit(new), "changed", _value(first), _value(second))
+        yield Change(new, name.strip(), unit_label(new), "changed", _value(first), _value(second))
 
 
 def _of_mappings(first: dict[str, Any], second: dict[str, Any], old: str, new: str, name: str) -> Iterator[Change]:
@@ -39,11 +39,11 @@ def _of_mappings(first: dict[str, Any], second: dict[str, Any], old: str, new: s
         if key in first:
             yield from _changes(first[key], value, *ways)
         elif value is not None:
-            yield Change(ways[1], ways[2].strip(), _unit(ways[1]), "added", None, _value(value))
+            yield Change(ways[1], ways[2].strip(), unit_label(ways[1]), "added", None, _value(value))
     for key, value in first.items():
         if key not in second and value is not None:
             at = f"{old}/{_escape(key)}"
-            yield Change(at, f"{name} {key}".strip(), _unit(at), "removed", _value(value), None)
+            yield Change(at, f"{name} {key}".strip(), unit_label(at), "removed", _value(value), None)
 
 
 def _of_lists(first: list[Any], second: list[Any], old: str, new: str, name: str) -> Iterator[Change]:
@@ -76,10 +76,6 @@ def _describe(items: list[Any]) -> dict[str, int]:
 def _value(node: Any) -> str:
     text = json.dumps(node, ensure_ascii=False, separators=(", ", ": "))  # noqa: TID251 - words in a table
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
-
-
-def _unit(pointer: str) -> str:
-    return next((unit for ending, unit in UNITS.items() if pointer.endswith(ending)), "")
 
 
 def _escape(step: str) -> str:

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 
 from tailstack.fields import INTERFACES
 
-from ..cures import ask_meant
+from ..cures import ask_label
 from ..effects import EFFECTS
 from ..errors import Problem
-from ..system import RotationForm
+from ..system import ROTATIONS, TRANSLATIONS, RotationForm
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, TargetDocument
 from .fiducial_files import FiducialList
 from .optimise_document import AddedView, FreeView
@@ -151,9 +151,6 @@ def _preset(view: PresetView, pointer: str) -> list[Problem]:
             )
         )
     return problems
-
-
-ROTATIONS, TRANSLATIONS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
 
 
 def list_declared(document: DesignDocument, components: tuple[str, ...]) -> list[tuple[str, str]]:
@@ -380,5 +377,5 @@ def find_unknown(pointer: str, what: str, name: str, names: Sequence[str]) -> li
     if name in names:
         return []
     listing = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    hint = ask_meant(name, names, f"known: {listing}" if names else "")
+    hint = ask_label(name, names, f"known: {listing}" if names else "")
     return [Problem(pointer, "unknown-name", f"no {what} is called {name!r}", hint)]

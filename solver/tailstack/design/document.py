@@ -87,6 +87,7 @@ ISOCENTRE_MM = Meant(
     "no C-arm is that long", "source-distance", "source-distance", by="source-distance",
 )  # fmt: skip
 FOOT_PX = AnySize("principal-point judges it by the middle of the image")
+KEEP_ONE = "keep one of them"
 ALONG = {"AP": (0.0, 1.0, 0.0), "LAT": (-1.0, 0.0, 0.0)}  # beam directions in con
 
 
@@ -177,10 +178,8 @@ class _Aimed(_AnyView):
     @model_validator(mode="after")
     def _one_direction(self) -> _Aimed:
         if (self.orientation is None) == (self.beam_direction is None):
-            given = "both" if self.orientation is not None else "neither"
-            raise refusal(
-                "one-of", f"give exactly one of orientation and beam_direction; {given} arrived", "orientation: AP"
-            )
+            given, cure = ("both", KEEP_ONE) if self.orientation is not None else ("neither", "orientation: AP")
+            raise refusal("one-of", f"give exactly one of orientation and beam_direction; {given} arrived", cure)
         b, u = self.beam, self.up_direction
         cross = (b[1] * u[2] - b[2] * u[1], b[2] * u[0] - b[0] * u[2], b[0] * u[1] - b[1] * u[0])
         size_b, size_u, size_c = [max(map(abs, v)) for v in (b, u, cross)]
@@ -309,7 +308,7 @@ class Pose(Record):
     def _one_rotation(self) -> Pose:
         given = [n for n in ("rotation_deg", "rotation", "quaternion_wxyz") if getattr(self, n) is not None]
         if len(given) > 1:
-            raise refusal("one-of", f"give one rotation; {' and '.join(given)} arrived", "keep one of them", given[1])
+            raise refusal("one-of", f"give one rotation; {' and '.join(given)} arrived", KEEP_ONE, given[1])
         return self
 
 
@@ -525,8 +524,8 @@ class Repeatability(Record):
     @model_validator(mode="after")
     def _one_size(self) -> Repeatability:
         if (self.std_mm is None) == (self.half_width_mm is None):
-            given = "both" if self.std_mm is not None else "neither"
-            raise refusal("one-of", f"give exactly one of std_mm and half_width_mm; {given} arrived", "std_mm: 0.02")
+            given, cure = ("both", KEEP_ONE) if self.std_mm is not None else ("neither", "std_mm: 0.02")
+            raise refusal("one-of", f"give exactly one of std_mm and half_width_mm; {given} arrived", cure)
         if self.std_mm is not None:
             for field in ("distribution", "coverage_factor"):
                 if getattr(self, field) is not None:

@@ -222,10 +222,7 @@ def _fiducials(document: DesignDocument, source: DocumentSource, allow_files: bo
         return read_fiducials(read_bytes(path, limits.fiducial_file_bytes, name), name, limits)
     except (DesignError, LimitError) as error:
         # the pointer says which field led there, file and line where in the fiducial file it is wrong
-        problems = [
-            place(Problem("/fiducials/file", p.code, p.detail, p.hint, p.file, p.line, p.column), source)
-            for p in error.problems
-        ]
+        problems = [place(replace(problem, pointer="/fiducials/file"), source) for problem in error.problems]
         raise type(error)(problems) from None
 
 

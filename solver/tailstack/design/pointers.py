@@ -12,7 +12,8 @@ from typing import Any
 
 from ..cures import find_nearest
 from ..errors import Problem, TailstackError
-from .refusals import escape
+from ..field_names import Renaming, find_renamings, say_renaming
+from .refusals import escape, records_on
 
 EVERY = "*"
 Place = tuple[str | int, ...]  # the steps to a value
@@ -130,17 +131,21 @@ def suggest(data: Any, pointer: str) -> str:
 def _suggest_step(data: Any, node: Any, way: str, steps: Sequence[str]) -> str:
     """What may have been meant by the first of these steps, which ``node`` at ``way`` does not have."""
     known: dict[str, str] = {}
+    found: list[Renaming] = []
     if isinstance(node, dict):
         known = {str(key): str(key) for key in node}
+        place = find_places(data, way) if way else [()]
+        found = find_renamings(steps[0], known, beside=records_on(data, place[0] if place else ())[1])
     elif isinstance(node, list):
         for k in range(len(node)):
             known[name_of(data, f"{way}/{k}").rpartition(".")[2]] = str(k)
-    for nearest in find_nearest(steps[0], known):
+        found = [Renaming(nearest, "") for nearest in find_nearest(steps[0], known)]
+    for each in found[:1]:
         meant = "".join(
-            f"{way}/{escape(known[nearest])}" if k == 0 else f"/{escape(step)}" for k, step in enumerate(steps)
+            f"{way}/{escape(known[each.field])}" if k == 0 else f"/{escape(step)}" for k, step in enumerate(steps)
         )
         if find_places(data, meant):
-            return f"did you mean {name_of(data, meant)}?"
+            return say_renaming(each, name_of(data, meant))
         return suggest(data, meant)
     listed = ", ".join(list(known)[:MOST_LISTED]) + (", ..." if len(known) > MOST_LISTED else "")
     where = name_of(data, way) or "the design"

@@ -8,11 +8,14 @@ from dataclasses import replace
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
-from ..cures import ask_meant, cure_list, cure_range, cure_text, cure_zone, find_nearest
-from ..errors import DesignError, Problem
+from ..cures import ask_meant, cure_list, cure_range, cure_text, cure_zone
+from ..errors import DesignError, Edit, Problem
+from ..field_names import cure_name
 from .document import VIEW_KINDS, DesignDocument, Pose
 from .optimise_document import FREE_VIEW_KINDS
+from .presets import PRESETS
 from .reading import DocumentSource, Limits, Vast, show
 
 _TAGS: dict[str, type[BaseModel] | None] = {**VIEW_KINDS, **FREE_VIEW_KINDS, "<pose>": Pose, "<matrix>": None}
@@ -58,7 +61,7 @@ def place(problem: Problem, source: DocumentSource) -> Problem:
         token = token.replace("~1", "/").replace("~0", "~")
         path.append(int(token) if token.isascii() and token.isdigit() else token)
     line, column = source.locate(path, key=problem.code == "unknown-field")
-    return Problem(problem.pointer, problem.code, problem.detail, problem.hint, source.file, line, column)
+    return replace(problem, file=source.file, line=line, column=column)
 
 
 def refuse(
@@ -67,7 +70,10 @@ def refuse(
     """A DesignError that says what each of pydantic's errors says, in the order of the document.
 
     ``root`` is the model that the document was held against."""
-    problems = _merge([_cure_limits(_translate(entry, root), source.data) for entry in error.errors(include_url=False)])
+    translated = [_translate(entry, root, source.data) for entry in error.errors(include_url=False)]
+    problems = _merge([_cure_limits(problem, source.data) for problem in translated])
+    added = {edit.path for problem in problems for edit in problem.fix}
+    problems = [each for each in problems if each.code != "missing-field" or each.pointer not in added]
     source = source.placed()
     dropped = len(problems) - limits.problems
     problems = [place(problem, source) for problem in problems[: limits.problems]]
@@ -91,7 +97,7 @@ def _cure_limits(problem: Problem, data: Any) -> Problem:
         else:
             data = data.get(step.replace("~1", "/").replace("~0", "~")) if isinstance(data, dict) else None
     cure = _cure_zone_of(data) if isinstance(data, dict) else ""
-    return replace(problem, hint=cure) if cure else problem
+    return replace(problem, hint=cure, fix=()) if cure else problem
 
 
 def _cure_zone_of(value: Any) -> str:
@@ -142,7 +148,7 @@ def _parents(pointer: str) -> list[str]:
     return ["/".join(steps[:count]) for count in range(1, len(steps))]
 
 
-def _translate(entry: Any, root: type[BaseModel]) -> Problem:
+def _translate(entry: Any, root: type[BaseModel], data: Any = None) -> Problem:
     raw: tuple[str | int, ...] = entry["loc"]
     # the name of an unknown field is the user's own and may look like anything, a branch included
     known = raw[:-1] if entry["type"] == "extra_forbidden" else raw
@@ -150,7 +156,7 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
     path += raw[len(known) :]
     kind, value, context = entry["type"], entry.get("input"), entry.get("ctx", {})
     if kind == "extra_forbidden":
-        return _refuse_unknown(raw, path, value, root)
+        return _refuse_unknown(raw, path, value, root, data)
     field = next((step for step in reversed(path) if isinstance(step, str)), "")
     if kind == "missing" and isinstance(path[-1], int):
         count = len(get_args(_kind_at(raw[:-1], root)))
@@ -177,7 +183,13 @@ def _translate(entry: Any, root: type[BaseModel]) -> Problem:
         most = context.get("max_length")
         hint = _cure_matrix(field, value) or (cure_list(value, most) if kind == "too_long" and most else "")
     elif kind in ("wrong-type", "view-geometry", "unknown-value"):
-        return replace(problem, detail=f"{problem.detail}; got {show(value)}")
+        problem = replace(problem, detail=f"{problem.detail}; got {show(value)}")
+    if problem.code == "unknown-value":
+        if meant := re.fullmatch(r"did you mean (\S+)\?", problem.hint):
+            return replace(problem, fix=(Edit("replace", problem.pointer, meant[1]),))
+        info = _field_at(raw, root)
+        if not isinstance(value, str) or not problem.hint:
+            problem, hint = replace(problem, hint=""), _explain_choice(info)
     return replace(problem, hint=problem.hint or hint)
 
 
@@ -200,8 +212,12 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
         return Problem(at, "not-finite", f"must be a finite number; got {show(value)}")
     if kind in ("literal_error", "enum"):
         words = str(context.get("expected", ""))
+        known = words.replace("'", "").replace(" or ", ", ").split(", ")
         hint = _BEAMS.get(str(value).upper(), "") if field == "orientation" else ""
-        hint = hint or ask_meant(str(value), words.replace("'", "").replace(" or ", ", ").split(", "))
+        if not any(map(str.isdigit, words)):
+            hint = hint or ask_meant(str(value), known)
+        elif isinstance(value, str) and value.strip() in known:
+            hint = f"without quotes: {value.strip()}"
         return Problem(at, "unknown-value", f"must be {words}; got {show(value)}", hint)
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
@@ -218,8 +234,6 @@ def describe_value(entry: Any, path: Sequence[str | int]) -> Problem:
     return Problem(pointer([*path, *inside]), kind.replace("_", "-"), entry["msg"], str(context.get("hint", "")))
 
 
-_ANGLES = ("deg", "rad", "mrad", "arcmin")
-_UNITS = {*_ANGLES, "m", "cm", "mm", "um", "nm", "inch", "in"}  # of lengths, beside those
 _BEAMS = {  # orientations that have no name here
     "PA": "it is AP the other way round: beam_direction: [0, -1, 0] instead of orientation",
 }
@@ -367,11 +381,12 @@ def _inner(kind: Any, indexed: bool) -> Any:
     return arguments[0] if indexed and arguments else None
 
 
-def _refuse_unknown(raw: Sequence[str | int], path: list[str | int], value: Any, root: type[BaseModel]) -> Problem:
-    name = str(path[-1])
+def _refuse_unknown(
+    raw: Sequence[str | int], path: list[str | int], value: Any, root: type[BaseModel], data: Any
+) -> Problem:
+    name, fix = str(path[-1]), None
     owner = _model_at(raw[:-1], root)
     fields = [] if owner is None else [info.alias or key for key, info in owner.model_fields.items()]
-    close = find_nearest(name, fields)
     others = {field for kind in VIEW_KINDS.values() for field in kind.model_fields}
     if name.isdecimal() and value is None:
         hint = "if it is the decimals of the number before it, write that number with a point, as in 0.05"
@@ -380,27 +395,53 @@ def _refuse_unknown(raw: Sequence[str | int], path: list[str | int], value: Any,
     elif owner in VIEW_KINDS.values() and name in others:
         kind = next(tag for tag, view in VIEW_KINDS.items() if view is owner).strip("<>")
         hint = f"a view by {kind} does not take it: give one kind of geometry"
-    elif close:
-        hint = f"did you mean {close[0]}?"
-        stem, _, unit = close[0].rpartition("_")
-        given = name.rpartition("_")[2]
-        if stem and stem == name.rpartition("_")[0] and {given, unit} <= _UNITS:  # 0.1 mm is not 0.1 deg
-            hint += f" It is in {unit}: "
-            if (given in _ANGLES) == (unit in _ANGLES):
-                hint += "convert the number, do not only rename the field"
-            else:
-                hint += "an angle cannot be converted into a length, nor a length into an angle"
     else:
-        hint = "fields known here: " + ", ".join(fields) if fields else ""
-    return Problem(pointer(path), "unknown-field", f"unknown field {name[:60]!r}; got {show(value)}", hint)
+        known = "fields known here: " + ", ".join(fields) if fields else ""
+        own, around = records_on(data, path[:-1])
+        hint, fix = cure_name(name, fields, value, own, around, known)
+    edits: tuple[Edit, ...] = ()
+    if fix is not None:
+        edits = (Edit("remove", pointer(path)), Edit("add", pointer([*path[:-1], fix.field]), fix.value))
+    detail = f"unknown field {name[:60]!r}; got {show(value)}"
+    return Problem(pointer(path), "unknown-field", detail, hint, fix=edits)
+
+
+def records_on(data: Any, path: Sequence[str | int]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The record at a path, and what it and those around it say: the nearest counts, a preset says what it states."""
+    own: dict[str, Any] = {}
+    around: dict[str, Any] = {}
+    for step in (None, *path):
+        try:
+            data = data if step is None else data[step]
+        except (KeyError, IndexError, TypeError):
+            return {}, around
+        own = data if isinstance(data, dict) else {}
+        if isinstance(preset := own.get("preset"), str) and preset in PRESETS:
+            around |= {name: each for name in _OF_PRESETS if (each := getattr(PRESETS[preset], name)) is not None}
+        around |= own
+    return own, around
+
+
+_OF_PRESETS = ("source_detector_mm", "source_isocentre_mm", "pixel_mm", "image_size_px")
+
+
+def _explain_choice(info: FieldInfo | None) -> str:
+    """What each word of a choice means; empty where its field does not say."""
+    text = (info and info.description) or ""
+    return text if len(re.findall(r"\w+(?: \(default\))?: ", text)) > 1 else ""
 
 
 def _example(raw: Sequence[str | int], root: type[BaseModel]) -> str:
-    owner = _model_at(raw[:-1], root)
-    if owner is None:
-        return ""
-    for key, info in owner.model_fields.items():
-        if (info.alias or key) == raw[-1]:
-            example = f"{raw[-1]}: {info.examples[0]}" if info.examples else ""
-            return example or (info.description or "")
-    return ""
+    """What to write in the field at an error's path."""
+    info = _field_at(raw, root)
+    return "" if info is None else f"{raw[-1]}: {info.examples[0]}" if info.examples else info.description or ""
+
+
+def _field_at(raw: Sequence[str | int], root: type[BaseModel]) -> FieldInfo | None:
+    """The field at an error's path, or that which holds what is there."""
+    for end in range(len(raw), 0, -1):
+        owner = _model_at(raw[: end - 1], root)
+        for key, info in owner.model_fields.items() if owner is not None else ():
+            if (info.alias or key) == raw[end - 1]:
+                return info
+    return None

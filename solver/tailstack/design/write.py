@@ -14,6 +14,7 @@ import yaml
 from ..arrays import Array
 from ..geometry.camera import turn_view
 from ..json_text import write_json
+from ..system import ROTATIONS
 from .assumed import FIELD, follow_changes
 from .document import DistanceView, FiducialPoint, PresetView
 from .loading import (
@@ -135,9 +136,6 @@ def dump_block(data: Mapping[str, Any], indent: int = 0) -> str:
         else:
             text += f" {flow}\n"
     return text
-
-
-ROTATIONS = ("rx", "ry", "rz")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

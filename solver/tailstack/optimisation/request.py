@@ -12,7 +12,7 @@ from tailstack.fields import INTERFACES
 from ..arrays import Array, frozen
 from ..design import Design, Revision, compile_design, revise_design
 from ..design.compile import torsor_from_locators
-from ..design.consistency import ROTATIONS, TRANSLATIONS, list_declared
+from ..design.consistency import list_declared
 from ..design.optimise_document import (
     CostCurve,
     FreeTolerance,
@@ -26,7 +26,7 @@ from ..design.optimise_document import (
     TranslationBounds,
 )
 from ..errors import DesignError, Problem
-from ..system import Requirement, System
+from ..system import ROTATIONS, TRANSLATIONS, Requirement, System
 from .prices import Price, PricedGrade, cost_of, of_grades, reciprocal, slope_of
 from .problem import (
     MOST_FIDUCIALS,

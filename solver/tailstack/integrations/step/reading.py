@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
-from ...cures import ask_meant
+from ...cures import ask_label
 from ...design.document import FiducialOrigin
 from ...design.fiducial_files import FiducialList
 from ...design.reading import DEFAULT_LIMITS, Limits
@@ -246,7 +246,7 @@ def _find_frame(assembly: Assembly, name: str | None) -> Array:
     frames = [frame for each, frame in assembly.frames if each == name]
     if not frames:
         known = sorted({each for each, _ in assembly.frames})
-        hint = ask_meant(name, known, "there is " + ", ".join(known[:8]) if known else "leave --frame out")
+        hint = ask_label(name, known, "there is " + ", ".join(known[:8]) if known else "leave --frame out")
         detail = f"{assembly.file.name} holds no coordinate system, part or instance called {name[:80]!r}"
         raise StepError(Problem("", "no-frame", detail, hint, assembly.file.name))
     if any(np.abs(other - frames[0]).max() > 1e-6 for other in frames[1:]):

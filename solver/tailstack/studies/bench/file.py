@@ -17,9 +17,10 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import Problem, TailstackError
-from ...people_tables import LENGTHS_MM, NUMBERINGS, PeopleTable, is_missing, read_people_table, split_heading
+from ...people_tables import NUMBERINGS, PeopleTable, is_missing, read_people_table, split_heading
 from ...people_tables import quote as shown
-from ...system import TORSOR_COMPONENTS
+from ...system import ROTATIONS, TORSOR_COMPONENTS, TRANSLATIONS
+from ...units import LENGTHS_MM
 
 __all__ = ["Group", "MeasurementError", "Measurements", "Summary", "read_measurements"]
 
@@ -221,7 +222,6 @@ LABELS: dict[Form, tuple[str, ...]] = {
     **dict.fromkeys(("points", "vectors", "norms"), ("level", "installation", "trial", "target")),
     "summary": ("level", "target"),
 }
-ROTATIONS, TRANSLATIONS = TORSOR_COMPONENTS[:3], TORSOR_COMPONENTS[3:]
 
 
 class MeasurementError(TailstackError):

@@ -1,0 +1,182 @@
+"""A name of another meaning is told the same at every door: policy, option, flag, setting, column, axis and patch."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import yaml
+from pydantic import BaseModel, ValidationError
+from service_scenes import EXAMPLES
+
+from cure_walk import walk_slips
+from records import examples_with, fields_of, records_below
+from tailstack.design import Design, load_design
+from tailstack.design.pointers import pointer_of
+from tailstack.design.reading import DEFAULT_LIMITS, DocumentSource
+from tailstack.design.refusals import refuse
+from tailstack.errors import TailstackError
+from tailstack.sweeping import SweepError, read_axes
+from tailstack_service.cli.main import build_parser
+from tailstack_service.console.parser import Parser
+from tailstack_service.gate.policy import Policy
+from tailstack_service.gate.waivers import Waivers
+from tailstack_service.names import variable
+from tailstack_service.operations.batch import score_table
+from tailstack_service.operations.patches import merge
+from tailstack_service.operations.registry import OPERATIONS
+from tailstack_service.operations.request import read_options, refuse_query
+from tailstack_service.settings import Settings, SettingsError, refuse_unknown
+from tailstack_service.tables import read_table
+
+OTHER = {"mm": ("um", 1e3), "deg": ("mrad", 17.453292519943295), "px": ("mm", None), "seconds": ("ms", 1e3)}
+DEMO = yaml.safe_load((EXAMPLES / "demo.yaml").read_text())
+
+
+@pytest.fixture(scope="module")
+def design() -> Design:
+    return load_design(DEMO)
+
+
+def slips_of(record: type[BaseModel]) -> Iterator[tuple[str, str, Any, float | None]]:
+    """Field, slipped name, example, and how many of the other unit one is."""
+    for unit, (other, factor) in OTHER.items():
+        for field, value in examples_with(record, unit):
+            name = re.sub(rf"(^|_){unit}(?=_|$)", rf"\1{other}", field)
+            if name not in fields_of(record):
+                yield field, name, value, factor
+
+
+def test_policies_and_waivers_convert() -> None:
+    seen = 0
+    for record in {*records_below(Policy), *records_below(Waivers)}:
+        for field, name, value, factor in slips_of(record):
+            data = {name: value if factor is None else factor * value}
+            with pytest.raises(ValidationError) as caught:
+                record.model_validate(data)
+            source = DocumentSource(data, None, None)
+            problems = refuse(caught.value, source, DEFAULT_LIMITS, record).problems
+            (problem,) = [each for each in problems if each.pointer == f"/{name}"]
+            if factor is None:
+                assert problem.fix == ()
+                assert "divide by pixel_mm" in problem.hint
+            else:
+                assert problem.fix[1].value == pytest.approx(value, rel=1e-9)
+                assert f"{field}: " in problem.hint
+            seen += 1
+    assert seen >= 8
+
+
+def test_slips_in_a_policy_and_in_waivers_have_cures_that_help() -> None:
+    assert [walk_slips(root)[0] > least for root, least in ((Policy, 100), (Waivers, 10))] == [True, True]
+
+
+def test_options_in_a_body_and_in_a_query_convert() -> None:
+    seen = 0
+    for operation in OPERATIONS.values():
+        for field in operation.options.model_fields:
+            unit = field.rpartition("_")[2]
+            (other, factor), value = OTHER.get(unit, ("", None)), 2.5
+            if factor is None:
+                continue
+            name = f"{field.removesuffix(unit)}{other}"
+            with pytest.raises(TailstackError) as caught:
+                read_options(operation.options, {name: factor * value})
+            (hint,) = [each.hint for each in caught.value.problems if each.pointer == f"/{name}"]
+            assert hint.endswith(f": {field}: {value:.12g}"), hint
+            with pytest.raises(TailstackError) as caught:
+                refuse_query([(name, str(factor * value))], tuple(fields_of(operation.options)))
+            assert caught.value.problems[0].hint == hint
+            seen += 1
+    assert seen >= 5
+
+
+def test_flags_are_not_renamed_without_a_word() -> None:
+    """Each flag of each verb whose name has a unit, and what is said of another unit."""
+    parsers: dict[int, argparse.ArgumentParser] = {}
+
+    def visit(parser: argparse.ArgumentParser) -> None:
+        parsers[id(parser)] = parser
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for each in action.choices.values():
+                    visit(each)
+
+    visit(build_parser())
+    seen = 0
+    for parser in parsers.values():
+        for flag in [each for action in parser._actions for each in action.option_strings]:
+            for unit, (other, factor) in OTHER.items():
+                slip = re.sub(rf"-{unit}(?=-|$)", f"-{other}", flag)
+                if slip != flag and isinstance(parser, Parser):
+                    said = parser._explain_rest([f"{slip}=3"])
+                    assert f"did you mean {flag}?" in said
+                    assert "divide by pixel_mm" in said if factor is None else "convert the number" in said
+                    seen += 1
+    assert seen >= 1
+
+
+def test_settings_are_not_renamed_without_a_word() -> None:
+    seen = 0
+    for field in Settings.model_fields:
+        for unit, other in (("seconds", "MINUTES"), ("seconds", "MS"), ("bytes", "MB"), ("days", "HOURS")):
+            if re.search(rf"_{unit}$", field):
+                name = variable(field)[: -len(unit)] + other
+                with pytest.raises(SettingsError) as caught:
+                    refuse_unknown({name: "3"})
+                hint = caught.value.problems[0].hint
+                assert hint.startswith(f"did you mean {variable(field)}? It is in {unit}, and 1 {other.lower()} is "), (
+                    hint
+                )
+                assert "convert the number, do not only rename it" in hint
+                seen += 1
+    assert seen >= 20
+
+
+@pytest.mark.parametrize(("path", "meant", "words"), [
+    ("views.AP.fiducial_noise_mm", "views.AP.fiducial_noise_px", "divide by pixel_mm, 0.194"),
+    ("/views/0/fiducial_noise_mm", "views.AP.fiducial_noise_px", "divide by pixel_mm, 0.194"),
+    ("views.*.fiducial_noise_um", "views.", "divide by pixel_mm, 0.194"),
+    ("requirements.tip-accuracy.limit_um", "requirements.tip-accuracy.limit_mm", "1 um is 0.001 mm"),
+    ("fiducials.manufacturing.half_width_mil", "fiducials.manufacturing.half_width_mm", "1 mil is 0.0254 mm"),
+    ("fiducials.manufacturing.std_mm", "fiducials.manufacturing.half_width_mm", "of the law uniform"),
+    ("interfaces.structure_connector.pivot_cm.0", "interfaces.structure_connector.pivot_mm.0", "1 cm is 10 mm"),
+    ("views.AP.detector_noise_px", None, ""),
+])  # fmt: skip
+def test_columns_and_axes_say_what_happens_to_their_numbers(
+    design: Design, path: str, meant: str | None, words: str
+) -> None:
+    with pytest.raises(SweepError) as caught:
+        read_axes(design, [{"pointer": pointer_of(design.source.data, path), "values": [1.0]}])
+    hint = caught.value.problems[0].hint
+    if meant is None:
+        assert "did you mean" not in hint
+    else:
+        assert f"did you mean {meant}" in hint
+        assert words.lower() in hint.lower()
+        assert "convert the number, do not only rename it" in hint
+    with pytest.raises(TailstackError) as of_table:
+        score_table(design, read_table(io.BytesIO(f"{path}\n1\n".encode()), "csv", "t.csv"), (), None)
+    assert of_table.value.problems[0].hint == hint
+
+
+def test_the_library_and_a_patch_say_what_the_document_says(design: Design) -> None:
+    def hint_of(make: Any) -> str:
+        with pytest.raises(TailstackError) as caught:
+            make()
+        (problem,) = caught.value.problems
+        return problem.hint
+
+    slipped = merge(DEMO, {"requirements": [{**DEMO["requirements"][0], "limit_um": 1000}]})
+    del slipped["requirements"][0]["limit_mm"]
+    assert hint_of(lambda: load_design(slipped)).endswith("1 um is 0.001 mm: limit_mm: 1")
+    seat = {"half_width_mil": 2, "distribution": "uniform"}
+    expected = "did you mean half_width_mm? It is in mm, and 1 mil is 0.0254 mm: half_width_mm: 0.0508"
+    assert hint_of(lambda: design.with_value("fiducials.manufacturing", seat)) == expected
+    assert hint_of(
+        lambda: load_design(merge(DEMO, {"fiducials": {"manufacturing": seat | {"half_width_mm": None}}}))
+    ) == (expected)
