@@ -39,6 +39,7 @@ from .target_points import expand_target
 SHORTEST_MM = {"source_detector_mm": DETECTOR_MM.least, "source_isocentre_mm": ISOCENTRE_MM.least}
 ASIDE, IN_THE_MIDDLE = 0.1, 0.05  # of the image: a principal point that is off, and one that another reading mends
 LONGEST_SOURCE_MM = 5000.0
+LONGEST_CURE = 80  # characters, of one of several
 USUAL_SOURCE_MM = (300.0, 1500.0)  # from the middle of the fiducials: what a change of unit has to lead to
 USUAL_WIDTH_MM = (30.0, 375.0)  # of a structure: likewise
 # Published C-arms and a tenth more: from source to detector, and to the isocentre, which lies behind the middle
@@ -276,7 +277,9 @@ def say_meanings(view: Any, scene: WrittenPoints, beside: Sequence[Any] = ()) ->
     if len(meanings) == 1:
         return f"with {meanings[0].words}, all fiducials and targets lie {where}: write {meanings[0].cure}"
     if meanings:
-        every = "; with ".join(each.words for each in meanings)
+        every = "; with ".join(
+            each.words + (f" ({each.cure})" if len(each.cure) <= LONGEST_CURE else "") for each in meanings
+        )
         return f"all fiducials and targets lie {where} in {len(meanings)} ways: with {every}. Look up which is meant"
     return ""
 
