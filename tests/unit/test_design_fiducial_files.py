@@ -227,3 +227,18 @@ def test_unknown_endings_are_refused(names):
         convert(b"x", *names)
     with pytest.raises(DesignError):
         convert_file(Path("/nowhere/a.csv"), Path("/nowhere/b.csv"))
+
+
+@pytest.mark.parametrize(("name", "content", "cure"), [
+    ("beads.xlsx", b"", "save the sheet with the table as CSV UTF-8"),
+    ("beads.TXT", b"1,2,3", "name it .csv"),
+    ("beads.csv", b"1,2,3\n4,5,6\n", "put x_mm,y_mm,z_mm above it"),
+    ("beads.csv", b"A;1;2;3\nB;4;5;6\n", "put label;x_mm;y_mm;z_mm above it"),
+    ("beads.csv", b"x_ft,y_ft,z_ft\n1,2,3\n", "1 ft is 304.8 mm: multiply by that, and call the columns x_mm"),
+    ("beads.csv", b"x [mil],y [mil],z [mil]\n1,2,3\n", "1 mil is 0.0254 mm"),
+])  # fmt: skip
+def test_a_list_in_another_form_is_told_what_to_do_with_it(name, content, cure):
+    """found by use, 2026-11: the page had no cure, as the answer had none."""
+    with pytest.raises(DesignError) as caught:
+        read_fiducials(content, name, DEFAULT_LIMITS)
+    assert cure in caught.value.problems[0].hint

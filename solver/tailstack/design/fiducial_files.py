@@ -17,11 +17,11 @@ from typing import Any, Literal
 
 from ..cures import cure_text
 from ..errors import DesignError, LimitError, Problem
+from ..field_names import read_name
 from ..json_text import write_json
 from ..people_tables import (
     DELIMITERS,
     KEPT_ENDS,
-    LENGTHS_MM,
     NUMBERINGS,
     PeopleTable,
     Rows,
@@ -33,6 +33,7 @@ from ..people_tables import (
     read_plain_number,
     split_heading,
 )
+from ..units import LENGTHS_MM
 from .document import FiducialOrigin
 from .reading import Limits, decode, read_text, show
 from .refusals import write_dlt
@@ -107,10 +108,18 @@ def _notes(origin: FiducialOrigin) -> Iterator[str]:
         yield f"{name}: the fiducials are no longer those of the file: they were moved, or some were left out"
 
 
+_OTHER_ENDINGS = {  # of files that people have their beads in
+    (".xlsx", ".xls", ".ods", ".numbers"): "save the sheet with the table as CSV UTF-8",
+    (".txt", ".dat", ".asc", ".prn"): "name it .csv, where commas, semicolons or tabs stand between its cells",
+    (".step", ".stp"): "tailstack convert reads the balls of a STEP file",
+}
+
+
 def check_ending(name: str) -> None:
     """Raises DesignError for a name that no fiducial file has."""
     if not name.lower().endswith(ENDINGS):
         detail, hint = f"{name[:80]!r} is not a fiducial file", f"endings read here: {', '.join(ENDINGS)}"
+        hint = next((cure for endings, cure in _OTHER_ENDINGS.items() if name.lower().endswith(endings)), hint)
         raise DesignError(Problem("", "unknown-format", detail, hint))
 
 
@@ -331,7 +340,7 @@ def _find_columns(table: PeopleTable, axes: str, of_slicer: bool) -> tuple[list[
             listed = ", ".join(f"{axis}_{each}" for each in LENGTHS_MM)
             got = show(table.delimiter.join(table.header))
             detail = f"the header needs one column for {axis} with its unit ({listed}); got {got}"
-            hint = (
+            hint = _cure_header(table, axis) or (
                 f"{EXAMPLE}; {axis} [mm], {axis} (mm), or the units in a row of their own are read too; "
                 "of a cage of XMALab or DLTdv, convert --xmalab says the unit"
             )
@@ -342,6 +351,18 @@ def _find_columns(table: PeopleTable, axes: str, of_slicer: bool) -> tuple[list[
         detail = f"x, y and z have different units: {', '.join(units)}"
         raise table.refuse("csv-header", detail, "give all in one unit", table.units_line or table.header_line)
     return columns, units[0]
+
+
+def _cure_header(table: PeopleTable, axis: str) -> str:
+    """What to do with a table that begins with its numbers, or whose lengths are in a unit that is not read."""
+    numbers = [read_plain_number(cell) is not None for cell in table.header]
+    if sum(numbers) >= 3:
+        names = table.delimiter.join(["label"] * (not numbers[0]) + ["x_mm", "y_mm", "z_mm"])
+        return f"its first row is no header: put {names} above it, with the unit of the numbers"
+    for stem, unit in ((each.stem, each.unit) for each in map(read_name, table.header)):
+        if stem == (axis,) and unit is not None and unit.dimension == "length":
+            return f"1 {unit} is {unit.factor:.9g} mm: multiply by that, and call the columns x_mm, y_mm, z_mm"
+    return ""
 
 
 def _state_in_slicer_s_table(table: PeopleTable, cells: list[str], line: int, others: dict[str, int]) -> str:
