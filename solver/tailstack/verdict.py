@@ -7,6 +7,7 @@ from typing import Literal
 
 from .results import ERRORS, Check, Finding, Interval, Verdict, headline_of
 from .results.digits import decimals_of, in_percent, length
+from .results.verdicts import name_basis
 from .system import Requirement
 
 Status = Literal["pass", "fail", "inconclusive"]
@@ -77,7 +78,9 @@ def _finding(check: Check, basis: str) -> Finding:
         else "(no upper end is known)"
     )
     value = headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed)
-    what = f"{value} is {length(check.value_mm, decimals)} mm {ends}, limit {check.limit_mm:g} mm"
+    what = (
+        f"{value} is {length(check.value_mm, decimals)} mm by {name_basis(basis)} {ends}, limit {check.limit_mm:g} mm"
+    )
     if check.yield_fraction is not None:
         what += f" ({in_percent(check.yield_fraction, 2)} of installed units meet it)"
     estimated = basis.startswith("first order")

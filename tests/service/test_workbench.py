@@ -106,7 +106,7 @@ def test_the_whole_job_by_mouse(service: Served) -> None:
     assert found["undone"] == found["loosened"]
     assert found["histogram"]["bars"] == 36
     assert re.search(
-        r"bars: share of [\d,]+ sampled shots; line: first order; P95 [\d.]+ mm, limit 1.0+ mm",
+        r"bars: share of [\d,]+ sampled shots; line: first order; simulated P95 [\d.]+ mm, limit 1.0+ mm",
         found["histogram"]["words"],
     )
     assert found["status"] in ("pass", "inconclusive")  # at the limit, within what first order is worth

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         TargetScore,
         Validity,
         Verdict,
+        Verification,
         ViewCheck,
     )
 
@@ -139,6 +140,15 @@ def trust_sentence(validity: Validity) -> str:
     )
 
 
+LOOSE = 0.05  # an estimate that is off by less, or by less than was said, is gone by; the page has the same
+
+
+def holds(score: Score, verification: Verification) -> bool:
+    """Whether a simulation leaves standing what rests on the estimate: budget, slack, what a step would save."""
+    said = (score.validity.expected_error_percent or 0.0) / 100
+    return abs(verification.first_order_ratio - 1) <= max(LOOSE, said) + verification.precision_reached
+
+
 def dominant_sentence(source: ErrorSource, target: TargetScore, error: str, decimals: int) -> str:
     """The largest source of error, and what it costs."""
     share = in_percent(source.share)
@@ -150,7 +160,7 @@ def dominant_sentence(source: ErrorSource, target: TargetScore, error: str, deci
     return (
         f"The largest source of error is {source.name}: {share} of the variance; were it perfect, P95 at {target.name} "
         f"would be {length(source.line.p95_without_mm, decimals)} instead of "
-        f"{length(target.budget_p95_mm, decimals)} mm."
+        f"{length(target.budget_p95_mm, decimals)} mm, by estimate."
     )
 
 

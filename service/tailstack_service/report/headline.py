@@ -14,6 +14,7 @@ from ..rendering.sentences import (
     bias_sentence,
     dominant_sentence,
     estimate_interval,
+    holds,
     largest_sentence,
     margin_sentence,
     sources_of,
@@ -137,14 +138,19 @@ def what_matters(
     biased = bias_sentence(target_score, error, decimals)
     if biased:
         sentences.append(biased)
-        sources = []  # what a tolerance saves is not what matters
+    refuted = None if verification is None or holds(score, verification) else _refutation(verification)
+    if refuted is not None:
+        sentences.append(refuted)
+    if biased or refuted is not None:
+        sources = []  # what a tolerance saves is not what matters, or not known
     if sources and sources[0].share > 0:
         sentences.append(dominant_sentence(sources[0], target_score, error, decimals))
     if decisive is not None:
         sentences.append(margin_sentence(decisive, sources, decimals))
     if optimisation is not None:
         sentences.append(_describe_optimum(optimisation, decimals))
-    sentences.append(_caution(score, verification))
+    if refuted is None:
+        sentences.append(_caution(score, verification))
     return sentences[:3]
 
 
@@ -157,7 +163,16 @@ def _describe_optimum(optimisation: Optimisation, decimals: int) -> str:
     missed = list(dict.fromkeys(check.requirement for check in optimisation.others if check.status != "pass"))
     but = f", and does not keep {', '.join(missed)}, which it was not asked to" if missed else ""
     after = f"{length(optimisation.p95_after_mm, decimals)} mm"
-    return f"The optimised design has a P95 of {after}{cost}{but}; it is described below."
+    return f"The optimised design has an estimated P95 of {after}{cost}{but}; it is described below."
+
+
+def _refutation(verification: Verification) -> str:
+    """That the budget is not to be gone by."""
+    gap = verification.first_order_ratio - 1
+    return (
+        f"The estimate does not hold here: its P95 is {in_percent(abs(gap))} {'below' if gap < 0 else 'above'} the "
+        "simulated one. Budget and slack are estimates: do not go by them."
+    )
 
 
 def _caution(score: Score, verification: Verification | None) -> str:

@@ -344,7 +344,7 @@ class Optimisation(Result):
     p95_before_mm: float | None
     """First-order P95 of the worst target before, mm; null: the layout as it stood does not determine it."""
     p95_after_mm: float
-    """P95 of the worst target after, mm."""
+    """First-order P95 of the worst target after, mm; the check has the simulated one."""
     moved: tuple[MovedFiducial, ...]
     """Fiducials that could move."""
     tolerances: tuple[ChangedTolerance, ...]
@@ -433,7 +433,7 @@ class Optimisation(Result):
     def _cost_sentence(self) -> str:
         """What it costs, against what the design as it stood did."""
         decimals = decimals_of(self.certificate.verification.verdict.checks)
-        p95 = f"P95 of the worst target is {length(self.p95_after_mm, decimals)} mm"
+        p95 = f"By estimate, P95 of the worst target is {length(self.p95_after_mm, decimals)} mm"
         p95 += "." if self.p95_before_mm is None else f", before {length(self.p95_before_mm, decimals)} mm."
         before = "" if self.cost_before is None else f", before {self.cost_before:.4g}"
         stood = f"{self.as_it_stood} " if self.as_it_stood else ""

@@ -18,7 +18,7 @@ export function useSchema(): void {
 export function resolve(node: Json): Json {
   let at = node;
   while (at?.$ref) at = { ...at.$ref.split("/").slice(1).reduce((part: Json, name: string) => part[name], schema.value), ...without(at, "$ref") };
-  return at;
+  return at?.allOf?.length === 1 ? { ...resolve(at.allOf[0]), ...without(at, "allOf") } : at;
 }
 
 const without = (object: Json, name: string) => Object.fromEntries(Object.entries(object).filter(([key]) => key !== name));
@@ -96,12 +96,13 @@ export function example(node: Json, depth = 0): Json {
   if (full.default !== undefined && full.default !== null && !(Array.isArray(full.default) && !full.default.length)) return full.default;
   if (full.const !== undefined) return full.const;
   if (full.enum) return full.enum[0];
-  const options = full.anyOf ?? full.oneOf;
-  if (options) return example(options.map(resolve).find((o: Json) => o.type !== "null"), depth);
-  if (full.type === "object" || full.properties) {
-    if (depth > 5) return {};
-    return Object.fromEntries((full.required ?? []).map((name: string) => [name, example(full.properties[name], depth + 1)]));
+  const options: Json[] | undefined = (full.anyOf ?? full.oneOf)?.map(resolve), first = options?.find((o) => o.type !== "null");
+  if (full.properties) { // with alternatives: what each of them asks for besides
+    const required: string[] = [...(full.required ?? []), ...(first?.required ?? [])];
+    return depth > 5 ? {} : Object.fromEntries(required.filter((name) => full.properties[name]).map((name) => [name, example(full.properties[name], depth + 1)]));
   }
+  if (first) return example(first, depth);
+  if (full.type === "object") return {};
   if (full.type === "array") {
     if (full.prefixItems) return full.prefixItems.map((item: Json) => example(item, depth + 1));
     return Array.from({ length: full.minItems ?? 1 }, () => example(full.items, depth + 1));

@@ -140,7 +140,7 @@ function Histogram({ shares, decimals: d, p95, limit, perUnit }: { shares: Distr
   const x = (value: number) => (width * value) / end, y = (share: number) => height - (0.92 * height * share) / top;
   const line = law.map((share, k) => `${k ? "L" : "M"}${x(edges[k])} ${y(share)}H${x(edges[k + 1])}`).join("");
   const marks = [{ name: "P95", at: p95 }, ...(limit === null ? [] : [{ name: "limit", at: limit }])];
-  const words = `Error at the tool, target ${shares.target}: ${sampled ? `bars: share of ${shares.trials!.toLocaleString("en")} sampled shots; line: ` : ""}first order; P95 ${mm(p95, d)} mm${limit === null ? "" : `, limit ${stated(limit, d)} mm`}${perUnit ? "; all units together: what is asked of each unit stands in the table" : ""}`;
+  const words = `Error at the tool, target ${shares.target}: ${sampled ? `bars: share of ${shares.trials!.toLocaleString("en")} sampled shots; line: ` : ""}first order; ${sampled ? "simulated P95" : "P95 by estimate"} ${mm(p95, d)} mm${limit === null ? "" : `, limit ${stated(limit, d)} mm`}${perUnit ? "; all units together: what is asked of each unit stands in the table" : ""}`;
   return (
     <figure class="histogram">
       <figcaption>{words}</figcaption>

@@ -72,7 +72,7 @@ export function Verdict() {
       <div class="sentence">
         {waits && <p>{warming.value ? "The service is warming up: it loads what it computes with. The first score comes by itself." : "The first score is being computed."}</p>}
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
-        {!waits && !trouble.value && reading && <div class={`findings ${shade}`}><Findings reading={reading} /></div>}
+        {!waits && !trouble.value && reading && <div class={`findings ${shade}`} data-kind={reading.kind}><Findings reading={reading} /></div>}
       </div>
       <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : reading ? `P95 ${mm(reading.mm, d)} mm, ${word}, ${BY[reading.kind]}${now ? `; ${mm(Math.abs(now.to - now.from), now.decimals)} mm ${now.to < now.from ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>
