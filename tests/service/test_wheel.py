@@ -81,7 +81,7 @@ def test_no_example_of_an_answer_is_shipped(unpacked: Path, document: dict[str, 
 
 def test_the_command_is_declared(unpacked: Path) -> None:
     entry = next(unpacked.glob("tailstack-*.dist-info/entry_points.txt")).read_text()
-    assert "tailstack = tailstack_service.cli.main:command" in entry
+    assert "tailstack = tailstack_service.__main__:command" in entry
 
 
 @pytest.mark.long
