@@ -1,4 +1,4 @@
-"""What is stated of first order, held against 1,600 designs whose targets are far away, with rays nearly parallel.
+"""What is stated of first order, held against 2,000 designs whose targets are far away, with rays nearly parallel.
 
 ``tests/data/validity/far_designs.csv`` holds what decides the statement of each, and by how much its P95 was off in
 full simulations: ``benchmarks/validity_study.py --far`` made it (tests/data/validity/README.md).
