@@ -14,6 +14,7 @@ from served import Served, served
 from service_scenes import EXAMPLES, ROOT, ask
 
 from tailstack import load_design, score
+from tailstack.design.assumed import list_assumed
 from tailstack_service.cli.main import main
 from tailstack_service.first_design import Beads, design_of_beads
 
@@ -56,6 +57,7 @@ def test_points_of_ones_own_become_the_first_design_that_the_command_makes_of_th
     beads = Beads(tuple(label for label, _ in POINTS), tuple(at for _, at in POINTS), "beads.csv")
     wanted = yaml.safe_load(design_of_beads(beads))
     wanted["requirements"][0]["limit_mm"] = 1.5
+    wanted["assumed"].remove("/requirements/0/limit_mm")  # which was typed
     made = yaml.safe_load(csv["text"])
     assert made.pop("name") == "first design of beads.csv"
     del wanted["name"]
@@ -63,6 +65,9 @@ def test_points_of_ones_own_become_the_first_design_that_the_command_makes_of_th
     assert csv["status"] == score(load_design(csv["text"])).verdict.status
     assert "12 fiducials of beads.csv" in csv["words"]
     assert "assumed" in csv["words"]
+    for each in (csv, markup, balls):
+        count = len(list_assumed(yaml.safe_load(each["text"])))
+        assert each["rests"] == [f"on {k} assumed values" for k in (count, count - 1, count)]
     made = yaml.safe_load(markup["text"])
     assert {view.pop("preset") for view in made["views"]} == {"siemens-cios-fusion"}
     assert {view.pop("source_isocentre_mm") for view in made["views"]} == {700}  # which its source does not state

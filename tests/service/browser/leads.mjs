@@ -11,13 +11,21 @@ scenarios.doors = async () => {
   const found = [];
   for (const { arm, ...file } of asked.files) {
     const page = await open(await newContext(), asked.url, false), arms = page.getByLabel("C-arm");
-    await page.waitForFunction(() => document.querySelectorAll(".own option").length > 1);
+    await page.waitForFunction(() => document.querySelectorAll(".own option").length > 2);
     if (arm) await arms.selectOption(arm);
     await page.getByLabel("95 % of all errors within, mm").fill("1,5");
     await drop(page, file.name, file.text);
     await current(page);
-    const { text, score } = await state(page);
-    found.push({ text, status: score.verdict.status, words: await page.locator(".message").innerText(), arms: arm });
+    const { text, score } = await state(page), words = await page.locator(".message").innerText();
+    const rests = [await page.locator(".rests").innerText()];
+    await page.locator(".rests").click();
+    await page.locator(".assumed button", { hasText: "It is so" }).first().click(); // one value is stated,
+    await current(page);
+    rests.push(await page.locator(".rests").innerText());
+    await page.keyboard.press("Control+z"); // and is not
+    await current(page);
+    rests.push(await page.locator(".rests").innerText());
+    found.push({ text, status: score.verdict.status, words, rests, arms: arm });
     await page.close();
   }
   return { found };
