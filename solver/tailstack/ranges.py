@@ -15,10 +15,11 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel
 
-LENGTHS = {"centimetres": 10.0, "inches": 25.4, "metres": 1000.0, "micrometres": 1e-3}  # and how many mm one is
+from .units import OTHER_LENGTHS
+
 # What a number may have been written in, by the unit of its field, and how many of that unit one is; commonest first
 SLIPS: Mapping[str, Mapping[str, float]] = {
-    "mm": {unit: LENGTHS[unit] for unit in ("metres", "micrometres", "centimetres", "inches")},
+    "mm": {unit: OTHER_LENGTHS[unit] for unit in ("metres", "micrometres", "centimetres", "inches")},
     "deg": {"radians": 180 / pi, "arcminutes": 1 / 60, "milliradians": 0.18 / pi, "arcseconds": 1 / 3600},
     "N": {"kilonewtons": 1000.0, "kilograms": 9.80665, "grams": 0.00980665, "millinewtons": 1e-3},
     "mm/N": {"m/N": 1000.0, "um/N": 1e-3},

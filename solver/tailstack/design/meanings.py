@@ -20,8 +20,8 @@ from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import sight
 from ..geometry.camera import camera_centre, image_centre_px, intrinsic_matrix, projection_from_pose
 from ..geometry.rotation import rigid_transform, rotation_from_quaternion, rotation_xyz
-from ..ranges import LENGTHS as UNITS
 from ..system import View
+from ..units import OTHER_LENGTHS as UNITS
 from .cameras import aim_view, compile_transform, compile_view, find_detector
 from .document import (
     DETECTOR_MM,

@@ -21,10 +21,11 @@ from ..effects import EFFECTS
 from ..effects.kind import Doubt, PlausibilityTest, Subject
 from ..errors import Problem
 from ..geometry.camera import camera_centre, image_centre_px
-from ..ranges import LENGTHS, SLIPS, Meant, Number, list_numbers
+from ..ranges import SLIPS, Meant, Number, list_numbers
 from ..results import Finding
 from ..system import System
 from ..tolerances import Bias
+from ..units import OTHER_LENGTHS
 from .cameras import find_detector
 from .document import (
     DETECTOR_MM,
@@ -158,12 +159,12 @@ def _doubt_structure_size(subject: Subject) -> Iterator[Doubt]:
 def _say_units(subject: Subject, width: float) -> str:
     """In which unit the fiducials and targets would lie in the images of all views."""
     units = find_units_of_points(subject.document, _scene_of(subject), width)
-    wide = [f"{unit} ({LENGTHS[unit] * width:.4g} mm)" for unit in units]
+    wide = [f"{unit} ({OTHER_LENGTHS[unit] * width:.4g} mm)" for unit in units]
     if len(units) == 1:
-        return f"In {wide[0]} they lie in all images: multiply by {LENGTHS[units[0]]:g}, or correct the unit"
+        return f"In {wide[0]} they lie in all images: multiply by {OTHER_LENGTHS[units[0]]:g}, or correct the unit"
     if units:
         return f"In {' and in '.join(wide)} they lie in all images: look up which it is, and correct the unit"
-    return f"In none of {', '.join(LENGTHS)} would they lie in all images: check the unit of the positions"
+    return f"In none of {', '.join(OTHER_LENGTHS)} would they lie in all images: check the unit of the positions"
 
 
 def _scene_of(subject: Subject) -> WrittenPoints:
@@ -204,7 +205,10 @@ def _doubt_distance(
     if meant.least <= length <= meant.most:
         return
     limit, sort, why = (meant.least, "less", meant.low) if length < meant.least else (meant.most, "more", meant.high)
-    cure = say_meanings(view, _scene_of(subject)) or f"check its unit, which is mm: none of {', '.join(LENGTHS)} fits"
+    cure = (
+        say_meanings(view, _scene_of(subject))
+        or f"check its unit, which is mm: none of {', '.join(OTHER_LENGTHS)} fits"
+    )
     short = f"view {view.name}: {what} is {length:.4g} mm, {sort} than {limit:g} mm: {why}"
     yield Doubt(pointer, f"{short}. {cure[0].upper()}{cure[1:]}.", length, limit)
 
@@ -409,7 +413,7 @@ def _doubt_pivots(subject: Subject) -> Iterator[Doubt]:
         if placed and name == "connector_flange":
             continue
         pivot = np.array(interface.pivot_mm)
-        meant = {unit: LENGTHS[unit] * pivot for unit in ("centimetres", "inches")}
+        meant = {unit: OTHER_LENGTHS[unit] * pivot for unit in ("centimetres", "inches")}
         fitting = [
             f"in {unit}, write {write_numbers(place.round(4))}"
             for unit, place in meant.items()

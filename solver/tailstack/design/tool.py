@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..ranges import LENGTHS
+from ..units import OTHER_LENGTHS
 from .cameras import compile_transform
 from .document import DesignDocument, Pose
 from .meanings import read_transform, write_numbers
@@ -21,7 +21,9 @@ TARGET, PIVOT = "target-off-tool", "pivot-off-flange"  # the rules that tell the
 STANDOFF_MM = 20.0  # nearer than this, nothing is doubted
 NEARER = 0.2  # of the distance as it is written: a reading that is told
 FARTHEST_MM = 300.0
-SCALES = {unit: factor for unit, factor in LENGTHS.items() if factor > 1}  # by a smaller one anything meets the origin
+SCALES = {
+    unit: factor for unit, factor in OTHER_LENGTHS.items() if factor > 1
+}  # by a smaller one anything meets the origin
 
 
 class ToolReading(NamedTuple):

@@ -14,7 +14,6 @@ from ..arrays import Array
 from ..errors import Problem
 from ..fields import Record
 from ..system import Effect, System, View
-from ..units import OTHER_LENGTHS
 
 if TYPE_CHECKING:  # the document is made of the sections of these files
     from ..design.document import DesignDocument
