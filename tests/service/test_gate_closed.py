@@ -113,6 +113,8 @@ def test_a_gate_that_cannot_judge_leaves_no_old_pass(folder: Path, arguments: li
     [
         ("tailstack_service.gate.judge.score", RuntimeError("singular"), 3),
         ("tailstack_service.gate.judge.score", MemoryError(), 3),
+        ("tailstack_service.gate.judge.score", SystemExit(0), 3),
+        ("tailstack_service.gate.policy.read_document", SystemExit("a library gives up"), 3),
         ("tailstack_service.gate.reading.read_source", OSError(5, "Input/output error"), 3),
         ("tailstack_service.cli.gate._list_files", KeyboardInterrupt(), 130),
         ("tailstack_service.gate.judge.conclude", KeyboardInterrupt(), 130),

@@ -167,7 +167,7 @@ def _make_record(
         problems = error.problems if isinstance(error, TailstackError) else (_describe_fault(error),)
         problems = tuple(p if p.file is None else replace(p, file=show_name(p.file)) for p in problems)
         return known(files, problems, code if code == BAD_INPUT else NOT_EVALUATED), outputs
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a library that leaves with 0 or 1 gives no verdict
         report_failure(error, arguments)
         problem = Problem("", "internal-error", f"internal error, {type(error).__name__}: {error}")
         return known(files, (problem,), NOT_EVALUATED), outputs

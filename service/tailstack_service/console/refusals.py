@@ -126,7 +126,7 @@ def _report(error: TailstackError, arguments: argparse.Namespace, code: int) -> 
     return code
 
 
-def report_failure(error: Exception, arguments: argparse.Namespace) -> int:
+def report_failure(error: BaseException, arguments: argparse.Namespace) -> int:
     """A defect of ours: one paragraph, no traceback unless asked for."""
     _show_traceback()
     if getattr(arguments, "json", False):
