@@ -217,7 +217,7 @@ def _undercuts(design: Design, found: Optimisation) -> bool:
     """Whether a design keeps what is asked for with less of what is made least than what was found."""
     request = read_request(design)
     here = present_design(request.problem)
-    if here.moved or not here.ratios or (request.problem.objective != "quantile" and max(here.ratios) > 1):
+    if here.moved or not here.may_keep():
         return False
     written = merit_as_written(read_request(load_design(found.design, base_directory=design.source.directory)))
     return merit_of(request, request.problem, here.choice, here.ratios) < written

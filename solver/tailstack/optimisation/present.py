@@ -33,6 +33,7 @@ from .terms import DemandTerms, estimator_of, every_terms, is_singular
 
 INSIDE_MM = 1e-5  # positions this far outside count as inside
 ROUNDED = 1e-3  # of a rule: what rounding positions to a micrometre may break of it
+WORTH_A_CHECK = 1.05  # of a limit: by estimate; further above it no check finds a quantile within it
 MOST_TOLD = 4  # places where a design lies outside
 
 
@@ -45,6 +46,11 @@ class PresentDesign:
     outside: tuple[str, ...]  # where it was not inside, in words
     moved: bool  # whether the choice is another than the design's own
     ratios: tuple[float, ...]  # exact quantile over its limit, every demand; empty: it is no candidate
+
+    def may_keep(self, limits: float = 1.0) -> bool:
+        """Whether a check may find it within a factor on its limits: estimates can be some per cent too large."""
+        near = self.problem.objective == "quantile" or max(self.ratios, default=0.0) <= WORTH_A_CHECK * limits
+        return bool(self.ratios) and near
 
 
 def present_design(problem: PlacementProblem) -> PresentDesign:

@@ -20,8 +20,8 @@ from .exact_law import evaluate_demand
 from .grades import Optimum, Purchase, settle_grades
 from .margin import MARGIN, aim_of, trials_for
 from .placement import PlacementSolution, settle
-from .present import merit_of, present_design
-from .problem import PlacementProblem, Survival
+from .present import bring_inside, merit_of, present_design
+from .problem import PlacementProblem, Survival, present_choice
 from .request import OptimiseRequest, revise
 from .search import Control, Search
 
@@ -108,9 +108,12 @@ def check_present(
 ) -> VerifiedOptimum | None:
     """The design as it stands, brought inside, where its merit is below the ``best`` known and its check passes."""
     problem = search.program.problem
+    inside = bring_inside(problem, present_choice(problem))
+    if problem.objective != "quantile" and merit_of(request, problem, inside, ()) >= best:
+        return None  # before anything is evaluated
     here = present_design(problem)
     cost = problem.cost(here.choice.half_width) if problem.half_widths else 0.0
-    if not here.ratios or (problem.objective != "quantile" and max(here.ratios) > settings.limits):
+    if not here.may_keep(settings.limits):
         return None
     if merit_of(request, problem, here.choice, here.ratios) >= best:
         return None
