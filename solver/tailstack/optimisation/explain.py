@@ -77,7 +77,7 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
             "/optimise",
             "limit-out-of-reach",
             f"the smallest {term.demand.text.replace(' at target', ' found within the given freedom, at target')}, is "
-            f"{at_least(worst.exact_mm)} mm{tight}; {aim} lies below it. Share of the mean square there: {shares}",
+            f"{worst.exact_mm:.4g} mm{tight}; {aim} lies below it. Share of the mean square there: {shares}",
             raised + "".join(f"; or {cure}" for cure in cures),
         )
     )
