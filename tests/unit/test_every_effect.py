@@ -37,7 +37,7 @@ GEOMETRY = {
     System: {
         "name", "views", "fiducial_labels", "fiducials_mm", "manufacturing_law", "manufacturing_coverage_factor",
         "T_flange_con", "T_tcp_flange", "targets", "requirements", "reading", "rotation_form", "estimator",
-        "triangulation", "notes", "design_sha256", "fiducial_radius_mm",
+        "triangulation", "notes", "design_sha256", "fiducial_radius_mm", "assumed", "title_block",
         "loss_probability",  # moves nothing: it is asked what is left when images are missing
     },
     View: {"name", "projection", "image_size_px", "sees", "intrinsics_prior"},

@@ -21,9 +21,8 @@ TARGET, PIVOT = "target-off-tool", "pivot-off-flange"  # the rules that tell the
 STANDOFF_MM = 20.0  # nearer than this, nothing is doubted
 NEARER = 0.2  # of the distance as it is written: a reading that is told
 FARTHEST_MM = 300.0
-SCALES = {
-    unit: factor for unit, factor in OTHER_LENGTHS.items() if factor > 1
-}  # by a smaller one anything meets the origin
+# By a smaller one anything meets the origin
+SCALES = {unit: factor for unit, factor in OTHER_LENGTHS.items() if factor > 1}
 
 
 class ToolReading(NamedTuple):
