@@ -112,8 +112,8 @@ def test_six_tolerances_in_radians_are_one_warning(call: Any) -> None:
     code, out, _ = call("validate", "rad.yaml")
     words = " ".join(out.split())
     assert (code, out.count("warning: ")) == (0, 1)
-    assert "If radians were meant, write 0.1." in words
-    assert "The same holds for structure_connector ry, structure_connector rz, connector_flange rx," in words
+    assert "If radians were meant, write 0.1003." in words
+    assert "The same holds for structure_connector ry half_width_deg, structure_connector rz half_width_deg," in words
     assert len(json.loads(call("score", "rad.yaml", "--json")[1])["verdict"]["findings"]) >= 6  # programs get each
 
 

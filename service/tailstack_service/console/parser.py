@@ -54,9 +54,8 @@ class Parser(argparse.ArgumentParser):
         """As the library does it, with what was perhaps meant."""
         if action.choices is not None and value not in action.choices:
             known = [str(choice) for choice in action.choices]
-            message = (
-                f"invalid choice: {value!r} (choose from {', '.join(known)}){suggest(str(value), known, ask_meant)}"
-            )
+            ask = ask_meant if action.option_strings else ask_label  # a verb, a shell: they are called so
+            message = f"invalid choice: {value!r} (choose from {', '.join(known)}){suggest(str(value), known, ask)}"
             raise argparse.ArgumentError(action, message)
 
 

@@ -49,13 +49,18 @@ def list_others(lines: Sequence[int | None], pointers: Sequence[str]) -> str:
     return f"and {len(lines)} more like it: {word} {', '.join(places[:MOST_PLACES])}{more}"
 
 
+def _name_subject(message: str) -> str:
+    """What a remark is about: what stands before its colon, without the value that it has."""
+    return message.partition(": ")[0].partition(" is ")[0]
+
+
 def group_findings(findings: Sequence[Finding]) -> list[tuple[Finding, str]]:
     """Findings with their sentences; three and more of the same words, each about another thing, are one."""
     told = []
     for first, *others in group_alike(findings, _name_remark):
         fields = [name_field(item.pointer) for item in (first, *others)]
         names = ", ".join(
-            other.message.partition(": ")[0] + (f" ({field})" if len(set(fields)) > 1 else "")
+            _name_subject(other.message) + (f" ({field})" if len(set(fields)) > 1 else "")
             for other, field in zip(others, fields[1:], strict=True)
         )
         told.append((first, first.message + (f" The same holds for {names}." if names else "")))
