@@ -35,7 +35,7 @@ export function Assumed() {
                 <tr key={pointer}>
                   <th><button type="button" class="small quiet link" title={pointer} aria-label={`Show ${words} in the text`} onClick={() => (shownPointer.value = pointer)}>{words}</button></th>
                   <td class="number">{shown(valueAt(settled.value, pathOf(pointer)))}</td>
-                  <td><button type="button" class="small" aria-label={`${words} is so`} onClick={() => edit(confirming(settled.value, pointer), `State ${words}`)}>It is so</button></td>
+                  <td><button type="button" class="small" aria-label={`It is so: ${words}`} onClick={() => edit(confirming(settled.value, pointer), `State ${words}`)}>It is so</button></td>
                 </tr>
               );
             })}
