@@ -5,8 +5,12 @@ from __future__ import annotations
 import base64
 import io
 import re
+import socket
+import subprocess
 import zipfile
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,11 +18,17 @@ import yaml
 from browsing import DEMO, browser, used
 from served import Served, served
 from service_scenes import ask
+from test_proxy import NGINX
+
+from family import die_with_parent, ended
+from tailstack import load_design, score, score_batch
+from waiting import until
 
 __all__ = ["browser"]
 
 pytestmark = pytest.mark.long
 SHOTS = 20_000
+BELOW = "/tools/tailstack"
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +72,43 @@ def test_under_verified_by_simulation_stands_nothing_of_an_estimate_that_it_refu
     assert (found["outdated"], found["shares"], found["advice"]) == (True, "0.62", 0)
 
 
+def test_advice_stops_where_nothing_is_made_finer_and_what_is_impossible_is_an_answer(service: Served) -> None:
+    found = found_by(service, "reach")
+    before, after = found["advice"]
+    assert before == "Tighten connector on flange rx, ry to 0.15° → 0.98 mm by estimate, pass"
+    assert after == before  # though one of them is 0.1998
+    noise = {f"/views/{k}/fiducial_noise_px": [0.0] for k in range(2)}
+    places = score_batch(
+        load_design(DEMO), {**noise, "/fiducials/manufacturing/half_width_mm": [0.0]}, columns=["p95_mm"]
+    )
+    (best,) = places.columns["p95_mm:tip"]
+    assert f"beads anywhere {best:.2f}, finest tolerances 0.4" in found["reach"]
+    # of what was dragged: the seats' own errors are as they were, whatever their shares
+    assert found["moved"] > 0.001
+    assert all(kind == "delta" for _, kind, _ in found["deltas"] if kind)
+    changed = {name for name, _, words in found["deltas"] if words}
+    assert changed <= {"fiducial noise, AP", "fiducial noise, LAT", "fiducial manufacturing"}
+    assert changed
+    assert found["limit"] == 0.3
+    assert re.match(
+        r"No tightening keeps the limit: at best 0\.4\d+ mm by estimate, .*, because .* has \d+ %", found["wall"]
+    )
+    wall, acts, steps = found["out"]
+    assert re.search(r"Out of reach, by estimate: the smallest P95 .*, is 0\.466 mm.*; because hand_eye 81 %", wall)
+    assert "no design keeps the limit" in acts
+    assert "failed" not in acts
+    assert steps == 0
+
+
 # --- what is in the way -----------------------------------------------------------------------------------------------
+
+
+def test_a_design_without_a_requirement_gets_one_and_more_under_all_fields_or_by_the_strip(service: Served) -> None:
+    none, one, two, empty, again, stated = found_by(service, "grow", without("requirements", "optimise"))["found"]
+    assert none == empty == []
+    assert len(one) == len(again) == 1
+    assert len({name for name, _ in two}) == 2
+    assert stated == [["accuracy", 1]]
 
 
 def test_words_in_pictures_can_be_read_enlarge_enlarges_and_a_phone_shows_what_was_opened(service: Served) -> None:
@@ -94,3 +140,70 @@ def test_beads_as_people_have_them_are_taken_or_it_is_said_how(service: Served) 
     spaced, bare, workbook = found_by(service, "tables", files=files)["found"]
     assert spaced["beads"] == bare["beads"] == rows
     assert "save the sheet with the table as CSV UTF-8" in workbook["words"]
+
+
+# --- below a path -----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def proxy(api: str, folder: Path, passes_on: bool) -> Iterator[str]:
+    """nginx that gives a service a path, and cuts it off again or not; yields the address with that path."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    conf = f"""
+        events {{}}
+        pid {folder}/pid;
+        http {{
+          access_log off;
+          client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy; fastcgi_temp_path {folder}/f;
+          uwsgi_temp_path {folder}/u; scgi_temp_path {folder}/s;
+          server {{
+            listen 127.0.0.1:{port};
+            location {BELOW}/ {{
+              proxy_pass {api}{"" if passes_on else "/"};
+              proxy_set_header Host $http_host;
+            }}
+          }}
+        }}"""
+    (folder / "nginx.conf").write_text(conf, encoding="utf-8")
+    command = [NGINX, "-c", str(folder / "nginx.conf"), "-e", str(folder / "error.log")]
+    command += ["-g", "daemon off; master_process off;"]
+    process = subprocess.Popen(command, preexec_fn=die_with_parent)
+
+    def answers() -> bool:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+            return True
+        return False
+
+    with ended(process):
+        until(answers, says=lambda: (folder / "error.log").read_text())
+        yield f"http://127.0.0.1:{port}{BELOW}"
+
+
+@pytest.mark.skipif(not Path(NGINX).exists(), reason="NOT TESTED: nginx is not installed")
+@pytest.mark.parametrize("passes_on", [True, False], ids=["passes its path on", "cuts its path off"])
+def test_reports_are_found_below_a_path_and_are_named_after_their_design(
+    tmp_path: Path, browser: None, passes_on: bool
+) -> None:
+    named = "drill-guide-reference-structure-with-12-beads.html"
+    told = {"TAILSTACK_ROOT_PATH": BELOW} if passes_on else {}
+    secret = {"TAILSTACK_AUTH": "required"} if passes_on else {}
+    with served(tmp_path, **told, **secret) as running:
+        key = running.run("keys", "create", "--tenant", "acme", "--name", "page").strip() if secret else ""
+        with proxy(running.url, tmp_path, passes_on) as url:
+            found = used(url, "below", script="found.mjs", key=key)
+    assert re.fullmatch(rf"{url}/v1/results/[0-9a-f]{{64}}/report\?format=html", found["href"])
+    if secret:
+        assert found["name"] == named
+        assert "The report does not come: Not found" in found["said"]
+    else:
+        status, media, disposition = found["status"]
+        assert (status, media) == (200, "text/html; charset=utf-8")
+        assert f'filename="{named}"' in disposition
+
+
+def test_the_estimate_of_the_demo_is_what_the_advice_is_reckoned_from() -> None:
+    data = yaml.safe_load(DEMO)
+    for axis in ("rx", "ry"):
+        data["interfaces"]["connector_flange"]["tolerances"][axis]["half_width_deg"] = 0.15
+    assert f"{score(load_design(data)).verdict.checks[0].value_mm:.2f}" == "0.98"

@@ -151,7 +151,7 @@ async function look(asked: Json, given: Known): Promise<void> {
   const passes = (k: number) => (off === null ? columns.verdict[k] === "pass" : found[k] !== null && found[k] <= aim), last = rows.length - 2;
   const stepOf = (k: number): Step => {
     const { each, value } = tried[k], changed = each.widths.filter(({ now }) => now > value), [{ words, unit }] = changed;
-    return { edits: changed.map(({ path }) => ({ path, value })), words: `${words} ${changed.map(({ component }) => component).join(", ")} to ${brief(value)}${unit === "deg" ? "°" : ` ${unit}`}`.replace("  ", " "), found: found[k]!, passes: passes(k) };
+    return { edits: changed.map(({ path }) => ({ path, value })), words: `${words} ${changed.map(({ component }) => component).sort().join(", ")} to ${brief(value)}${unit === "deg" ? "°" : ` ${unit}`}`.replace("  ", " "), found: found[k]!, passes: passes(k) };
   };
   const known_ = tried.map((_, k) => k).filter((k) => found[k] !== null), good = known_.find(passes), best = [...known_].sort((a, b) => found[a]! - found[b]!)[0];
   const seats = found[last], places = beads.size ? found[last + 1] : null;

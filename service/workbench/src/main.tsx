@@ -173,7 +173,7 @@ function Foot() {
         <button type="button" onClick={() => (listed.value = true)}>What the words mean</button>
         <button type="button" onClick={() => (theme.value = dark() ? "light" : "dark")}>{dark() ? "Light" : "Dark"}</button>
         <a href="docs">The service's API</a>
-        {licences && <a href={licences}>Licences of what this page contains</a>}
+        {licences && <a href={licences} title="of what this page contains">Licences</a>}
       </p>
     </footer>
   );

@@ -1,5 +1,5 @@
 // What was found in the way by people who used the page.  See tests/service/test_workbench_found.py.
-import { asked, begun, current, drop, faded, newContext, open, wide } from "./page.mjs";
+import { asked, begun, bead, centre, current, drop, faded, newContext, number, open, part, sha, state, wide } from "./page.mjs";
 
 const scenarios = {};
 const strip = (page) => page.locator("section.verdict");
@@ -19,6 +19,66 @@ scenarios.refuted = async () => {
   found.advice = await page.locator(".next").count();
   if (asked.shot) await page.screenshot({ path: asked.shot });
   return found;
+};
+
+// What is advised, before and after half-widths of one seat have other digits; a limit that nothing keeps, typed in the strip
+scenarios.reach = async () => {
+  const page = await begun(await newContext({ viewport: { width: 1280, height: 800 } })), next = page.getByRole("button", { name: /^Tighten/ }), found = { advice: [] };
+  await next.waitFor();
+  found.advice.push(await next.innerText());
+  found.reach = await page.locator(".verdict .reach").innerText();
+  const [x, y] = await centre(bead(page, "F2")), first = (await state(page)).score.targets[0].p95_mm;
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  await page.mouse.move(x - 30, y - 16, { steps: 3 });
+  await page.mouse.up();
+  await sha(page);
+  found.moved = (await state(page)).score.targets[0].p95_mm - first;
+  found.deltas = await page.locator(".budget tbody tr").evaluateAll((all) => all.map((row) => [row.querySelector("th").textContent, row.querySelector(".delta")?.className ?? "", row.querySelector(".delta")?.textContent ?? ""]));
+  await page.keyboard.press("Control+z");
+  await sha(page);
+  await page.locator('[data-pointer="interfaces/connector_flange/tolerances/rx/half_width_deg"]').fill("0.1998");
+  await page.keyboard.press("Enter");
+  await sha(page);
+  await next.waitFor();
+  found.advice.push(await next.innerText());
+  await page.keyboard.press("Control+z");
+  await sha(page);
+  const limit = page.getByLabel("limit of tip-accuracy, mm", { exact: true });
+  await limit.fill("0.3");
+  await limit.press("Enter");
+  await sha(page);
+  await page.locator(".wall").waitFor();
+  found.wall = await page.locator(".wall").innerText();
+  found.limit = (await state(page)).score.verdict.checks[0].limit_mm;
+  await strip(page).getByRole("button", { name: "Optimise this design" }).click();
+  await page.locator(".wall", { hasText: "Out of reach" }).waitFor();
+  found.out = [await page.locator(".wall").innerText(), await page.locator(".acts").innerText(), await next.count()];
+  if (asked.shot) await page.screenshot({ path: asked.shot });
+  return found;
+};
+
+// A design without a requirement gets one under all fields, a second, and loses it; another gets one by the strip
+scenarios.grow = async () => {
+  const page = await begun(await newContext()), found = [], all = await part(page, "All fields");
+  const look = async () => { await sha(page); found.push((await state(page)).score.verdict.checks.map(({ requirement, limit_mm: limit }) => [requirement, limit])); };
+  await look();
+  await all.getByLabel("Add a field to the design").selectOption("requirements");
+  await look();
+  await all.locator("summary", { hasText: "requirements" }).click();
+  await all.getByRole("button", { name: "Add one more" }).first().click();
+  await look();
+  for (const k of [1, 0]) {
+    await all.locator("details details > summary").nth(k).click();
+    await all.getByRole("button", { name: `Remove requirements ${k}` }).click();
+  }
+  await look();
+  await all.getByRole("button", { name: "Add the first of requirements" }).click();
+  await look();
+  for (let k = 0; k < 6; k += 1) await page.keyboard.press("Control+z");
+  await page.getByRole("button", { name: "State a limit" }).click();
+  await look();
+  return { found };
 };
 
 // Pictures at 1280 x 800: the size of their words, and what Enlarge does; a phone after a card far below was pressed
@@ -60,6 +120,28 @@ scenarios.tables = async () => {
     await page.close();
   }
   return { found };
+};
+
+// Below a path: a report is made, its link leads to it, with a key it is fetched and saved, and what fails is said
+scenarios.below = async () => {
+  const page = await open(await newContext(), asked.url, false), key = page.getByLabel(/API key/);
+  await drop(page, "design.yaml", asked.design);
+  if (asked.key) {
+    await key.fill(asked.key);
+    await page.getByRole("button", { name: "Use it" }).click();
+  }
+  await current(page);
+  await strip(page).getByRole("button", { name: "Report of this design" }).click();
+  const link = strip(page).getByRole("link", { name: "Report" });
+  await link.waitFor();
+  const href = await link.evaluate((node) => node.href), found = { href };
+  if (!asked.key) return { ...found, status: await page.evaluate(async (address) => { const answer = await fetch(address); return [answer.status, answer.headers.get("content-type"), answer.headers.get("content-disposition")]; }, href) };
+  const [download] = await Promise.all([page.waitForEvent("download"), link.click()]);
+  found.name = download.suggestedFilename();
+  await page.route("**/report?format=html", (route) => route.fulfill({ status: 404, contentType: "application/problem+json", body: '{"title":"Not found","status":404,"errors":[]}' }));
+  await link.click();
+  await page.locator(".message.bad").waitFor();
+  return { ...found, said: await page.locator(".message.bad").innerText() };
 };
 
 export default scenarios;

@@ -337,7 +337,7 @@ scenarios.marks = async () => {
   await page.getByRole("button", { name: "How far may each be loosened?" }).click();
   await page.getByRole("columnheader", { name: "slack" }).waitFor();
   found.cut = await page.getByRole("region", { name: "Table of the budget" }).evaluate((node) => node.scrollWidth - node.clientWidth);
-  const licences = page.getByRole("link", { name: "Licences of what this page contains" });
+  const licences = page.getByRole("link", { name: "Licences", exact: true });
   found.licences = await (await page.request.get(await licences.evaluate((node) => node.href))).text();
   found.wide = await wide(page);
   return found;
