@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import re
 from collections import Counter
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 
 import tailstack
 from optimise_documents import BOX, document, moving
-from tailstack.design import load_design
+from tailstack import load_design, score
 from tailstack.errors import TailstackError
 from tailstack.optimisation import optimise
 from tailstack_service.cli.main import main
@@ -76,6 +77,28 @@ def test_a_length_that_is_something_is_never_told_as_nothing(
     findings = Counter(told.split(" warning: ")[1:])
     assert max(findings.values(), default=0) <= 1, findings
     assert told.count("[noise-too-small]") <= 1  # four noises that are alike are one finding
+
+
+@pytest.mark.parametrize("bias_mm", [0.0, 0.3, 6.0, -6.0])
+def test_a_known_bias_that_leads_is_named_before_any_tolerance(
+    bias_mm: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = document(8, 0.1)
+    del data["optimise"]
+    data["interfaces"]["structure_connector"]["bias"] = {"tx_mm": bias_mm}
+    path = tmp_path / "design.json"
+    path.write_text(json.dumps(data))
+    main(["score", str(path)])
+    said = " ".join(capsys.readouterr().out.split())
+    main(["gate", "--mode", "analytic", str(path)])
+    judged = " ".join(capsys.readouterr().out.split())
+    (target,) = score(load_design(data)).targets
+    leads = math.hypot(*target.bias_mm) > math.hypot(*target.std_mm)
+    assert leads == (abs(bias_mm) > 1)
+    assert ["is a known bias of" in said, "share is a known bias of" in judged] == [leads, leads]
+    if leads:
+        assert "correct for it before any tolerance" in said
+        assert "of the variance" not in judged
 
 
 def class_names() -> list[str]:

@@ -57,6 +57,11 @@ def test_every_path_that_is_said_begins_with_it(cut: bool) -> None:
         assert page.json()["next"].startswith(f"{ROOT}/v1/jobs?")
         assert page.headers["link"].startswith(f"<{ROOT}/v1/jobs?")
         assert client.get(ROOT).status_code == 200, "without a slash at its end"
+        if not cut:
+            browser = client.get(ROOT, headers={"Accept": "text/html"}, follow_redirects=False)
+            assert (browser.status_code, browser.headers["location"]) == (307, f"{ROOT}/"), (
+                "the page asks beside itself"
+            )
 
 
 @pytest.mark.long
