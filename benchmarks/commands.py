@@ -18,8 +18,8 @@ from statistics import median
 from bench import ROOT, Figure, Findings, interleave, watch_load
 from tailstack.design import design_to_data, load_design
 from tailstack.design.write import data_to_yaml
-from tailstack.kernels import writable_directory
-from tailstack.processor import levels_here
+from tailstack.kernels.processor import levels_here
+from tailstack.kernels.store import writable_directory
 
 DEMO = ROOT / "examples" / "demo.yaml"
 DESIGNS = 10

@@ -19,21 +19,15 @@ from scipy.linalg import rq
 import operations
 from bench import ROOT, Figure, Findings, interleave, watch_load
 from scenes import cios_system, read_only
-from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.estimation.resection import homogeneous
-from tailstack.montecarlo import (
-    ChainPlan,
-    LinearChain,
-    compile_plan,
-    draw,
-    quantile_estimate,
-    radial,
-    run_indices,
-    simulate,
-)
+from tailstack.geometry.arrays import Array
+from tailstack.montecarlo.chain import draw, run_indices
+from tailstack.montecarlo.estimators import quantile_estimate
 from tailstack.montecarlo.lanes import WIDTH
-from tailstack.montecarlo.radial import gains_in_plan_order
+from tailstack.montecarlo.plan import ChainPlan, compile_plan
+from tailstack.montecarlo.radial import LinearChain, gains_in_plan_order, radial
+from tailstack.montecarlo.simulate import simulate
 from tailstack.propagation.linear import linearise
 from tailstack.system import Estimator, System, View
 from tailstack.tail.declared import law_exceedance, law_quantile
@@ -425,7 +419,7 @@ def precision() -> Findings:
 
 MEMORY = """
 from scenes import cios_system
-from tailstack.montecarlo import simulate
+from tailstack.montecarlo.simulate import simulate
 simulate(cios_system(), trials=10_000_000, seed=1)
 # VmHWM starts anew at exec; ru_maxrss would remember the process that started this one.
 print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))

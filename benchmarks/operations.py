@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from tailstack.arrays import Array
-from tailstack.montecarlo import compile_plan, kernel, lane_least_squares, lane_motion, lane_resection, lanes, streams
+from tailstack.geometry.arrays import Array
+from tailstack.montecarlo import kernel, lane_least_squares, lane_motion, lane_resection, lanes, streams
 from tailstack.montecarlo.lanes import WIDTH, fma, load, square_root, store
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.system import System
 
 MODULES = (lanes, streams, lane_resection, lane_least_squares, lane_motion, kernel)

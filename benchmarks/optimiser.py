@@ -43,7 +43,7 @@ from placement_model import (
     task_of,
 )
 from tailstack import load_design, optimise
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.search import search
 from tailstack.optimisation.terms import terms_of

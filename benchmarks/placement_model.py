@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from scipy.special import ndtri
 
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.exact_law import closed_form_mm, image_parts
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice

@@ -25,10 +25,10 @@ from tailstack.batch import DEFAULT_COLUMNS
 from tailstack.design import Design
 from tailstack.design.pointers import find_places, replace_value, value_at
 from tailstack.errors import DesignError
-from tailstack.json_text import write_json
 from tailstack.people_tables import read_people_table
 from tailstack.propagation.linear import estimation_of, linearise
 from tailstack.propagation.noise import noise_gains_jit
+from tailstack.results.json_text import write_json
 from tailstack.system import System
 from tailstack.tail.gaussian import norm_quantile_jit
 

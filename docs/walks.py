@@ -32,7 +32,7 @@ FILES = {
     for part in ("solver", "service")
     for file in sorted((ROOT / part).rglob("*.py"))
 }
-KERNELS = "tailstack.kernels"
+KERNELS = "tailstack.kernels.store"
 SENDER, RECEIVER = "tailstack_service.http.compute_pool", "tailstack_service.processes.child"
 # Function whose return is the end of a walk: P95 is known; the text is written
 ENDS = {
@@ -172,7 +172,7 @@ def score() -> None:
 def perform(call: Any) -> Any:
     """What the computing process calls in place of ``computations.perform``."""
     from tailstack_service.http import computations
-    from tailstack_service.task import Estimated
+    from tailstack_service.processes.task import Estimated
 
     note(RECEIVER, SENDER)
     note_kernels()

@@ -17,7 +17,7 @@ from typing import Any
 import httpx
 from rules import HERE, ITSELF, METHODS, resolved
 
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 from tailstack_service.http.app import create_app
 
 DOCUMENT = HERE / "openapi.json"

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from scenes import cube_fiducials, mount, random_system, read_only, system_of, with_noise
-from tailstack.arrays import Array
 from tailstack.design.compile import torsor_from_locators
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import Choice, FreeSpacing, PivotVariable, apply_choice

@@ -12,11 +12,12 @@ import numpy as np
 from scipy.linalg import rq
 
 from scenes import effect_named
-from tailstack.arrays import Array
 from tailstack.estimation.least_squares import estimate_views, locate, row_weights
 from tailstack.estimation.resection import homogeneous, project
 from tailstack.estimation.triangulation import triangulate
-from tailstack.system import Reading, RotationForm, System, Target, Triangulation, View
+from tailstack.geometry.arrays import Array
+from tailstack.geometry.rotation import RotationForm
+from tailstack.system import Reading, System, Target, Triangulation, View
 
 
 def rotation(angles: Array, form: RotationForm) -> Array:

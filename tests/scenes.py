@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from tailstack.arrays import Array
 from tailstack.design import compile_design, load_design
 from tailstack.effects.ball_images import ball_images
 from tailstack.effects.image_field import image_field
 from tailstack.effects.intrinsics import UNITS, intrinsics_error
 from tailstack.effects.motion import motion
 from tailstack.effects.temperature import temperature
+from tailstack.geometry.arrays import Array
 from tailstack.system import (
     INTRINSICS,
     DirectEffect,

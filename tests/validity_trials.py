@@ -15,7 +15,9 @@ from random_designs import FIDUCIALS, RADII, RAYS_DEG, VIEWS, farness, random_de
 from tailstack.contributors import error_law, mean_at, worst_vertices
 from tailstack.design import check_design, load_design
 from tailstack.effects import EFFECTS
-from tailstack.montecarlo import compile_plan, draw, gains_in_plan_order, run_indices
+from tailstack.montecarlo.chain import draw, run_indices
+from tailstack.montecarlo.plan import compile_plan
+from tailstack.montecarlo.radial import gains_in_plan_order
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.propagation.validity import COUNTED, LEVELS, error_percent
 from tailstack.results import Check

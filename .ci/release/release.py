@@ -26,7 +26,7 @@ from pathlib import Path
 import changelog
 import recipe
 import sbom
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 ROOT = Path(__file__).resolve().parents[2]
 OTHERS = ("kernels of the other minor versions of Python (3.11 to 3.13): .github/workflows/wheels.yml builds them",)

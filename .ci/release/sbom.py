@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 HASHES = r"((?: +--hash=sha256:[0-9a-f]{64}(?: \\)?\n?)+)"
 ENTRY = re.compile(r"^([a-z0-9._-]+)==([^ ;\\\n]+)(?: ; ([^\\\n]+?))? \\\n" + HASHES, re.MULTILINE)

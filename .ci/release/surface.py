@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import tailstack
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 from tailstack_service.cli.completion import list_actions
 from tailstack_service.cli.main import build_parser
 from tailstack_service.cli.verbs import verbs

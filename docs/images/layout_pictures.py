@@ -11,7 +11,7 @@ from line_charts import WIDTH, begin, mark
 from numpy.typing import NDArray
 from study_scenes import TARGET_MM, Costs, Layouts
 
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack.results.look import BLUE, FAINT, INK, MUTED, VERMILION
 from tailstack_service.report.scene import RIGHT, UP
 from tailstack_service.report.svg import box, line, text, trim

@@ -14,7 +14,8 @@ from pictures import write_picture
 
 from tailstack import compile_design, load_design, score, verify
 from tailstack.estimation.resection import project
-from tailstack.montecarlo import compile_plan, run_indices
+from tailstack.montecarlo.chain import run_indices
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.results.digits import count_decimals, in_percent
 
 ROOT = Path(__file__).resolve().parents[2]

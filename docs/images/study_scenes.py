@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from tailstack.arrays import Array
 from tailstack.design import load_design
 from tailstack.errors import InfeasibleError
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation.alternatives import value_placement
 from tailstack.optimisation.exact_law import ExactQuantile, exact_quantile, image_parts
 from tailstack.optimisation.placement import settle

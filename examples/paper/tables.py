@@ -22,9 +22,10 @@ import numpy as np
 from scipy.special import betaincinv, ndtr, ndtri
 
 from tailstack import compile_design, load_design
-from tailstack.arrays import frozen
 from tailstack.estimation.resection import project, resect
-from tailstack.montecarlo import compile_plan, run_indices
+from tailstack.geometry.arrays import frozen
+from tailstack.montecarlo.chain import run_indices
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import LinearModel, covariance, estimator_geometry, linearise
 from tailstack.system import Reading, System, no_sources, put_links
 from tailstack.tail.gaussian import norm_mean, norm_quantile

@@ -1,5 +1,1 @@
 """What a person meets: the command line and the HTTP service over the solver in :mod:`tailstack`."""
-
-from tailstack.docstrings import keep_docstrings
-
-keep_docstrings()

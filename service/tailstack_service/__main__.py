@@ -11,6 +11,10 @@ from typing import NoReturn
 
 def command() -> NoReturn:
     """The command line, and the end of the process with its exit code."""
+    if sys.flags.optimize > 1:
+        lost = "python -OO (PYTHONOPTIMIZE=2) leaves out the texts that schemas and help are made of"
+        print(f"tailstack: nothing was evaluated: {lost}; -O is as fast", file=sys.stderr)
+        sys.exit(3)
     try:
         from tailstack_service.cli.main import command as begin
 

@@ -22,9 +22,8 @@ from tailstack.errors import (
     TailstackError,
 )
 
-from .folders import FolderError
+from .environment import FolderError, variable
 from .jobs.store.errors import IdempotencyConflict, QueueFull, StoreError, StoreUnavailable, UnitLost
-from .names import variable
 
 
 class RequestError(TailstackError):

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
-from .documents import from_json, from_plain, record_json_schema
-from .drafts import Draft, published_schema
-from .job_document import JobDocument, JobPage
+from .documents import Draft, from_json, from_plain, published_schema, record_json_schema
+from .jobs.document import JobDocument, JobPage
 from .operations.registry import OPERATIONS
 from .problems import ProblemDocument
 

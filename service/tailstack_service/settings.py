@@ -10,12 +10,11 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from tailstack.cores import usable_cores
 from tailstack.cures import ask_meant
 from tailstack.errors import Problem
+from tailstack.kernels.process import usable_cores
 
-from .folders import state_directory
-from .names import OF_PROCESSES, OF_TESTS, OTHERS, PREFIX, variable
+from .environment import OF_PROCESSES, OF_TESTS, OTHERS, PREFIX, state_directory, variable
 from .problems import SettingsError
 
 # Kubernetes tells every container of every Service of its namespace, one that is called tailstack-... among them

@@ -22,7 +22,6 @@ from typing import IO, Any, Literal, get_args
 
 from tailstack.cures import cure_text
 from tailstack.errors import LimitError, Problem
-from tailstack.json_text import find_repeated, write_json
 from tailstack.people_tables import (
     KEPT_ENDS,
     PREVIEW,
@@ -36,6 +35,7 @@ from tailstack.people_tables import (
     read_plain_number,
     split_heading,
 )
+from tailstack.results.json_text import find_repeated, write_json
 
 from .problems import RequestError
 from .unpacking import MOST_SHEET_ROWS, Column, ColumnBlock, TableLimits

@@ -14,7 +14,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
 from tailstack.errors import LimitError, Problem
 
-from .names import variable
+from .environment import variable
 from .problems import RequestError
 
 LARGEST_CELL = 131_072  # characters; that of Python's ``csv``

@@ -21,8 +21,8 @@ def build_wheel(wheel_directory: str, config_settings: Any = None, metadata_dire
     """Build the wheel for this Python into the folder; its name."""
     import build
 
-    from tailstack.ahead import COMPUTATIONS
-    from tailstack.processor import LEVELS, levels_here
+    from tailstack.kernels.calls import COMPUTATIONS
+    from tailstack.kernels.processor import LEVELS, levels_here
 
     levels = levels_here()
     if missing := [level for level in LEVELS if level not in levels]:

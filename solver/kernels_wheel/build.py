@@ -50,15 +50,15 @@ import sys
 from itertools import count
 from numba.core import errors
 from numba.np.ufunc import array_exprs
-from tailstack import ahead, kernels
+from tailstack.kernels import calls, store
 numbers = count()
 array_exprs.hash = lambda _: next(numbers)
 errors.loc_info = type("NoPlace", (dict,), {"update": lambda *_, **__: None})()
 names = sys.argv[1].split(",")
-calls = [call for call in ahead.calls_for(ahead.COMPUTATIONS) if call.kernel in names or call in ahead.calls_for(names)]
+calls = [call for call in calls.calls_for(calls.COMPUTATIONS) if call.kernel in names or call in calls.calls_for(names)]
 for call in calls:
     call.compile()
-assert kernels.TRAFFIC.unwritable == "", kernels.TRAFFIC.unwritable
+assert store.TRAFFIC.unwritable == "", store.TRAFFIC.unwritable
 for call in calls:
     print(call.file())
 """
@@ -157,8 +157,8 @@ def build_tailstack(directory: Path) -> None:
 
 def main() -> None:
     """See the head of this file."""
-    from tailstack.ahead import COMPUTATIONS
-    from tailstack.processor import levels_here
+    from tailstack.kernels.calls import COMPUTATIONS
+    from tailstack.kernels.processor import levels_here
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("dist"), help="folder for the wheels (dist)")

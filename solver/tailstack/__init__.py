@@ -17,8 +17,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .docstrings import keep_docstrings
-from .first_use import load_on_first_use
+from .extras import load_on_first_use
 from .version import __version__
 
 if TYPE_CHECKING:
@@ -40,8 +39,6 @@ if TYPE_CHECKING:
     from .scoring import score
     from .sweeping import sweep
     from .verification import verify
-
-keep_docstrings()
 
 # Loaded on first use: numba and casadi take a second that `tailstack --help` should not.
 _HOME = {

@@ -28,9 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array, frozen
 from .contributors import BOUNDED, KIND, ErrorLaw, assemble_law, error_law
-from .cores import usable_cores
 from .design import Design, compile_design, design_to_data, load_design
 from .design.cameras import detector_distances
 from .design.numbers import read_numbers
@@ -38,7 +36,9 @@ from .design.pointers import Place, locate_numbers, pointer_of, set_numbers, val
 from .design.refusals import escape
 from .errors import Problem, TailstackError, describe_refusal
 from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, domain_of
-from .kernels import kernel
+from .geometry.arrays import Array, frozen
+from .kernels.process import usable_cores
+from .kernels.store import kernel
 from .propagation.linear import (
     LinearModel,
     believed_directions,

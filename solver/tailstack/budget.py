@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Array
 from .contributors import NORMAL, ErrorLaw, law_of, unit_for_people, worst_case
+from .geometry.arrays import Array
 from .propagation.linear import Block, LinearModel
 from .results import Contributor
 from .tail.declared import LawGradient, LawQuantile, law_gradient, law_quantile

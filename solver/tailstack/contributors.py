@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array, frozen
-from .kernels import kernel
+from .geometry.arrays import Array, frozen
+from .kernels.store import kernel
 from .propagation.linear import Block, LinearModel
 from .system import Law
 from .tail.bounded import indistinguishable

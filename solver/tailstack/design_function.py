@@ -22,12 +22,12 @@ from typing import Literal
 
 import numpy as np
 
-from .arrays import Array
 from .contributors import BOUNDED, NORMAL, ErrorLaw, error_law
 from .design import Design, compile_design, load_design
 from .design.numbers import read_numbers
 from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
 from .errors import DesignError, OutOfRangeError, Problem
+from .geometry.arrays import Array
 from .propagation.linear import Block, Chain, LinearModel, chain_of, common_shifts, image_gains, linearise_at
 from .propagation.systematic import systematic_errors
 from .results import Score

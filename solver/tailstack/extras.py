@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from shlex import quote
+from typing import Any
 
 from .errors import MissingExtraError, Problem
 from .version import __version__
@@ -78,6 +81,23 @@ def name_missing_extra() -> Iterator[None]:
             if module in modules:
                 raise _refusal(module, extra) from error
         raise
+
+
+def load_on_first_use(package: str, home: Mapping[str, str]) -> Callable[[str], Any]:
+    """The ``__getattr__`` of a package (PEP 562) whose names are loaded when they are first used, by their modules.
+
+    It raises MissingExtraError where that module needs a package which is not installed.
+    """
+
+    def load(name: str) -> Any:
+        if name not in home:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        with name_missing_extra():
+            value = getattr(import_module(f".{home[name]}", package), name)
+        setattr(sys.modules[package], name, value)
+        return value
+
+    return load
 
 
 def _refusal(module: str, *extras: str) -> MissingExtraError:

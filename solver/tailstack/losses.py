@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from .arrays import Array, frozen
 from .contributors import BOUNDED, ErrorLaw, error_law, law_of
 from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
-from .kernels import kernel
+from .geometry.arrays import Array, frozen
+from .kernels.store import kernel
 from .propagation.linear import Chain, LinearModel, believed_directions, believed_knowns, chain_of, linearise_at
 from .propagation.noise import Eliminated, Estimation, eliminate_for, gains_after, room_for, stack_columns_jit
 from .propagation.systematic import shift_together

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, chndtr
 
-from .arrays import Array
+from .geometry.arrays import Array
 from .geometry.camera import image_of
 from .propagation.linear import Chain, LinearModel
 from .propagation.noise import image_slopes

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import Array
 from .budget import budget
 from .contributors import ErrorLaw, error_law, law_of
 from .design import Design, check_design
 from .effects import EFFECTS
 from .errors import OutOfRangeError
 from .estimation.checks import examine
+from .geometry.arrays import Array
 from .geometry.rotation import transform_points
+from .kernels.sources import digest_of_package
 from .losses import PAIRS_UP_TO, LossSearch, Shots
 from .propagation.linear import (
     LinearModel,
@@ -46,7 +47,6 @@ from .results import (
     ViewCheck,
 )
 from .results.verdicts import MISSED, P95
-from .sources import digest_of_package
 from .system import INTRINSICS_WORDS, Requirement, System
 from .tail.bounds import bounds
 from .tail.declared import LawSummary, law_quantile, law_summary
@@ -339,7 +339,8 @@ def _per_unit(system: System, tcp: ErrorScore) -> PerUnit:
 
 def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
     """Second-order mean and covariance of the TCP error, where their series holds."""
-    from .montecarlo import compile_plan, evaluate
+    from .montecarlo.chain import evaluate
+    from .montecarlo.plan import compile_plan
 
     model, worst = tcp.model, tcp.at.worst
     try:

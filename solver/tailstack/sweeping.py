@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from math import hypot, isfinite, prod
 from typing import Any, Literal
 
-from .arrays import Array
 from .design import Design, compile_design, load_design
 from .design.numbers import read_numbers
 from .design.pointers import Place, locate_numbers, name_of, pointer_of, set_numbers, value_at
 from .errors import Problem, TailstackError, describe_refusal
-from .precision import MAX_TRIALS
+from .geometry.arrays import Array
+from .montecarlo import MAX_TRIALS
 from .results import Provenance, Score, TargetEstimate, TargetScore, Verification
 from .results.sweep import Sweep, SweepAxis, SweepPoint, SweepTarget
 from .scoring import provenance, score

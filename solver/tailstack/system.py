@@ -18,7 +18,8 @@ from typing import Any, NamedTuple, Self, assert_never
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array
+from .geometry.arrays import Array
+from .geometry.rotation import RotationForm
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
 
@@ -47,13 +48,6 @@ class Reading(StrEnum):
 
     PHYSICAL = "physical"  # the structure moves and so do its images: q_hat = T_err1^-1 q (text after Eq 8)
     EQ18 = "eq18"  # the estimator's coordinates move, images do not: q_hat = T_err1 q (Eqs 8, 18)
-
-
-class RotationForm(StrEnum):
-    """How small rotations act."""
-
-    FULL = "full"  # Rx Ry Rz (Eq 12)
-    SMALL_ANGLE = "small_angle"  # I + [omega]x (Eq 13)
 
 
 class Weighing(IntEnum):

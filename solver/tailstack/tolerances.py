@@ -12,7 +12,6 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from .arrays import Array, frozen
 from .fields import (
     BOUNDED_WORDS,
     COVERAGE_WORDS,
@@ -25,6 +24,7 @@ from .fields import (
     Record,
     refuse_coverage,
 )
+from .geometry.arrays import Array, frozen
 from .ranges import KNOWN_DEG, KNOWN_MM, SEAT_DEG, SEAT_MM
 from .system import TORSOR_COMPONENTS, Law, Sources
 

@@ -16,13 +16,14 @@ from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
-from .arrays import Array
 from .contributors import WorstCase, declared_law, mean_at, worst_case, worst_vertices
-from .cores import usable_cores
 from .design import Design
 from .errors import DesignError, OutOfRangeError, Problem
+from .geometry.arrays import Array
+from .kernels.process import usable_cores
 from .losses import LossSearch
-from .montecarlo import ChainPlan, Goal, Samples, Simulation, compile_plan, run_indices, simulate_to_precision
+from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
+from .montecarlo.chain import run_indices
 from .montecarlo.estimators import (
     between_ranks,
     cvar_estimate,
@@ -34,11 +35,18 @@ from .montecarlo.estimators import (
     repeated_interval,
     repeated_ranks,
 )
+from .montecarlo.plan import ChainPlan, compile_plan
 from .montecarlo.radial import RANDOMISATIONS, RAYS, LinearChain, RadialEstimate, gains_in_plan_order, radial
 from .montecarlo.shards import Pending, Shard, TrialsTask, draw_shards
-from .montecarlo.simulate import Progress, Run
-from .montecarlo.stopping import CvarQuestion, LimitQuestion, precision_looks, simulate_to_decision
-from .precision import FINEST_PRECISION, MAX_TRIALS, PRECISION
+from .montecarlo.simulate import Progress, Run, Samples, Simulation
+from .montecarlo.stopping import (
+    CvarQuestion,
+    Goal,
+    LimitQuestion,
+    precision_looks,
+    simulate_to_decision,
+    simulate_to_precision,
+)
 from .propagation.linear import LinearModel, chain_of, linearise_at
 from .results import (
     Check,

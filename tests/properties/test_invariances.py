@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from scenes import execution, mount, random_rigid, random_system, read_only
 from tailstack import score, verify
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack.system import DirectEffect, Law, System
 
 pytestmark = pytest.mark.hostile

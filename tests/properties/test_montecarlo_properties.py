@@ -19,8 +19,10 @@ from scenes import (
     target,
     with_noise,
 )
-from tailstack.montecarlo import Run, Samples, Simulation, compile_plan, draw, evaluate, quantile_estimate, simulate
-from tailstack.montecarlo.chain import evaluate_plainly
+from tailstack.montecarlo.chain import draw, evaluate, evaluate_plainly
+from tailstack.montecarlo.estimators import quantile_estimate
+from tailstack.montecarlo.plan import compile_plan
+from tailstack.montecarlo.simulate import Run, Samples, Simulation, simulate
 from tailstack.system import Reading, System, Triangulation
 
 pytestmark = pytest.mark.hostile

@@ -20,7 +20,7 @@ from optimise_scenes import (
     score_mm,
 )
 from scenes import TORSOR, cube_fiducials, mount, random_rigid, read_only, target
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
 from tailstack.optimisation.placement import settle
 from tailstack.optimisation.prices import reciprocal

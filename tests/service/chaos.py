@@ -52,7 +52,7 @@ from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.perform import perform
 from tailstack_service.processes.interpreter import make_command, make_environment, running_code
-from tailstack_service.task import ADVANCE, Task, UnitResult
+from tailstack_service.processes.task import ADVANCE, Task, UnitResult
 
 T = TypeVar("T")
 

@@ -19,7 +19,7 @@ from served import PATH
 from service_scenes import ROOT
 
 from family import die_with_parent
-from tailstack.kernels import writable_directory
+from tailstack.kernels.store import writable_directory
 
 USER = 23456
 _AS_USER = [

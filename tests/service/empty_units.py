@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tailstack_service.task import Outcome, Task
+from tailstack_service.processes.task import Outcome, Task
 
 
 def perform(task: Task) -> Outcome:

@@ -18,7 +18,7 @@ from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.jobs.store.queue import Claim
 from tailstack_service.jobs.store.schema import migrate_database, open_database
 from tailstack_service.jobs.store.tables import metadata
-from tailstack_service.task import ADVANCE, Outcome
+from tailstack_service.processes.task import ADVANCE, Outcome
 
 VERSION = "1.0"
 LEASE = 15.0

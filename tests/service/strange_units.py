@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tailstack_service.task import ADVANCE, Outcome, Task
+from tailstack_service.processes.task import ADVANCE, Outcome, Task
 
 FUNCTION = f"{__name__}:perform"
 LOOK_SECONDS = 0.01  # between two looks whether a file is there

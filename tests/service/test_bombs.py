@@ -128,7 +128,7 @@ from functools import partial
 from tailstack_service.http.computations import perform
 from tailstack_service.operations.perform import perform as perform_unit
 from tailstack_service.processes.linux import limit_memory, memory_within
-from tailstack_service.task import Task
+from tailstack_service.processes.task import Task
 limit_memory(600_000_000)
 refused = perform(partial(bytearray, 900_000_000))
 print(refused.slug, refused.problems[0].hint)

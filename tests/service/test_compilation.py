@@ -17,7 +17,7 @@ from statistics import fmean
 import pytest
 
 from family import die_with_parent, ended
-from tailstack import ahead
+from tailstack.kernels import calls
 from tailstack_service.console.compilation import CAUTION, CompilationProgress
 from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS
@@ -27,16 +27,16 @@ PROGRAM = """
 import json, sys
 import numpy as np
 from tailstack_service.console import compilation, progress
-from tailstack import ahead, kernels
-from tailstack.preparation import prepare_with
+from tailstack.kernels import calls, store
+from tailstack.kernels.process import prepare_with
 progress.QUIET_SECONDS = 0.01
 few = ("tail.lattice.balls", "tail.spectrum._law_fault", "tail.declared.column_slopes")
-ahead.calls_for = lambda _: tuple(call for call in ahead.EVERY if call.kernel in few)
+calls.calls_for = lambda _: tuple(call for call in calls.EVERY if call.kernel in few)
 prepare_with(lambda: compilation.compile_for(["score"]))
 from tailstack.tail.lattice import balls
 from tailstack.tail.spectrum import _law_fault
 balls(1.0, np.array([0.5])); _law_fault(np.zeros(3), np.eye(3))
-print(json.dumps([kernels.TRAFFIC.compiled, kernels.TRAFFIC.loaded]))
+print(json.dumps([store.TRAFFIC.compiled, store.TRAFFIC.loaded]))
 """
 
 
@@ -98,12 +98,12 @@ HEAD = "compiling kernels, once on this machine:"
 
 def test_a_time_is_named_from_the_first_moment_to_the_last_kernel() -> None:
     """closed_form: before anything is measured, the table's seconds on a machine that is taken for a slow one."""
-    calls = ahead.calls_for(("optimise",))
+    wanted = calls.calls_for(("optimise",))
     clock = TurnedClock()
-    progress = CompilationProgress(calls, 2, "", io.StringIO(), clock=clock)
-    total = sum(call.seconds for call in calls)
+    progress = CompilationProgress(wanted, 2, "", io.StringIO(), clock=clock)
+    total = sum(call.seconds for call in wanted)
     assert progress.line() == f"{HEAD} 0 of 3, about {total / 2 / CAUTION:.0f} s"
-    for call in calls:
+    for call in wanted:
         progress.begin(call)
         progress.note(call)
     assert progress.line() == f"{HEAD} 3 of 3"
@@ -116,11 +116,11 @@ def waited(seed: int) -> tuple[int, list[int]]:
     (standard deviation 0.3 of its logarithm), and up to 6 s before a process begins.
     """
     draw = random.Random(seed)
-    waiting = list(ahead.calls_for(ahead.COMPUTATIONS))
+    waiting = list(calls.calls_for(calls.COMPUTATIONS))
     processes, pace, start = draw.choice([1, 2, 2, 4]), draw.uniform(0.2, 1.5), draw.uniform(0, 6)
     clock = TurnedClock()
     progress = CompilationProgress(waiting.copy(), processes, "", io.StringIO(), clock=clock)
-    running: dict[ahead.KernelCall, float] = {}
+    running: dict[calls.KernelCall, float] = {}
 
     def begin(delay: float) -> None:
         call = waiting.pop(0)

@@ -26,8 +26,8 @@ from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.request import RawRequest
 from tailstack_service.problems import RequestError
 from tailstack_service.processes.frames import Died
+from tailstack_service.processes.task import ADVANCE, Estimated, Task, UnitResult
 from tailstack_service.settings import Settings
-from tailstack_service.task import ADVANCE, Estimated, Task, UnitResult
 from waiting import LIMIT_SECONDS, until
 
 if TYPE_CHECKING:

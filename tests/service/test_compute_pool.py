@@ -27,7 +27,7 @@ from tailstack_service.processes import child, linux
 from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
 from tailstack_service.processes.interpreter import digest_code, make_command, make_environment
 from tailstack_service.processes.nursery import share_nursery
-from tailstack_service.task import ADVANCE, Outcome, Task, UnitResult
+from tailstack_service.processes.task import ADVANCE, Outcome, Task, UnitResult
 from waiting import LIMIT_SECONDS, until
 
 UNIT = b'{"unit":0}'
@@ -237,7 +237,7 @@ PARENT = """
 import json, threading
 from strange_units import FUNCTION, request
 from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.task import Task
+from tailstack_service.processes.task import Task
 from waiting import until
 engine = PoolEngine(2, function=FUNCTION)
 future = engine.submit(Task("verification", request("burn"), b'{"unit":0}'), "x")
@@ -261,7 +261,7 @@ PREPARED = """
 from strange_units import FUNCTION, request
 from tailstack_service.jobs.engines.pool import PoolEngine
 from tailstack_service.processes.nursery import prepare_children
-from tailstack_service.task import Task
+from tailstack_service.processes.task import Task
 prepare_children("tailstack_service.http.computations:warm_up", ("score", "batch", "optimise"))
 engine = PoolEngine(1, function=FUNCTION)
 asked = request("need", module="tailstack.verification")

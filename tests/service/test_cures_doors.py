@@ -23,9 +23,9 @@ from tailstack.errors import TailstackError
 from tailstack.sweeping import SweepError, read_axes
 from tailstack_service.cli.main import build_parser
 from tailstack_service.console.parser import Parser
+from tailstack_service.environment import variable
 from tailstack_service.gate.policy import Policy
 from tailstack_service.gate.waivers import Waivers
-from tailstack_service.names import variable
 from tailstack_service.operations.batch import score_table
 from tailstack_service.operations.patches import merge
 from tailstack_service.operations.registry import OPERATIONS

@@ -16,7 +16,7 @@ from service_scenes import ROOT
 
 from tailstack.effects import EFFECTS
 from tailstack_service.cli.verbs import verbs
-from tailstack_service.names import OTHERS
+from tailstack_service.environment import OTHERS
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.settings import schemas
 from waiting import LIMIT_SECONDS

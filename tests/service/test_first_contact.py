@@ -202,15 +202,15 @@ def test_a_service_without_a_place_for_its_database_says_how_to_name_one(
 def test_doctor_does_not_mind_a_cache_that_nothing_has_to_be_written_to(
     call: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tailstack import ahead, kernels
+    from tailstack.kernels import calls, store
     from tailstack_service.cli.doctor import CHECKS
 
-    monkeypatch.setattr(kernels, "is_writable", lambda: False)
-    monkeypatch.setattr(kernels.TRAFFIC, "unwritable", "/home/nobody cannot be written (Permission denied)")
+    monkeypatch.setattr(store, "is_writable", lambda: False)
+    monkeypatch.setattr(store.TRAFFIC, "unwritable", "/home/nobody cannot be written (Permission denied)")
     monkeypatch.setattr("tailstack_service.cli.doctor.CHECKS", {"compile cache": CHECKS["compile cache"]})
-    monkeypatch.setattr(ahead.KernelCall, "file", lambda _: Path("there"))
+    monkeypatch.setattr(calls.KernelCall, "file", lambda _: Path("there"))
     assert call("doctor")[:2] == (0, "ok    compile cache  not needed: every kernel is compiled\n")
-    monkeypatch.setattr(ahead.KernelCall, "file", lambda _: None)
+    monkeypatch.setattr(calls.KernelCall, "file", lambda _: None)
     code, out, _ = call("doctor")
     assert code == 3
     assert " ".join(out.split()) == (
@@ -224,17 +224,17 @@ def test_doctor_does_not_mind_a_cache_that_nothing_has_to_be_written_to(
 
 def test_why_kernels_are_compiled_is_said_once_and_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a terminal of 80 columns the reason used to be cut off, and in a log it stood in every line."""
-    from tailstack import ahead, kernels
+    from tailstack.kernels import calls, store
     from tailstack_service.console import compilation
 
-    made = [kernels.StoredKernel(Path("x"), "k", "()", f"built for {level}, here is x86-64-v2") for level in ("a", "b")]
-    monkeypatch.setattr(kernels, "installed_directories", lambda: (Path("installed"),))
-    monkeypatch.setattr(kernels, "stored_kernels", lambda _: iter(made))
-    reason = kernels.why_not_installed()
+    made = [store.StoredKernel(Path("x"), "k", "()", f"built for {level}, here is x86-64-v2") for level in ("a", "b")]
+    monkeypatch.setattr(store, "installed_directories", lambda: (Path("installed"),))
+    monkeypatch.setattr(store, "stored_kernels", lambda _: iter(made))
+    reason = store.why_not_installed()
     assert reason == "those installed were built for a and for b, here is x86-64-v2"
     log = io.StringIO()
     clock = TurnedClock()
-    with compilation.CompilationProgress(ahead.EVERY, 2, reason, log, clock=clock):
+    with compilation.CompilationProgress(calls.EVERY, 2, reason, log, clock=clock):
         for seconds in (1.0, 2.0):
             clock.until_waits(seconds)
             clock.turn(seconds)

@@ -261,10 +261,10 @@ def test_kernels_are_refused_where_a_level_is_missing(monkeypatch: pytest.Monkey
     monkeypatch.setenv("PYTHONPATH", "")
     from kernels_wheel import backend
 
-    monkeypatch.setattr("tailstack.processor.levels_here", lambda: ["x86-64-v3"])
+    monkeypatch.setattr("tailstack.kernels.processor.levels_here", lambda: ["x86-64-v3"])
     with pytest.raises(SystemExit, match="x86-64-v4"):
         backend.build_wheel(str(tmp_path))
-    monkeypatch.setattr("tailstack.processor.levels_here", lambda: ["x86-64-v4", "x86-64-v3"])
+    monkeypatch.setattr("tailstack.kernels.processor.levels_here", lambda: ["x86-64-v4", "x86-64-v3"])
     monkeypatch.setattr("build.build_kernels", lambda folder, levels, names: folder / f"{len(levels)}.whl")
     assert backend.build_wheel(str(tmp_path)) == "2.whl"
 

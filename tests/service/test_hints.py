@@ -21,7 +21,7 @@ from tailstack.errors import Problem, TailstackError
 from tailstack_service.cli.main import build_parser
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.refusals import NEXT, next_command
-from tailstack_service.names import OTHERS, variable
+from tailstack_service.environment import OTHERS, variable
 from tailstack_service.operations.request import read_options
 from tailstack_service.operations.study_comparison import ComparisonStudyOptions
 from tailstack_service.problems import CATALOGUE, RequestError

@@ -38,8 +38,8 @@ from tailstack_service.problems import RefusedAt, TransportError
 from tailstack_service.processes import nursery
 from tailstack_service.processes.frames import Defect, Died
 from tailstack_service.processes.nursery import ForkedProcess
+from tailstack_service.processes.task import Estimated
 from tailstack_service.settings import Settings
-from tailstack_service.task import Estimated
 from waiting import LIMIT_SECONDS, until, until_async
 
 QUICK, LONG = 0.0, 60.0  # seconds expected

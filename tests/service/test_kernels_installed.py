@@ -19,12 +19,12 @@ from pathlib import Path
 import pytest
 from service_scenes import EXAMPLES, ROOT
 
-from tailstack import ahead, kernels, processor
+from tailstack.kernels import calls, processor, store
 from waiting import LIMIT_SECONDS
 
 pytestmark = pytest.mark.skipif(not processor.levels_here(), reason="no kernels are distributed for this processor")
 
-COUNT = len(ahead.CALLS["score"])
+COUNT = len(calls.CALLS["score"])
 BUILD = ROOT / "solver" / "kernels_wheel" / "build.py"
 SCORE = """
 import json, socket, sys
@@ -33,8 +33,8 @@ def refuse(*_, **__):
 socket.socket.connect = refuse
 from tailstack_service.cli.main import main
 code = main(["score", "design.yaml"])
-from tailstack import kernels
-print(json.dumps([code, kernels.TRAFFIC.compiled, kernels.TRAFFIC.loaded, kernels.TRAFFIC.installed]), file=sys.stderr)
+from tailstack.kernels import store
+print(json.dumps([code, store.TRAFFIC.compiled, store.TRAFFIC.loaded, store.TRAFFIC.installed]), file=sys.stderr)
 """
 
 
@@ -78,7 +78,7 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = os.pathsep.join(path for path in sys.path if path)
     quietly(
         sys.executable, str(BUILD), "-o", str(place), "--only", "score", "--levels", processor.levels_here()[0],
-        "--store", str(kernels.writable_directory()), PYTHONPATH=path,
+        "--store", str(store.writable_directory()), PYTHONPATH=path,
     )  # fmt: skip
     return place
 
@@ -123,7 +123,7 @@ def test_the_first_score_after_an_installation_compiles_nothing(installed: Envir
 
 
 ASK = """
-from tailstack import kernels
+from tailstack.kernels import store
 {}
 from tailstack_service.console.compilation import describe_calls
 print(describe_calls(["score"]))
@@ -134,9 +134,9 @@ print(describe_calls(["score"]))
 @pytest.mark.parametrize(
     ("before", "words"),
     [
-        ("kernels.BUILT_WITH = kernels.BUILT_WITH.replace('numba 0', 'numba 9')", "built with numba 0"),
-        ("kernels.BUILT_WITH = kernels.BUILT_WITH.replace('llvmlite 0', 'llvmlite 9')", "built with llvmlite 0"),
-        ("kernels.level_targets = lambda: []", "built for x86-64-v"),
+        ("store.BUILT_WITH = store.BUILT_WITH.replace('numba 0', 'numba 9')", "built with numba 0"),
+        ("store.BUILT_WITH = store.BUILT_WITH.replace('llvmlite 0', 'llvmlite 9')", "built with llvmlite 0"),
+        ("store.level_targets = lambda: []", "built for x86-64-v"),
     ],
     ids=["another numba", "another llvmlite", "a processor without a level"],
 )
@@ -151,16 +151,16 @@ def test_kernels_that_do_not_fit_are_not_used_and_it_is_said_why(
 FEW = """
 import json
 import numpy as np
-from tailstack import ahead, kernels
-from tailstack.preparation import prepare_with
+from tailstack.kernels import calls, store
+from tailstack.kernels.process import prepare_with
 from tailstack_service.console import compilation, progress
 progress.QUIET_SECONDS = 0.01
 few = ("tail.lattice.balls", "tail.spectrum._law_fault")
-ahead.calls_for = lambda _: tuple(call for call in ahead.EVERY if call.kernel in few)
+calls.calls_for = lambda _: tuple(call for call in calls.EVERY if call.kernel in few)
 prepare_with(lambda: compilation.compile_for(["score"]))
 from tailstack.tail.lattice import balls
 balls(1.0, np.array([0.5]))
-print(json.dumps([kernels.TRAFFIC.compiled, kernels.TRAFFIC.loaded, kernels.TRAFFIC.installed]))
+print(json.dumps([store.TRAFFIC.compiled, store.TRAFFIC.loaded, store.TRAFFIC.installed]))
 """
 
 

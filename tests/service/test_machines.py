@@ -21,10 +21,10 @@ from service_scenes import ROOT, ask, small_design
 
 from family import die_with_parent, ended
 from tailstack.errors import MissingExtraError
-from tailstack_service import folders
+from tailstack_service import environment
 from tailstack_service.cli.doctor import CHECKS, Ailment
 from tailstack_service.cli.main import main
-from tailstack_service.folders import FolderError, state_directory
+from tailstack_service.environment import FolderError, state_directory
 from tailstack_service.report import pdf
 from tailstack_service.report.errors import PdfUnavailable
 from waiting import LIMIT_SECONDS, until
@@ -50,9 +50,9 @@ def homeless(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
 
     monkeypatch.setattr(Path, "home", classmethod(no_home))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    folders.lent_directory.cache_clear()
+    environment.lent_directory.cache_clear()
     yield tmp_path
-    folders.lent_directory.cache_clear()
+    environment.lent_directory.cache_clear()
 
 
 # --- no home ------------------------------------------------------------------------------------------
@@ -98,7 +98,7 @@ def test_a_home_that_is_the_root_of_a_container_is_none(homeless: Path, monkeypa
 def test_without_a_folder_for_temporary_files_the_variable_is_named(
     nowhere: None, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for call in (folders.temporary_directory, pdf.load_weasyprint, CHECKS["folders"]):
+    for call in (environment.temporary_directory, pdf.load_weasyprint, CHECKS["folders"]):
         with pytest.raises(FolderError, match="set TMPDIR to a folder that can be written"):
             call()
     monkeypatch.setattr("tailstack_service.cli.db.run", lambda _: tempfile.mkdtemp())
@@ -185,24 +185,11 @@ def test_an_ipopt_that_cannot_be_loaded_is_named(monkeypatch: pytest.MonkeyPatch
 # --- python -OO ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
-def test_schemas_and_help_are_the_same_without_docstrings() -> None:
-    program = (
-        "import sys\n"
-        "from tailstack_service.schemas import json_schema\n"
-        "from tailstack_service.cli.main import main\n"
-        "for name in ('design', 'policy', 'gate', 'job'): print(json_schema(name))\n"
-        "main(['doctor', '--help'])"
-    )
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": PATH, "PYTHONOPTIMIZE": level},
-            capture_output=True, text=True, check=True,
-        ).stdout
-        for level in ("0", "2")
-    ]  # fmt: skip
-    assert "Check this installation" in said[0]
-    assert said[0] == said[1]
+def test_an_interpreter_that_drops_texts_is_refused() -> None:
+    command = [sys.executable, "-OO", "-m", "tailstack_service", "version"]
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": PATH}, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (3, "")
+    assert "-OO (PYTHONOPTIMIZE=2) leaves out the texts" in done.stderr
 
 
 # --- all of it, as in a container ---------------------------------------------------------------------

@@ -17,7 +17,7 @@ from openapi_scenes import operations
 from service_scenes import ROOT, client_with, small_design
 
 from tailstack import load_design
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 from tailstack_service.http.app import create_app
 from tailstack_service.http.openapi import openapi_json, request_name
 from tailstack_service.operations.registry import OPERATIONS as REGISTRY

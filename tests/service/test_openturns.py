@@ -14,7 +14,7 @@ import pytest
 from service_scenes import EXAMPLES, ROOT
 
 from tailstack import compile_design, load_design, verify
-from tailstack.montecarlo import compile_plan
+from tailstack.montecarlo.plan import compile_plan
 
 DEMO = load_design(EXAMPLES / "demo.yaml")
 FOLDER = ROOT / "examples" / "integrations" / "openturns"

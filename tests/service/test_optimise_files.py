@@ -22,7 +22,7 @@ from service_scenes import EXAMPLES
 from tailstack.design import Revision, design_to_data, load_design, revise_design
 from tailstack.results import Finding, Optimisation
 from tailstack_service.cli.main import main
-from tailstack_service.folders import lent_directory
+from tailstack_service.environment import lent_directory
 
 WITH_FREEDOM = [path for path in sorted(EXAMPLES.glob("*.yaml")) if "\noptimise:\n" in path.read_text(encoding="utf-8")]
 Captured = tuple[int, str, str]

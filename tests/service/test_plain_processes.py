@@ -10,7 +10,7 @@ from openapi_scenes import ended_job
 from served import served
 from service_scenes import client_of
 
-from tailstack_service.names import PLAIN_PROCESSES
+from tailstack_service.environment import PLAIN_PROCESSES
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from waiting import until
 

@@ -17,8 +17,8 @@ from scipy.stats import chi2
 from service_scenes import EXAMPLES, small_design
 
 from tailstack import Design, load_design, score
-from tailstack.arrays import Array
 from tailstack.design.pointers import pointer_of
+from tailstack.geometry.arrays import Array
 from tailstack.propagation.linear import LinearModel
 from tailstack.results.look import LIMIT_COLOUR
 from tailstack.sweeping import read_axes, sweep

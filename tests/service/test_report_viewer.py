@@ -11,7 +11,7 @@ from browsing import browser, look, page_of
 from service_scenes import EXAMPLES
 
 from tailstack import load_design, score
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack_service import report
 from tailstack_service.report.scene import LayoutScene, scene_json, scene_of
 from tailstack_service.report.scene_picture import draw_scene

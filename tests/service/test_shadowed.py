@@ -34,7 +34,7 @@ from pipeline_scenes import (
 )
 from service_scenes import ROOT
 
-from tailstack import numba_settings
+from tailstack.kernels import process
 from tailstack_service.processes.interpreter import make_command, make_environment
 from waiting import LIMIT_SECONDS
 
@@ -73,7 +73,7 @@ def plant(folder: Path) -> int:
             (folder / f"{name}.py").write_text(text, encoding="utf-8")
     kernels = folder / "kernels"
     kernels.mkdir()
-    (folder / numba_settings.FILE).write_text(f"cache_dir: {kernels}\ndisable_jit: 1\n", encoding="utf-8")
+    (folder / process.SETTINGS_OF_FOLDER).write_text(f"cache_dir: {kernels}\ndisable_jit: 1\n", encoding="utf-8")
     for name, body in {
         "uv.toml": "[pip]\nno-index = true\ntarget = 'elsewhere'\n",
         "pyproject.toml": "[tool.uv.pip]\nno-index = true\ntarget = 'elsewhere'\n",

@@ -29,7 +29,7 @@ from tailstack_service.jobs.store import database, events, jobs, queue, results,
 from tailstack_service.jobs.store.database import Database, reading, writing
 from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.schema import HEAD, migrate_database, open_database
-from tailstack_service.task import ADVANCE
+from tailstack_service.processes.task import ADVANCE
 from waiting import LIMIT_SECONDS, until
 
 PATH = os.pathsep.join(str(ROOT / folder) for folder in ("solver", "service", "tests", "tests/service"))
@@ -56,7 +56,7 @@ from threading import Event
 from strange_units import wait_for
 from tailstack_service.jobs.store import queue
 from tailstack_service.jobs.store.schema import open_database
-from tailstack_service.task import ADVANCE, Outcome
+from tailstack_service.processes.task import ADVANCE, Outcome
 
 url, name, lease_seconds = sys.argv[1], sys.argv[2], float(sys.argv[3])
 go, enough = Path(sys.argv[4]), Path(sys.argv[5])

@@ -18,7 +18,7 @@ from tailstack_service.jobs.store import jobs, queue, results, upkeep, workers
 from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.jobs.store.queue import Claim
-from tailstack_service.task import ADVANCE, UnitResult
+from tailstack_service.processes.task import ADVANCE, UnitResult
 
 STEPS = 260
 

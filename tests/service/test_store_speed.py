@@ -15,7 +15,7 @@ from tailstack_service.jobs.store import events, jobs, queue, results, tables, u
 from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.jobs.store.queue import make_unit
 from tailstack_service.jobs.store.tables import new_job_id
-from tailstack_service.task import ADVANCE
+from tailstack_service.processes.task import ADVANCE
 
 QUEUED = 1_500
 

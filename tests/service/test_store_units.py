@@ -26,7 +26,7 @@ from store_scenes import (
 
 from tailstack_service.jobs.store import events, jobs, queue, results, tables, usage, workers
 from tailstack_service.jobs.store.database import Database, reading
-from tailstack_service.task import ADVANCE, Outcome, UnitResult
+from tailstack_service.processes.task import ADVANCE, Outcome, UnitResult
 
 
 def stored_units(db: Database, job_id: str) -> list[sa.Row[*tuple[object, ...]]]:

@@ -18,7 +18,8 @@ from service_scenes import EXAMPLES, ROOT
 
 from family import die_with_parent
 from tailstack import DesignFunction, compile_design, load_design
-from tailstack.montecarlo import compile_plan, evaluate
+from tailstack.montecarlo.chain import evaluate
+from tailstack.montecarlo.plan import compile_plan
 from waiting import LIMIT_SECONDS, until
 
 CONFORMITY = ROOT / "tests" / "data" / "umbridge"

@@ -7,7 +7,7 @@ from typing import Any
 
 from tailstack_service.operations.content import canonical
 from tailstack_service.operations.perform import perform
-from tailstack_service.task import ADVANCE, Outcome, Task, UnitResult
+from tailstack_service.processes.task import ADVANCE, Outcome, Task, UnitResult
 
 ROUNDS = 60
 

@@ -16,7 +16,8 @@ import pytest
 from family import die_with_parent, ended
 from scenes import system_of
 from tailstack import __version__
-from tailstack.montecarlo import compile_plan, run_indices
+from tailstack.montecarlo.chain import run_indices
+from tailstack.montecarlo.plan import compile_plan
 from waiting import LIMIT_SECONDS
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"

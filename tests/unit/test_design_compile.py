@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from tailstack.design import compile_design, load_design
 from tailstack.errors import IllPosedError
-from tailstack.system import Estimator, Law, Reading, RotationForm, Triangulation
+from tailstack.geometry.rotation import RotationForm
+from tailstack.system import Estimator, Law, Reading, Triangulation
 
 ROOT = Path(__file__).parents[2]
 DEMO = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text())

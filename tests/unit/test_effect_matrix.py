@@ -29,7 +29,7 @@ from tailstack.design.pointers import find_numbers, set_numbers
 from tailstack.effects import EFFECTS, EffectKind
 from tailstack.effects.kind import Excess
 from tailstack.errors import DesignError
-from tailstack.montecarlo import compile_plan
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.task import read_task

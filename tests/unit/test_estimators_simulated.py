@@ -12,7 +12,8 @@ import pytest
 from reference_chain import run
 from scenes import cube_fiducials, random_system, system_of, with_intrinsics, with_noise
 from tailstack.errors import NotConvergedError
-from tailstack.montecarlo import compile_plan, draw, evaluate, run_indices
+from tailstack.montecarlo.chain import draw, evaluate, run_indices
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.montecarlo.radial import gains_in_plan_order
 from tailstack.propagation.linear import linearise
 from tailstack.system import Estimator, Law, System, Triangulation

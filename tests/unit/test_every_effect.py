@@ -21,7 +21,8 @@ from random_designs import with_effects as with_typical
 from scenes import every_effect, with_effects
 from tailstack.effects import EFFECTS
 from tailstack.fields import INTERFACES, Typical
-from tailstack.montecarlo import compile_plan, draw, evaluate
+from tailstack.montecarlo.chain import draw, evaluate
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import linearise
 from tailstack.results import Score
 from tailstack.scoring import score

@@ -15,8 +15,9 @@ from scipy.stats import beta
 
 from scenes import cios_system, target
 from tailstack.errors import OutOfRangeError
-from tailstack.montecarlo import ChainPlan, Simulation, compile_plan, simulate
 from tailstack.montecarlo.estimators import cvar_interval, interval_ranks, repeated_interval, repeated_ranks
+from tailstack.montecarlo.plan import ChainPlan, compile_plan
+from tailstack.montecarlo.simulate import Simulation, simulate
 from tailstack.montecarlo.stopping import LimitQuestion, decision_looks, simulate_to_decision
 
 Counts = np.ndarray

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tailstack.geometry.rotation import (
+    RotationForm,
     displacement,
     rigid_transform,
     rigidity_defect,
@@ -23,7 +24,6 @@ from tailstack.geometry.rotation import (
     torsor_transform,
     transform_points,
 )
-from tailstack.system import RotationForm
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
 angle = st.floats(-3.0, 3.0)

@@ -20,12 +20,12 @@ from typing import Any
 import pytest
 
 from family import die_with_parent, ended
-from tailstack import kernels, processor, sources
+from tailstack.kernels import processor, sources, store
 from waiting import LIMIT_SECONDS
 
-PACKAGE = Path(kernels.__file__).parent
+PACKAGE = sources.ROOT
 CALLEE = """
-from ..kernels import kernel
+from ..kernels.store import kernel
 
 @kernel()
 def add(x):
@@ -33,7 +33,7 @@ def add(x):
 """
 CALLER = """
 from ..geometry.factor import FACTOR
-from ..kernels import kernel
+from ..kernels.store import kernel
 from .callee import add
 
 @kernel()
@@ -42,11 +42,11 @@ def answer(x):
 """
 ASK = """
 import json
-from tailstack import kernels
+from tailstack.kernels import store
 {before}
 from tailstack.tail.caller import answer
 number = answer(1.0)
-print(json.dumps({{"number": number, "loaded": kernels.TRAFFIC.loaded, "compiled": kernels.TRAFFIC.compiled}}))
+print(json.dumps({{"number": number, "loaded": store.TRAFFIC.loaded, "compiled": store.TRAFFIC.compiled}}))
 """
 
 
@@ -84,11 +84,11 @@ class Checkout:
 
 def checkout(place: Path, store: Path) -> Checkout:
     made = Checkout(place, store)
-    for name in ("__init__.py", "version.py", *sources.reach("kernels.py")):
-        (place / "tailstack").mkdir(parents=True, exist_ok=True)
+    for name in {*sources.reach("__init__.py"), *sources.reach("kernels/store.py")}:
+        (place / "tailstack" / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(PACKAGE / name, place / "tailstack" / name)
-    for folder in ("tail", "geometry"):
-        (place / "tailstack" / folder).mkdir()
+    for folder in ("tail", "geometry", "results"):
+        (place / "tailstack" / folder).mkdir(exist_ok=True)
         made.write(f"{folder}/__init__.py", "")
     made.write("tail/callee.py", CALLEE)
     made.write("tail/caller.py", CALLER)
@@ -133,9 +133,9 @@ def test_a_change_of_what_no_kernel_reaches_compiles_nothing(first: Checkout) ->
 @pytest.mark.long
 def test_kernels_of_other_versions_of_the_compiler_are_not_used(first: Checkout) -> None:
     for library in ("numba", "llvmlite"):
-        assert f"{library} {version(library)}" in kernels.BUILT_WITH
-    assert f"numpy {version('numpy').rpartition('.')[0]}" in kernels.BUILT_WITH  # numba looks at no more of it
-    before = "kernels.BUILT_WITH = kernels.BUILT_WITH.replace('llvmlite ', 'llvmlite 9')"
+        assert f"{library} {version(library)}" in store.BUILT_WITH
+    assert f"numpy {version('numpy').rpartition('.')[0]}" in store.BUILT_WITH  # numba looks at no more of it
+    before = "store.BUILT_WITH = store.BUILT_WITH.replace('llvmlite ', 'llvmlite 9')"
     assert first.ask(before) == {"number": 20.0, "loaded": 0, "compiled": 2}
 
 
@@ -159,7 +159,7 @@ def test_a_damaged_file_is_compiled_again(first: Checkout) -> None:
 @pytest.mark.long
 def test_a_process_whose_sources_were_replaced_does_not_mix_them(first: Checkout) -> None:
     """It has the old callee, and would compile the new caller with it."""
-    change = "path = kernels.sources.ROOT / '{}'; path.write_text(path.read_text().replace('{}', '{}'))"
+    change = "path = store.sources.ROOT / '{}'; path.write_text(path.read_text().replace('{}', '{}'))"
     begin = "import tailstack.tail.callee\n"
     done = first.run(ASK.format(before=begin + change.format("geometry/factor.py", "10.0", "12.0")))
     assert "SourcesChangedError" in done.stderr
@@ -176,8 +176,8 @@ def test_what_was_imported_before_a_change_is_kept_under_its_own_name(first: Che
     first.write("tail/callee.py", CALLEE.replace("1.0", "3.0"))
     program = """
 import tailstack.tail.caller as caller
-from tailstack import kernels
-path = kernels.sources.ROOT / "tail/callee.py"
+from tailstack.kernels import store
+path = store.sources.ROOT / "tail/callee.py"
 path.write_text(path.read_text().replace("3.0", "7.0"))
 print(caller.answer(1.0))
 """
@@ -210,7 +210,7 @@ def test_kernels_that_came_with_the_installation_are_used_and_only_read(first: C
 
 
 LEVEL = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": ""}
-WHY = "print(kernels.why_not_installed(), file=__import__('sys').stderr)"
+WHY = "print(store.why_not_installed(), file=__import__('sys').stderr)"
 
 
 @pytest.mark.long
@@ -221,15 +221,15 @@ def test_kernels_of_a_level_are_used_by_every_processor_that_has_it(tmp_path: Pa
     assert made.ask(**LEVEL) == {"number": 20.0, "loaded": 0, "compiled": 2}
     made.install()
     program = "import numba, llvmlite.binding as llvm; from tailstack.tail.caller import answer; answer(1.0)\n"
-    ours = "print(kernels.target()[1] == llvm.get_host_cpu_name(), numba.config.CPU_NAME)"
-    assert made.run(program + "from tailstack import kernels; " + ours).stdout == "True None\n"
+    ours = "print(store.target()[1] == llvm.get_host_cpu_name(), numba.config.CPU_NAME)"
+    assert made.run(program + "from tailstack.kernels import store; " + ours).stdout == "True None\n"
     assert made.ask(WHY) == {"number": 20.0, "loaded": 1, "compiled": 0, "stderr": "\n"}
     assert not made.store.exists()
-    assert made.ask("kernels.level_targets = lambda: []\n" + WHY) == {
+    assert made.ask("store.level_targets = lambda: []\n" + WHY) == {
         "number": 20.0, "loaded": 0, "compiled": 2,
-        "stderr": f"those installed were built for x86-64-v3, here is {kernels.target()[1]}\n",
+        "stderr": f"those installed were built for x86-64-v3, here is {store.target()[1]}\n",
     }  # fmt: skip
-    other = "kernels.BUILT_WITH = kernels.BUILT_WITH.replace('numba ', 'numba 9')"
+    other = "store.BUILT_WITH = store.BUILT_WITH.replace('numba ', 'numba 9')"
     said = made.ask(other + "\n" + WHY)
     assert (said["loaded"], said["compiled"]) == (0, 2)
     ours = f"numba {version('numba')}"
@@ -264,7 +264,7 @@ def test_whoever_is_without_a_home_computes_and_leaves_nothing_behind(first: Che
     program = before + ASK.format(before="")
     given = {"HOME": "", "XDG_CACHE_HOME": "relative", "NUMBA_CACHE_DIR": ""}
     if os.geteuid() == 0:  # who may write anywhere: the folder alone
-        done = first.run(before + "from tailstack import kernels; print(kernels.writable_directory())", **given)
+        done = first.run(before + "from tailstack.kernels import store; print(store.writable_directory())", **given)
         assert done.stdout == "/nonexistent/tailstack/kernels\n"
     else:
         done = first.run(program, **given)
@@ -312,7 +312,7 @@ def test_processes_that_compile_at_once_leave_whole_files(tmp_path: Path) -> Non
             stack.enter_context(ended(process))
         said = {process.communicate(timeout=LIMIT_SECONDS)[0].splitlines()[-1] for process in started}
     assert said == {"30.0 30.0 (10+10j)"}
-    done = made.run(program + "; print(kernels.TRAFFIC.compiled)")
+    done = made.run(program + "; print(store.TRAFFIC.compiled)")
     assert done.stdout.splitlines()[-1] == "30.0 30.0 (10+10j)\n0".splitlines()[-1], done.stderr
     assert not list(made.store.glob(".*"))
     assert len(list(made.store.iterdir())) == 6

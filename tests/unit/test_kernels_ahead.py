@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tailstack import ahead, kernels, processor, sources
+from tailstack.kernels import calls, processor, sources, store
 from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).parents[2]
@@ -22,11 +22,12 @@ from contextlib import suppress
 from pathlib import Path
 from numba.core import event
 from numba.core.sigutils import normalize_signature
-from tailstack import kernels, load_design, optimise, score, score_batch, verify
+from tailstack import load_design, optimise, score, score_batch, verify
 from tailstack.errors import TailstackError
+from tailstack.kernels import store
 from tailstack_service.operations.example import variants
 
-depth, called, load = [0], [], kernels.KernelStore.load_overload
+depth, called, load = [0], [], store.KernelStore.load_overload
 
 class Depth(event.Listener):
     def on_start(self, _):
@@ -41,7 +42,7 @@ def note(store, sig, context):
     return load(store, sig, context)
 
 event.register("numba:compile", Depth())
-kernels.KernelStore.load_overload = note
+store.KernelStore.load_overload = note
 examples = sorted(Path(sys.argv[1]).glob("*.yaml"))
 designs = [load_design(source) for source in (*examples, *variants())]
 seen = {}
@@ -78,18 +79,18 @@ def test_the_table_names_what_computations_call() -> None:
     done = run("-c", PROGRAM, str(ROOT / "examples"))
     assert done.returncode == 0, done.stderr
     for computation, called in json.loads(done.stdout).items():
-        table = {(call.kernel, str(call.signature)) for call in ahead.CALLS[computation]}
-        others = {(call.kernel, str(call.signature)) for call in ahead.EVERY} - table
+        table = {(call.kernel, str(call.signature)) for call in calls.CALLS[computation]}
+        others = {(call.kernel, str(call.signature)) for call in calls.EVERY} - table
         assert {tuple(call) for call in called} - others == table, computation
 
 
 def test_every_file_that_a_kernel_reaches_is_in_the_name_of_its_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each source in turn is given a comment, as the other tests of sources do with files on the disk."""
     caches = (sources.imports_of, sources.reach, sources.digest_of)
-    stores = [(call.dispatcher._cache, call.signature) for call in ahead.EVERY]
+    stores = [(call.dispatcher._cache, call.signature) for call in calls.EVERY]
 
     def names() -> list[str]:
-        return [store._file_name(store._key(signature, kernels.target())) for store, signature in stores]
+        return [kept._file_name(kept._key(signature, store.target())) for kept, signature in stores]
 
     before, original = names(), dict(sources.SOURCES)
     reached = [set(sources.reach(store._file)) for store, _ in stores]
@@ -121,7 +122,7 @@ def test_the_wheel_of_kernels_has_the_same_bytes_when_it_is_built_again(tmp_path
     assert wheels[0].read_bytes() == wheels[1].read_bytes()
     with zipfile.ZipFile(wheels[0]) as wheel:
         assert wheel.testzip() is None
-        files = [name for name in wheel.namelist() if name.endswith(kernels.SUFFIX)]
+        files = [name for name in wheel.namelist() if name.endswith(store.SUFFIX)]
         assert len(files) == 2 * max(1, len(processor.levels_here()))
         assert not any(str(ROOT).encode() in wheel.read(name) for name in files)
         metadata = wheel.read(f"tailstack_kernels-{wheels[0].name.split('-')[1]}.dist-info/METADATA").decode()

@@ -23,17 +23,13 @@ from scenes import (
     with_systematic,
     with_unseen,
 )
-from tailstack.montecarlo import compile_plan, draw, evaluate, quantile_estimate, run_indices, simulate
-from tailstack.montecarlo.chain import evaluate_plainly
+from tailstack.geometry.rotation import RotationForm
+from tailstack.montecarlo.chain import draw, evaluate, evaluate_plainly, run_indices
+from tailstack.montecarlo.estimators import quantile_estimate
 from tailstack.montecarlo.lane_least_squares import LENGTHS
-from tailstack.system import (
-    Estimator,
-    Law,
-    Reading,
-    RotationForm,
-    System,
-    Triangulation,
-)
+from tailstack.montecarlo.plan import compile_plan
+from tailstack.montecarlo.simulate import simulate
+from tailstack.system import Estimator, Law, Reading, System, Triangulation
 from tailstack.verification import verify
 
 ORACLE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "estimators.json").read_text())

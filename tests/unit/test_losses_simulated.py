@@ -16,12 +16,12 @@ from tailstack import load_design, optimise, score, sweep, verify
 from tailstack.design.write import Revision, revise_design
 from tailstack.errors import IllPosedError, OutOfRangeError
 from tailstack.estimation.checks import examine, find_surely_answered
-from tailstack.montecarlo import chain, compile_plan, draw, run_indices, simulate
-from tailstack.montecarlo.chain import draw_losses
+from tailstack.montecarlo import chain
+from tailstack.montecarlo.chain import draw, draw_losses, run_indices
 from tailstack.montecarlo.estimators import cvar_interval
-from tailstack.montecarlo.plan import hide_fiducials, object_frame, replan
+from tailstack.montecarlo.plan import compile_plan, hide_fiducials, object_frame, replan
 from tailstack.montecarlo.shards import compute_shard, shard_from_bytes, shard_to_bytes
-from tailstack.montecarlo.simulate import Run, Simulation
+from tailstack.montecarlo.simulate import Run, Simulation, simulate
 from tailstack.optimisation import margin
 from tailstack.system import Estimator, Requirement, Triangulation
 from tailstack.verification import Sampling, prepare, verify_prepared

@@ -29,9 +29,12 @@ from scenes import (
     with_unseen,
 )
 from tailstack.errors import OutOfRangeError
-from tailstack.montecarlo import bounded_names, compile_plan, draw, evaluate, quantile_estimate, run_indices, simulate
-from tailstack.montecarlo.chain import evaluate_plainly
-from tailstack.system import LINEAR, Law, Reading, RotationForm, System, Triangulation, View
+from tailstack.geometry.rotation import RotationForm
+from tailstack.montecarlo.chain import draw, evaluate, evaluate_plainly, run_indices
+from tailstack.montecarlo.estimators import quantile_estimate
+from tailstack.montecarlo.plan import bounded_names, compile_plan
+from tailstack.montecarlo.simulate import simulate
+from tailstack.system import LINEAR, Law, Reading, System, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
 

@@ -12,27 +12,12 @@ from scipy import stats
 
 from scenes import cios_system, cube8_system, installation, mount, random_system, read_only, target, with_noise
 from tailstack.errors import OutOfRangeError
-from tailstack.montecarlo import (
-    Goal,
-    LinearChain,
-    Run,
-    Samples,
-    Simulation,
-    compile_plan,
-    cvar_estimate,
-    deepen,
-    draw,
-    evaluate,
-    exceedance_estimate,
-    gains_in_plan_order,
-    interval_ranks,
-    quantile_estimate,
-    radial,
-    simulate,
-    simulate_to_precision,
-)
-from tailstack.montecarlo.simulate import ErrorSample
-from tailstack.montecarlo.stopping import precision_looks
+from tailstack.montecarlo.chain import draw, evaluate
+from tailstack.montecarlo.estimators import cvar_estimate, exceedance_estimate, interval_ranks, quantile_estimate
+from tailstack.montecarlo.plan import compile_plan
+from tailstack.montecarlo.radial import LinearChain, gains_in_plan_order, radial
+from tailstack.montecarlo.simulate import ErrorSample, Run, Samples, Simulation, deepen, simulate
+from tailstack.montecarlo.stopping import Goal, precision_looks, simulate_to_precision
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law, System
 from tailstack.tail.declared import law_exceedance, law_quantile, linear_law

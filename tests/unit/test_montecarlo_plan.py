@@ -12,8 +12,7 @@ import pytest
 
 from scenes import cios_system, cube8_system, random_system
 from tailstack.estimation.resection import hartley_similarity, homogeneous
-from tailstack.montecarlo import compile_plan
-from tailstack.montecarlo.plan import object_frame, principal_axes
+from tailstack.montecarlo.plan import compile_plan, object_frame, principal_axes
 from tailstack.system import Law
 
 ORACLE = Path(__file__).parents[1] / "data" / "oracles" / "noise_covariance_cube8.json"

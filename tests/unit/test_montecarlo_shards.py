@@ -12,7 +12,9 @@ import pytest
 
 from scenes import cube8_system, mount, system_of, target, with_noise
 from tailstack import verify
-from tailstack.montecarlo import Run, Samples, Simulation, compile_plan, quantile_estimate, run_indices, simulate
+from tailstack.montecarlo.chain import run_indices
+from tailstack.montecarlo.estimators import quantile_estimate
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.montecarlo.shards import (
     BLOCK,
     LARGEST_SHARD,
@@ -20,12 +22,14 @@ from tailstack.montecarlo.shards import (
     Shard,
     TrialsTask,
     compute_shard,
+    pack,
     shard_from_bytes,
     shard_to_bytes,
     shard_trials,
     spans,
+    unpack,
 )
-from tailstack.packed import pack, unpack
+from tailstack.montecarlo.simulate import Run, Samples, Simulation, simulate
 from tailstack.system import Law, Requirement
 from tailstack.verification import (
     RadialTask,

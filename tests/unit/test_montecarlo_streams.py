@@ -11,8 +11,8 @@ from scipy import stats
 
 from scenes import cios_system, cube8_system, execution, mount, read_only
 from tailstack.errors import OutOfRangeError
-from tailstack.montecarlo import compile_plan, draw
-from tailstack.montecarlo.chain import standard_normals
+from tailstack.montecarlo.chain import draw, standard_normals
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.montecarlo.streams import stream_key, tabulate
 from tailstack.system import Law
 

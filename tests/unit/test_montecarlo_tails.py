@@ -18,9 +18,10 @@ import pytest
 import tailstack.montecarlo.estimators
 from scenes import cube8_system, with_noise
 from tailstack import load_design, verify
-from tailstack.montecarlo import Run, Simulation, compile_plan, cvar_estimate, quantile_estimate, simulate
-from tailstack.montecarlo.estimators import exceedance_estimate, interval_ranks
+from tailstack.montecarlo.estimators import cvar_estimate, exceedance_estimate, interval_ranks, quantile_estimate
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.montecarlo.shards import BLOCK, Shard, TrialsTask, compute_shard
+from tailstack.montecarlo.simulate import Run, Simulation, simulate
 from tailstack.montecarlo.tails import Tail, sum_exactly, to_float
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

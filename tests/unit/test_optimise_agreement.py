@@ -7,7 +7,7 @@ import pytest
 
 from optimise_scenes import at_prices, fixed_layout, image_covariance_by_score, oracle_problem, silent_problem
 from scenes import cube_fiducials
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem, solve_placement
 from tailstack.optimisation.allocation import allocate, gaussian_bracket
 from tailstack.optimisation.prices import Price

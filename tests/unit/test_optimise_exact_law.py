@@ -20,8 +20,8 @@ from optimise_scenes import (
     score_mm,
 )
 from scenes import cube_fiducials, mount, with_noise
-from tailstack.arrays import Array
 from tailstack.contributors import declared_law
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
 from tailstack.optimisation.exact_law import Evaluation, closed_form_at, correction_at, evaluate_demand
 from tailstack.optimisation.placement import settle

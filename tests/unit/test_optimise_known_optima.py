@@ -26,9 +26,9 @@ from optimise_scenes import (
     silent_problem,
 )
 from scenes import cube_fiducials, mount, target, with_noise
-from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.design.compile import torsor_from_locators
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem, PlacementSolution, solve_placement
 from tailstack.optimisation.certificate import name_binding, price_bounds
 from tailstack.optimisation.prices import Price, reciprocal

@@ -15,7 +15,7 @@ from optimise_scenes import (
     oracle_p95_mm,
     oracle_problem,
 )
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation.exact_law import closed_form_mm
 from tailstack.optimisation.search import objective_for_people, search
 from tailstack.optimisation.symbols import plain

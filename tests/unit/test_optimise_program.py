@@ -20,10 +20,10 @@ from optimise_scenes import (
     requirement,
 )
 from scenes import cube_fiducials, mount
-from tailstack.arrays import Array
 from tailstack.contributors import declared_law
 from tailstack.design.compile import torsor_from_locators
-from tailstack.geometry.rotation import torsor_transform
+from tailstack.geometry.arrays import Array
+from tailstack.geometry.rotation import RotationForm, torsor_transform
 from tailstack.optimisation import FreeFiducial, PlacementProblem
 from tailstack.optimisation.exact_law import Correction, closed_form_mm, image_parts
 from tailstack.optimisation.prices import Price, reciprocal
@@ -32,7 +32,7 @@ from tailstack.optimisation.program import Parameters, Program, build_program
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, mirror, turns
 from tailstack.optimisation.terms import Mechanics, estimator_of, mechanics_of, terms_of
 from tailstack.propagation.linear import LinearModel, covariance, linearise
-from tailstack.system import Law, Reading, RotationForm
+from tailstack.system import Law, Reading
 
 UP = np.array([0.0, 0.0, 1.0])
 LOOSE = BoxRegion(np.array([-60.0] * 3), np.array([50.0] * 3))

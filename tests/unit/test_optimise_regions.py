@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation import regions
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, Isometry, KeepOut, Shape
 from tailstack.optimisation.symbols import elements

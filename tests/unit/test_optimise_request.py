@@ -22,8 +22,8 @@ from optimise_documents import (
     optimised,
     positions,
 )
-from tailstack.arrays import Array
 from tailstack.design import design_to_data, load_design
+from tailstack.geometry.arrays import Array
 from tailstack.results import Optimisation
 from tailstack.scoring import score
 

@@ -11,7 +11,7 @@ import pytest
 
 from optimise_scenes import BOX_MM, oracle_problem
 from scenes import mount, target
-from tailstack.arrays import Array
+from tailstack.geometry.arrays import Array
 from tailstack.optimisation.problem import FreeFiducial, PlacementProblem
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, Shape, contains, mirror, turns
 from tailstack.optimisation.starts import careless_layouts, starting_layouts, textbook_layout

@@ -20,7 +20,8 @@ from scenes import cube8_system, mount, read_only, system_of, target
 from tailstack.design import compile_design, load_design
 from tailstack.estimation.resection import project
 from tailstack.geometry.camera import depths
-from tailstack.system import Reading, RotationForm, System, View
+from tailstack.geometry.rotation import RotationForm
+from tailstack.system import Reading, System, View
 
 ROOT = Path(__file__).parents[2]
 ORACLE = json.loads((ROOT / "tests" / "data" / "oracles" / "paper_scenario.json").read_text())

@@ -6,8 +6,8 @@ import platform
 
 import pytest
 
-from tailstack import processor
 from tailstack.errors import KernelError
+from tailstack.kernels import processor
 
 pytestmark = pytest.mark.skipif(
     platform.machine().lower() not in ("x86_64", "amd64"), reason="levels and names of x86-64 processors"

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tailstack import processor
+from tailstack.kernels import processor
 from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).parents[2]
@@ -20,7 +20,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 from tailstack import load_design, verify
-from tailstack.kernels import target
+from tailstack.kernels.store import target
 
 sampled, first_order = {}, {}
 for file in sorted(Path("examples").glob("*.yaml")):

@@ -22,7 +22,7 @@ from scenes import (
     with_systematic,
     with_unseen,
 )
-from tailstack.geometry.rotation import rotation_xyz
+from tailstack.geometry.rotation import RotationForm, rotation_xyz
 from tailstack.propagation.linear import (
     chain_of,
     covariance,
@@ -32,7 +32,7 @@ from tailstack.propagation.linear import (
     linearise,
 )
 from tailstack.propagation.noise import noise_gains, noise_gains_jit
-from tailstack.system import LINEAR, Estimator, Reading, RotationForm, Triangulation, View
+from tailstack.system import LINEAR, Estimator, Reading, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
 

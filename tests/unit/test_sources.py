@@ -5,13 +5,12 @@ from __future__ import annotations
 import ast
 import importlib
 import re
-from pathlib import Path
 
 import pytest
 
-from tailstack import kernels, sources
+from tailstack.kernels import sources, store
 
-ROOT = Path(sources.__file__).parent
+ROOT = sources.ROOT
 
 
 def module_of(file: str) -> list[str]:
@@ -55,13 +54,13 @@ def test_every_source_is_there() -> None:
 @pytest.mark.long
 def test_a_change_of_any_source_that_a_kernel_reaches_changes_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each file in turn gets a comment: the digests that change are those of the kernels that reach it by the tree."""
-    files = kernels.files_with_kernels()
+    files = store.files_with_kernels()
     graph = {file: files_imported(file) for file in sources.SOURCES}
 
     def reached(file: str) -> set[str]:
         found, waiting = {file}, [file]
         while waiting:
-            more = graph[waiting.pop()] - found - {"kernels.py"}
+            more = graph[waiting.pop()] - found - {sources.COMPILER}
             found |= more
             waiting += more
         return found
@@ -89,14 +88,14 @@ def test_every_kernel_is_kept_by_its_sources() -> None:
     for file, source in sources.SOURCES.items():
         assert b"cache=True" not in source.content, file
         assert b"enable_caching" not in source.content, file
-    files = kernels.files_with_kernels()
+    files = store.files_with_kernels()
     decorated = re.compile(rb"^@(kernel|lane_jit|lane_entry)\b", re.MULTILINE)
     assert {file for file, source in sources.SOURCES.items() if decorated.search(source.content)} <= set(files)
     for file in files:
         importlib.import_module(".".join(module_of(file)))
-    assert len(kernels.KERNELS) > 50
-    assert {name.rpartition(".")[0].replace(".", "/") + ".py" for name in kernels.KERNELS} <= set(files)
-    assert all(isinstance(one._cache, kernels.KernelStore) for one in kernels.KERNELS.values())
+    assert len(store.KERNELS) > 50
+    assert {name.rpartition(".")[0].replace(".", "/") + ".py" for name in store.KERNELS} <= set(files)
+    assert all(isinstance(one._cache, store.KernelStore) for one in store.KERNELS.values())
 
 
 def test_a_kernel_that_was_called_came_from_the_store_or_went_there() -> None:
@@ -105,8 +104,8 @@ def test_a_kernel_that_was_called_came_from_the_store_or_went_there() -> None:
     from tailstack.geometry.symmetric import eigen_symmetric
 
     eigen_symmetric(np.eye(3))
-    assert kernels.TRAFFIC.loaded + kernels.TRAFFIC.compiled > 0
-    kept = [one for one in kernels.stored_kernels(kernels.writable_directory()) if one.current]
+    assert store.TRAFFIC.loaded + store.TRAFFIC.compiled > 0
+    kept = [one for one in store.stored_kernels(store.writable_directory()) if one.current]
     assert "geometry.symmetric.eigen_symmetric" in {one.name for one in kept}
     assert all(one.sound for one in kept)
     assert not any(" at 0x" in one.signature for one in kept)  # an address names nothing in another process

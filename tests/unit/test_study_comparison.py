@@ -14,9 +14,10 @@ from scipy.stats import chi2, kstest, wishart
 
 import reference_chain
 from scenes import broken_system, cube8_system, mount
-from tailstack.arrays import Array
 from tailstack.errors import LimitError, OutOfRangeError
-from tailstack.montecarlo import compile_plan, draw
+from tailstack.geometry.arrays import Array
+from tailstack.montecarlo.chain import draw
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.studies.bench import levels
 from tailstack.studies.bench.compare import StudyComparison, study_comparison

@@ -15,6 +15,7 @@ import pytest
 import reference_chain
 from scenes import broken_system, cube8_system, mount, projection_looking, system_of
 from tailstack.errors import LimitError, OutOfRangeError, StudyError
+from tailstack.geometry.rotation import RotationForm
 from tailstack.studies.coupling import (
     TRIALS_BEYOND,
     CouplingCase,
@@ -30,7 +31,7 @@ from tailstack.studies.coupling import (
     write_percent,
 )
 from tailstack.studies.sections import SECTIONS, estimate_by_sections, take_quantile
-from tailstack.system import Law, RotationForm
+from tailstack.system import Law
 
 ORACLE = json.loads((Path(__file__).parents[1] / "data/oracles/noise_covariance_cube8.json").read_text())
 PIVOT = np.array([0.0, 0.0, -95.0])

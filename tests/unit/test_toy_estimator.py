@@ -64,7 +64,8 @@ import yaml
 import tailstack
 from scenes import cube_fiducials, system_of, with_noise
 from tailstack import load_design, score, score_batch, verify
-from tailstack.montecarlo import compile_plan, run_indices
+from tailstack.montecarlo.chain import run_indices
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.system import Estimator, Triangulation
 from tailstack_service.cli.main import main
 from test_estimators_first_order import (

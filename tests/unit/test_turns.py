@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from scenes import cube8_system, mount, read_only, target
 from tailstack.design.compile import torsor_from_locators
-from tailstack.montecarlo import compile_plan
 from tailstack.montecarlo.chain import evaluate
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import chain_of, covariance, gains_moved_by_seat, linearise
 from tailstack.propagation.turns import NO_TURNS, images_beside_bias
 from tailstack.scoring import score, trust_of

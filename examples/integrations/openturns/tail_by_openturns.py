@@ -10,7 +10,8 @@ import sys
 import openturns as ot
 
 from tailstack import Design, compile_design, load_design, verify
-from tailstack.montecarlo import compile_plan, evaluate
+from tailstack.montecarlo.chain import evaluate
+from tailstack.montecarlo.plan import compile_plan
 
 LAWS = {"normal": ot.Normal(), "uniform": ot.Uniform(-1, 1), "triangular": ot.Triangular(-1, 0, 1)}
 

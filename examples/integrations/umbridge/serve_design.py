@@ -13,7 +13,8 @@ import umbridge
 from scipy import stats
 
 from tailstack import Design, DesignFunction, compile_design, load_design
-from tailstack.montecarlo import compile_plan, evaluate
+from tailstack.montecarlo.chain import evaluate
+from tailstack.montecarlo.plan import compile_plan
 
 LAWS = {"normal": stats.norm(), "uniform": stats.uniform(-1, 2), "triangular": stats.triang(0.5, -1, 2)}
 

@@ -18,8 +18,8 @@ from ..console.arguments import add_details
 from ..console.editors import write_document
 from ..console.files import writable_directory
 from ..console.program import program
-from ..examples import example_folder
 from ..rendering.jobs import advance_text
+from ..shipped import example_folder
 
 if TYPE_CHECKING:
     from ..console.remote import RemoteService

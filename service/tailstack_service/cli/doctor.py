@@ -85,7 +85,7 @@ def _processor() -> str:
 
 
 def _threads() -> str:
-    from tailstack.cores import usable_cores
+    from tailstack.kernels.process import usable_cores
 
     blas = os.environ.get("OMP_NUM_THREADS") or "not set"
     return f"{usable_cores()} usable, OMP_NUM_THREADS {blas}"
@@ -93,8 +93,8 @@ def _threads() -> str:
 
 def _compile_cache() -> str:
     """Kernels are kept in NUMBA_CACHE_DIR, or in the user's cache; where all of them are there, none has to be."""
-    from tailstack.ahead import EVERY
-    from tailstack.kernels import TRAFFIC, is_writable, writable_directory
+    from tailstack.kernels.calls import EVERY
+    from tailstack.kernels.store import TRAFFIC, is_writable, writable_directory
 
     if all(call.file() is not None for call in EVERY):
         return "not needed: every kernel is compiled"
@@ -105,25 +105,25 @@ def _compile_cache() -> str:
 
 def _kernels() -> str:
     """Where the machine code of every kernel is that commands call, and whether its file is undamaged."""
-    from tailstack import kernels
-    from tailstack.ahead import EVERY
+    from tailstack.kernels import store
+    from tailstack.kernels.calls import EVERY
 
     from ..console.compilation import describe_calls
 
     described = describe_calls(("doctor",))
-    if without := kernels.kernels_without_store():
-        raise Ailment(f"{kernels.BUILT_WITH} keeps no kernels: every process compiles {without[0]} and the others")
+    if without := store.kernels_without_store():
+        raise Ailment(f"{store.BUILT_WITH} keeps no kernels: every process compiles {without[0]} and the others")
     used = {call.file() for call in EVERY}
-    folders = (*kernels.installed_directories(), kernels.writable_directory())
+    folders = (*store.installed_directories(), store.writable_directory())
     damaged = [
         kernel.path
         for folder in folders
-        for kernel in kernels.stored_kernels(folder)
+        for kernel in store.stored_kernels(folder)
         if kernel.path in used and not kernel.sound
     ]
     if damaged:
         raise Ailment(f"{len(damaged)} damaged, which are compiled again when needed; delete {damaged[0]}")
-    return f"{described}; for {kernels.BUILT_WITH}"
+    return f"{described}; for {store.BUILT_WITH}"
 
 
 def _solver() -> str:
@@ -152,7 +152,7 @@ def _pdf() -> str:
 
 def _folders() -> str:
     """Where jobs and results are kept, and temporary files are written."""
-    from ..folders import CURE, has_home, state_directory, temporary_directory
+    from ..environment import CURE, has_home, state_directory, temporary_directory
 
     temporary, state = temporary_directory(), state_directory()
     note = "" if has_home() else f", as this user has no home: {CURE}"

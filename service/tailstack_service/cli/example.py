@@ -19,8 +19,8 @@ from ..console.editors import write_document
 from ..console.files import replace_file, writable
 from ..console.parser import suggest
 from ..console.program import program
-from ..examples import example_folder, list_example_designs, list_examples, write_example
 from ..problems import RequestError
+from ..shipped import example_folder, list_example_designs, list_examples, write_example
 
 HELP = "print or write an example design; without a name, their list"
 

@@ -20,7 +20,7 @@ from ..console.answer import INTERRUPTED as INTERRUPTED_CODE
 from ..console.arguments import add_details, read_design
 from ..console.flags import add_flags, fill_defaults
 from ..console.progress import Progress
-from ..folders import misses_temporary_folder, no_temporary_folder
+from ..environment import misses_temporary_folder, no_temporary_folder
 from ..gate.asked import GateRequest
 from ..gate.file_names import is_open, is_wild, normalise
 from ..problems import RequestError

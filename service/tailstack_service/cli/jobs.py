@@ -10,11 +10,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, get_args
 from urllib.parse import quote, urlencode
 
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import whole
-from ..job_document import KINDS, State
+from ..jobs.document import KINDS, State
 from ..rendering.jobs import advance_text, job_text, jobs_text
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from ..console.answer import Answer
 from ..console.arguments import add_database, read_settings, whole

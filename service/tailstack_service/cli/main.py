@@ -15,7 +15,7 @@ from typing import NoReturn
 
 from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
-from tailstack.numba_settings import ignore_settings_of_folder
+from tailstack.kernels.process import ignore_settings_of_folder
 from tailstack.version import __version__
 
 from ..console.answer import BAD_INPUT, INTERRUPTED, NOT_EVALUATED, PASS, Answer
@@ -120,7 +120,7 @@ def _leave_quickly() -> None:
 
 
 def _run_verb(arguments: argparse.Namespace) -> int:
-    from tailstack.preparation import prepare_with
+    from tailstack.kernels.process import prepare_with
 
     from ..console.arguments import page_of
     from ..console.refusals import report_error, report_failure

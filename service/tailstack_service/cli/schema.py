@@ -11,7 +11,7 @@ from tailstack.errors import Problem
 from ..console.answer import Answer
 from ..console.editors import schema_file, schema_text
 from ..console.files import replace_file, writable
-from ..drafts import DRAFTS
+from ..documents import DRAFTS
 from ..problems import RequestError
 
 HELP = "published JSON Schemas; without a name, their list"

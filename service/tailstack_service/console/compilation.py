@@ -18,11 +18,11 @@ from ..rendering.tables import wrap
 from .progress import Progress
 
 if TYPE_CHECKING:
-    from tailstack.ahead import KernelCall
+    from tailstack.kernels.calls import KernelCall
 
     from ..clock import Clock
 
-# What a verb computes, by the names of tailstack.ahead; every other verb may compute everything
+# What a verb computes, by the names of tailstack.kernels.calls; every other verb may compute everything
 _COMPUTATIONS: dict[str, tuple[str, ...]] = {
     "score": ("score",),
     "score --batch": ("score", "batch"),
@@ -35,19 +35,19 @@ _lent: list[tempfile.TemporaryDirectory[str]] = []  # kept for as long as this p
 
 def computations_of(verbs: Iterable[str]) -> set[str]:
     """The computations that these verbs may need."""
-    from tailstack.ahead import COMPUTATIONS
+    from tailstack.kernels.calls import COMPUTATIONS
 
     return {name for verb in verbs for name in _COMPUTATIONS.get(verb, COMPUTATIONS)}
 
 
 def compile_for(verbs: Iterable[str]) -> int:
     """Compile what these verbs call and nobody has compiled.  How many kernels that were."""
-    from tailstack import kernels
-    from tailstack.ahead import calls_for
+    from tailstack.kernels import store
+    from tailstack.kernels.calls import calls_for
 
     calls = calls_for(computations_of(verbs))
     missing = [call for call in calls if call.file() is None]
-    if missing and not kernels.kernels_without_store():
+    if missing and not store.kernels_without_store():
         _compile(missing)
     return len(missing)
 
@@ -105,19 +105,19 @@ class CompilationProgress(Progress):
 
 def _compile(calls: Sequence[KernelCall]) -> None:
     """In processes of their own, each with the next of the calls until none is left, the slowest first."""
-    from tailstack import kernels
-    from tailstack.cores import usable_cores
+    from tailstack.kernels import store
+    from tailstack.kernels.process import usable_cores
 
-    reason = kernels.why_not_installed() if kernels.installed_directories() else ""
+    reason = store.why_not_installed() if store.installed_directories() else ""
     # and not in the working directory, of which numba would take settings
-    environment = {**make_environment(), "NUMBA_CACHE_DIR": os.path.abspath(kernels.writable_directory())}
-    if not kernels.is_writable():
+    environment = {**make_environment(), "NUMBA_CACHE_DIR": os.path.abspath(store.writable_directory())}
+    if not store.is_writable():
         try:
             place = tempfile.TemporaryDirectory(prefix="tailstack-kernels-")
         except FileNotFoundError:  # nothing can be written anywhere: each process compiles what it calls
             return
         _lent.append(place)
-        kernels.lend_directory(Path(place.name))
+        store.lend_directory(Path(place.name))
         environment["NUMBA_CACHE_DIR"] = place.name
     waiting: SimpleQueue[KernelCall] = SimpleQueue()
     for call in calls:
@@ -135,10 +135,10 @@ def _compile(calls: Sequence[KernelCall]) -> None:
 
 def _feed(waiting: SimpleQueue[KernelCall], environment: dict[str, str], progress: CompilationProgress) -> None:
     """One process, for as long as there are calls.  What is left when it breaks down is compiled where it is called."""
-    from tailstack.ahead import EVERY
+    from tailstack.kernels.calls import EVERY
 
     with suppress(Empty, OSError), subprocess.Popen(
-        make_command("tailstack.ahead"), env=environment, cwd=os.path.dirname(__file__), text=True,
+        make_command("tailstack.kernels.calls"), env=environment, cwd=os.path.dirname(__file__), text=True,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
     ) as process:  # fmt: skip
         assert process.stdin is not None
@@ -155,14 +155,14 @@ def _feed(waiting: SimpleQueue[KernelCall], environment: dict[str, str], progres
 
 def describe_calls(verbs: Iterable[str]) -> str:
     """Where the machine code is that these verbs call, and why it is not what came with the installation."""
-    from tailstack import kernels
-    from tailstack.ahead import calls_for
+    from tailstack.kernels import store
+    from tailstack.kernels.calls import calls_for
 
     calls = calls_for(computations_of(verbs))
-    places = [kernels.place_of(path) for path in (call.file() for call in calls) if path is not None]
+    places = [store.place_of(path) for path in (call.file() for call in calls) if path is not None]
     words = [f"{places.count(place)} {place}" for place in dict.fromkeys(places)]
     if len(places) < len(calls):
         words.append(f"{len(calls) - len(places)} not compiled yet")
     here = f"{len(calls)} kernels: {', '.join(words)}"
-    reason = kernels.why_not_installed()
+    reason = store.why_not_installed()
     return f"{here} ({reason})" if reason else here

@@ -11,9 +11,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
-from ..drafts import published_schema
+from ..documents import published_schema
 from .files import is_stream, replace_file
 from .progress import say
 

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterable
 
-from ..names import COMMAND
+from ..environment import COMMAND
 
 INSTALLED = "tailstack"
 _verbs: list[str] = []

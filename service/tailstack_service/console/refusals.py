@@ -12,8 +12,7 @@ from shlex import quote
 
 from tailstack.errors import Problem, TailstackError
 
-from ..folders import FolderError, misses_temporary_folder, no_temporary_folder
-from ..names import TRACEBACK
+from ..environment import TRACEBACK, FolderError, misses_temporary_folder, no_temporary_folder
 from ..rendering.finding_groups import group_alike, list_others, name_field, name_rule
 from .answer import BAD_INPUT, NOT_EVALUATED
 from .program import program, spell_commands

@@ -16,11 +16,11 @@ import httpx
 from httpx_sse import EventSource
 
 from tailstack.errors import IllPosedError, InfeasibleError, NotConvergedError, OutOfRangeError, Problem, TailstackError
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from ..clock import SYSTEM_CLOCK, Clock
-from ..names import KEY, URL
-from ..task import ENDED
+from ..environment import KEY, URL
+from ..processes.task import ENDED
 from .answer import BAD_INPUT, NOT_EVALUATED
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from typing import Any
 from urllib.parse import quote
 from xml.sax.saxutils import escape, quoteattr
 
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from ..documents import plain, to_json
 from ..rendering.page import Page, current, write_on

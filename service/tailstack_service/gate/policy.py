@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from tailstack.design.plausibility import PLAUSIBILITY
 from tailstack.fields import Length, Name, Record, refusal
-from tailstack.precision import FINEST_PRECISION
+from tailstack.montecarlo import FINEST_PRECISION
 
 from .file_names import match_names
 from .reading import GateInput, Given, Remark, hash_content, read_document

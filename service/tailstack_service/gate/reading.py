@@ -18,7 +18,7 @@ from tailstack.design.loading import read_source
 from tailstack.design.reading import DEFAULT_LIMITS, DocumentSource, show
 from tailstack.design.refusals import place, refuse
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from .records import GateFinding
 

@@ -22,8 +22,8 @@ from starlette.requests import Request
 from tailstack.errors import Problem, TailstackError
 
 from ..clock import SYSTEM_CLOCK, Clock
+from ..environment import variable
 from ..jobs.store.keys import SCOPES, Key
-from ..names import variable
 from ..problems import SettingsError, TransportError
 from ..settings import Settings
 from .origins import read_origins

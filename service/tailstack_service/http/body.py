@@ -9,7 +9,7 @@ from starlette.requests import Request
 
 from tailstack.errors import LimitError, Problem, TailstackError
 
-from ..names import variable
+from ..environment import variable
 from ..operations.request import RawRequest, refuse_query
 from ..problems import MalformedError, TransportError
 from .service import service_of

@@ -26,8 +26,8 @@ from ..operations.perform import compute, plan
 from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved, RawRequest, Request, read_request
 from ..problems import RefusedAt, memory_error
+from ..processes.task import Estimated, UnitResult
 from ..settings import Settings
-from ..task import Estimated, UnitResult
 
 
 def perform(call: Callable[[], Any]) -> Any:

@@ -27,7 +27,7 @@ from starlette.requests import Request
 from tailstack.errors import LimitError, Problem
 
 from ..clock import SYSTEM_CLOCK, Clock
-from ..names import variable
+from ..environment import variable
 from ..operations.request import DesignReferenceUnresolved
 from ..problems import RefusedAt, TransportError
 from ..processes import frames

@@ -8,16 +8,16 @@ from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import StreamingResponse
 
 from tailstack.errors import Problem, TailstackError
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
+from ..environment import variable
 from ..jobs.store import jobs as stored
 from ..jobs.store.events import Event, read_events
 from ..jobs.store.jobs import Job
 from ..logs import moment
-from ..names import variable
 from ..operations.request import single
 from ..problems import RequestError, TransportError
-from ..task import ENDED
+from ..processes.task import ENDED
 from .dependencies import Needs, TheService, query
 from .jobs import find_job
 from .openapi import extra, media_types, parameter, reference, response_of

@@ -15,15 +15,14 @@ from tailstack import __version__
 from tailstack.cures import ask_label
 from tailstack.design import list_presets
 from tailstack.errors import Problem, TailstackError
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
-from ..documents import to_json
-from ..drafts import DRAFTS
-from ..examples import list_example_designs, read_example, write_example
+from ..documents import DRAFTS, to_json
 from ..jobs.store.workers import check_readiness
 from ..operations.request import single
 from ..problems import CATALOGUE, ProblemType, RequestError, TransportError
 from ..schemas import RECORDS, TITLES, json_schema
+from ..shipped import list_example_designs, read_example, write_example
 from .answers import JSON, record_response, takes
 from .compute_pool import Warmth
 from .dependencies import Needs, TheService

@@ -19,7 +19,7 @@ from fastapi import APIRouter, Depends, Request, Response
 from tailstack.errors import Problem
 
 from ..documents import to_json
-from ..job_document import KINDS, JobPage, job_document, problem_of
+from ..jobs.document import KINDS, JobPage, job_document, problem_of
 from ..jobs.store import jobs as stored
 from ..jobs.store import results as stored_results
 from ..jobs.store.database import Database

@@ -14,7 +14,7 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
 
 from tailstack import __version__
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from ..console.flags import list_options
 from ..documents import record_json_schema

@@ -10,7 +10,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from tailstack.errors import Problem
 
-from ..names import variable
+from ..environment import variable
 from ..problems import SettingsError
 from ..settings import Settings
 

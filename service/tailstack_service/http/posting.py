@@ -15,12 +15,12 @@ from fastapi.responses import StreamingResponse
 
 from tailstack.errors import LimitError, Problem
 
+from ..environment import variable
 from ..jobs.store import jobs as stored
 from ..jobs.store import results
 from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
-from ..names import variable
 from ..operations import rendering
 from ..operations.effort import reading_seconds
 from ..operations.operation import JobRequest, Operation, Pieces, Reception
@@ -29,8 +29,8 @@ from ..operations.registry import OPERATIONS
 from ..operations.request import DesignReferenceUnresolved, RawRequest
 from ..problems import TransportError
 from ..processes.interpreter import running_code
+from ..processes.task import UnitResult
 from ..tables import MEDIA_TYPES
-from ..task import UnitResult
 from . import computations
 from .answers import JSON, asks_for_job, idempotency_key, takes, wait_seconds
 from .body import strict_body

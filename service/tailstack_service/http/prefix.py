@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from tailstack.errors import Problem
 
-from ..names import variable
+from ..environment import variable
 from ..problems import SettingsError
 from ..settings import Settings
 

@@ -22,10 +22,9 @@ from uvicorn.supervisors.multiprocess import SIGNALS, Multiprocess
 from tailstack.errors import Problem
 
 from ..clock import SYSTEM_CLOCK, Clock
-from ..folders import temporary_directory
+from ..environment import temporary_directory, variable
 from ..jobs.store.schema import open_database
 from ..logs import log_to_stderr
-from ..names import variable
 from ..problems import RequestError
 from ..processes.nursery import join_nursery, share_nursery
 from ..settings import Settings

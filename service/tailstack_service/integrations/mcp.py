@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 from tailstack import __version__
 from tailstack.errors import Problem
 from tailstack.extras import require_extras
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from ..clock import Clock
 from ..console.answer import PASS, Answer
 from ..console.arguments import read_settings
-from ..examples import list_example_designs, write_example
 from ..problems import RequestError
+from ..shipped import list_example_designs, write_example
 
 if TYPE_CHECKING:
     from mcp.server.lowlevel import Server

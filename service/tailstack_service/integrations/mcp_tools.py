@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 from tailstack.design.loading import read_source
 from tailstack.errors import LimitError, Problem, TailstackError
 from tailstack.extras import name_missing_extra, require_extras
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from ..clock import SYSTEM_CLOCK, Clock
 from ..console.files import replace_file
 from ..documents import to_json
-from ..names import variable
+from ..environment import variable
 from ..operations.content import canonical
 from ..operations.operation import Call, Operation
 from ..operations.patches import NAMED, PATCH

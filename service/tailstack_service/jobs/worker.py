@@ -25,8 +25,8 @@ from ..clock import SYSTEM_CLOCK, Clock
 from ..problems import TransportError
 from ..processes.frames import Died, GivenBack, OutOfDate
 from ..processes.interpreter import running_code
+from ..processes.task import Outcome, Task
 from ..settings import Settings
-from ..task import Outcome, Task
 from .engines.engine import Engine
 from .store import queue, workers
 from .store.database import Database

@@ -24,10 +24,10 @@ from ..console.arguments import read_design, whole
 from ..console.files import write_in_place
 from ..console.flags import NO_FLAG, Flag, add_flags, list_options
 from ..console.progress import Progress
-from ..names import variable
+from ..environment import variable
 from ..problems import RequestError
+from ..processes.task import Estimated
 from ..tables import MEDIA_TYPES, WRITERS, CsvWriter, Format, TableReader, format_of, read_table
-from ..task import Estimated
 from ..unpacking import ColumnBlock
 from .content import canonical
 from .effort import score_seconds, size_of

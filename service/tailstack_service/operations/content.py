@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 if TYPE_CHECKING:
     from tailstack.design import Design

@@ -10,7 +10,7 @@ from tailstack.errors import TailstackError
 
 from ..clock import SYSTEM_CLOCK
 from ..gate.asked import GateRequest
-from ..task import Estimated
+from ..processes.task import Estimated
 from .content import canonical
 from .effort import score_seconds, size_of, text_reading_seconds
 from .example import EXAMPLE_DESIGN

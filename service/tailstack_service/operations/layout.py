@@ -17,8 +17,8 @@ from .operation import LateImport, Operation
 from .options import Options
 
 if TYPE_CHECKING:
-    from tailstack.arrays import Array
     from tailstack.design import Design
+    from tailstack.geometry.arrays import Array
     from tailstack.system import System
 
     from ..report.beams import Beam

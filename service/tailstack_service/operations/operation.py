@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
     from ..console.answer import Answer
+    from ..processes.task import Estimated
     from ..report.blocks import Document
     from ..settings import Settings
-    from ..task import Estimated
     from .request import RawRequest, Request
 
 Progress = Callable[[float, float], None]  # done, of how much

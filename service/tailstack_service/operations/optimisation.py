@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from tailstack.cores import usable_cores
 from tailstack.errors import NotConvergedError, Problem
+from tailstack.kernels.process import usable_cores
 from tailstack.results import Optimisation
 
 from ..clock import SYSTEM_CLOCK

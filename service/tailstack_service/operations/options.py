@@ -12,10 +12,10 @@ from pydantic_core import PydanticCustomError
 
 from tailstack.cures import ask_label
 from tailstack.errors import LimitError, Problem
-from tailstack.precision import FINEST_PRECISION, MAX_TRIALS
+from tailstack.montecarlo import FINEST_PRECISION, MAX_TRIALS
 
 from ..console.flags import Flag, list_options, read_flags
-from ..names import variable
+from ..environment import variable
 from ..problems import RequestError
 from .effort import Size, score_seconds, size_of
 

@@ -12,7 +12,7 @@ from tailstack.errors import TailstackError
 from tailstack.extras import name_missing_extra
 
 from ..problems import RefusedAt, memory_error, problem_document
-from ..task import ADVANCE, Outcome, Task, UnitResult
+from ..processes.task import ADVANCE, Outcome, Task, UnitResult
 from .operation import More, Step
 from .registry import OPERATIONS
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from tailstack.precision import MAX_TRIALS
+from tailstack.montecarlo import MAX_TRIALS
 
 from ..console.answer import EXIT_CODE
 from ..console.flags import Flag

@@ -30,11 +30,11 @@ from tailstack.design.reading import (
 from tailstack.design.refusals import describe_value, pointer
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.field_names import cure_name, find_renamings
-from tailstack.json_text import write_json
 from tailstack.people_tables import KEPT_ENDS, read_plain_number
+from tailstack.results.json_text import write_json
 
 from ..console.flags import TypedOption, list_options
-from ..names import variable
+from ..environment import variable
 from ..problems import MalformedError, RefusedAt, RequestError
 from .content import canonical
 from .options import Options

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
-from tailstack.json_text import write_json
 from tailstack.results import Optimisation
+from tailstack.results.json_text import write_json
 
 from ..console.editors import write_document
 from ..console.files import is_stream, replace_file, writable
-from ..folders import FolderError, state_directory
+from ..environment import FolderError, state_directory
 from ..problems import RequestError
 
 if TYPE_CHECKING:

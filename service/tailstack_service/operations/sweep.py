@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from tailstack.errors import LimitError, Problem
-from tailstack.precision import MAX_TRIALS
+from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results.sweep import Sweep
 
 from ..console.answer import Answer, exit_code_of_points
@@ -22,7 +22,7 @@ from ..console.arguments import add_design, add_figure, add_form, read_design
 from ..console.files import writable_figure, write_figure
 from ..console.flags import Flag, add_flags
 from ..console.progress import Progress
-from ..names import variable
+from ..environment import variable
 from ..problems import RequestError
 from .operation import Call, Command, Demand, LateImport, Operation
 from .options import Count, MostTrials, Options, Seed, within_trials

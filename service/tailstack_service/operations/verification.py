@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field
 
-from tailstack.precision import MAX_TRIALS
+from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results import Verification
 
 from ..console.answer import exit_code_of

@@ -22,14 +22,14 @@ from functools import partial
 from importlib import import_module
 from typing import IO, Any
 
-from tailstack.numba_settings import ignore_settings_of_folder
+from tailstack.kernels.process import ignore_settings_of_folder
 
 from ..operations.content import canonical
 from ..operations.example import EXAMPLE_DESIGN
-from ..task import ADVANCE, Estimated, Task, UnitResult
 from .frames import BEGUN, OTHER_CODE, Estimate, receive, send
 from .interpreter import digest_files
 from .linux import die_with_parent, limit_memory, resident_bytes
+from .task import ADVANCE, Estimated, Task, UnitResult
 
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
 # for leaks that do not show as memory.
@@ -99,7 +99,7 @@ def _read(tasks: IO[bytes], waiting: queue.SimpleQueue[Any]) -> None:
 
 def list_warm_up_steps() -> list[tuple[Callable[[], object], tuple[str, ...]]]:
     """Modules to import, then the compiled kernels, in the order in which they are to be called; each with the
-    computations whose kernels it calls (``tailstack.ahead``)."""
+    computations whose kernels it calls (``tailstack.kernels.calls``)."""
     optimiser = "tailstack.optimisation.course"
     modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verification", optimiser, "casadi")
     return [*((partial(import_module, name), ()) for name in modules), (check_once, ("score", "verify"))]

@@ -14,7 +14,7 @@ from tailstack.version import __file__ as _file_of_solver
 from tailstack.version import __version__
 
 if TYPE_CHECKING:
-    from tailstack.sources import SourceFile
+    from tailstack.kernels.sources import SourceFile
 
 # Processes are the unit of parallelism here, and the libraries' own threads would fight with them.
 SINGLE_THREADED = {
@@ -40,7 +40,7 @@ def refuse_unusable_kernels() -> None:
     """
     values = {name: os.environ.get(f"NUMBA_{name}") for name in ("DISABLE_JIT", "CPU_NAME", "CPU_FEATURES")}
     if any(value is not None for value in values.values()):
-        from tailstack.processor import refuse_unusable
+        from tailstack.kernels.processor import refuse_unusable
 
         disabled = values["DISABLE_JIT"] not in (None, "", "0")
         refuse_unusable(disabled=disabled, name=values["CPU_NAME"], features=values["CPU_FEATURES"])
@@ -49,20 +49,20 @@ def refuse_unusable_kernels() -> None:
 @cache
 def digest_code() -> str:
     """Of all sources of this version, as this process first found them: the name of the code that it runs."""
-    from tailstack import sources
+    from tailstack.kernels import sources
 
     return _digest(sources.SOURCES)
 
 
 def digest_files() -> str:
     """The same of the files as they are now."""
-    from tailstack import sources
+    from tailstack.kernels import sources
 
     return _digest(sources.read_sources(sources.ROOT))
 
 
 def _digest(solver: dict[str, SourceFile]) -> str:
-    from tailstack.sources import digest_of_all, read_sources
+    from tailstack.kernels.sources import digest_of_all, read_sources
 
     here = digest_of_all(read_sources(Path(__file__).resolve().parents[1]))
     return sha256(f"{digest_of_all(solver)} {here}".encode()).hexdigest()

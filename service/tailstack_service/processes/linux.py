@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..names import PLAIN_PROCESSES
+from ..environment import PLAIN_PROCESSES
 
 HERE = sys.platform == "linux" and os.environ.get(PLAIN_PROCESSES, "") in ("", "0")
 PR_SET_PDEATHSIG = 1

@@ -33,7 +33,7 @@ from select import POLLHUP, POLLIN, poll
 from struct import Struct
 from typing import NamedTuple
 
-from tailstack.numba_settings import ignore_settings_of_folder
+from tailstack.kernels.process import ignore_settings_of_folder
 
 from . import linux
 from .interpreter import digest_code, make_command, make_environment
@@ -305,8 +305,8 @@ def start_child(function: str, stdin: int, stdout: int, most_bytes: int = 0) -> 
 def prepare_children(function: str, computations: tuple[str, ...]) -> Future[None]:
     """Have a function called, "package.module:function", so that what it loads is there in whatever is started later.
 
-    computations: whose kernels it calls (``tailstack.ahead``).  The failure is a RuntimeError.  Where processes are not
-    forked it is done, and nothing has happened.
+    computations: whose kernels it calls (``tailstack.kernels.calls``).  The failure is a RuntimeError.  Where processes
+    are not forked it is done, and nothing has happened.
     """
     if not linux.HERE:
         done: Future[None] = Future()
@@ -416,7 +416,7 @@ class Step:
     """Something that is loaded here while nobody wants a process."""
 
     call: Callable[[], object]
-    computations: tuple[str, ...] = ()  # whose kernels it calls (``tailstack.ahead``)
+    computations: tuple[str, ...] = ()  # whose kernels it calls (``tailstack.kernels.calls``)
     wish: tuple[Line, int] | None = None  # that it answers, by its number; None: nobody waits for it
     tried: bool = False  # by a process of its own, which leaves its kernels in their store
 
@@ -424,8 +424,8 @@ class Step:
         """Whether it would take minutes, in which nobody could be forked and no end be told."""
         if self.tried or not self.computations:
             return False
-        from tailstack.ahead import calls_for
         from tailstack.errors import MissingExtraError
+        from tailstack.kernels.calls import calls_for
 
         try:
             return any(call.file() is None for call in calls_for(self.computations))

@@ -11,9 +11,10 @@ import numpy as np
 
 from tailstack.design import Design, design_to_data
 from tailstack.errors import Problem
-from tailstack.montecarlo import ChainPlan, run_indices
+from tailstack.montecarlo import MAX_TRIALS, PRECISION
+from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.estimators import interval_ranks
-from tailstack.precision import MAX_TRIALS, PRECISION
+from tailstack.montecarlo.plan import ChainPlan
 from tailstack.results.verdicts import decisive_check
 from tailstack.scoring import score as score_design
 from tailstack.verification import PreparedDesign, prepare
@@ -25,7 +26,7 @@ from .headline import headline_of
 from .records import Convergence, ConvergencePoint, ErrorDistribution, Report, Reproduction
 
 if TYPE_CHECKING:
-    from tailstack.arrays import Array
+    from tailstack.geometry.arrays import Array
     from tailstack.montecarlo.simulate import Progress
     from tailstack.results import Optimisation, Score, TargetScore, Verification
 

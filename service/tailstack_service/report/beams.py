@@ -13,8 +13,8 @@ from tailstack.geometry.camera import camera_centre, depths, principal_ray
 from tailstack.geometry.rotation import unit
 
 if TYPE_CHECKING:
-    from tailstack.arrays import Array
     from tailstack.design import Design
+    from tailstack.geometry.arrays import Array
     from tailstack.system import System, View
 
 BEYOND = 1.3  # a detector at an unknown distance is drawn so much farther than what it images

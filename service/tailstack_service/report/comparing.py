@@ -22,7 +22,7 @@ from .headline import decided_difference
 from .records import Comparison, ComparisonHeadline, Difference, Report
 
 if TYPE_CHECKING:
-    from tailstack.arrays import Array
+    from tailstack.geometry.arrays import Array
     from tailstack.montecarlo.simulate import Progress
 
 MOST_COMPARED = 2**18  # trials of each design

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
 from tailstack.estimation.checks import imaged_fiducials, needed_gaps
+from tailstack.geometry.arrays import Array
 from tailstack.geometry.camera import depths
 from tailstack.results.look import FAINT, FONT, INK, LIMIT_COLOUR, MUTED
 

@@ -36,7 +36,7 @@ from ..rendering.tables import columns
 from .svg import CHARACTER, picture, trim
 
 if TYPE_CHECKING:
-    from tailstack.arrays import Array
+    from tailstack.geometry.arrays import Array
 
 _drawing = Lock()  # matplotlib's settings are one for the whole process
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.results.look import FAINT, MUTED, VERMILION
 
-from ..folders import temporary_directory
+from ..environment import temporary_directory
 from .svg import WIDTH, broken
 
 if TYPE_CHECKING:

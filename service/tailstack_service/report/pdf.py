@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tailstack.errors import MissingExtraError, Problem
 from tailstack.extras import install_command
 
-from ..folders import temporary_directory
+from ..environment import temporary_directory
 from .errors import PdfUnavailable
 from .html import html_report
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from tailstack.arrays import Array
 from tailstack.design import Design, compile_design
 from tailstack.design.optimise_document import SearchBox, SearchCylinder, Shaped
+from tailstack.geometry.arrays import Array
 from tailstack.geometry.rotation import unit
 
 from .beams import Beam, beams_of

@@ -38,7 +38,7 @@ from .svg import (
 )
 
 if TYPE_CHECKING:
-    from tailstack.arrays import Array
+    from tailstack.geometry.arrays import Array
     from tailstack.system import System
 
 NEAR, FAR = (8, 26, 436, 400), (460, 26, 252, 212)  # left, top, width, height of the two panels

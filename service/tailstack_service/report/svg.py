@@ -19,7 +19,7 @@ from tailstack.results.look import BLUE, FONT, GREEN, INK, PURPLE, VERMILION
 from ..rendering.tables import columns, shorten
 
 if TYPE_CHECKING:
-    from tailstack.arrays import Array
+    from tailstack.geometry.arrays import Array
 
 Kind = Literal["fiducial", "new", "target", "pivot 1", "pivot 2"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..first_use import load_on_first_use
+from ..extras import load_on_first_use
 
 if TYPE_CHECKING:
     from ..integrations.conversion import Conversion, convert, convert_file

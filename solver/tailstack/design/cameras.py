@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, frozen
 from ..errors import DesignError, IllPosedError, Problem
+from ..geometry.arrays import Array, frozen
 from ..geometry.camera import (
     image_centre_px,
     intrinsic_matrix,

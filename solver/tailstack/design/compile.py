@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, frozen
 from ..effects import EFFECTS
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import examine
+from ..geometry.arrays import Array, frozen
 from ..geometry.camera import (
     depths,
 )

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Array
 from ..fields import refusal
+from ..geometry.arrays import Array
 
 ROUNDING = 1e-3  # of the largest entry: what three digits in a document leave
 

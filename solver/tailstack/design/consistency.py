@@ -12,7 +12,8 @@ from tailstack.fields import INTERFACES
 from ..cures import ask_label
 from ..effects import EFFECTS
 from ..errors import Problem
-from ..system import ROTATIONS, TRANSLATIONS, RotationForm
+from ..geometry.rotation import RotationForm
+from ..system import ROTATIONS, TRANSLATIONS
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, TargetDocument
 from .fiducial_files import FiducialList
 from .optimise_document import AddedView, FreeView

@@ -56,6 +56,7 @@ from ..fields import (
     refuse_coverage,
     share,
 )
+from ..geometry.rotation import RotationForm
 from ..ranges import (
     BEAD_PLACE_MM,
     COUNT,
@@ -72,7 +73,7 @@ from ..ranges import (
     AnySize,
     Meant,
 )
-from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, RotationForm, Triangulation
+from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, Tolerances
 from .compliance import check_passive
 from .optimise_document import Optimise

@@ -18,7 +18,6 @@ from typing import Any, Literal
 from ..cures import cure_text
 from ..errors import DesignError, LimitError, Problem
 from ..field_names import read_name
-from ..json_text import write_json
 from ..people_tables import (
     DELIMITERS,
     KEPT_ENDS,
@@ -33,6 +32,7 @@ from ..people_tables import (
     read_plain_number,
     split_heading,
 )
+from ..results.json_text import write_json
 from ..units import LENGTHS_MM
 from .document import FiducialOrigin
 from .reading import Limits, decode, read_text, show

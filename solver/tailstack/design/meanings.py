@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, frozen
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import sight
+from ..geometry.arrays import Array, frozen
 from ..geometry.camera import camera_centre, image_centre_px, intrinsic_matrix, projection_from_pose
 from ..geometry.rotation import rigid_transform, rotation_from_quaternion, rotation_xyz
 from ..system import View

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
 from ..errors import DesignError, Problem, TailstackError
+from ..geometry.arrays import Array
 
 _ORDINARY = (float, int, np.floating, np.integer)
 

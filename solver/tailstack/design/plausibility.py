@@ -16,10 +16,10 @@ import numpy as np
 
 from tailstack.fields import INTERFACES
 
-from ..arrays import Array
 from ..effects import EFFECTS
 from ..effects.kind import Doubt, PlausibilityTest, Subject
 from ..errors import Problem
+from ..geometry.arrays import Array
 from ..geometry.camera import camera_centre, image_centre_px
 from ..ranges import SLIPS, Meant, Number, list_numbers
 from ..results import Finding

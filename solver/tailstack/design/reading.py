@@ -37,7 +37,7 @@ import yaml
 
 from ..cures import find_nearest
 from ..errors import DesignError, LimitError, Problem
-from ..json_text import find_repeated, write_json
+from ..results.json_text import find_repeated, write_json
 from .frozen_data import FrozenList, FrozenMapping
 from .numbers import plain_array
 

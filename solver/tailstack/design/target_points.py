@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from ..arrays import Array, frozen
+from ..geometry.arrays import Array, frozen
 from ..system import Target
 from .consistency import axis_counts, sample_count
 from .document import Region, TargetDocument

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..units import OTHER_LENGTHS
 from .cameras import compile_transform
 from .document import DesignDocument, Pose

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..geometry.camera import turn_view
-from ..json_text import write_json
+from ..results.json_text import write_json
 from ..system import ROTATIONS
 from .assumed import FIELD, follow_changes
 from .document import DistanceView, FiducialPoint, PresetView

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self, cast
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..arrays import frozen
 from ..fields import Length, Record, Typical, refusal
+from ..geometry.arrays import frozen
 from ..geometry.camera import image_of
 from ..ranges import Meant
 from ..system import Act, ArrayLike, Drawn, Effect, Place, Scene, System, View, no_sources

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Self, cast
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..arrays import frozen
 from ..fields import Degrees, Record, Typical, refusal
+from ..geometry.arrays import frozen
 from ..geometry.camera import intrinsics_of
 from ..ranges import TILT_DEG
 from ..system import Act, Drawn, Effect, Place, Scene, Sources, System, View

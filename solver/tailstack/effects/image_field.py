@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ..arrays import Array, frozen
 from ..errors import Problem
 from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, Typical, refuse_coverage
+from ..geometry.arrays import Array, frozen
 from ..geometry.camera import image_centre_px
 from ..ranges import Meant
 from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, View

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..arrays import frozen
 from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, Typical, check_law
+from ..geometry.arrays import frozen
 from ..ranges import SHARE, Meant
 from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Law, Place, Sources, System, View
 from ..tolerances import coverage_of

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from ..arrays import Array
 from ..errors import Problem
 from ..fields import Record
+from ..geometry.arrays import Array
 from ..system import Effect, System, View
 
 if TYPE_CHECKING:  # the document is made of the sections of these files

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 import numpy as np
 from pydantic import Field
 
-from ..arrays import frozen
 from ..fields import Point, Record, Typical
+from ..geometry.arrays import frozen
 from ..ranges import MOTION_DEG, MOTION_MM
 from ..system import DirectEffect, Drawn, Effect, Place, Sources, System, View
 from ..tolerances import Tolerances

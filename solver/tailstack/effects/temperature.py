@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, cast
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..arrays import frozen
 from ..errors import Problem
 from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, Point, Record, Typical, check_law
+from ..geometry.arrays import frozen
 from ..ranges import Meant
 from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, View, no_sources
 from ..tolerances import coverage_of

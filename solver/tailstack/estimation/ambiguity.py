@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..system import View
 from .least_squares import SplitProjection, images_of, resect_pose, split, turn
 from .resection import project

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, frozen
 from ..errors import IllPosedError, Problem
+from ..geometry.arrays import Array, frozen
 from ..geometry.camera import camera_centre, cross
 from ..geometry.image_gaps import OVERLAP_PX, needed_gap
 from ..geometry.naming import direction_name

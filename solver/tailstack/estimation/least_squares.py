@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, frozen
+from ..geometry.arrays import Array, frozen
 from ..geometry.rotation import skew, torsor_transform, transform_points
 from ..system import Reading, System, Target, View, Weighing
 from .resection import hartley_similarity, homogeneous, project, resect, scale_to_depth

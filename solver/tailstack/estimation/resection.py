@@ -16,7 +16,7 @@ from math import sqrt
 
 import numpy as np
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 
 

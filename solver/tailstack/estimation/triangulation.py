@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 from ..system import Triangulation
 from .resection import hartley_similarity, homogeneous

@@ -11,8 +11,8 @@ from math import cos, floor, hypot, radians, sin, sqrt
 
 import numpy as np
 
-from ..arrays import Array
 from ..results import Vector3
+from .arrays import Array
 from .rotation import rigid_transform, unit
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
+from .arrays import Array
 from .camera import cross
 
 OVERLAP_PX = 10.0  # judgement: images closer than this are not told apart by every segmentation

@@ -7,11 +7,18 @@ small-angle form is ``R = I + [omega]x`` (Eq 13): first order in the angles, and
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
-from ..arrays import Array
-from ..system import RotationForm
+from .arrays import Array
+
+
+class RotationForm(StrEnum):
+    """How small rotations act."""
+
+    FULL = "full"  # Rx Ry Rz (Eq 12)
+    SMALL_ANGLE = "small_angle"  # I + [omega]x (Eq 13)
 
 
 def unit(vector: Array) -> Array:

@@ -12,8 +12,8 @@ from math import fabs, hypot, sqrt
 
 import numpy as np
 
-from ..arrays import Array
-from ..kernels import kernel
+from ..kernels.store import kernel
+from .arrays import Array
 
 
 @kernel()

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
 from ..design.fiducial_files import read_number, refuse
 from ..design.reading import Limits, decode, show
 from ..errors import LimitError, Problem
+from ..geometry.arrays import Array
 from .calibration_cages import UNITS, CageForm
 
 CAMERA_FILES = (".txt",)

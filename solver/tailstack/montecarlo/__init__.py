@@ -1,45 +1,8 @@
-"""Monte Carlo of the full nonlinear chain, written independently of the first-order model."""
+"""Monte Carlo of the full nonlinear chain, written independently of the first-order model.
 
-from .chain import draw, evaluate, run_indices
-from .estimators import (
-    CvarEstimate,
-    ExceedanceEstimate,
-    QuantileEstimate,
-    cvar_estimate,
-    exceedance_estimate,
-    interval_ranks,
-    quantile_estimate,
-)
-from .plan import ChainPlan, bounded_names, compile_plan
-from .radial import LinearChain, RadialEstimate, gains_in_plan_order, radial
-from .simulate import ErrorSample, Run, Samples, Simulation, deepen, simulate
-from .stopping import AdaptiveRun, Goal, simulate_to_precision
+How finely a check may be asked for is the relative half-width of the interval of P95.
+"""
 
-__all__ = [
-    "AdaptiveRun",
-    "ChainPlan",
-    "CvarEstimate",
-    "ErrorSample",
-    "ExceedanceEstimate",
-    "Goal",
-    "LinearChain",
-    "QuantileEstimate",
-    "RadialEstimate",
-    "Run",
-    "Samples",
-    "Simulation",
-    "bounded_names",
-    "compile_plan",
-    "cvar_estimate",
-    "deepen",
-    "draw",
-    "evaluate",
-    "exceedance_estimate",
-    "gains_in_plan_order",
-    "interval_ranks",
-    "quantile_estimate",
-    "radial",
-    "run_indices",
-    "simulate",
-    "simulate_to_precision",
-]
+PRECISION = 0.005  # when nothing else is asked for
+FINEST_PRECISION = 1e-4  # what is finer takes billions of trials
+MAX_TRIALS = 2**22  # a check to a precision gives up after so many, when no other number is asked for

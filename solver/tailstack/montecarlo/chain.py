@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
 from ..errors import IllPosedError, NotConvergedError, OutOfRangeError, Problem
 from ..estimation.checks import examine, find_surely_answered
 from ..estimation.least_squares import estimate_views, locate, weights_at_rest
 from ..estimation.resection import project
 from ..estimation.triangulation import reprojection_rms
+from ..geometry.arrays import Array
 from ..geometry.rotation import torsor_transform, transform_points
 from ..system import Law, Reading, System, Weighing
 from .kernel import Draws, Results, run_trials, scratch_size

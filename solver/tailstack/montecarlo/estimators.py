@@ -20,8 +20,8 @@ from statistics import NormalDist
 import numpy as np
 from scipy.special import bdtr, betaincinv, gammaln, ndtri
 
-from ..arrays import Array
 from ..errors import IllPosedError, OutOfRangeError, Problem
+from ..geometry.arrays import Array
 from .simulate import ErrorSample, Samples, deepen
 from .tails import sum_exactly, to_float
 

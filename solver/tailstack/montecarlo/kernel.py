@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from .lane_least_squares import WORK, resect_by_least_squares
 from .lane_motion import (
     growth,

@@ -25,7 +25,7 @@ from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-from ..kernels import kernel
+from ..kernels.store import kernel
 
 # mypy: ignore-errors
 

@@ -37,25 +37,13 @@ from typing import NamedTuple, assert_never
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, frozen
 from ..errors import OutOfRangeError, Problem
 from ..estimation.least_squares import precisions, weights_at_rest
 from ..estimation.resection import homogeneous
+from ..geometry.arrays import Array, frozen
 from ..geometry.camera import intrinsics_of
-from ..system import (
-    Act,
-    Drawn,
-    Effect,
-    Law,
-    Place,
-    Reading,
-    RotationForm,
-    Sources,
-    System,
-    Target,
-    Weighing,
-    std_per_half_width,
-)
+from ..geometry.rotation import RotationForm
+from ..system import Act, Drawn, Effect, Law, Place, Reading, Sources, System, Target, Weighing, std_per_half_width
 from .tables import (
     BY_IMAGES,
     DEVIATES,

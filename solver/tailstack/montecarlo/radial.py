@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc, ndtr, stdtrit
 
-from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
+from ..geometry.arrays import Array
 from ..system import Effect, Law
 from .chain import evaluate, standard_normals
 from .plan import ChainPlan

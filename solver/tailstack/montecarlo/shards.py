@@ -8,17 +8,18 @@ the tail is complete down to the highest of the shards' floors.
 
 from __future__ import annotations
 
+import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from math import inf
+from math import inf, prod
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
-from ..packed import pack, unpack
+from ..geometry.arrays import Array
+from ..results.json_text import write_json
 from .chain import run_indices
 from .kernel import reduce_block
 from .plan import ChainPlan
@@ -219,3 +220,36 @@ def shard_from_bytes(content: bytes) -> Shard:
         missed=head["missed"],
         unanswered=head["unanswered"],
     )
+
+
+def pack(head: dict[str, Any], arrays: Sequence[Array]) -> bytes:
+    """``head`` (JSON's own types) and float64 arrays of any shape as bytes; the same input gives the same bytes.
+
+    Four bytes with the length of the head, the head as JSON (floats in their shortest form that reads back the same),
+    then the arrays as little-endian float64, one after another.  Not pickle: reading it runs nothing.
+    """
+    shapes = [list(array.shape) for array in arrays]
+    text = write_json({"head": head, "shapes": shapes}, sort_keys=True).encode()
+    parts = [np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays]
+    return b"".join([len(text).to_bytes(4, "little"), text, *parts])
+
+
+def unpack(content: bytes) -> tuple[dict[str, Any], list[Array]]:
+    """What :func:`pack` was given; the arrays are read-only.  Raises ValueError for other bytes."""
+    start = 4 + int.from_bytes(content[:4], "little")
+    try:
+        header = json.loads(content[4:start])
+        shapes: list[list[int]] = header["shapes"]
+        head: dict[str, Any] = header["head"]
+    except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError) as error:
+        raise ValueError(f"{len(content)} bytes are not a packed record: {error}") from None
+    arrays = []
+    for shape in shapes:
+        size = prod(shape)
+        if start + 8 * size > len(content):
+            raise ValueError(f"a packed record breaks off after {len(content)} bytes")
+        arrays.append(np.frombuffer(content, dtype="<f8", count=size, offset=start).reshape(shape))
+        start += 8 * size
+    if start != len(content):
+        raise ValueError(f"{len(content) - start} bytes follow a packed record")
+    return head, arrays

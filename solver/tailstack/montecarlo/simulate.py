@@ -12,9 +12,9 @@ from math import inf
 
 import numpy as np
 
-from ..arrays import Array
-from ..cores import usable_cores
 from ..errors import IllPosedError, OutOfRangeError, Problem
+from ..geometry.arrays import Array
+from ..kernels.process import usable_cores
 from ..system import System
 from .plan import ChainPlan, compile_plan
 from .shards import (

@@ -8,7 +8,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 
 INSTALLATION, SHOT = 0, 1  # streams that deviates are drawn from
 # Slots, in their order: of the mounts and the execution, then of each view's motion before its shot, of each view's

@@ -17,7 +17,7 @@ from math import ceil, floor, inf, sqrt
 
 import numpy as np
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 
 UNIT_BITS = 53 + 1074  # of the unit in which sums are counted: every float64 is a whole number of it
 _LOW = (1 << 26) - 1

@@ -42,8 +42,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import gammaincinv, lambertw
 
-from ..arrays import Array
 from ..errors import InfeasibleError, NotConvergedError, Problem
+from ..geometry.arrays import Array
 from .exact_law import Evaluation, error_moments, squared_quantile
 from .prices import Price
 from .problem import Choice

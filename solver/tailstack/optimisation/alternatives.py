@@ -13,8 +13,8 @@ from typing import Literal
 
 import numpy as np
 
-from ..arrays import Array
 from ..errors import IllPosedError, InfeasibleError, NotConvergedError
+from ..geometry.arrays import Array
 from ..results import FrontPoint, PlacementValue
 from ..scoring import vector3
 from .allocation import best_budget, budgets_of

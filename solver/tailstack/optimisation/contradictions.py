@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from ..arrays import Array
 from ..errors import DesignError, Problem
+from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 from ..geometry.naming import direction_name
 from ..results.digits import at_least, at_most

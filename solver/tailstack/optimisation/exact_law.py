@@ -17,8 +17,8 @@ from math import log, sqrt
 import numpy as np
 from scipy.special import ndtri
 
-from ..arrays import Array
 from ..contributors import WorstCase, columns_of, declared_law, law_of, worst_case
+from ..geometry.arrays import Array
 from ..losses import without_fiducials
 from ..propagation.linear import LinearModel, linearise
 from ..system import ArrayLike, Law, Way

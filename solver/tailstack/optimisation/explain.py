@@ -16,9 +16,9 @@ from scipy.optimize import brentq
 
 from tailstack.fields import INTERFACES
 
-from ..arrays import Array
 from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedError, Problem
 from ..estimation.checks import check_geometry
+from ..geometry.arrays import Array
 from ..propagation.linear import LinearModel, linearise
 from ..results import Finding
 from ..results.digits import at_least, at_most

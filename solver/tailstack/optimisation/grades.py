@@ -29,8 +29,8 @@ from math import inf, log, prod
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 
-from ..arrays import Array
 from ..errors import InfeasibleError, NotConvergedError, Problem
+from ..geometry.arrays import Array
 from ..results import Relaxation
 from ..results.digits import at_least, at_most
 from .allocation import best_budget, budgets_of

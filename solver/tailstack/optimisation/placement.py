@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Array
 from ..errors import NotConvergedError, Problem
+from ..geometry.arrays import Array
 from .exact_law import Evaluation, correction_at, exact_ratios
 from .explain import explain_infeasible
 from .problem import Choice, PlacementProblem

@@ -11,8 +11,8 @@ from math import inf
 import numpy as np
 from scipy.optimize import brentq
 
-from ..arrays import Array
 from ..errors import TailstackError
+from ..geometry.arrays import Array
 from ..results.digits import at_least, at_most
 from .exact_law import exact_ratios
 from .prices import drop_dominated

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..arrays import Array, frozen
+from ..geometry.arrays import Array, frozen
 from ..system import ArrayLike, DirectEffect, Requirement, System, Target, put_mounts
 from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape

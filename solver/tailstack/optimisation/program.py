@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 from ..geometry.image_gaps import needed_gap
 from ..system import ArrayLike, View

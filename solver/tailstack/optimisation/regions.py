@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..system import ArrayLike
 from .symbols import plain
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array
 from ..design import Design, compile_design, design_to_data
 from ..errors import IllPosedError
 from ..estimation.checks import check_geometry
+from ..geometry.arrays import Array
 from ..losses import search_losses
 from ..propagation.linear import linearise
 from ..results import (

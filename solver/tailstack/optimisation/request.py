@@ -9,7 +9,6 @@ import numpy as np
 
 from tailstack.fields import INTERFACES
 
-from ..arrays import Array, frozen
 from ..design import Design, Revision, compile_design, revise_design
 from ..design.compile import torsor_from_locators
 from ..design.consistency import list_declared
@@ -26,6 +25,7 @@ from ..design.optimise_document import (
     TranslationBounds,
 )
 from ..errors import DesignError, Problem
+from ..geometry.arrays import Array, frozen
 from ..system import ROTATIONS, TRANSLATIONS, Requirement, System
 from .prices import Price, PricedGrade, cost_of, of_grades, reciprocal, slope_of
 from .problem import (

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.optimize import brentq, linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from ..arrays import Array
-from ..cores import usable_cores
 from ..errors import NotConvergedError, Problem
+from ..geometry.arrays import Array
+from ..kernels.process import usable_cores
 from ..results import LocalOptimum
 from .exact_law import (
     Correction,

@@ -17,9 +17,9 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..geometry.camera import image_of
-from ..kernels import kernel
+from ..kernels.store import kernel
 from ..propagation.noise import Estimation, noise_gains
 from .problem import PlacementProblem
 from .regions import (

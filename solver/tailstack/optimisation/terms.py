@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..geometry.rotation import displacement
 from ..propagation.linear import (
     Block,

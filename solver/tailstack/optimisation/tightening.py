@@ -7,9 +7,9 @@ from math import ceil, log2
 
 import numpy as np
 
-from ..arrays import Array
 from ..design import Design, compile_design
 from ..errors import InfeasibleError, NotConvergedError, Problem
+from ..geometry.arrays import Array
 from ..losses import without_fiducials
 from ..results import Check, Relaxation, SurvivedLoss, Verification
 from ..results.digits import at_least

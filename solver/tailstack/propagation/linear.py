@@ -14,9 +14,9 @@ from typing import NamedTuple, assert_never
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
 from ..errors import IllPosedError, Problem
 from ..estimation.least_squares import precisions
+from ..geometry.arrays import Array
 from ..geometry.rotation import Displacement, apply, displacement
 from ..system import DirectEffect, Drawn, Effect, Law, Place, Reading, System, Target, Way
 from .noise import Estimation, noise_gains, noise_gains_jit, stack_columns, stack_columns_jit

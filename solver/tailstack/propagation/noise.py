@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ..kernels import kernel
+from ..kernels.store import kernel
 from ..system import ArrayLike, Weighing
 
 

@@ -59,9 +59,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..geometry.camera import image_of
-from ..kernels import kernel
+from ..kernels.store import kernel
 from ..system import DirectEffect
 from .noise import Estimation, eliminate, room_for
 

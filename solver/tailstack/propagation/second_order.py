@@ -22,8 +22,8 @@ from itertools import combinations
 
 import numpy as np
 
-from ..arrays import Array
 from ..errors import OutOfRangeError, Problem
+from ..geometry.arrays import Array
 from .validity import SECOND_ORDER_LIMIT
 
 LARGEST_DIMENSION = 400

@@ -37,7 +37,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..geometry.rotation import Displacement
 from ..system import DirectEffect
 

@@ -21,8 +21,9 @@ import numpy as np
 
 from ..effects import EFFECTS
 from ..effects.kind import Excess, Limit, Proportional
+from ..geometry.rotation import RotationForm
 from ..results import Validity
-from ..system import DEFAULT_ESTIMATOR, RotationForm, System
+from ..system import DEFAULT_ESTIMATOR, System
 from .nonlinearity import Nonlinearity, motion_of_images
 from .turns import NO_TURNS, Turns
 

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
 from ..estimation.ambiguity import FLAT
 from ..estimation.checks import COPLANAR, NO_PARALLAX, SINGULAR, TOUCHING_MM, sines_between_rays
+from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 from ..geometry.symmetric import eigen_symmetric
-from ..kernels import kernel
+from ..kernels.store import kernel
 from ..system import System, Weighing
 from .linear import Chain
 from .noise import Eliminated, eliminate_views, mean_rows, room_for

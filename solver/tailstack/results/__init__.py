@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..first_use import load_on_first_use
+from ..extras import load_on_first_use
 
 if TYPE_CHECKING:
     from .optimisation import (

@@ -20,13 +20,14 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from ..arrays import Array
 from ..contributors import columns_of, error_law, law_of
-from ..cores import usable_cores
 from ..design import Design
 from ..errors import IllPosedError, LimitError, OutOfRangeError, Problem, StudyError
 from ..estimation.checks import check_geometry
-from ..montecarlo import ChainPlan, compile_plan, draw, evaluate
+from ..geometry.arrays import Array
+from ..kernels.process import usable_cores
+from ..montecarlo.chain import draw, evaluate
+from ..montecarlo.plan import ChainPlan, compile_plan
 from ..montecarlo.simulate import ERRORS
 from ..montecarlo.tables import INSTALLATION, SHOT
 from ..propagation.linear import LinearModel, linearise_all

@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from ..arrays import Array
 from ..contributors import error_law
 from ..design import Design, compile_design
 from ..effects.intrinsics import UNITS, intrinsics_error
 from ..errors import OutOfRangeError, Problem, TailstackError
 from ..estimation.checks import examine
+from ..geometry.arrays import Array
 from ..propagation.linear import linearise_all
 from ..results import Interval, Provenance
 from ..results.record import Published

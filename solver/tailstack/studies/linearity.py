@@ -19,13 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from ..arrays import Array
 from ..contributors import error_law
-from ..cores import usable_cores
 from ..design import Design
 from ..errors import OutOfRangeError, Problem, StudyError, TailstackError
-from ..montecarlo import ChainPlan, compile_plan, draw, evaluate, gains_in_plan_order
-from ..montecarlo.plan import bounded_names
+from ..geometry.arrays import Array
+from ..kernels.process import usable_cores
+from ..montecarlo.chain import draw, evaluate
+from ..montecarlo.plan import ChainPlan, bounded_names, compile_plan
+from ..montecarlo.radial import gains_in_plan_order
 from ..propagation.linear import LinearModel, linearise
 from ..propagation.second_order import refuse_outside_range, second_order_moments
 from ..propagation.validity import validity

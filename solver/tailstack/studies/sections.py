@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..results import Interval
 
 SECTIONS = 32

@@ -13,11 +13,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..arrays import Array
 from ..design import Design, compile_design
 from ..design.document import DistanceView, PresetView
 from ..design.write import turn_entry
 from ..errors import Problem, StudyError, TailstackError, describe_refusal
+from ..geometry.arrays import Array
 from ..geometry.camera import list_turns, principal_ray
 from ..geometry.rotation import unit
 from ..results import ERRORS, Provenance, Vector3

@@ -45,7 +45,7 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 
 THIRD_OF_ROOT_2 = sqrt(2) / 3
 

@@ -24,8 +24,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
 from ..errors import LimitError, Problem
+from ..geometry.arrays import Array
 from .declared import LawQuantile, LinearLaw, lattice_columns, law_cdf, law_quantile
 from .gaussian import norm_quantiles, probability_iv
 from .lattice import Accuracy, balls, build, on_principal_axes

@@ -36,7 +36,7 @@ from math import sqrt
 
 import numpy as np
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..results import Bounds
 from .gaussian import norm_quantile, probability_iv
 from .spectrum import law_iv, principal_axes

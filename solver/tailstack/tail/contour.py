@@ -34,8 +34,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
-from ..kernels import kernel
+from ..geometry.arrays import Array
+from ..kernels.store import kernel
 from .elementary import exponential, sine_and_cosine
 
 Complex = NDArray[np.complex128]

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array
 from ..errors import NotConvergedError, Problem
-from ..kernels import kernel
+from ..geometry.arrays import Array
+from ..kernels.store import kernel
 from .approximation import pearson_square
 from .contour import cumulant
 from .elementary import sine_and_cosine

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import fabs
 
-from ..kernels import kernel
+from ..kernels.store import kernel
 
 _LEAST = -64.0  # exp is 0 to all purposes below it
 # pi/2 in three parts of 33 bits (Cody and Waite): n times one of the first two is exact for n < 2^20.

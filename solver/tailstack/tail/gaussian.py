@@ -19,9 +19,9 @@ from math import exp, fabs, log, log1p, pi, sqrt
 import numpy as np
 from scipy.special import wofz
 
-from ..arrays import Array
 from ..errors import NotConvergedError, Problem
-from ..kernels import kernel
+from ..geometry.arrays import Array
+from ..kernels.store import kernel
 from .approximation import pearson_square
 from .contour import log_tail, moments_on_nodes, tail_nodes
 from .elementary import share_lost

@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
-from ..kernels import kernel
+from ..geometry.arrays import Array
+from ..kernels.store import kernel
 from .elementary import exponential, sine_and_cosine
 from .spectrum import principal_axes
 

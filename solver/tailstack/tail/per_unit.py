@@ -38,8 +38,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ..arrays import Array
-from ..kernels import kernel
+from ..geometry.arrays import Array
+from ..kernels.store import kernel
 from .approximation import pearson_square
 from .declared import TRIANGULAR, LawQuantile, LinearLaw, law_cdf, law_quantile
 from .gaussian import norm_quantile_jit, norm_quantiles, probability_iv

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from ..arrays import Array
 from ..errors import NotConvergedError, Problem
+from ..geometry.arrays import Array
 from .spectrum import principal_axes
 
 RANDOMISATIONS = 16

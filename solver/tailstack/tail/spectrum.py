@@ -7,9 +7,9 @@ from math import fabs, isfinite, sqrt
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
+from ..geometry.arrays import Array
 from ..geometry.symmetric import eigen_symmetric
-from ..kernels import kernel
+from ..kernels.store import kernel
 
 VANISHING_MM = 1e-30  # a spread below it is none at any length that matters, and its powers leave the floating point
 _EPS = 2.220446049250313e-16

@@ -28,12 +28,12 @@ from tailstack.errors import Problem
 from tailstack.version import __version__
 
 from ...clock import SYSTEM_CLOCK, Clock
-from ...names import variable
+from ...environment import variable
 from ...problems import RequestError
 from ...processes.frames import PERFORM, Defect, Died, GivenBack
 from ...processes.interpreter import running_code
+from ...processes.task import Outcome, Task
 from ...settings import Settings
-from ...task import Outcome, Task
 from . import remote
 
 log = logging.getLogger("tailstack.worker")

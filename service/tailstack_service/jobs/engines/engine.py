@@ -11,8 +11,8 @@ from tailstack.extras import name_missing_extra
 
 from ...clock import SYSTEM_CLOCK, Clock
 from ...processes.frames import PERFORM
+from ...processes.task import Outcome, Task
 from ...settings import Settings
-from ...task import Outcome, Task
 
 
 class Engine(Protocol):

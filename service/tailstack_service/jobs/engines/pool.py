@@ -19,7 +19,7 @@ from ...processes.frames import BEGUN, OTHER_CODE, PERFORM, Defect, Died, GivenB
 from ...processes.interpreter import describe_ending
 from ...processes.nursery import start_child
 from ...processes.pulse import LOOK_SECONDS, Pulse
-from ...task import Outcome, Task
+from ...processes.task import Outcome, Task
 
 CLOSED = "the processes were stopped"
 HANG_SECONDS = 30.0  # without any use of the processor, after which a process with a task counts as hung

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from ...processes.frames import GivenBack, OutOfDate
 from ...processes.interpreter import running_code
-from ...task import Outcome, Task
+from ...processes.task import Outcome, Task
 from .pool import Children
 
 _children: dict[str, Children] = {}  # by function: one Dask worker serves every client that knows it

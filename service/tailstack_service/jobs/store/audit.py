@@ -16,7 +16,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from . import tables
 from .database import Database, insert, now, reading, writing

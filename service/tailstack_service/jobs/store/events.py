@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from tailstack.errors import TailstackError
-from tailstack.json_text import write_json
+from tailstack.results.json_text import write_json
 
 from ...problems import problem_document
 from . import tables

@@ -14,7 +14,7 @@ from sqlalchemy.engine import Connection
 
 from tailstack.errors import Problem
 
-from ...task import ADVANCE
+from ...processes.task import ADVANCE
 from . import tables
 from .database import AnyRow, Database, now, reading, writing
 from .errors import IdempotencyConflict, QueueFull

@@ -20,7 +20,7 @@ from sqlalchemy.engine import Connection
 
 from tailstack.errors import LimitError, Problem
 
-from ...task import ADVANCE, Outcome, UnitResult
+from ...processes.task import ADVANCE, Outcome, UnitResult
 from . import tables
 from .database import AnyRow, Database, now, reading, writing
 from .errors import UnitLost

@@ -17,8 +17,8 @@ from tailstack.scoring import provenance
 
 from ...documents import to_json
 from ...problems import RefusedAt
+from ...processes.task import UnitResult
 from ...tables import WRITERS, read_number
-from ...task import UnitResult
 from ..batch import hold_numbers
 from ..content import canonical, loaded_design
 from ..operation import Done, More, Step

@@ -10,7 +10,7 @@ from tailstack.results import Verification
 
 from ...documents import from_json, to_json
 from ...problems import RefusedAt, RequestError
-from ...task import UnitResult
+from ...processes.task import UnitResult
 from ..content import canonical, design_of
 from ..operation import Done, More, Step
 from . import verification

@@ -16,7 +16,7 @@ from ...gate.judge import Gate, ScoredDesign, conclude, limit_design, plan_check
 from ...gate.reading import GateError
 from ...gate.request import read_gate
 from ...problems import RefusedAt, RequestError
-from ...task import UnitResult
+from ...processes.task import UnitResult
 from ..content import canonical
 from ..operation import Done, Step
 from . import verification

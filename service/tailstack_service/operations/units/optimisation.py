@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from tailstack.errors import InfeasibleError, NotConvergedError, TailstackError
-from tailstack.montecarlo.shards import Pending
+from tailstack.montecarlo.shards import Pending, pack, unpack
 from tailstack.optimisation.alternatives import front_factors, front_point, mark_dominated
 from tailstack.optimisation.course import optimise_task
 from tailstack.optimisation.program import Point
@@ -31,11 +31,10 @@ from tailstack.optimisation.search import (
     solve_start,
 )
 from tailstack.optimisation.task import OptimisationTask, frees_views, read_task
-from tailstack.packed import pack, unpack
 from tailstack.results import FrontPoint
 
 from ...documents import to_json
-from ...task import UnitResult
+from ...processes.task import UnitResult
 from ..content import canonical, loaded_design
 from ..operation import Done, More, Step
 from . import whole

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 
-from ...task import UnitResult
+from ...processes.task import UnitResult
 from ..content import canonical
 from ..operation import More, Step
 

@@ -8,7 +8,7 @@ from tailstack.results import Optimisation, Verification
 
 from ...documents import from_json, to_json
 from ...problems import RefusedAt, RequestError
-from ...task import UnitResult
+from ...processes.task import UnitResult
 from ..content import design_of
 from ..operation import Done, Step
 from . import optimisation, verification

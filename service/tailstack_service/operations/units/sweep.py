@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from tailstack.design import compile_design
-from tailstack.montecarlo import compile_plan
+from tailstack.montecarlo.plan import compile_plan
 from tailstack.montecarlo.shards import shard_trials
 from tailstack.results.sweep import SweepPoint
 from tailstack.sweeping import (
@@ -24,7 +24,7 @@ from tailstack.sweeping import (
 
 from ...documents import to_json
 from ...problems import RefusedAt
-from ...task import UnitResult
+from ...processes.task import UnitResult
 from ..content import canonical, design_of, loaded_design
 from ..operation import Done, More, Step
 from .parts import plan_spans

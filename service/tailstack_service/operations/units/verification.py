@@ -14,20 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from tailstack.arrays import Array
-from tailstack.montecarlo import ChainPlan, RadialEstimate, compile_plan
+from tailstack.geometry.arrays import Array
+from tailstack.montecarlo import MAX_TRIALS
+from tailstack.montecarlo.plan import ChainPlan, compile_plan
+from tailstack.montecarlo.radial import RadialEstimate
 from tailstack.montecarlo.shards import (
     Pending,
     Shard,
     TrialsTask,
     compute_shard,
+    pack,
     shard_from_bytes,
     shard_to_bytes,
     shard_trials,
     spans,
+    unpack,
 )
-from tailstack.packed import pack, unpack
-from tailstack.precision import MAX_TRIALS
 from tailstack.verification import (
     SHOTS,
     UNITS,
@@ -42,7 +44,7 @@ from tailstack.verification import (
 )
 
 from ...documents import to_json
-from ...task import UnitResult
+from ...processes.task import UnitResult
 from ..content import canonical, loaded_design
 from ..operation import Done, More, Step
 

@@ -8,7 +8,7 @@ from tailstack.errors import TailstackError
 
 from ...documents import to_json
 from ...problems import RefusedAt
-from ...task import UnitResult
+from ...processes.task import UnitResult
 from ..content import canonical, design_of
 from ..operation import Call, Done, More, Operation, Step
 

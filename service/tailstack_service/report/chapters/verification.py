@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from tailstack.precision import MAX_TRIALS
+from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results.digits import RESOLUTION_MM, in_percent, length, number, percent
 from tailstack.results.tables import IN_DETAIL, PAPER, On
 from tailstack.results.verdicts import requirements_table

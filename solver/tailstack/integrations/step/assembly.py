@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
 from ...errors import LimitError, Problem
+from ...geometry.arrays import Array
 from .part21 import Instance, Part21, Reference, decode_text
 from .shapes import Shapes, invert, reference_of
 

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
 from ...cures import ask_label
 from ...design.document import FiducialOrigin
 from ...design.fiducial_files import FiducialList
 from ...design.reading import DEFAULT_LIMITS, Limits
 from ...errors import LimitError, Problem, StepError
+from ...geometry.arrays import Array
 from .assembly import SOLIDS, WANTED, Assembly
 from .part21 import Part21, decode_text
 from .shapes import invert, unit_vector

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
+from ...geometry.arrays import Array
 from .part21 import Instance, Part21, Reference
 
 MOST_BALL_FACES = 100

@@ -18,9 +18,9 @@ from typing import Literal
 
 import numpy as np
 
-from ...arrays import Array
 from ...contributors import KIND, unit_for_people
-from ...cores import usable_cores
+from ...geometry.arrays import Array
+from ...kernels.process import usable_cores
 from ...propagation.linear import Block, LinearModel, linearise
 from ...results import Interval
 from ...system import TORSOR_COMPONENTS, DirectEffect, Law, Place, Sources, System, put_links

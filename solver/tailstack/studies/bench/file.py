@@ -15,8 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from ...arrays import Array
 from ...errors import Problem, TailstackError
+from ...geometry.arrays import Array
 from ...people_tables import NUMBERINGS, PeopleTable, is_missing, read_people_table, split_heading
 from ...people_tables import quote as shown
 from ...system import ROTATIONS, TORSOR_COMPONENTS, TRANSLATIONS

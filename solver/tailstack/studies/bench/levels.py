@@ -14,12 +14,12 @@ from scipy.special import stdtrit
 
 from tailstack.fields import INTERFACES
 
-from ...arrays import Array
-from ...cores import usable_cores
 from ...errors import IllPosedError, LimitError, OutOfRangeError, Problem
 from ...estimation.checks import check_geometry
-from ...montecarlo import ChainPlan, compile_plan, draw, evaluate
-from ...montecarlo.chain import standard_normals
+from ...geometry.arrays import Array
+from ...kernels.process import usable_cores
+from ...montecarlo.chain import draw, evaluate, standard_normals
+from ...montecarlo.plan import ChainPlan, compile_plan
 from ...montecarlo.simulate import ERRORS
 from ...montecarlo.tables import INSTALLATION
 from ...people_tables import quote as shown

@@ -13,7 +13,7 @@ from math import ceil
 
 import numpy as np
 
-from ...arrays import Array
+from ...geometry.arrays import Array
 
 LEAST_FREEDOM = 4  # degrees of freedom from which three variances and their correlations are tested together
 LEAST_FOR_TAIL = 10

@@ -13,7 +13,7 @@ import tempfile
 
 import llvmlite.binding as llvm
 
-from .errors import KernelError, Problem
+from ..errors import KernelError, Problem
 
 # One function for each kind of instruction; which ones LLVM writes for a processor tells what it takes it to have
 _PROBE = """

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from .logs import moment
-from .operations.registry import OPERATIONS
-from .problems import ProblemDocument, ProblemEntry
+from ..logs import moment
+from ..operations.registry import OPERATIONS
+from ..problems import ProblemDocument, ProblemEntry
 
 if TYPE_CHECKING:
-    from .jobs.store.jobs import Job
+    from .store.jobs import Job
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 KINDS = tuple(operation.name for operation in OPERATIONS.values() if not operation.immediate)

@@ -5,7 +5,8 @@ of types (one with two); those that only other kernels call are compiled into th
 can be compiled in several processes at once, counted before the first is done, and put into the distribution of
 kernels.  What is missing in it is compiled when it is called; a test holds the table against what is really called.
 
-``python -m tailstack.ahead`` compiles the calls whose numbers it reads, one a line, and answers each with the line.
+``python -m tailstack.kernels.calls`` compiles the calls whose numbers it reads, one a line, and answers each
+with the line.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any
 
 from numba import types
 
-from . import kernels
+from . import store
 
 # Seconds of one processor (an AMD EPYC of 2024) with what the kernel calls, the kernel, and its arguments: f float64,
 # i int64, u uint64, b bool; with a number, a C-contiguous array of so many dimensions, with r a read-only one;
@@ -99,7 +100,7 @@ class KernelCall:
     def dispatcher(self) -> Any:
         """The kernel itself; its module is imported for it."""
         import_module(self._module)
-        return kernels.KERNELS[self.kernel]
+        return store.KERNELS[self.kernel]
 
     @cached_property
     def signature(self) -> tuple[types.Type, ...]:
@@ -109,7 +110,7 @@ class KernelCall:
 
     @property
     def _module(self) -> str:
-        return f"{__package__}.{self.kernel.rpartition('.')[0]}"
+        return f"tailstack.{self.kernel.rpartition('.')[0]}"
 
     def _types(self, words: Iterator[str]) -> Iterator[types.Type]:
         """What the words mean, up to the bracket that closes."""
@@ -130,7 +131,7 @@ class KernelCall:
 
     def file(self) -> Path | None:
         """Where its machine code is, with which its first call compiles nothing."""
-        return kernels.stored_file(self.dispatcher, self.signature)
+        return store.stored_file(self.dispatcher, self.signature)
 
     def compile(self) -> None:
         """Load it, or compile it and keep it."""

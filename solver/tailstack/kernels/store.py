@@ -46,9 +46,9 @@ from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
+from ..results.json_text import write_json
 from . import sources
-from .json_text import write_json
-from .preparation import prepare
+from .process import prepare
 from .processor import levels_here, refuse_unusable
 
 config: Any = numba.config
@@ -243,7 +243,7 @@ def digest_of_constants(function: FunctionType) -> str:
             value = current.__globals__.get(name)
             called = getattr(value, "py_func", value)
             if isinstance(called, FunctionType):
-                waiting += [called] if called.__module__.partition(".")[0] == __package__ else []
+                waiting += [called] if called.__module__.partition(".")[0] == "tailstack" else []
             elif isinstance(value, np.ndarray | np.generic | bool | int | float | complex):
                 array = np.asarray(value)
                 total.update(

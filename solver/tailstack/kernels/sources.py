@@ -16,10 +16,10 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from .errors import Problem, SourcesChangedError
+from ..errors import Problem, SourcesChangedError
 
-ROOT = Path(__file__).resolve().parent
-COMPILER = "kernels.py"  # no kernel calls it: whatever it adds to one is in the name of its file
+ROOT = Path(__file__).resolve().parents[1]
+COMPILER = "kernels/store.py"  # no kernel calls it: whatever it adds to one is in the name of its file
 # What is imported inside of a function cannot be called by compiled code: lines that begin with the word are enough
 _FROM = re.compile(rb"\nfrom (\.[\w.]*|tailstack[\w.]*) import (\([^)]*\)|[^\n]*)")
 _PLAIN = re.compile(rb"\nimport ([^\n]*)")

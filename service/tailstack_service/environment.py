@@ -1,7 +1,8 @@
-"""Folders that this program writes into: the user's (XDG base directory specification), and for what is temporary.
+"""What this program reads of its environment: variables by name, and the folders that it may write into.
 
-A process may have neither: a container whose user is only a number has no home, and a read-only system no folder for
-temporary files.  What can be lent is lent, and said; for the rest a refusal names the variable to set.
+Those are the user's (XDG base directory specification), and one for what is temporary.  A process may have neither: a
+container whose user is only a number has no home, and a read-only system no folder for temporary files.  What can be
+lent is lent, and said; for the rest a refusal names the variable to set.
 """
 
 from __future__ import annotations
@@ -13,7 +14,21 @@ from pathlib import Path
 
 from tailstack.errors import Problem, TailstackError
 
+PREFIX = "TAILSTACK_"
+COMMAND = "TAILSTACK_COMMAND"  # what the command is called where it was started; ./run says it
+KEY = "TAILSTACK_KEY"  # the credential that commands send
+PLAIN_PROCESSES = "TAILSTACK_PLAIN_PROCESSES"  # 1: computing processes as on a system that is not Linux
+TRACEBACK = "TAILSTACK_TRACEBACK"  # anything: a defect shows where it happened
+URL = "TAILSTACK_URL"  # the service that commands ask
+OTHERS = (COMMAND, KEY, PLAIN_PROCESSES, TRACEBACK, URL)
+OF_PROCESSES = (COMMAND, PLAIN_PROCESSES, TRACEBACK)  # that children are told; they have no use for a credential
+OF_TESTS = "TAILSTACK_TESTS_"  # and whatever follows
 CURE = "TAILSTACK_DATABASE or XDG_STATE_HOME names one that stays"
+
+
+def variable(name: str) -> str:
+    """The environment variable of a setting."""
+    return PREFIX + name.upper()
 
 
 class FolderError(TailstackError):

@@ -1,7 +1,0 @@
-"""How finely a check may be asked for, the relative half-width of the interval of P95, and how many trials it takes."""
-
-from __future__ import annotations
-
-PRECISION = 0.005  # when nothing else is asked for
-FINEST_PRECISION = 1e-4  # what is finer takes billions of trials
-MAX_TRIALS = 2**22  # a check to a precision gives up after so many, when no other number is asked for
