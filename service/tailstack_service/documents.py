@@ -7,41 +7,30 @@ JSON has no such number, and a result that holds one is a defect to be reported,
 
 from __future__ import annotations
 
-import ast
-import inspect
 import json
 import re
-import sys
 from functools import cache
-from itertools import pairwise
+from types import GenericAlias
 from typing import Any, Literal, TypeVar, get_args
 
 from pydantic import ConfigDict, TypeAdapter
-from pydantic.json_schema import GenerateJsonSchema
 
 from tailstack.results.json_text import write_json
 from tailstack.results.older import in_words_of_today
 
 R = TypeVar("R")
 
-_ADAPTERS: dict[type, TypeAdapter[Any]] = {}
 
-
+@cache
 def _adapter(kind: type) -> TypeAdapter[Any]:
     """Made when first needed: all of them together take a noticeable part of a start."""
-    if kind not in _ADAPTERS:
-        _ADAPTERS[kind] = TypeAdapter(kind)
-    return _ADAPTERS[kind]
+    return TypeAdapter(kind)
 
 
-_WRITERS: dict[type, TypeAdapter[Any]] = {}
-
-
+@cache
 def _writer(kind: type) -> TypeAdapter[Any]:
     """Of a tuple of one record: a dataclass has no place to say that a number that is none stays what it is."""
-    if kind not in _WRITERS:
-        _WRITERS[kind] = TypeAdapter(tuple[kind], config=ConfigDict(ser_json_inf_nan="constants"))  # type: ignore[valid-type]
-    return _WRITERS[kind]
+    return TypeAdapter(GenericAlias(tuple, (kind,)), config=ConfigDict(ser_json_inf_nan="constants"))
 
 
 def plain(record: Any) -> Any:
@@ -73,42 +62,24 @@ def from_plain(kind: type[R], data: Any) -> R:
 
 def record_json_schema(record: type) -> dict[str, Any]:
     """The JSON Schema of a record as it is written, each property with the text that stands below its field."""
-    schema = _adapter(record).json_schema(mode="serialization", schema_generator=_DescribedSchema)
-    _require_all(schema)
-    for definition in schema.get("$defs", {}).values():
-        _require_all(definition)
-    return schema
+    described = ConfigDict(use_attribute_docstrings=True)  # of a tuple, as above
+    made = TypeAdapter(GenericAlias(tuple, (record,)), config=described).json_schema(mode="serialization")
+    definitions = made["$defs"]
+    schema = definitions.pop(made["prefixItems"][0]["$ref"].rpartition("/")[2])
+    for each in (schema, *definitions.values()):
+        _complete(each, definitions)
+    return {**schema, **({"$defs": definitions} if definitions else {})}
 
 
-class _DescribedSchema(GenerateJsonSchema):
-    """Pydantic's schema, where each property of a record is described by the text below its field in the source."""
-
-    def dataclass_schema(self, schema: Any) -> dict[str, Any]:
-        made = super().dataclass_schema(schema)
-        for name, words in _texts_below_fields(schema["cls"].__module__).get(schema["cls"].__name__, {}).items():
-            if name in made.get("properties", {}):
-                made["properties"][name]["description"] = words
-        return made
-
-
-@cache
-def _texts_below_fields(module: str) -> dict[str, dict[str, str]]:
-    """By class and field, the string literals that stand below the fields of a module's classes."""
-    texts: dict[str, dict[str, str]] = {}
-    tree = ast.parse(inspect.getsource(sys.modules[module]))
-    for kind in (node for node in tree.body if isinstance(node, ast.ClassDef)):
-        for field, below in pairwise(kind.body):
-            match field, below:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
-                    texts.setdefault(kind.name, {})[name] = " ".join(words.split())
-    return texts
-
-
-def _require_all(schema: dict[str, Any]) -> None:
-    """Answers always carry every field, and no other."""
+def _complete(schema: dict[str, Any], definitions: dict[str, Any]) -> None:
+    """Answers always carry every field, and no other; what is said of one is one line, and stands beside it."""
     if "properties" in schema:
         schema["required"] = list(schema["properties"])
         schema["additionalProperties"] = False
+        for each in schema["properties"].values():
+            of_its_record = definitions.get(each.get("$ref", "").removeprefix("#/$defs/"), {})
+            if words := each.get("description", of_its_record.get("description")):  # pydantic says the same words once
+                each["description"] = " ".join(words.split())
 
 
 # JSON Schemas are written in draft 2020-12, and published in draft 7, too: the language server that VS Code, Neovim and
