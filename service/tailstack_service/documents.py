@@ -29,8 +29,14 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 
 @cache
 def _writer(kind: type) -> TypeAdapter[Any]:
-    """Of a tuple of one record: a dataclass has no place to say that a number that is none stays what it is."""
-    return TypeAdapter(GenericAlias(tuple, (kind,)), config=ConfigDict(ser_json_inf_nan="constants"))
+    """A number that is none stays what it is."""
+    return _configure(kind, ConfigDict(ser_json_inf_nan="constants"))
+
+
+def _configure(kind: type, config: ConfigDict) -> TypeAdapter[Any]:
+    """Of a tuple of one record: a dataclass has no place for a configuration."""
+    single: Any = GenericAlias(tuple, (kind,))
+    return TypeAdapter(single, config=config)
 
 
 def plain(record: Any) -> Any:
@@ -62,8 +68,7 @@ def from_plain(kind: type[R], data: Any) -> R:
 
 def record_json_schema(record: type) -> dict[str, Any]:
     """The JSON Schema of a record as it is written, each property with the text that stands below its field."""
-    described = ConfigDict(use_attribute_docstrings=True)  # of a tuple, as above
-    made = TypeAdapter(GenericAlias(tuple, (record,)), config=described).json_schema(mode="serialization")
+    made = _configure(record, ConfigDict(use_attribute_docstrings=True)).json_schema(mode="serialization")
     definitions = made["$defs"]
     schema = definitions.pop(made["prefixItems"][0]["$ref"].rpartition("/")[2])
     for each in (schema, *definitions.values()):

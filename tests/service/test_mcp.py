@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -18,7 +17,6 @@ from mcp import Client, StdioServerParameters
 from mcp.shared.exceptions import MCPError
 from service_scenes import EXAMPLES, ROOT, coplanar_design, small_design
 
-from family import die_with_parent, ended
 from tailstack import load_design, score
 from tailstack_service.cli.main import build_parser
 from tailstack_service.integrations.mcp_tools import TOOLS, Tools, input_schema
@@ -236,39 +234,3 @@ def test_schemas_and_examples_are_resources() -> None:
         assert "schema: tailstack/design/1" in client.instructions
 
     in_session(session)
-
-
-def test_what_is_no_message_is_refused_by_the_numbers_of_json_rpc() -> None:
-    """published: JSON-RPC 2.0, sections 4, 5.1 and 6 (MCP takes batches away).  Nothing is left without an answer."""
-    lines: list[tuple[str, int | str | None, int]] = [
-        ('{"jsonrpc": "2.0", "id": 1, "method"', None, -32700),
-        ("[" * 100_000, None, -32700),
-        ('[{"jsonrpc": "2.0", "id": 2, "method": "ping"}]', None, -32600),
-        ("[]", None, -32600),
-        ("5", None, -32600),
-        ('{"jsonrpc": "2.0", "id": null, "method": "ping"}', None, -32600),
-        ('{"jsonrpc": "2.0", "id": true, "method": "ping"}', None, -32600),
-        ('{"jsonrpc": "1.0", "id": 3, "method": "ping"}', 3, -32600),
-        ('{"jsonrpc": "2.0", "id": "four"}', "four", -32600),
-        ('{"jsonrpc": "2.0", "id": 5, "method": 6}', 5, -32600),
-    ]
-    variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
-    variables |= {"PYTHONPATH": os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tailstack_service.cli.main", "mcp"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        text=True, env=variables, preexec_fn=die_with_parent,
-    )  # fmt: skip
-    with ended(process):
-        assert process.stdin is not None
-        assert process.stdout is not None
-        for line, identity, code in lines:
-            process.stdin.write(line + "\n")
-            process.stdin.flush()
-            answer = json.loads(process.stdout.readline())
-            assert (answer["jsonrpc"], answer["id"], answer["error"]["code"]) == ("2.0", identity, code), line
-        about = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "x", "version": "1"}}
-        hello = {"jsonrpc": "2.0", "id": 9, "method": "initialize", "params": about}
-        process.stdin.write("\n" + json.dumps(hello) + "\n")
-        process.stdin.flush()
-        answer = json.loads(process.stdout.readline())
-        assert (answer["id"], answer["result"]["serverInfo"]["name"]) == (9, "tailstack")

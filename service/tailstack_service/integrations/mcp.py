@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import io
-import json
-import os
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +28,6 @@ if TYPE_CHECKING:
 HELP = "tools for an assistant that speaks MCP, over stdin and stdout"
 JSON, YAML = "application/json", "application/yaml"
 FIRST_EXAMPLE = "first_carrier"
-PARSE_ERROR, INVALID_REQUEST = -32700, -32600  # as JSON-RPC 2.0 numbers them
 PAUSE_SECONDS, SEND_SECONDS = 0.2, 10.0  # between two notifications of progress, and for one to leave
 
 
@@ -58,77 +54,10 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 
 async def _serve(server: Server[Any]) -> None:
-    import anyio
-    from mcp import types
     from mcp.server.stdio import stdio_server
-    from mcp.shared.message import SessionMessage
 
-    lines = Lines(anyio.wrap_file(_take_stdin()))
-    async with stdio_server(stdin=lines) as (read, write):  # type: ignore[arg-type]  # it is iterated, no more
-
-        async def refuse(code: int, words: str, identity: str | int | None) -> None:
-            error = types.ErrorData(code=code, message=words)
-            await write.send(SessionMessage(types.JSONRPCError(jsonrpc="2.0", id=identity, error=error)))
-
-        lines.open(refuse)
+    async with stdio_server() as (read, write):
         await server.run(read, write, server.create_initialization_options())
-
-
-def _take_stdin() -> io.TextIOWrapper:
-    """What is sent to this process; whatever else reads stdin from now on finds nothing there."""
-    wire, nothing = os.dup(0), os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.close(nothing)
-    return io.TextIOWrapper(os.fdopen(wire, "rb"), encoding="utf-8", errors="replace")
-
-
-class Lines:
-    """Lines that hold one message each.  The SDK drops others in silence; here they are refused, as JSON-RPC asks."""
-
-    def __init__(self, file: Any) -> None:
-        self._file = file
-        self._refuse: Callable[[int, str, str | int | None], Awaitable[None]] | None = None
-        self._opened = asyncio.Event()
-
-    def open(self, refuse: Callable[[int, str, str | int | None], Awaitable[None]]) -> None:
-        """Begin to read: what is no message goes to ``refuse``."""
-        self._refuse = refuse
-        self._opened.set()
-
-    async def __aiter__(self) -> AsyncIterator[str]:
-        await self._opened.wait()
-        assert self._refuse is not None
-        async for line in self._file:
-            refusal = find_refusal(line) if line.strip() else None
-            if refusal is None:
-                yield line
-            else:
-                await self._refuse(*refusal)
-
-
-def find_refusal(line: str) -> tuple[int, str, str | int | None] | None:
-    """Code, words and id of the answer to what is no JSON-RPC message; None for one."""
-    try:
-        message = json.loads(line)
-    except (ValueError, RecursionError):
-        return PARSE_ERROR, "the line is not JSON: send one message a line", None
-    if isinstance(message, list):
-        return INVALID_REQUEST, "MCP has no batches: send each message on a line of its own", None
-    if not isinstance(message, dict):
-        return INVALID_REQUEST, "a message is a JSON object", None
-    identity = message.get("id")
-    known = isinstance(identity, str | int) and not isinstance(identity, bool)
-    named = identity if known else None
-    if message.get("jsonrpc") != "2.0":
-        return INVALID_REQUEST, 'a message has "jsonrpc": "2.0"', named
-    if "method" in message and "id" in message and not known:
-        given = write_json(identity)[:40]
-        return INVALID_REQUEST, f"the id of a request is a text or a whole number; got {given}", None
-    if not isinstance(message.get("method", ""), str) or not isinstance(message.get("params", {}), dict):
-        return INVALID_REQUEST, "method is a text and params is an object", named
-    if not {"method", "result", "error"} & message.keys():
-        return INVALID_REQUEST, "a message has a method, or it is an answer", named
-    return None
 
 
 def make_server(tools: Tools) -> Server[Any]:
