@@ -213,13 +213,3 @@ def test_a_backup_does_not_carry_damage_on(
     assert main(["db", "check"]) == 0
     assert main(["db", "backup", "-o", str(target)]) == 0
     assert target.exists()
-
-
-def test_units_recorded_by_an_earlier_version_have_no_hash_and_are_taken(store: Database) -> None:
-    job = split(store, 1)
-    assert record(store, claim_one(store), result=b"r")
-    with writing(store) as connection:
-        connection.exec_driver_sql("UPDATE units SET result_sha256 = NULL")
-    (result,) = claim_one(store).results
-    assert result.result == b"r"
-    assert find(store, job).state == "running"

@@ -264,7 +264,7 @@ def _lease(connection: Connection, rows: Iterable[AnyRow], worker_id: str, until
     connection.execute(_LEASE, values)
 
 
-_Recorded = tuple[tuple[UnitResult, "str | None"], ...]  # with the hash under which each was recorded
+_Recorded = tuple[tuple[UnitResult, str], ...]  # with the hash under which each was recorded
 
 
 def _drop_damaged(
@@ -277,7 +277,7 @@ def _drop_damaged(
         if job_id not in bodies or digest(bodies[job_id]) != expected:
             damages[job_id] = REQUEST, expected
         for result, sha256 in recorded.get(job_id, ()):
-            if sha256 is not None and digest(result.result) != sha256:
+            if digest(result.result) != sha256:
                 damages[job_id] = PART, sha256
     if damages:
         query = sa.select(_JOB.id, _JOB.last_event, _JOB.finished_at).where(_JOB.id.in_(sorted(damages)))

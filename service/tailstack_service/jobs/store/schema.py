@@ -13,8 +13,10 @@ from tailstack.errors import Problem
 from ...clock import SYSTEM_CLOCK, Clock
 from .database import Database, connect, parse_url, reading, writing
 from .errors import StoreError
+from .tables import metadata
 
-HEAD = "0004"  # the newest of migrations/versions
+BASELINE = "0004"  # the oldest of migrations/versions, and so the oldest version that is brought up to date
+HEAD = BASELINE  # the newest of them
 MIGRATING_SECONDS = 3_600.0  # for a server to change large tables, or for another who does it to be done
 MIGRATIONS = Path(__file__).parent / "migrations"
 _ONE_AT_A_TIME = Lock()  # Alembic hands its context around in global variables
@@ -41,24 +43,31 @@ def require_current(db: Database) -> None:
     if version is None:
         problem = Problem("", "no-schema", "the database holds no tables of tailstack", "tailstack db migrate")
         raise StoreError(problem)
-    _refuse_newer(version)
+    _refuse_strange(version)
     if version < HEAD:
         detail = f"the database has schema version {version}, this tailstack needs {HEAD}"
         raise StoreError(Problem("", "old-schema", detail, "tailstack db backup -o FILE, then tailstack db migrate"))
 
 
-def _refuse_newer(version: str | None) -> None:
-    if version is not None and version > HEAD:
+def _refuse_strange(version: str | None) -> None:
+    """Raise StoreError for what can neither be used nor brought up to date."""
+    if version is None:
+        return
+    if version > HEAD:
         detail = f"the database has schema version {version}, this tailstack knows {HEAD} at most"
         hint = "a newer tailstack has changed it: use that one, or restore the backup made before"
         raise StoreError(Problem("", "newer-schema", detail, hint))
+    if version < BASELINE:
+        detail = f"the database has schema version {version}, of a tailstack before 0.2, which this one cannot read"
+        hint = "move it away, or name another with TAILSTACK_DATABASE; jobs are sent and keys are made anew"
+        raise StoreError(Problem("", "ancient-schema", detail, hint))
 
 
 def migrate_database(url: str) -> tuple[str | None, str]:
     """Create the tables or bring them up to date; a SQLite file is made if there is none.
 
     All or nothing, and safe when several do it at once: one does, the others find it done.  Returns the version before
-    and after.  Raises StoreError (a newer version, a bad URL), StoreUnavailable.
+    and after.  Raises StoreError (a version of before 0.2 or a newer one, a bad URL), StoreUnavailable.
     """
     db = connect(url, create=True)
     try:
@@ -67,15 +76,15 @@ def migrate_database(url: str) -> tuple[str | None, str]:
                 connection.execute(sa.text("SET LOCAL statement_timeout = 0; SET LOCAL lock_timeout = 0"))
                 connection.execute(sa.text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
             before = read_version(connection)
-            _refuse_newer(before)
+            _refuse_strange(before)
             if before != HEAD:
-                _upgrade(connection)
+                _upgrade(connection, before)
         return before, HEAD
     finally:
         db.close()
 
 
-def _upgrade(connection: Connection) -> None:
+def _upgrade(connection: Connection, before: str | None) -> None:
     from alembic import command
     from alembic.config import Config
 
@@ -84,7 +93,11 @@ def _upgrade(connection: Connection) -> None:
     config.set_main_option("path_separator", "os")
     config.attributes["connection"] = connection
     with _ONE_AT_A_TIME:
-        command.upgrade(config, HEAD)
+        if before is None:
+            metadata.create_all(connection)
+            command.stamp(config, HEAD)
+        else:
+            command.upgrade(config, HEAD)
 
 
 def open_database(

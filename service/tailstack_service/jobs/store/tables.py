@@ -1,4 +1,4 @@
-"""The tables, as the newest migration leaves them (a test compares the two), and what may be stored in them.
+"""The tables, as a new database gets them and the newest migration leaves them, and what may be stored in them.
 
 A job's id is 48 bits of time and 80 random bits as 26 characters, sorted by time (the layout of a ULID).
 """
@@ -94,7 +94,7 @@ units = sa.Table(
     Column("lease_until", Double),
     Column("result", LargeBinary),
     Column("cpu_seconds", Double, nullable=False),
-    Column("result_sha256", Text),  # of a recorded result; None in rows that an earlier version recorded
+    Column("result_sha256", Text),  # of a recorded result
     CheckConstraint("state IN ('ready', 'leased', 'recorded')", name="units_state"),
     Index(
         "units_ready", "place", "job_id", "number",
