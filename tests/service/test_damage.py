@@ -16,7 +16,7 @@ from tailstack_service.cli.main import main
 from tailstack_service.http.server import running_service
 from tailstack_service.jobs.store import events, jobs, results, upkeep, usage
 from tailstack_service.jobs.store.database import Database, writing
-from tailstack_service.jobs.store.errors import DamagedStore, StoreError
+from tailstack_service.jobs.store.errors import DamagedStore
 from tailstack_service.settings import Settings
 from waiting import until
 
@@ -194,22 +194,14 @@ def test_nothing_is_computed_from_changed_requests_or_parts(
     assert submit(store, idempotency_key="k").id != job.id
 
 
-def test_a_backup_does_not_carry_damage_on(
-    store: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_what_is_damaged_is_found_and_mended(
+    store: Database, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("TAILSTACK_DATABASE", url_of(store))
     name = str(finished_job(store).result_sha256)
     change(store, "UPDATE results SET body = ?", FORGED)
-    target = tmp_path / "backup"
     assert main(["db", "check"]) == 3
     assert name in capsys.readouterr().out
-    assert main(["db", "backup", "-o", str(target)]) == 3
-    assert "tailstack db mend" in capsys.readouterr().err
-    assert not target.exists()
-    with pytest.raises(StoreError, match=name):
-        upkeep.back_up(url_of(store), target)
     assert main(["db", "mend"]) == 0
     assert "1 damaged answers deleted; 1 jobs" in capsys.readouterr().out
     assert main(["db", "check"]) == 0
-    assert main(["db", "backup", "-o", str(target)]) == 0
-    assert target.exists()

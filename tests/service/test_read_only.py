@@ -46,19 +46,13 @@ def journal_mode(path: Path) -> str:
 def test_nothing_is_changed(file: Path, arguments: list[str], backup: bool, tmp_path: Path) -> None:
     if backup:  # which has another journal mode
         (tmp_path / "copies").mkdir()
-        assert main(["db", "backup", "-o", str(tmp_path / "copies" / "b"), "--database", url_of(file)]) == 0
+        with closing(sqlite3.connect(file)) as connection:
+            connection.execute(f"VACUUM INTO '{tmp_path / 'copies' / 'b'}'")
         file = tmp_path / "copies" / "b"
     before, status = file.read_bytes(), file.stat()
     assert main([*arguments, "--database", url_of(file)]) == 0
     assert file.read_bytes() == before
     assert file.stat().st_mtime_ns == status.st_mtime_ns
-    assert [entry.name for entry in file.parent.iterdir()] == [file.name]
-
-
-def test_a_backup_leaves_its_source_as_it_is(file: Path, tmp_path: Path) -> None:
-    before = file.read_bytes()
-    assert main(["db", "backup", "-o", str(tmp_path / "b"), "--database", url_of(file)]) == 0
-    assert file.read_bytes() == before
     assert [entry.name for entry in file.parent.iterdir()] == [file.name]
 
 

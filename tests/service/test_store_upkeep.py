@@ -1,11 +1,9 @@
-"""Migrations, the check, backups that can be restored, and what a purge leaves."""
+"""Migrations, the check, copies that can be restored, and what a purge leaves."""
 
 from __future__ import annotations
 
-import os
-import shutil
+import re
 import sqlite3
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -17,7 +15,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from postgres import Server
-from service_scenes import commands
+from service_scenes import ROOT, commands
 from store_scenes import Clock, claim, claim_one, find, finish, record, split, split_each, submit, url_of
 
 from tailstack.errors import Problem
@@ -25,7 +23,6 @@ from tailstack_service.jobs.store import designs, jobs, results, schema, tables,
 from tailstack_service.jobs.store.database import Database, connect, writing
 from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
 from tailstack_service.jobs.store.schema import open_database
-from waiting import LIMIT_SECONDS
 
 DAY = 86_400.0
 
@@ -222,78 +219,19 @@ def test_a_page_of_a_file_that_is_overwritten_is_noticed(tmp_path: Path, clock: 
         damaged.close()
 
 
-def test_a_backup_of_a_file_can_be_restored(tmp_path: Path, clock: Clock) -> None:
+def test_a_copy_that_sqlite_makes_while_the_service_runs_can_be_restored(tmp_path: Path, clock: Clock) -> None:
+    """By the command of docs/deploy.md."""
     db = open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)
-    target = tmp_path / "backup.sqlite3"
+    page = (ROOT / "docs" / "deploy.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r'^sqlite3 .*"(VACUUM INTO)', page, re.MULTILINE)
     try:
         made = scene(db, clock)
-        upkeep.back_up(url_of(db), target)
+        with closing(sqlite3.connect(tmp_path / "a.sqlite3")) as beside:
+            beside.execute(f"{command} '{tmp_path / 'b.sqlite3'}'")
         submit(db)  # goes on
-        with pytest.raises(StoreError, match="exists already"):
-            upkeep.back_up(url_of(db), target)
     finally:
         db.close()
-    assert target.stat().st_mode & 0o777 == 0o600
-    assert sorted(path.name for path in tmp_path.iterdir() if "backup" in path.name) == ["backup.sqlite3"]
-    restored = tmp_path / "restored.sqlite3"
-    shutil.copy(target, restored)
-    check_restored(f"sqlite:///{restored}", made, clock)
-
-
-def test_what_is_said_of_restoring_can_be_typed(tmp_path: Path, clock: Clock) -> None:
-    """Over a database that was killed with its log beside it, in a folder with a space."""
-    folder = tmp_path / "a folder"
-    folder.mkdir()
-    file, target = folder / "jobs.sqlite3", folder / "back up"
-    db = open_database(f"sqlite:///{file}", migrate=True, clock=clock)
-    try:
-        made = scene(db, clock)
-        said = upkeep.back_up(url_of(db), target)
-        later = submit(db)
-        for ending in ("", "-wal", "-shm"):
-            shutil.copy(f"{file}{ending}", f"{folder / 'killed'}{ending}")
-    finally:
-        db.close()
-    for ending in ("", "-wal", "-shm"):
-        shutil.move(f"{folder / 'killed'}{ending}", f"{file}{ending}")
-    stop, _, commands = said.partition("then ")
-    assert "stop the service" in stop
-    subprocess.run(["sh", "-e", "-c", commands], check=True, timeout=LIMIT_SECONDS)
-    again = open_database(f"sqlite:///{file}", clock=clock)
-    try:
-        assert jobs.find_job(again, later.tenant, later.id) is None
-    finally:
-        again.close()
-    check_restored(f"sqlite:///{file}", made, clock)
-
-
-@pytest.mark.long
-def test_a_backup_of_a_server_can_be_restored(
-    postgres_server: Server, postgres_url: str, tmp_path: Path, clock: Clock
-) -> None:
-    schema.migrate_database(postgres_url)
-    db = open_database(postgres_url, clock=clock)
-    target = tmp_path / "backup.dump"
-    try:
-        made = scene(db, clock)
-        words = upkeep.back_up(postgres_url, target)
-        submit(db)
-        with pytest.raises(StoreError, match="exists already"):
-            upkeep.back_up(postgres_url, target)
-    finally:
-        db.close()
-    assert "pg_restore" in words
-    assert target.stat().st_mode & 0o777 == 0o600
-    name = postgres_server.create_database()
-    try:
-        subprocess.run(
-            [postgres_server.binaries / "pg_restore", "--no-owner", "--exit-on-error", f"--dbname={name}",
-             "--host=127.0.0.1", f"--port={postgres_server.port}", "--username=tailstack", target],
-            check=True, timeout=LIMIT_SECONDS, env={**os.environ, "PGPASSWORD": postgres_server.password},
-        )  # fmt: skip
-        check_restored(postgres_server.url(name), made, clock)
-    finally:
-        postgres_server.drop_database(name)
+    check_restored(f"sqlite:///{tmp_path / 'b.sqlite3'}", made, clock)
 
 
 def check_restored(url: str, made: dict[str, jobs.Job], clock: Clock) -> None:
@@ -314,42 +252,6 @@ def check_restored(url: str, made: dict[str, jobs.Job], clock: Clock) -> None:
         assert find(db, made["half"]).state == "succeeded"
     finally:
         db.close()
-
-
-def test_a_backup_is_refused_with_the_reason(
-    postgres_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    target = tmp_path / "x"
-    with pytest.raises(StoreError, match="there is no database"):
-        upkeep.back_up(f"sqlite:///{tmp_path / 'none.sqlite3'}", target)
-    with pytest.raises(StoreError, match="mkdir -p"):
-        upkeep.back_up(postgres_url, tmp_path / "none" / "x")
-    wrong_password = postgres_url.replace(postgres_url.split(":")[2].partition("@")[0], "wrong-secret")
-    with pytest.raises(StoreError, match="password authentication failed") as caught:
-        upkeep.back_up(wrong_password, target)
-    assert "wrong-secret" not in str(caught.value)
-    monkeypatch.setattr("tailstack_service.jobs.store.upkeep.find_program", lambda name: None)
-    with pytest.raises(StoreError, match="apt-get install postgresql-client"):
-        upkeep.back_up(postgres_url, target)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_password_is_not_among_the_arguments(
-    postgres_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen: list[list[str]] = []
-    run = subprocess.run
-
-    def spy(command: list[str], **options: object) -> object:
-        seen.append([str(word) for word in command])
-        return run(command, **options)  # type: ignore[call-overload]
-
-    monkeypatch.setattr("tailstack_service.jobs.store.upkeep.subprocess.run", spy)
-    schema.migrate_database(postgres_url)
-    upkeep.back_up(postgres_url, tmp_path / "x")
-    password = postgres_url.split(":")[2].partition("@")[0]
-    assert any("pg_dump" in words[0] for words in seen)
-    assert not any(password in word for words in seen for word in words)
 
 
 def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Clock) -> None:
@@ -457,9 +359,7 @@ def command(
     return commands(capsys)
 
 
-def test_the_commands_of_an_operator(
-    command: Callable[..., tuple[int, str, str]], database_url: str, tmp_path: Path
-) -> None:
+def test_the_commands_of_an_operator(command: Callable[..., tuple[int, str, str]], database_url: str) -> None:
     code, out, err = command("db", "check")
     assert code == 3, (out, err)
     assert "tailstack db migrate" in out + err or "none" in out
@@ -471,13 +371,6 @@ def test_the_commands_of_an_operator(
     assert code == 0, (out, err)
     assert out.count("ok  ") == len(out.splitlines()) - 1
     assert out.endswith(": sound\n")
-    target = tmp_path / "out" / "b"
-    target.parent.mkdir()
-    code, out, err = command("db", "backup", "-o", str(target))
-    assert (code, out) == (0, "")
-    assert "to restore it:" in err
-    assert target.exists()
-    assert command("db", "backup", "-o", str(target))[0] == 3
     db = connect(database_url)
     split(db, 2)
     execute(db, "UPDATE jobs SET units_done = 7")
@@ -487,16 +380,3 @@ def test_the_commands_of_an_operator(
     assert "FAIL  units are counted right: not so: 0" in out
     password = database_url.split(":")[2].partition("@")[0] if "@" in database_url else None
     assert password is None or password not in out + err
-
-
-def test_a_backup_of_a_file_needs_nothing_beside_it(tmp_path: Path, clock: Clock) -> None:
-    db = open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)
-    try:
-        split(db, 3)
-        upkeep.back_up(url_of(db), tmp_path / "b")
-    finally:
-        db.close()
-    with closing(sqlite3.connect(f"file:{tmp_path / 'b'}?immutable=1", uri=True)) as copy:
-        assert copy.execute("PRAGMA journal_mode").fetchone() == ("delete",)
-        assert copy.execute("SELECT count(*) FROM units").fetchone() == (4,)
-    assert not (tmp_path / "b-wal").exists()

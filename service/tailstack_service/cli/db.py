@@ -1,15 +1,14 @@
-"""Create, check, mend and back up the database of jobs of TAILSTACK_DATABASE (empty: a SQLite file of yours)."""
+"""Create, check and mend the database of jobs of TAILSTACK_DATABASE (empty: a SQLite file of yours)."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import add_database, read_settings
 
-HELP = "migrate, check, mend or back up the database of jobs"
+HELP = "migrate, check or mend the database of jobs"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,25 +20,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     mend = actions.add_parser(
         "mend", help="fail jobs whose stored answers are damaged, so that they can be asked again", allow_abbrev=False
     )
-    backup = actions.add_parser("backup", help="copy it into one file while the service runs", allow_abbrev=False)
-    backup.add_argument("-o", "--output", metavar="FILE", required=True, help="file to make; must not exist")
-    for action in (migrate, check, mend, backup):
+    for action in (migrate, check, mend):
         add_database(action)
 
 
 def run(arguments: argparse.Namespace) -> Answer:
-    from ..jobs.store import schema, upkeep
+    from ..jobs.store import schema
 
     url = read_settings(arguments).database_url
     if arguments.action == "migrate":
         before, after = schema.migrate_database(url)
         words = "already at" if before == after else "created with" if before is None else f"from {before} to"
         print(f"{_hide_password(url)}: {words} schema version {after}", file=sys.stderr)
-        return Answer("")
-    if arguments.action == "backup":
-        restored = upkeep.back_up(url, Path(arguments.output))
-        size = Path(arguments.output).stat().st_size
-        print(f"wrote {arguments.output} ({size:,} bytes)\nto restore it: {restored}", file=sys.stderr)
         return Answer("")
     return _mend(url) if arguments.action == "mend" else _check(url)
 

@@ -46,7 +46,7 @@ def require_current(db: Database) -> None:
     _refuse_strange(version)
     if version < HEAD:
         detail = f"the database has schema version {version}, this tailstack needs {HEAD}"
-        raise StoreError(Problem("", "old-schema", detail, "tailstack db backup -o FILE, then tailstack db migrate"))
+        raise StoreError(Problem("", "old-schema", detail, "back it up (docs/deploy.md), then tailstack db migrate"))
 
 
 def _refuse_strange(version: str | None) -> None:
