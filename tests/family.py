@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import psutil
 
 from waiting import LIMIT_SECONDS
 
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = os.pathsep.join((str(ROOT / "solver"), str(ROOT / "service")))
+TAILSTACK = (sys.executable, "-m", "tailstack_service.cli.main")
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
@@ -30,6 +34,16 @@ def die_with_parent(sign: int = signal.SIGKILL) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if _LIBC is not None:
         _LIBC.prctl(_PR_SET_PDEATHSIG, sign)
+
+
+def run_process(*command: str | Path, said: dict[str, str] | None = None, **options: Any) -> Any:
+    """A whole process that finds the sources of this checkout, with what ``said`` adds to its environment; its text is
+    kept unless ``options``, those of subprocess.run, send it elsewhere."""
+    streams = {name: subprocess.PIPE for name in ("stdout", "stderr") if name not in options}
+    environment = {**os.environ, "PYTHONPATH": SOURCES, **(said or {})}
+    return subprocess.run(
+        command, env=environment, text=True, timeout=LIMIT_SECONDS, check=False, **{**streams, **options}
+    )
 
 
 @contextmanager

@@ -12,9 +12,9 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import date
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -24,7 +24,11 @@ from service_scenes import ROOT, coplanar_design, limited, sound_design
 from tailstack.design.write import data_to_yaml
 from tailstack.version import __version__
 from tailstack_service.cli.main import main
+from tailstack_service.documents import to_json
+from tailstack_service.gate.judge import judge
 from tailstack_service.gate.records import GateFinding, GateRecord
+from tailstack_service.gate.request import admit_gate
+from tailstack_service.schemas import record_of
 
 GOLDEN = ROOT / "tests" / "data" / "gate"
 RULES = GOLDEN / "rules.json"  # of every SARIF file
@@ -53,6 +57,21 @@ class Scene:
 def policy(rules: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
     """A policy; images of the small design come as near as 5 px, which is not what is tested here."""
     return {"schema": "tailstack/policy/1", "rules": {"overlap": {"severity": "off"}, **(rules or {})}, **more}
+
+
+def judge_files(files: Mapping[str, dict[str, Any] | str], **more: Any) -> GateRecord:
+    """What a gate in mode analytic says of designs, plain data or texts, by the names of their files."""
+    entries = [
+        {"file": name, "text" if isinstance(design, str) else "design": design} for name, design in files.items()
+    ]
+    body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
+    return judge(admit_gate(body, today=TODAY).gate)
+
+
+def plain_record(record: GateRecord) -> dict[str, Any]:
+    """The record as a baseline has it."""
+    plain: dict[str, Any] = json.loads(to_json(record))
+    return plain
 
 
 def of_rule(record: GateRecord, rule: str) -> list[GateFinding]:
@@ -125,7 +144,7 @@ SCENES: dict[str, Scene] = {
 
 def run(scene: Scene, folder: Path) -> tuple[int, dict[str, bytes]]:
     """Exit code and what was written in each format, by a gate that runs in ``folder``."""
-    _write(folder, scene.files)
+    write_documents(folder, scene.files)
     wanted = [f"--format={name}=out.{end}" for name, end in FORMATS.items()]
     with contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.chdir(folder))
@@ -134,7 +153,7 @@ def run(scene: Scene, folder: Path) -> tuple[int, dict[str, bytes]]:
         for variable in ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR", "TAILSTACK_TRACEBACK"):
             os.environ.pop(variable, None)
         if scene.before is not None:
-            _write(folder, scene.before)
+            write_documents(folder, scene.before)
             main(["gate", *scene.before, "--mode", "analytic", "--format", "json=baseline.json"])
             for name in scene.before:
                 (folder / name).unlink()
@@ -144,9 +163,36 @@ def run(scene: Scene, folder: Path) -> tuple[int, dict[str, bytes]]:
     return code, {name: (folder / f"out.{end}").read_bytes() for name, end in FORMATS.items()}
 
 
-def _write(folder: Path, documents: dict[str, Any]) -> None:
+def write_documents(folder: Path, documents: dict[str, Any]) -> None:
     for name, document in documents.items():
-        (folder / name).write_text(data_to_yaml(document), encoding="utf-8")
+        write_document(folder / name, document)
+
+
+def write_document(path: Path, document: Any) -> Path:
+    """Writes a text as it is and plain data as YAML, with the folders above."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(document if isinstance(document, str) else data_to_yaml(document), encoding="utf-8")
+    return path
+
+
+def read_gate_record(path: Path) -> GateRecord:
+    found: GateRecord = record_of("gate", json.loads(path.read_text(encoding="utf-8")))
+    return found
+
+
+def gate_in(folder: Path, *arguments: object) -> tuple[int, GateRecord]:
+    """Exit code and record of ``tailstack gate`` in mode analytic, run in the folder."""
+    out = folder / "gate.json"
+    with contextlib.chdir(folder):
+        code = main(["gate", *map(str, arguments), "--mode", "analytic", f"--format=json={out}"])
+    record = read_gate_record(out)
+    out.unlink()
+    return code, record
+
+
+def waivers_of_today(*designs: str) -> dict[str, Any]:
+    """Waivers of these designs that hold for another month, whatever day it is."""
+    return waivers((datetime.now(UTC).date() - TODAY).days + 30, designs=list(designs))
 
 
 def _raising(kind: type[BaseException]) -> Callable[..., Any]:

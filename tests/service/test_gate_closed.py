@@ -11,36 +11,30 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from gate_scenes import BAD, GOOD, STRICT, waivers
-from service_scenes import ROOT, write_json
+from gate_scenes import BAD, FORMATS, GOOD, STRICT, read_gate_record, write_documents
 
-from family import die_with_parent, ended
-from tailstack.design.write import data_to_yaml
+from family import SOURCES, TAILSTACK, die_with_parent, ended, run_process
+from tailstack.errors import NotConvergedError, Problem
+from tailstack_service.cli import gate_outputs
 from tailstack_service.cli.main import main
+from tailstack_service.console.files import Staged
 from tailstack_service.gate.records import GateRecord
-from tailstack_service.schemas import record_of
 from waiting import LIMIT_SECONDS
-
-ALL = ("text", "json", "sarif", "junit", "github", "gitlab", "markdown")
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    for variable in ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR", "TAILSTACK_TRACEBACK"):
-        monkeypatch.delenv(variable, raising=False)
-    for name, document in (("good.yaml", GOOD), ("bad.yaml", BAD), ("policy.yaml", STRICT)):
-        (tmp_path / name).write_text(data_to_yaml(document), encoding="utf-8")
+    write_documents(tmp_path, {"good.yaml": GOOD, "bad.yaml": BAD, "policy.yaml": STRICT})
     return tmp_path
 
 
 def gate(*arguments: str) -> int:
-    return main(["gate", "--mode", "analytic", *[f"--format={name}=out.{name}" for name in ALL], *arguments])
+    return main(["gate", "--mode", "analytic", *[f"--format={name}=out.{name}" for name in FORMATS], *arguments])
 
 
 def record() -> GateRecord:
-    found: GateRecord = record_of("gate", json.loads(Path("out.json").read_text(encoding="utf-8")))
-    return found
+    return read_gate_record(Path("out.json"))
 
 
 def is_no_verdict(name: str, text: str) -> bool:
@@ -76,33 +70,40 @@ def raising(error: BaseException) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code"),
+    ("arguments", "code", "words"),
     [
-        (["nothing*.yaml"], 2),
-        ([], 2),
-        (["absent.yaml"], 2),
-        (["."], 2),
-        (["good.yaml", "--policy", "absent.yaml"], 2),
-        (["good.yaml", "--policy", "."], 2),
-        (["good.yaml", "--waivers", "absent.yaml"], 2),
-        (["good.yaml", "--baseline", "absent.json"], 2),
-        (["good.yaml", "--baseline", "bad.yaml"], 2),
-        (["good.yaml", "--format", "json=missing/gate.json"], 2),
-        (["good.yaml", "--format", "sarif=out.json"], 2),
-        (["good.yaml", "--format", "sarif=good.yaml"], 2),
-        (["good.yaml", "--policy", "policy.yaml", "--format", "sarif=./policy.yaml"], 2),
-        (["good.yaml", "--max-regression", "5"], 2),
-        (["good.yaml", "--remote", "ftp://nowhere"], 2),
-        (["good.yaml", "--remote", "http://127.0.0.1:9"], 3),
+        (["nothing*.yaml"], 2, "no file matches"),
+        ([], 2, "no design was given"),
+        (["absent.yaml"], 2, "no such file: absent.yaml"),
+        (["."], 2, "."),
+        (["good.yaml", "--policy", "absent.yaml"], 2, "absent.yaml"),
+        (["good.yaml", "--policy", "."], 2, "."),
+        (["good.yaml", "--waivers", "absent.yaml"], 2, "absent.yaml"),
+        (["good.yaml", "--waivers", "policy.yaml"], 2, "tailstack/waivers/1"),
+        (["good.yaml", "--baseline", "absent.json"], 2, "absent.json"),
+        (["good.yaml", "--baseline", "bad.yaml"], 2, "tailstack/gate/1"),
+        (["good.yaml", "--format", "json=missing/gate.json"], 2, "cannot write"),
+        (["good.yaml", "--format", "sarif=out.json"], 2, "out.json"),
+        (["good.yaml", "--format", "sarif=good.yaml"], 2, "good.yaml would overwrite a file that is read"),
+        (["good.yaml", "--policy", "policy.yaml", "--format", "sarif=./policy.yaml"], 2, "would overwrite"),
+        (["good.yaml", "--format", "text", "--format", "json"], 2, "two formats would be written to stdout"),
+        (["good.yaml", "--max-regression", "5"], 2, "baseline"),
+        (["good.yaml", "--remote", "ftp://nowhere"], 2, "ftp"),
+        (["good.yaml", "--remote", "http://127.0.0.1:9"], 3, "127.0.0.1:9"),
     ],
 )
-def test_a_gate_that_cannot_judge_leaves_no_old_pass(folder: Path, arguments: list[str], code: int) -> None:
+def test_a_gate_that_cannot_judge_leaves_no_old_pass(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: str
+) -> None:
     before = {name: (folder / name).read_bytes() for name in ("good.yaml", "policy.yaml")}
     assert gate("good.yaml", "--policy", "policy.yaml") == 0
     assert record().verdict == "pass"
+    capsys.readouterr()
     assert gate(*arguments) == code
+    shown = capsys.readouterr()
+    assert (words in shown.err, shown.out) == (True, "")
     assert (record().verdict, record().exit_code) == ("not evaluated", code)
-    for name in ALL:
+    for name in FORMATS:
         assert is_no_verdict(name, (folder / f"out.{name}").read_text(encoding="utf-8")), name
     assert {name: (folder / name).read_bytes() for name in before} == before, "inputs are never written"
     assert not list(folder.glob("*.part"))
@@ -142,8 +143,6 @@ def test_a_format_on_stdout_is_whole_when_the_gate_breaks_off(
 
 
 def test_a_monte_carlo_check_that_is_refused_is_no_pass(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tailstack.errors import NotConvergedError, Problem
-
     refusal = NotConvergedError(Problem("/views", "not-converged", "no solution was proven"))
     monkeypatch.setattr("tailstack.verification.verify_prepared", raising(refusal))
     assert main(["gate", "good.yaml", "bad.yaml", "--mode", "verify", "--format", "json=out.json"]) == 3
@@ -153,8 +152,6 @@ def test_a_monte_carlo_check_that_is_refused_is_no_pass(folder: Path, monkeypatc
 
 def failing(monkeypatch: pytest.MonkeyPatch, step: str, file: str, times: int = 1_000_000) -> None:
     """Let a step of writing a file fail as if the disk were full, from the second time on: the gate has begun then."""
-    from tailstack_service.cli import gate_outputs
-
     whole, seen = getattr(gate_outputs, step), []
 
     def full(first: Any, *more: Any) -> Any:
@@ -168,7 +165,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, step: str, file: str, times: int = 
     monkeypatch.setattr(gate_outputs, step, full)
 
 
-@pytest.mark.parametrize("file", [f"out.{name}" for name in ALL])
+@pytest.mark.parametrize("file", [f"out.{name}" for name in FORMATS])
 def test_an_output_that_cannot_be_written_leaves_no_pass_anywhere(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], file: str
 ) -> None:
@@ -178,7 +175,7 @@ def test_an_output_that_cannot_be_written_leaves_no_pass_anywhere(
     assert f"cannot write {file}: No space left on device\n  hint: make room for it" in shown.err
     assert shown.err.splitlines()[-1] == "tailstack gate: verdict: not evaluated (exit code 3)"
     assert not (folder / file).exists()
-    for name in {*ALL} - {file.removeprefix("out.")}:
+    for name in {*FORMATS} - {file.removeprefix("out.")}:
         text = (folder / f"out.{name}").read_text(encoding="utf-8")
         assert f"cannot write {file}" in text, name
         assert judged_in_vain(name, text), name
@@ -190,8 +187,6 @@ def test_a_file_that_cannot_be_put_in_its_place_takes_back_those_that_were(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], times: int
 ) -> None:
     """json is written last but six: text, before it, is in its place and says pass when json fails."""
-    from tailstack_service.console.files import Staged
-
     put, seen = Staged.put, []
 
     def denied(self: Any) -> None:
@@ -240,36 +235,32 @@ def test_nothing_is_computed_for_an_output_that_cannot_be_written(
     assert record().exit_code == 3
 
 
+ANALYTIC = (*TAILSTACK, "gate", "good.yaml", "--policy=policy.yaml", "--mode=analytic")
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("which", ["stdout", "stream"])
-def test_a_full_stream_leaves_no_pass_in_the_files(folder: Path, which: str) -> None:
-    wanted = ["--format=text"] if which == "stdout" else ["--format=text=/dev/full"]
-    with open("/dev/full" if which == "stdout" else os.devnull, "wb") as target:
-        ran = subprocess.run(
-            [sys.executable, "-m", "tailstack_service.cli.main", "gate", "good.yaml", "--policy=policy.yaml",
-             "--mode=analytic", "--format=json=out.json", *wanted],
-            env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-            stdout=target, stderr=subprocess.PIPE, text=True, timeout=LIMIT_SECONDS, check=False,
-        )  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "stdout", "said"),
+    [
+        ("text", "/dev/full", "cannot write to stdout: No space left on device"),
+        ("text=/dev/full", os.devnull, "cannot write /dev/full: No space left on device"),
+        ("text", None, "cannot write to stdout: it is closed"),
+    ],
+    ids=["stdout", "stream", "closed"],
+)
+def test_a_stream_that_takes_nothing_leaves_no_pass_in_the_files(
+    folder: Path, text: str, stdout: str | None, said: str
+) -> None:
+    command = (*ANALYTIC, "--format=json=out.json", f"--format={text}")
+    closed = () if stdout else ("sh", "-c", '"$0" "$@" >&-')
+    with open(stdout or os.devnull, "wb") as target:
+        ran = run_process(*closed, *command, stdout=target)
     assert ran.returncode == 3
-    assert f"cannot write {'to stdout' if which == 'stdout' else '/dev/full'}: No space left on device" in ran.stderr
-    assert ran.stderr.splitlines()[-1].endswith("verdict: not evaluated (exit code 3)")
+    assert said in ran.stderr
+    assert "internal error" not in ran.stderr
+    assert stdout is None or ran.stderr.splitlines()[-1].endswith("verdict: not evaluated (exit code 3)")
     assert (record().verdict, record().exit_code) == ("not evaluated", 3)
     assert Path("/dev/full").is_char_device(), "a device is written to, never replaced"
-
-
-@pytest.mark.long
-def test_a_stdout_that_is_closed_leaves_no_pass_in_the_files(folder: Path) -> None:
-    ran = subprocess.run(
-        ["sh", "-c", '"$0" -m tailstack_service.cli.main "$@" >&-', sys.executable, "gate", "good.yaml",
-         "--policy=policy.yaml", "--mode=analytic", "--format=json=out.json", "--format=text"],
-        env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-        stderr=subprocess.PIPE, text=True, timeout=LIMIT_SECONDS, check=False,
-    )  # fmt: skip
-    assert ran.returncode == 3
-    assert "cannot write to stdout: it is closed" in ran.stderr
-    assert "internal error" not in ran.stderr
-    assert (record().verdict, record().exit_code) == ("not evaluated", 3)
 
 
 @pytest.mark.long
@@ -277,13 +268,7 @@ def test_a_device_that_stands_for_a_file_is_written_to_and_not_replaced(folder: 
     """/dev/stdout of a shell that writes to a file: a link of the system, which a rename would take away."""
     assert Path("/dev/stdout").is_symlink()
     with open(folder / "log.txt", "wb") as log:
-        ran = subprocess.run(
-            [sys.executable, "-m", "tailstack_service.cli.main", "gate", "good.yaml", "--policy=policy.yaml",
-             "--mode=analytic", "--format=text=/dev/stdout"],
-            env={**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"},
-            stdout=log, stderr=subprocess.DEVNULL, timeout=LIMIT_SECONDS, check=False,
-        )  # fmt: skip
-    assert ran.returncode == 0
+        assert run_process(*ANALYTIC, "--format=text=/dev/stdout", stdout=log).returncode == 0
     assert Path("/dev/stdout").is_symlink()
     text = (folder / "log.txt").read_text(encoding="utf-8")
     assert text.splitlines()[-1].startswith("verdict: pass (exit code 0")
@@ -299,8 +284,6 @@ def test_a_link_stays_a_link(folder: Path) -> None:
 
 
 def test_a_file_that_cannot_be_replaced_does_not_stay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tailstack_service.cli import gate_outputs
-
     assert gate("good.yaml", "--policy", "policy.yaml") == 0
     monkeypatch.setattr(gate_outputs, "stage", raising(OSError(28, "No space left on device")))
     assert gate("good.yaml", "--policy", "policy.yaml") == 3
@@ -315,8 +298,7 @@ def test_an_output_that_a_pattern_matches_is_neither_written_over_nor_judged(
     assert "good.yaml would overwrite a file that is read" in capsys.readouterr().err
     assert (folder / "good.yaml").read_bytes() == before
     assert main(["gate", "g*", "--policy", "policy.yaml", "--mode", "analytic", "--format", "json=gate.json"]) == 0
-    found = record_of("gate", json.loads((folder / "gate.json").read_text(encoding="utf-8")))
-    assert [design.file for design in found.designs] == ["good.yaml"]
+    assert [design.file for design in read_gate_record(folder / "gate.json").designs] == ["good.yaml"]
 
 
 @pytest.mark.parametrize("name", ["points.csv", "points.FCSV", "points.mrk.json"])
@@ -327,63 +309,47 @@ def test_a_file_of_fiducials_is_not_written_over(folder: Path, capsys: pytest.Ca
     assert (folder / name).read_text(encoding="utf-8") == "label,x,y,z\n"
 
 
-def test_a_killed_gate_leaves_files_that_say_so(folder: Path) -> None:
-    """The process is killed while it computes; what it wrote at its start stays."""
+JUDGING = (
+    "import sys\n"
+    "from tailstack_service.cli import gate, main\n"
+    "def judge(*_):\n"
+    "    print('judging', flush=True)\n"
+    "    while True:  # a signal that comes just before a wait for a lock would not end that wait\n"
+    "        pass\n"
+    "gate._judge = judge\n"
+    "sys.exit(main.main(sys.argv[1:]))\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("sent", "left", "code", "words"),
+    [
+        (signal.SIGKILL, -signal.SIGKILL, 3, "it is running, or it was killed"),
+        (signal.SIGINT, 130, 130, "interrupted"),
+    ],
+    ids=["killed", "interrupted"],
+)
+def test_a_gate_that_is_broken_off_leaves_files_that_say_so(
+    folder: Path, sent: signal.Signals, left: int, code: int, words: str
+) -> None:
+    """The process gets the signal while it computes; what it wrote at its start stays where it is killed."""
     assert gate("good.yaml", "--policy", "policy.yaml") == 0
-    code = (
-        "import sys, threading\n"
-        "from tailstack_service.cli import gate, main\n"
-        "gate._judge = lambda *_: (print('judging', flush=True), threading.Event().wait())\n"
-        "sys.exit(main.main(sys.argv[1:]))\n"
-    )
-    outputs = [f"--format={name}=out.{name}" for name in ALL]
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"}
+    command = [sys.executable, "-c", JUDGING, "gate", "good.yaml", *[f"--format={n}=out.{n}" for n in FORMATS]]
     with ended(
-        subprocess.Popen(
-            [sys.executable, "-c", code, "gate", "good.yaml", *outputs],
-            stdout=subprocess.PIPE,
-            env=environment,
-            cwd=folder,
-            preexec_fn=die_with_parent,
+        subprocess.Popen[bytes](
+            command, env={**os.environ, "PYTHONPATH": SOURCES}, cwd=folder, preexec_fn=die_with_parent,
+            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         )
-    ) as child:
+    ) as child:  # fmt: skip
         assert child.stdout is not None
         assert child.stdout.readline() == b"judging\n"
-        child.send_signal(signal.SIGKILL)
-        assert child.wait(LIMIT_SECONDS) == -signal.SIGKILL
-    assert (record().verdict, record().exit_code) == ("not evaluated", 3)
-    for name in ALL:
+        child.send_signal(sent)
+        assert child.wait(LIMIT_SECONDS) == left
+    assert (record().verdict, record().exit_code) == ("not evaluated", code)
+    assert record().findings[0].rule == "not-evaluated"
+    for name in FORMATS:
         text = (folder / f"out.{name}").read_text(encoding="utf-8")
-        assert "it is running, or it was killed" in text, name
-
-
-def test_an_interrupted_process_leaves_with_130(folder: Path) -> None:
-    code = (
-        "import sys\n"
-        "from tailstack_service.cli import gate, main\n"
-        "def judge(*_):\n"
-        "    print('judging', flush=True)\n"
-        "    while True:  # a signal that comes just before a wait for a lock would not end that wait\n"
-        "        pass\n"
-        "gate._judge = judge\n"
-        "sys.exit(main.main(sys.argv[1:]))\n"
-    )
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}"}
-    with ended(
-        subprocess.Popen(
-            [sys.executable, "-c", code, "gate", "good.yaml", "--format=json=out.json"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=environment,
-            cwd=folder,
-            preexec_fn=die_with_parent,
-        )
-    ) as child:
-        assert child.stdout is not None
-        assert child.stdout.readline() == b"judging\n"
-        child.send_signal(signal.SIGINT)
-        assert child.wait(LIMIT_SECONDS) == 130
-    assert (record().exit_code, record().findings[0].rule) == (130, "not-evaluated")
+        assert words in text, name
 
 
 def test_a_baseline_without_numbers_compares_nothing_and_is_refused(
@@ -421,10 +387,3 @@ def test_the_summary_of_a_step_is_appended_and_never_too_long(
     shown = capsys.readouterr()
     assert "cannot write GITHUB_STEP_SUMMARY" in shown.err
     assert shown.out.splitlines()[-1] == "tailstack gate: not evaluated (exit code 3)"
-
-
-def test_an_expired_waiver_fails_in_every_mode_and_fold(folder: Path) -> None:
-    write_json(folder / "waivers.json", waivers(-3000))
-    for more in ([], ["--on-inconclusive", "warn"], ["--fail-level", "error"]):
-        assert gate("good.yaml", "--policy", "policy.yaml", "--waivers", "waivers.json", *more) == 1
-        assert [finding.rule for finding in record().findings] == ["waiver-expired"]

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import typing
 from collections.abc import Iterator
 from contextlib import chdir
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
-from gate_scenes import PASSING, TODAY
+from gate_scenes import PASSING, TODAY, gate_in, of_rule, waivers_of_today, write_document
 from pydantic import BaseModel
 from service_scenes import limited
 
-from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.gate_files import Anchors, find_paths
-from tailstack_service.cli.main import main
 from tailstack_service.gate.file_names import match_names
 from tailstack_service.gate.judge import judge
 from tailstack_service.gate.pattern_slips import find_slip
@@ -29,37 +25,11 @@ from tailstack_service.gate.request import admit_gate
 from tailstack_service.gate.waivers import Waivers
 
 
-@pytest.fixture(autouse=True)
-def _no_pipeline(monkeypatch: pytest.MonkeyPatch) -> None:
-    for variable in ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR"):
-        monkeypatch.delenv(variable, raising=False)
-
-
-def write(path: Path, data: Any) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(data if isinstance(data, str) else data_to_yaml(data), encoding="utf-8")
-    return path
-
-
 def policy(*patterns: str, limit_mm: float = 1.3) -> dict[str, Any]:
     """A strict policy with a lax class; P95 of the design is about 0.65 mm."""
     rules = {"p95": {"limit_mm": 0.5}, "overlap": {"severity": "off"}}
     own = {"name": "lax", "files": list(patterns), "rules": {"p95": {"limit_mm": limit_mm}}}
     return {"schema": "tailstack/policy/1", "rules": rules, "classes": [own]}
-
-
-def waive(*patterns: str) -> dict[str, Any]:
-    day = datetime.now(UTC).date() + timedelta(days=30)
-    entry = {"rule": "p95", "owner": "J. Doe", "reason": "first article", "max_value": 0.8, "expires": day.isoformat()}
-    return {"schema": "tailstack/waivers/1", "waivers": [{**entry, "designs": list(patterns)}]}
-
-
-def gate(folder: Path, *arguments: object) -> tuple[int, dict[str, Any]]:
-    """Exit code and record of a gate that runs in a folder."""
-    out = folder / "out.json"
-    with chdir(folder):
-        code = main(["gate", *map(str, arguments), "--mode", "analytic", f"--format=json={out}"])
-    return code, json.loads(out.read_text(encoding="utf-8"))
 
 
 # --- nothing above the root ---------------------------------------------------------------------------------------
@@ -73,8 +43,8 @@ def list_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tup
     """Clones below folders that a pattern names: words, and the names of a design that patterns see."""
     for number, (clone, mark, place) in enumerate((c, m, p) for c in CLONES for m in MARKS for p in PLACES):
         root = tmp_path / str(number) / clone
-        design = write(root / "designs" / "x.yaml", "")
-        rules = write(root / place, "")
+        design = write_document(root / "designs" / "x.yaml", "")
+        rules = write_document(root / place, "")
         with monkeypatch.context() as patch:
             if mark == ".git":
                 (root / ".git").mkdir()
@@ -104,22 +74,22 @@ def test_no_name_has_a_folder_above_the_root(tmp_path: Path, monkeypatch: pytest
 def test_a_clone_below_a_folder_that_a_class_or_waiver_names(tmp_path: Path) -> None:
     root = tmp_path / "prototypes" / "guides"
     (root / ".git").mkdir(parents=True)
-    write(root / "designs" / "x.yaml", limited(PASSING))
-    rules = write(root / "policy.yaml", policy("*/prototypes/*", "**/prototypes/**"))
-    accepted = write(root / "waivers.yaml", waive("*/prototypes/*"))
-    code, record = gate(root, "designs/x.yaml", "--policy", rules, "--waivers", accepted)
-    assert (code, record["designs"][0]["design_class"]) == (1, None)
-    assert [finding["suppressed_by"] for finding in record["findings"] if finding["rule"] == "p95"] == [None]
-    write(root / "policy.yaml", policy("**/designs/*"))
-    assert gate(root, "designs/x.yaml", "--policy", rules)[0] == 0
+    write_document(root / "designs" / "x.yaml", limited(PASSING))
+    rules = write_document(root / "policy.yaml", policy("*/prototypes/*", "**/prototypes/**"))
+    accepted = write_document(root / "waivers.yaml", waivers_of_today("*/prototypes/*"))
+    code, record = gate_in(root, "designs/x.yaml", "--policy", rules, "--waivers", accepted)
+    assert (code, record.designs[0].design_class) == (1, None)
+    assert [finding.suppressed_by for finding in of_rule(record, "p95")] == [None]
+    write_document(root / "policy.yaml", policy("**/designs/*"))
+    assert gate_in(root, "designs/x.yaml", "--policy", rules)[0] == 0
 
 
 def test_a_policy_beside_the_repository_sees_names_from_its_root(tmp_path: Path) -> None:
     """Policies of their own repository, as a submodule or elsewhere; and a checkout below the pipeline's folder."""
-    design = write(tmp_path / "prototypes" / "repo" / "designs" / "x.yaml", "")
+    design = write_document(tmp_path / "prototypes" / "repo" / "designs" / "x.yaml", "")
     (tmp_path / "prototypes" / "repo" / ".git").mkdir()
     for place in ("policies/p.yaml", "p.yaml", "prototypes/p.yaml", "prototypes/repo/rules/p.yaml"):
-        rules = write(tmp_path / place, "")
+        rules = write_document(tmp_path / place, "")
         if "rules" in place or "policies" in place:
             (rules.parent / ".git").write_text("gitdir: elsewhere", encoding="utf-8")
         names = Anchors.of_documents([str(rules)]).list_names(str(design))
@@ -132,9 +102,9 @@ def test_designs_in_a_submodule_are_named_from_the_repository_of_the_policy(
 ) -> None:
     """With and without what a pipeline says."""
     (tmp_path / ".git").mkdir()
-    design = write(tmp_path / "parts" / "designs" / "x.yaml", "")
+    design = write_document(tmp_path / "parts" / "designs" / "x.yaml", "")
     (tmp_path / "parts" / ".git").write_text("gitdir: elsewhere", encoding="utf-8")
-    anchors = Anchors.of_documents([str(write(tmp_path / "policy.yaml", ""))])
+    anchors = Anchors.of_documents([str(write_document(tmp_path / "policy.yaml", ""))])
     for _ in range(2):
         assert anchors.list_names(str(design)) == ("parts/designs/x.yaml",)
         monkeypatch.setenv("CI_PROJECT_DIR", str(tmp_path))
@@ -153,6 +123,7 @@ MATCHES = [
     ("../b/*", "../b/x.yaml", True), ("../b/*", "b/x.yaml", False), ("*/b/*", "../b/x.yaml", False),
     ("../../b/*", "../b/x.yaml", False), ("*", "../x.yaml", False), ("*", "/tmp/x.yaml", False),
     ("*x.yaml", "C:/x.yaml", False), ("A/*", "a/x.yaml", False), ("[{]a,b}/*", "{a,b}/x.yaml", True),
+    ("order [A7]/*", "order [A7]/x", False), ("sub/*", "x.yaml", False),
 ]  # fmt: skip
 
 
@@ -161,22 +132,28 @@ def test_what_a_pattern_matches(pattern: str, name: str, matches: bool) -> None:
     assert match_names([name], pattern) is matches
 
 
+def test_a_pattern_that_is_a_folder_by_its_letters_is_that_folder() -> None:
+    assert match_names(["x.yaml", "sub/x.yaml"], "sub/*")
+    assert not match_names(["order A/x"], "order [A7]/*", ["order [A7]"])
+    assert match_names(["order [A7]/x"], "order [A7]/*", ["order [A7]"])
+
+
 def test_a_file_called_as_a_pattern_takes_nothing_away_from_it(tmp_path: Path) -> None:
     """Who adds a file named ``*.yaml`` would else be the only one who is judged, or free the others of their class."""
-    write(tmp_path / "designs" / "x.yaml", limited(PASSING))
-    write(tmp_path / "designs" / "*.yaml", limited(PASSING, name="other"))
-    rules = write(tmp_path / "policy.yaml", policy("designs/*.yaml", limit_mm=0.6))
-    code, record = gate(tmp_path, "designs/*.yaml", "--policy", rules)
+    write_document(tmp_path / "designs" / "x.yaml", limited(PASSING))
+    write_document(tmp_path / "designs" / "*.yaml", limited(PASSING, name="other"))
+    rules = write_document(tmp_path / "policy.yaml", policy("designs/*.yaml", limit_mm=0.6))
+    code, record = gate_in(tmp_path, "designs/*.yaml", "--policy", rules)
     assert code == 1
-    assert [(design["file"], design["design_class"]) for design in record["designs"]] == [
+    assert [(design.file, design.design_class) for design in record.designs] == [
         ("designs/*.yaml", "lax"), ("designs/x.yaml", "lax"),
     ]  # fmt: skip
 
 
 def test_a_design_cannot_make_a_pattern_a_name_by_its_own(tmp_path: Path) -> None:
-    write(tmp_path / "rev-A" / "x.yaml", limited(PASSING, name="rev-[AB]/x.yaml"))
-    rules = write(tmp_path / "policy.yaml", policy("rev-[AB]/*"))
-    assert gate(tmp_path, "rev-A/x.yaml", "--policy", rules)[1]["designs"][0]["design_class"] == "lax"
+    write_document(tmp_path / "rev-A" / "x.yaml", limited(PASSING, name="rev-[AB]/x.yaml"))
+    rules = write_document(tmp_path / "policy.yaml", policy("rev-[AB]/*"))
+    assert gate_in(tmp_path, "rev-A/x.yaml", "--policy", rules)[1].designs[0].design_class == "lax"
 
 
 # --- what can match nothing ---------------------------------------------------------------------------------------
@@ -257,7 +234,7 @@ def put(pattern: str) -> dict[str, tuple[dict[str, Any], dict[str, Any] | None, 
             in_rules, None, "/rules/process-capability/processes/0/tolerances/0"),
         "/classes/rules/process-capability/processes/tolerances": (
             in_class, None, "/classes/0/rules/process-capability/processes/0/tolerances/0"),
-        "/waivers/designs": (plain, waive(pattern), "/waivers/0/designs/0"),
+        "/waivers/designs": (plain, waivers_of_today(pattern), "/waivers/0/designs/0"),
     }  # fmt: skip
 
 
@@ -289,20 +266,20 @@ def test_what_can_match_nothing_is_refused_over_http(pattern: str, sent: dict[st
 def test_what_can_match_nothing_is_refused_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """At its line, with 2, whatever the formats; each field once, and each slip once."""
     (tmp_path / ".git").mkdir()
-    write(tmp_path / "designs" / "x.yaml", limited(PASSING))
+    write_document(tmp_path / "designs" / "x.yaml", limited(PASSING))
     slips = {**SLIPS, **OF_FILES, "designs": "is a folder"}
     for number, (pattern, words) in enumerate(slips.items()):
         fields = list(put(pattern).items())
         field, (rules, waivers, pointer) = fields[number % 4 if pattern in SLIPS else (0, 3)[number % 2]]
-        given = ["--policy", write(tmp_path / "ci" / "policy.yaml", rules)]
-        given += ["--waivers", write(tmp_path / "waivers.yaml", waivers)] if waivers else []
-        code, record = gate(tmp_path, "designs/x.yaml", *given)
-        (finding,) = record["findings"]
-        assert (code, record["verdict"]) == (2, "not evaluated"), pattern
-        assert words in finding["message"], (pattern, field)
+        given = ["--policy", write_document(tmp_path / "ci" / "policy.yaml", rules)]
+        given += ["--waivers", write_document(tmp_path / "waivers.yaml", waivers)] if waivers else []
+        code, record = gate_in(tmp_path, "designs/x.yaml", *given)
+        (finding,) = record.findings
+        assert (code, record.verdict) == (2, "not evaluated"), pattern
+        assert words in finding.message, (pattern, field)
         file = "waivers.yaml" if waivers else "ci/policy.yaml"
-        assert (finding["file"], finding["pointer"]) == (file, pointer)
-        line = (tmp_path / file).read_text(encoding="utf-8").splitlines()[finding["line"] - 1]
+        assert (finding.file, finding.pointer) == (file, pointer)
+        line = (tmp_path / file).read_text(encoding="utf-8").splitlines()[(finding.line or 0) - 1]
         assert "files" in line or "tolerances" in line or "designs" in line or line.strip().startswith("-"), line
     capsys.readouterr()
 
@@ -311,18 +288,18 @@ def test_what_can_match_nothing_is_refused_by_the_command(tmp_path: Path, capsys
     "name", ["!designs/*", "{a,b}.yaml", "designs/{x,y}.yaml", "$DIR/*.yaml", "designs\\x.yaml", "@(a|b).yaml"]
 )
 def test_a_slip_on_the_command_line_is_told(tmp_path: Path, name: str) -> None:
-    write(tmp_path / "designs" / "x.yaml", limited(PASSING))
-    code, record = gate(tmp_path, "designs/x.yaml", name)
-    (finding,) = record["findings"]
+    write_document(tmp_path / "designs" / "x.yaml", limited(PASSING))
+    code, record = gate_in(tmp_path, "designs/x.yaml", name)
+    (finding,) = record.findings
     assert code == 2
-    assert f"no file matches {name!r}" in finding["message"]
-    assert next(words for pattern, words in SLIPS.items() if words in finding["message"])
+    assert f"no file matches {name!r}" in finding.message
+    assert next(words for pattern, words in SLIPS.items() if words in finding.message)
 
 
 def test_what_exists_as_it_is_written_is_no_slip(tmp_path: Path) -> None:
-    write(tmp_path / "{a,b}" / "[released]" / "x.yaml", limited(PASSING))
-    rules = write(tmp_path / "policy.yaml", policy("{a,b}/[released]/*"))
-    assert gate(tmp_path, "{a,b}/[released]/x.yaml", "--policy", rules)[1]["designs"][0]["design_class"] == "lax"
+    write_document(tmp_path / "{a,b}" / "[released]" / "x.yaml", limited(PASSING))
+    rules = write_document(tmp_path / "policy.yaml", policy("{a,b}/[released]/*"))
+    assert gate_in(tmp_path, "{a,b}/[released]/x.yaml", "--policy", rules)[1].designs[0].design_class == "lax"
     body = {"designs": [{"file": "{a,b}/x.yaml", "design": limited(PASSING)}], "mode": "analytic"}
     assert judge(admit_gate({**body, "policy": policy("{a,b}/*")}, today=TODAY).gate).designs[0].design_class == "lax"
 
@@ -349,7 +326,7 @@ def test_packages_that_are_linked_in_each_other_are_looked_through_once(tmp_path
     """A workspace of pnpm, of npm, and folders with links to themselves, above and to each other."""
     names = [f"p{number}" for number in range(12)]
     for name in names:
-        write(tmp_path / "packages" / name / "designs" / "x.yaml", "")
+        write_document(tmp_path / "packages" / name / "designs" / "x.yaml", "")
         for other in names:
             modules = tmp_path / "packages" / name / "node_modules"
             modules.mkdir(exist_ok=True)
@@ -358,7 +335,7 @@ def test_packages_that_are_linked_in_each_other_are_looked_through_once(tmp_path
         (tmp_path / "packages" / name / "above").symlink_to("..")
     (tmp_path / "packages" / "outside").mkdir()
     (tmp_path / "packages" / "outside" / "link").symlink_to(tmp_path / "elsewhere")
-    write(tmp_path / "elsewhere" / "designs" / "y.yaml", "")
+    write_document(tmp_path / "elsewhere" / "designs" / "y.yaml", "")
     every = {str(tmp_path / "packages" / name / "designs" / "x.yaml") for name in names}
     folders = 1 + 12 * 3 + 1 + 2
     for pattern, parts in (
@@ -374,7 +351,7 @@ def test_packages_that_are_linked_in_each_other_are_looked_through_once(tmp_path
 
 
 def test_what_only_a_link_leads_to_is_found(tmp_path: Path) -> None:
-    write(tmp_path / "store" / "v3" / "x.yaml", "")
+    write_document(tmp_path / "store" / "v3" / "x.yaml", "")
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "released").symlink_to("../store/v3")
     with chdir(tmp_path):
@@ -382,3 +359,17 @@ def test_what_only_a_link_leads_to_is_found(tmp_path: Path) -> None:
         assert find_paths("parts/**/*.yaml") == ["parts/released/x.yaml"]
         assert find_paths("**/*.yaml") == ["store/v3/x.yaml"]
         assert find_paths("p*/**/r*/**/x*") == ["parts/released/x.yaml"]
+
+
+def test_patterns_of_the_command_line_as_people_know_them(tmp_path: Path) -> None:
+    for name in ("a/x.yaml", "a/b/y.yaml", "a/.hidden/z.yaml", "a/n.txt"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    with chdir(tmp_path):
+        assert find_paths("a/*.yaml") == ["a/x.yaml"]
+        assert find_paths("a/**/*.yaml") == ["a/b/y.yaml", "a/x.yaml"]
+        assert find_paths("**/y.yaml") == ["a/b/y.yaml"]
+        assert find_paths("?/[xy].yaml") == ["a/x.yaml"]
+        assert find_paths(f"{tmp_path}/*/b/*") == [f"{tmp_path}/a/b/y.yaml"]
+        assert find_paths("a/.hid*/*") == ["a/.hidden/z.yaml"]
+        assert find_paths("c/*.yaml") == find_paths("a/x.yml") == find_paths("a/x.yaml/*") == []

@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from gate_scenes import BAD, GOOD, STRICT
+from gate_scenes import BAD, GOOD, STRICT, read_gate_record
 from service_scenes import limited
 from test_gate_formats import GITLAB, SARIF, XSD
 from xsd import problems
@@ -18,7 +18,6 @@ from xsd import problems
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.gate.records import GateFinding
-from tailstack_service.schemas import record_of
 
 VALUE = "0.3"  # the limit that is missed
 
@@ -26,19 +25,13 @@ VALUE = "0.3"  # the limit that is missed
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    for variable in ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR", "TAILSTACK_TRACEBACK"):
-        monkeypatch.delenv(variable, raising=False)
     (tmp_path / "policy.yaml").write_text(data_to_yaml(STRICT), encoding="utf-8")
     return tmp_path
 
 
 def found(*arguments: str, code: int = 1) -> list[GateFinding]:
     assert main(["gate", *arguments, "--policy", "policy.yaml", "--mode", "analytic", "--format=json=out.json"]) == code
-    return list(record_of("gate", json.loads(Path("out.json").read_text(encoding="utf-8"))).findings)
-
-
-def yaml_text() -> str:
-    return data_to_yaml(BAD)
+    return list(read_gate_record(Path("out.json")).findings)
 
 
 def changed(text: str, old: str, new: str) -> str:
@@ -86,7 +79,7 @@ def wide(text: str) -> bytes:
     ],
 )
 def test_the_place_is_that_of_the_value(folder: Path, name: str, write: Callable[[str], bytes]) -> None:
-    content = write(yaml_text())
+    content = write(data_to_yaml(BAD))
     (folder / name).write_bytes(content)
     (finding,) = found(name)
     text = content.decode("utf-16" if name.startswith("utf16") else "utf-8-sig")
@@ -127,7 +120,7 @@ NAMES = ("a b.yaml", "100%.yaml", "x:1.yaml", "é, ü.yaml", "[1]*.yaml", "a;b&c
 
 def test_names_of_files_come_through_in_every_format(folder: Path) -> None:
     for name in NAMES:
-        (folder / name).write_text(yaml_text(), encoding="utf-8")
+        (folder / name).write_text(data_to_yaml(BAD), encoding="utf-8")
     ways = [f"./{name}" if name.startswith("-") else name for name in NAMES]
     formats = ["sarif=o.sarif", "junit=o.xml", "github=o.github", "gitlab=o.gitlab", "markdown=o.md", "text=o.txt"]
     findings = found(*ways, *[f"--format={entry}" for entry in formats])
@@ -154,8 +147,8 @@ def test_names_of_files_come_through_in_every_format(folder: Path) -> None:
 def test_names_that_cannot_be_shown_are_shown_as_far_as_they_can(folder: Path) -> None:
     raw = os.fsencode(str(folder)) + b"/caf\xe9.yaml"
     with open(raw, "wb") as stream:
-        stream.write(yaml_text().encode())
-    (folder / "line\nbreak\x1b.yaml").write_text(yaml_text(), encoding="utf-8")
+        stream.write(data_to_yaml(BAD).encode())
+    (folder / "line\nbreak\x1b.yaml").write_text(data_to_yaml(BAD), encoding="utf-8")
     assert [finding.file for finding in found("*.yaml", "--format=text=o.txt", code=2)][:2] == [
         "caf\ufffd.yaml", "line\ufffdbreak\ufffd.yaml",
     ]  # fmt: skip
@@ -163,25 +156,9 @@ def test_names_that_cannot_be_shown_are_shown_as_far_as_they_can(folder: Path) -
 
 def test_files_are_called_from_the_working_directory_and_each_is_judged_once(folder: Path) -> None:
     (folder / "sub").mkdir()
-    (folder / "sub" / "d.yaml").write_text(yaml_text(), encoding="utf-8")
+    (folder / "sub" / "d.yaml").write_text(data_to_yaml(BAD), encoding="utf-8")
     absolute = str(folder / "sub" / "d.yaml")
     assert [finding.file for finding in found("sub/d.yaml", "./sub//d.yaml", absolute, "**/d.yaml")] == ["sub/d.yaml"]
-
-
-def test_from_a_directory_below_the_root_of_the_repository(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (folder / "parts").mkdir()
-    (folder / "parts" / "d.yaml").write_text(yaml_text(), encoding="utf-8")
-    (folder / "parts" / "policy.yaml").write_text(data_to_yaml(STRICT), encoding="utf-8")
-    monkeypatch.chdir(folder / "parts")
-    for variable in ("GITHUB_WORKSPACE", "CI_PROJECT_DIR"):
-        monkeypatch.setenv(variable, str(folder))
-        (finding,) = found("d.yaml", "--format=gitlab=o.gitlab", "--format=sarif=o.sarif")
-        assert finding.file == "d.yaml"
-        assert json.loads(Path("o.gitlab").read_text())[0]["location"]["path"] == "parts/d.yaml"
-        assert '"uri": "parts/d.yaml"' in Path("o.sarif").read_text()
-        monkeypatch.delenv(variable)
 
 
 def test_what_is_wrong_in_a_fiducial_file_stands_there(folder: Path) -> None:
@@ -204,11 +181,11 @@ def test_whatever_a_file_is_called_a_refusal_of_it_can_be_written(folder: Path) 
     Path(raw).write_bytes(b"schema: tailstack/design/1\nname: x\n")
     finding = found(raw, code=2)[0]
     assert (finding.file, finding.line) == ("caf\ufffd.yaml", 1)
-    (folder / "d.yaml").write_text(yaml_text(), encoding="utf-8")
+    (folder / "d.yaml").write_text(data_to_yaml(BAD), encoding="utf-8")
     for option in ("--waivers", "--baseline", "--policy"):
         arguments = ["gate", "d.yaml", "--mode", "analytic", option, raw, "--format=json=out.json"]
         assert main(arguments) == 2
-        findings = record_of("gate", json.loads((folder / "out.json").read_text(encoding="utf-8"))).findings
+        findings = read_gate_record(folder / "out.json").findings
         assert {entry.file for entry in findings} == {"caf\ufffd.yaml"}
 
 

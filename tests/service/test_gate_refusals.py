@@ -6,11 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from gate_scenes import GOOD, STRICT, TODAY, waivers
+from gate_scenes import GOOD, STRICT, TODAY, read_gate_record, waivers, write_documents
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
-from tailstack_service.schemas import record_of
 
 POLICY = "schema: tailstack/policy/1\nrules:\n"
 WAIVERS = "schema: tailstack/waivers/1\nwaivers:\n"
@@ -20,10 +19,8 @@ WHOLE = "- {rule: p95, owner: J. Doe, reason: rework, max_value: 1.0, expires: 2
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("TAILSTACK_TRACEBACK", raising=False)
     monkeypatch.setattr("tailstack_service.cli.gate.today", lambda: TODAY)
-    (tmp_path / "good.yaml").write_text(data_to_yaml(GOOD), encoding="utf-8")
-    (tmp_path / "strict.yaml").write_text(data_to_yaml(STRICT), encoding="utf-8")
+    write_documents(tmp_path, {"good.yaml": GOOD, "strict.yaml": STRICT})
     return tmp_path
 
 
@@ -33,7 +30,7 @@ def refused(capsys: pytest.CaptureFixture[str], option: str, line: int | None, w
     said = " ".join(capsys.readouterr().err.split())
     assert words in said
     assert (f"given:{line}:" if line else "given: ") in said
-    record = record_of("gate", json.loads(Path("out.json").read_text(encoding="utf-8")))
+    record = read_gate_record(Path("out.json"))
     assert (record.verdict, record.exit_code, record.provenance.policy_sha256) == ("not evaluated", 2, None)
     first = record.findings[0]
     assert (first.rule, first.file, first.line) == ("invalid-input", "given", line)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from gate_scenes import BAD, GOOD, NEAR, STRICT, TODAY, waivers
+from gate_scenes import BAD, GOOD, NEAR, STRICT, TODAY, waivers, write_documents
 from service_scenes import client_with, coplanar_design, limited
 
 from tailstack.design.write import data_to_yaml
@@ -35,8 +35,6 @@ def url() -> Iterator[str]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A repository with everything that a gate can meet: also a design whose fiducials stand in a file of their own."""
     monkeypatch.chdir(tmp_path)
-    for variable in ("GITHUB_STEP_SUMMARY", "GITHUB_WORKSPACE", "CI_PROJECT_DIR", "TAILSTACK_TRACEBACK"):
-        monkeypatch.delenv(variable, raising=False)
     filed = limited(1.4)
     points = [point["position_mm"] for point in filed["fiducials"].pop("points")]
     rows = "".join(f"P{k},{x!r},{y!r},{z!r}\n" for k, (x, y, z) in enumerate(points))
@@ -47,8 +45,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "filed.yaml": filed, "broken.yaml": {"schema": "tailstack/design/1", "name": "half"}, "policy.yaml": POLICY,
         "waivers.yaml": waivers(10, designs=["bad*"]),
     }  # fmt: skip
-    for name, document in documents.items():
-        (tmp_path / name).write_text(data_to_yaml(document), encoding="utf-8")
+    write_documents(tmp_path, documents)
     monkeypatch.setattr("tailstack_service.cli.gate.today", lambda: TODAY)
     return tmp_path
 

@@ -7,24 +7,16 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import json
-from datetime import date
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import pytest
-from gate_scenes import of_rule, policy
+from gate_scenes import TODAY, judge_files, of_rule, plain_record, policy, write_documents
 from service_scenes import ROOT, sound_design
 
-from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
-from tailstack_service.documents import to_json
-from tailstack_service.gate.judge import judge
-from tailstack_service.gate.records import GateRecord
-from tailstack_service.gate.request import admit_gate
 
-TODAY = date(2026, 11, 21)
 JUDGING = ("p95", "cvar", "exceedance", "per-unit-yield")
 EVERY = (
     *JUDGING, "first-order-gap", "conditioning", "fiducial-spacing", "visibility", "overlap", "process-capability",
@@ -39,18 +31,11 @@ def design(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
     return sound_design(requirements=list(requirements) or None, optimise=None, **changes)
 
 
-def gate(files: dict[str, dict[str, Any]], **more: Any) -> GateRecord:
-    entries = [{"file": name, "design": content} for name, content in files.items()]
-    body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
-    return judge(admit_gate(body, today=TODAY).gate)
-
-
 def baseline(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
     """The record of a gate that the honest design passes."""
-    record = gate({"guide.yaml": design(*(requirements or (PROMISE,)), **changes)})
+    record = judge_files({"guide.yaml": design(*(requirements or (PROMISE,)), **changes)})
     assert record.exit_code == 0
-    plain: dict[str, Any] = json.loads(to_json(record))
-    return plain
+    return plain_record(record)
 
 
 # --- nothing is judged ----------------------------------------------------------------------------
@@ -59,7 +44,7 @@ def baseline(*requirements: dict[str, Any], **changes: Any) -> dict[str, Any]:
 @pytest.mark.parametrize("rules", [EVERY, JUDGING, ("p95",)], ids=["every rule", "what judges", "the one it needs"])
 def test_a_policy_that_switches_off_what_would_judge_does_not_pass(rules: tuple[str, ...]) -> None:
     off = {name: {"severity": "off"} for name in rules}
-    record = gate({"guide.yaml": design({**PROMISE, "limit_mm": 0.01})}, policy=policy(off))
+    record = judge_files({"guide.yaml": design({**PROMISE, "limit_mm": 0.01})}, policy=policy(off))
     assert (record.verdict, record.exit_code) == ("not evaluated", 3)
     (finding,) = of_rule(record, "not-evaluated")
     assert "p95 is off" in finding.message
@@ -72,7 +57,7 @@ def test_a_policy_that_switches_off_what_would_judge_does_not_pass(rules: tuple[
 def test_a_class_that_switches_off_what_would_judge_does_not_pass_and_is_a_finding_of_the_policy() -> None:
     classes = [{"name": "prototypes", "files": ["p/*"], "rules": {"p95": {"severity": "off"}}}]
     bad = design({**PROMISE, "limit_mm": 0.01})
-    record = gate({"p/guide.yaml": bad, "guide.yaml": design(PROMISE)}, policy=policy(classes=classes))
+    record = judge_files({"p/guide.yaml": bad, "guide.yaml": design(PROMISE)}, policy=policy(classes=classes))
     assert [entry.verdict for entry in record.designs] == ["not evaluated", "pass"]
     assert record.exit_code == 3
     (finding,) = of_rule(record, "class-relaxed")
@@ -86,31 +71,32 @@ def test_a_trivial_second_requirement_does_not_hide_the_one_that_is_not_judged()
     """One requirement per unit is judged, so there is a verdict; the other one is named in the record."""
     easy = {"name": "easy", "limit_mm": 50.0, "risk": "per_unit", "min_yield": 0.5}
     bad = design({**PROMISE, "limit_mm": 0.01}, easy)
-    record = gate({"guide.yaml": bad}, policy=policy({"p95": {"severity": "off"}}))
+    off = policy({"p95": {"severity": "off"}})
+    record = judge_files({"guide.yaml": bad}, policy=off)
     assert record.exit_code == 0
     (finding,) = of_rule(record, "not-judged")
     assert (finding.severity, finding.pointer) == ("warning", "/requirements/0")
     assert [entry.requirement for entry in record.designs[0].not_judged] == ["tip-accuracy"]
-    assert gate({"guide.yaml": bad}, policy=policy({"p95": {"severity": "off"}}), fail_level="warning").exit_code == 1
+    assert judge_files({"guide.yaml": bad}, policy=off, fail_level="warning").exit_code == 1
     strict = policy({"p95": {"severity": "off"}, "not-judged": {"severity": "error"}})
-    assert gate({"guide.yaml": bad}, policy=strict).exit_code == 1
+    assert judge_files({"guide.yaml": bad}, policy=strict).exit_code == 1
 
 
 def test_not_judged_cannot_be_silenced() -> None:
     from tailstack_service.gate.reading import GateError
 
     with pytest.raises(GateError, match="not-judged"):
-        gate({"guide.yaml": design(PROMISE)}, policy=policy({"not-judged": {"severity": "off"}}))
+        judge_files({"guide.yaml": design(PROMISE)}, policy=policy({"not-judged": {"severity": "off"}}))
 
 
 def test_a_target_that_no_requirement_is_about_is_named() -> None:
-    record = gate({"guide.yaml": design({**PROMISE, "targets": ["tip"]}, targets=TWO)})
+    record = judge_files({"guide.yaml": design({**PROMISE, "targets": ["tip"]}, targets=TWO)})
     (finding,) = of_rule(record, "not-judged")
     assert (finding.severity, finding.pointer) == ("note", "/targets")
     assert "at target side" in finding.message
     assert record.exit_code == 0
     limited = policy({"p95": {"limit_mm": 5.0}})
-    assert not of_rule(gate({"guide.yaml": design(PROMISE, targets=TWO)}, policy=limited), "not-judged")
+    assert not of_rule(judge_files({"guide.yaml": design(PROMISE, targets=TWO)}, policy=limited), "not-judged")
 
 
 # --- the design sets its own bar ------------------------------------------------------------------
@@ -146,7 +132,7 @@ def changed(**fields: Any) -> dict[str, Any]:
 def test_a_requirement_that_asks_for_less_than_in_the_baseline_fails(
     before: dict[str, Any], after: list[dict[str, Any]], pointer: str, words: str
 ) -> None:
-    record = gate({"guide.yaml": design(*after)}, baseline=baseline(before))
+    record = judge_files({"guide.yaml": design(*after)}, baseline=baseline(before))
     (finding,) = of_rule(record, "limit-relaxed")
     assert (finding.severity, finding.pointer) == ("error", pointer)
     assert words in finding.message
@@ -173,13 +159,13 @@ def test_a_requirement_that_asks_for_less_than_in_the_baseline_fails(
     ],
 )
 def test_what_asks_for_as_much_or_more_is_no_finding(after: list[dict[str, Any]]) -> None:
-    record = gate({"guide.yaml": design(*after)}, baseline=baseline(PROMISE))
+    record = judge_files({"guide.yaml": design(*after)}, baseline=baseline(PROMISE))
     assert not of_rule(record, "limit-relaxed")
     assert record.exit_code == 0
 
 
 def test_a_requirement_of_all_targets_that_keeps_one_fails() -> None:
-    record = gate(
+    record = judge_files(
         {"guide.yaml": design(changed(targets=["side"]), targets=TWO)}, baseline=baseline(PROMISE, targets=TWO)
     )
     (finding,) = of_rule(record, "limit-relaxed")
@@ -189,12 +175,12 @@ def test_a_requirement_of_all_targets_that_keeps_one_fails() -> None:
 
 def test_a_target_that_went_or_moved_fails() -> None:
     before = baseline(PROMISE, targets=TWO)
-    record = gate({"guide.yaml": design(PROMISE, targets=TWO[1:])}, baseline=before)
+    record = judge_files({"guide.yaml": design(PROMISE, targets=TWO[1:])}, baseline=before)
     (finding,) = of_rule(record, "limit-relaxed")
     assert "no error at target tip" in finding.message
     assert record.exit_code == 1
     nearer = [{"name": "tip", "position_mm": [0, 0, 10]}, TWO[1]]
-    record = gate({"guide.yaml": design(PROMISE, targets=nearer)}, baseline=before)
+    record = judge_files({"guide.yaml": design(PROMISE, targets=nearer)}, baseline=before)
     (finding,) = of_rule(record, "limit-relaxed")
     assert (finding.pointer, record.exit_code) == ("/targets/0", 1)
     assert "by up to 60 mm, at target tip" in finding.message
@@ -205,18 +191,18 @@ def test_a_limit_of_the_policy_that_was_relaxed_fails(after: dict[str, Any]) -> 
     """In the same merge request as the design: the baseline knows both."""
     bare = {"guide.yaml": design(changed(limit_mm=1.4))}
     strict = policy({"p95": {"limit_mm": 1.3}, "cvar": {"limit_mm": 2.0}})
-    before = json.loads(to_json(gate(bare, policy=strict)))
-    record = gate(bare, policy=policy({"p95": after, "cvar": {"limit_mm": 2.0}}), baseline=before)
+    before = plain_record(judge_files(bare, policy=strict))
+    record = judge_files(bare, policy=policy({"p95": after, "cvar": {"limit_mm": 2.0}}), baseline=before)
     assert record.exit_code == 1
     assert any(finding.message.startswith("p95 (") for finding in of_rule(record, "limit-relaxed"))
-    record = gate(bare, policy=policy({"p95": {"limit_mm": 1.3}}), baseline=before)
+    record = judge_files(bare, policy=policy({"p95": {"limit_mm": 1.3}}), baseline=before)
     assert ["cvar" in finding.message for finding in of_rule(record, "limit-relaxed")] == [True]
 
 
 def test_switching_a_rule_off_against_a_baseline_fails_even_where_something_else_is_judged() -> None:
     both = design(PROMISE, {"name": "units", "limit_mm": 50.0, "risk": "per_unit", "min_yield": 0.5})
-    before = json.loads(to_json(gate({"guide.yaml": both})))
-    record = gate({"guide.yaml": both}, policy=policy({"p95": {"severity": "off"}}), baseline=before)
+    before = plain_record(judge_files({"guide.yaml": both}))
+    record = judge_files({"guide.yaml": both}, policy=policy({"p95": {"severity": "off"}}), baseline=before)
     (finding,) = of_rule(record, "limit-relaxed")
     assert "rule p95 counts as off, and counted as error" in finding.message
     assert record.exit_code == 1
@@ -229,13 +215,13 @@ def test_a_baseline_written_before_requirements_were_recorded_is_read_and_compar
             del entry[field]
         for target in entry["targets"]:
             del target["position_mm"]
-    record = gate({"guide.yaml": design(changed(limit_mm=50.0))}, baseline=old)
+    record = judge_files({"guide.yaml": design(changed(limit_mm=50.0))}, baseline=old)
     (finding,) = of_rule(record, "limit-relaxed")
     assert "limit raised from 1.4 to 50 mm" in finding.message
     (said,) = of_rule(record, "not-compared")
     assert (said.severity, record.exit_code) == ("warning", 1)
     assert "write a new baseline" in said.message
-    assert gate({"guide.yaml": design(PROMISE)}, baseline=old).exit_code == 0
+    assert judge_files({"guide.yaml": design(PROMISE)}, baseline=old).exit_code == 0
 
 
 # --- renamed --------------------------------------------------------------------------------------
@@ -247,7 +233,7 @@ def relaxed_and_renamed(**more: Any) -> dict[str, Any]:
 
 def test_a_renamed_file_is_compared_by_what_the_design_consists_of() -> None:
     """File, name and requirements are changed, and one bead by a hair."""
-    record = gate({"new.yaml": relaxed_and_renamed()}, baseline=baseline())
+    record = judge_files({"new.yaml": relaxed_and_renamed()}, baseline=baseline())
     assert record.exit_code == 1
     assert "limit raised" in of_rule(record, "limit-relaxed")[0].message
     (said,) = of_rule(record, "not-compared")
@@ -255,7 +241,7 @@ def test_a_renamed_file_is_compared_by_what_the_design_consists_of() -> None:
 
     nudged = relaxed_and_renamed()
     nudged["fiducials"]["points"][0]["position_mm"][0] += 1e-6
-    assert gate({"new.yaml": nudged}, baseline=baseline()).exit_code == 1
+    assert judge_files({"new.yaml": nudged}, baseline=baseline()).exit_code == 1
 
 
 def unlike_any_other() -> dict[str, Any]:
@@ -279,7 +265,7 @@ def test_a_limit_is_not_got_rid_of_by_changing_everything_a_little() -> None:
         view["fiducial_noise_px"] += 1e-9
     nudged["targets"][0]["position_mm"][2] += 1e-9
     for changed_design in (nudged, unlike_any_other()):
-        record = gate({"new.yaml": changed_design}, baseline=baseline())
+        record = judge_files({"new.yaml": changed_design}, baseline=baseline())
         assert record.exit_code == 1
         assert next(finding.severity for finding in of_rule(record, "limit-relaxed")) == "error"
         (said,) = of_rule(record, "not-compared")
@@ -290,7 +276,7 @@ def test_where_one_file_went_and_one_came_it_is_that_one() -> None:
     """Even with another name of the target: its limit went with it."""
     other = unlike_any_other()
     other["targets"][0]["name"] = "probe"
-    record = gate({"new.yaml": other}, baseline=baseline())
+    record = judge_files({"new.yaml": other}, baseline=baseline())
     assert record.exit_code == 1
     assert of_rule(record, "limit-relaxed")
 
@@ -301,23 +287,23 @@ def test_a_design_that_is_found_nowhere_says_so_and_warns_if_one_went() -> None:
     second = design(PROMISE, name="second")
     for point in second["fiducials"]["points"]:
         point["position_mm"][0] += 2.0
-    two = json.loads(to_json(gate({"guide.yaml": design(PROMISE), "second.yaml": second})))
-    record = gate({"new.yaml": other}, baseline=two)
+    two = plain_record(judge_files({"guide.yaml": design(PROMISE), "second.yaml": second}))
+    record = judge_files({"new.yaml": other}, baseline=two)
     note, said = of_rule(record, "not-compared")
     assert (note.severity, note.file) == ("note", "new.yaml")
     assert "nothing was compared" in note.message
     assert (said.severity, said.file, said.pointer) == ("warning", "baseline", "/designs/0")
     assert said.message.startswith("guide.yaml, second.yaml: judged in the baseline and not here")
     assert said.message.endswith("or changed beyond recognition and called new.yaml")
-    assert gate({"new.yaml": other}, baseline=two, fail_level="warning").exit_code == 1
-    both = gate({"new.yaml": other, "guide.yaml": design(PROMISE)}, baseline=baseline())
+    assert judge_files({"new.yaml": other}, baseline=two, fail_level="warning").exit_code == 1
+    both = judge_files({"new.yaml": other, "guide.yaml": design(PROMISE)}, baseline=baseline())
     (said,) = of_rule(both, "not-compared")
     assert (said.severity, said.file) == ("note", "new.yaml"), "nothing went: this one is new"
 
 
 def test_a_design_whose_file_is_still_there_was_not_renamed() -> None:
     """Before a commit only the changed files are judged: a new variant is not taken for the one that it is made of."""
-    record = gate({"variant.yaml": relaxed_and_renamed()}, baseline=baseline(), present=["guide.yaml"])
+    record = judge_files({"variant.yaml": relaxed_and_renamed()}, baseline=baseline(), present=["guide.yaml"])
     assert record.exit_code == 0
     assert [finding.severity for finding in of_rule(record, "not-compared")] == ["note"]
 
@@ -328,37 +314,23 @@ def test_a_design_that_nobody_judges_any_more_is_missed(tmp_path: Path) -> None:
     for point in other["fiducials"]["points"]:
         point["position_mm"][0] += 2.0
     both = {"guide.yaml": design(PROMISE), "other.yaml": other}
-    before = json.loads(to_json(gate(both)))
-    record = gate({"guide.yaml": design(PROMISE)}, baseline=before)
+    before = plain_record(judge_files(both))
+    record = judge_files({"guide.yaml": design(PROMISE)}, baseline=before)
     (said,) = of_rule(record, "not-compared")
     assert (said.file, said.pointer, said.severity) == ("baseline", "/designs/1", "warning")
     assert said.message.startswith("other.yaml: judged in the baseline and not here")
     assert (record.verdict, record.exit_code) == ("pass", 0)
-    assert gate({"guide.yaml": design(PROMISE)}, baseline=before, fail_level="warning").exit_code == 1
-    assert gate({"guide.yaml": design(PROMISE)}, baseline=before, present=["other.yaml"]).findings == ()
-    renamed = gate({"guide.yaml": design(PROMISE), "b.yaml": other}, baseline=before)
+    assert judge_files({"guide.yaml": design(PROMISE)}, baseline=before, fail_level="warning").exit_code == 1
+    assert judge_files({"guide.yaml": design(PROMISE)}, baseline=before, present=["other.yaml"]).findings == ()
+    renamed = judge_files({"guide.yaml": design(PROMISE), "b.yaml": other}, baseline=before)
     assert [finding.severity for finding in of_rule(renamed, "not-compared")] == ["note"]
     with contextlib.chdir(tmp_path):
-        for name, content in both.items():
-            Path(name).write_text(data_to_yaml(content), encoding="utf-8")
-        Path("policy.yaml").write_text(data_to_yaml(policy()), encoding="utf-8")
+        write_documents(tmp_path, {**both, "policy.yaml": policy()})
         options = ("--policy=policy.yaml", "--mode=analytic", "--fail-level=warning")
         assert main(["gate", "*e.yaml", "other.yaml", *options[:2], "--format=json=base.json"]) == 0
         assert main(["gate", "guide.yaml", *options, "--baseline=base.json"]) == 0, "the other file is still there"
         Path("other.yaml").rename("other.yml")
         assert main(["gate", "*e.yaml", *options, "--baseline=base.json"]) == 1
-
-
-def test_the_command_knows_which_files_are_still_there(tmp_path: Path) -> None:
-    with contextlib.chdir(tmp_path):
-        Path("policy.yaml").write_text(data_to_yaml(policy()), encoding="utf-8")
-        Path("base.json").write_text(json.dumps(baseline()), encoding="utf-8")
-        Path("guide.yaml").write_text(data_to_yaml(design(PROMISE)), encoding="utf-8")
-        Path("new.yaml").write_text(data_to_yaml(relaxed_and_renamed()), encoding="utf-8")
-        options = ("--policy=policy.yaml", "--baseline=base.json", "--mode=analytic", "--format=json=out.json")
-        assert main(["gate", "new.yaml", *options]) == 0
-        Path("guide.yaml").unlink()
-        assert main(["gate", "new.yaml", *options]) == 1
 
 
 # --- a name chooses -------------------------------------------------------------------------------
@@ -367,7 +339,7 @@ def test_the_command_knows_which_files_are_still_there(tmp_path: Path) -> None:
 def test_a_design_cannot_choose_its_class_by_its_name() -> None:
     classes = [{"name": "loose", "designs": ["*prototype*"], "rules": {"p95": {"severity": "note"}}}]
     bad = design(changed(limit_mm=0.3), name="drill guide, prototype")
-    record = gate({"guide.yaml": bad}, policy=policy(classes=classes))
+    record = judge_files({"guide.yaml": bad}, policy=policy(classes=classes))
     assert record.designs[0].design_class is None
     assert [finding.severity for finding in of_rule(record, "p95")] == ["error"]
     (finding,) = of_rule(record, "class-by-name")
@@ -375,14 +347,14 @@ def test_a_design_cannot_choose_its_class_by_its_name() -> None:
     assert "by_name: true" in finding.message
 
     strict = [{"name": "implants", "designs": ["*prototype*"], "rules": {"p95": {"limit_mm": 0.3}}}]
-    record = gate({"guide.yaml": design(PROMISE, name="a prototype")}, policy=policy(classes=strict))
+    record = judge_files({"guide.yaml": design(PROMISE, name="a prototype")}, policy=policy(classes=strict))
     assert record.exit_code == 1, "an old policy whose class is stricter must not lose it in silence"
 
     allowed = [{**classes[0], "by_name": True}]
-    record = gate({"guide.yaml": bad}, policy=policy(classes=allowed))
+    record = judge_files({"guide.yaml": bad}, policy=policy(classes=allowed))
     assert (record.designs[0].design_class, record.exit_code) == ("loose", 0)
     by_file = [{**classes[0], "files": ["guide*"]}]
-    record = gate({"guide.yaml": bad}, policy=policy(classes=by_file))
+    record = judge_files({"guide.yaml": bad}, policy=policy(classes=by_file))
     assert (record.designs[0].design_class, of_rule(record, "class-by-name")) == ("loose", [])
 
 
@@ -392,7 +364,7 @@ def test_a_class_that_weakens_or_takes_a_limit_away_is_a_finding() -> None:
         {"name": "nobody", "files": ["x*"], "rules": {"p95": {"severity": "off"}}},
     ]
     rules = policy({"cvar": {"limit_mm": 9.0}}, classes=classes)
-    found = of_rule(gate({"weak.yaml": design(PROMISE)}, policy=rules), "class-relaxed")
+    found = of_rule(judge_files({"weak.yaml": design(PROMISE)}, policy=rules), "class-relaxed")
     assert [(finding.pointer, finding.severity) for finding in found] == [
         ("/classes/0/rules/cvar/limit_mm", "warning"),
         ("/classes/0/rules/p95/severity", "note"),
@@ -410,7 +382,7 @@ def wide(entry: dict[str, Any], name: str = "guide.yaml", limit_mm: float = 0.5,
     }  # fmt: skip
     kept = {key: value for key, value in complete.items() if value is not None}
     waivers = {"schema": "tailstack/waivers/1", "waivers": [kept]}
-    record = gate({name: design(changed(limit_mm=limit_mm), name="drill guide, rev C")}, waivers=waivers, **more)
+    record = judge_files({name: design(changed(limit_mm=limit_mm), name="drill guide, rev C")}, waivers=waivers, **more)
     found = of_rule(record, "waiver-wide")
     assert {finding.severity for finding in found} <= {"warning"}
     return [f"{finding.pointer}: {finding.message}" for finding in found]
@@ -457,9 +429,9 @@ def test_waivers_of_percent_and_of_what_must_not_be_small() -> None:
 
     def said(rule: dict[str, Any], files: dict[str, Any], **more: Any) -> list[str]:
         waivers = {"schema": "tailstack/waivers/1", "waivers": [{**entry, **rule}]}
-        return [finding.message for finding in of_rule(gate(files, waivers=waivers, **more), "waiver-wide")]
+        return [finding.message for finding in of_rule(judge_files(files, waivers=waivers, **more), "waiver-wide")]
 
-    rises = gate({"guide.yaml": worse}, baseline=baseline())
+    rises = judge_files({"guide.yaml": worse}, baseline=baseline())
     percent = of_rule(rises, "regression")[0].value
     assert percent is not None
     assert 5 < percent < 99

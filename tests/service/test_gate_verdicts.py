@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import copy
 import json
-from datetime import date
 from itertools import combinations
 from math import cos, dist, sin
 from typing import Any, get_args
 
 import pytest
 import yaml
-from gate_scenes import of_rule, policy
+from gate_scenes import TODAY, judge_files, of_rule, plain_record, policy
 from service_scenes import EXAMPLES, limited, small_design, sound_design
-from work_driver import run_job
 
 from tailstack import load_design, score, verify
 from tailstack.design import design_to_data
@@ -30,7 +28,6 @@ from tailstack_service.gate.rules import RULES
 from tailstack_service.problems import RefusedAt, RequestError
 from tailstack_service.schemas import json_schema
 
-TODAY = date(2026, 11, 21)
 P95 = score(load_design(sound_design())).targets[0].p95_mm
 
 
@@ -49,12 +46,7 @@ def waiver(**changes: Any) -> dict[str, Any]:
 
 
 def gate(*designs: dict[str, Any] | str, **more: Any) -> GateRecord:
-    entries = [
-        {"file": f"d{k}.yaml", "text" if isinstance(design, str) else "design": design}
-        for k, design in enumerate(designs)
-    ]
-    body = {"designs": entries, "mode": "analytic", "policy": policy(), **more}
-    return judge(admit_gate(body, today=TODAY).gate)
+    return judge_files({f"d{k}.yaml": design for k, design in enumerate(designs)}, **more)
 
 
 @pytest.mark.parametrize(
@@ -400,20 +392,25 @@ def test_a_waiver_that_does_not_cover_it_is_unused(changes: dict[str, Any]) -> N
     assert [finding.severity for finding in notes] == ["note"] * (2 if "designs" in changes else 1)
 
 
+@pytest.mark.parametrize("more", [{}, {"on_inconclusive": "warn"}, {"fail_level": "error"}])
+def test_an_expired_waiver_fails_even_a_design_that_passes(more: dict[str, Any]) -> None:
+    record = gate(limited(2 * P95), waivers=waivers(waiver(expires="2026-11-20")), **more)
+    assert (record.verdict, record.exit_code) == ("fail", 1)
+    assert [finding.rule for finding in record.findings] == ["waiver-expired"]
+
+
+@pytest.mark.parametrize("day", ["2026-11-21", "2027-05-20"], ids=["its last day", "180 days ahead"])
+def test_a_waiver_holds_on_its_last_day_and_may_be_of_180_days(day: str) -> None:
+    assert gate(limited(0.5 * P95), waivers=waivers(waiver(expires=day))).exit_code == 0
+
+
 def test_a_waiver_of_the_limit_covers_the_open_question_about_it() -> None:
     assert gate(limited(P95), waivers=waivers(waiver(max_value=1.2 * P95))).exit_code == 0
     assert gate(limited(P95), waivers=waivers(waiver(max_value=1.0001 * P95))).exit_code == 4
 
 
-def test_an_expired_waiver_fails_even_a_design_that_passes() -> None:
-    record = gate(limited(2 * P95), waivers=waivers(waiver(expires="2026-11-20")))
-    assert (record.verdict, record.exit_code) == ("fail", 1)
-    assert [finding.rule for finding in record.findings] == ["waiver-expired"]
-    assert gate(limited(0.5 * P95), waivers=waivers(waiver(expires="2026-11-21"))).exit_code == 0, "its last day counts"
-
-
 def test_regressions_beyond_what_is_allowed_fail() -> None:
-    base = json.loads(to_json(gate(limited(3 * P95))))
+    base = plain_record(gate(limited(3 * P95)))
     worse = limited(3 * P95)
     for view in worse["views"]:
         view["fiducial_noise_px"] *= 1.3
@@ -427,14 +424,6 @@ def test_regressions_beyond_what_is_allowed_fail() -> None:
     assert gate(worse, baseline=base, max_regression_percent=percent + 0.1).exit_code == 0
     assert gate(limited(3 * P95), baseline=base).exit_code == 0
     assert gate(limited(0.5 * P95), baseline=base, max_regression_percent=50.0).exit_code == 1, "limits stay absolute"
-
-
-def test_the_baselines_seed_is_used_and_its_version_remarked() -> None:
-    base = json.loads(to_json(gate(limited(3 * P95), seed=77)))
-    base["provenance"]["tailstack_version"] = "0.0.9"
-    record = gate(limited(3 * P95), baseline=base)
-    assert record.seed == 77
-    assert [finding.severity for finding in of_rule(record, "model-version")] == ["warning"]
 
 
 @pytest.mark.parametrize(
@@ -498,22 +487,6 @@ def test_auto_samples_what_first_order_was_not_calibrated_for() -> None:
     assert gate({**design, "views": design["views"][:8]}, mode="auto").designs[0].basis == "first order"
 
 
-def test_a_job_gives_the_very_record_that_is_computed_here() -> None:
-    request = {
-        "designs": [
-            {"file": "near.yaml", "design": limited(1.05 * P95)},
-            {"file": "far.yaml", "design": limited(3 * P95)},
-            {"file": "open.yaml", "design": limited(P95)},
-        ],
-        "policy": policy({"cvar": {"limit_mm": 2 * P95}}, verification={"max_trials": 40_000, "precision": 0.02}),
-        "seed": 5,
-    }  # fmt: skip
-    request = admit_gate(request, today=TODAY).content
-    outcome, recorded = run_job("gate", request, shuffle=3)
-    assert outcome.answer == to_json(judge(read_gate(request)))
-    assert {json.loads(unit.spec)["of"] for unit in recorded} == {0, 2}
-
-
 def test_the_record_validates_and_repeats_byte_for_byte() -> None:
     from jsonschema import Draft202012Validator
 
@@ -530,25 +503,15 @@ def test_the_record_validates_and_repeats_byte_for_byte() -> None:
     ("body", "kind", "pointer"),
     [
         ({"policy": policy({"p59": {}})}, GateError, "/policy/rules/p59"),
-        ({"policy": policy({"p95": {"limit_mm": -1.0}})}, GateError, "/policy/rules/p95/limit_mm"),
-        ({"policy": policy({"exceedance": {"limit_mm": 1.0}})}, GateError, "/policy/rules/exceedance"),
-        ({"policy": policy({"inconclusive": {"severity": "off"}})}, GateError, "/policy/rules/inconclusive/severity"),
         ({"policy": policy({"regression": {"max_percent": -1}})}, GateError, "/policy/rules/regression/max_percent"),
-        ({"policy": {"rules": {}}}, GateError, "/policy"),
-        ({"waivers": waivers(waiver(rule="p96"))}, GateError, "/waivers/waivers/0/rule"),
         ({"waivers": waivers(waiver(rule="not-evaluated"))}, GateError, "/waivers/waivers/0/rule"),
-        ({"waivers": waivers(waiver(owner=None))}, GateError, "/waivers/waivers/0/owner"),
-        ({"waivers": waivers(waiver(max_value=None))}, GateError, "/waivers/waivers/0/max_value"),
-        ({"waivers": waivers(waiver(min_value=1.0))}, GateError, "/waivers/waivers/0/min_value"),
-        ({"waivers": waivers(waiver(expires="2027-05-21"))}, GateError, "/waivers/waivers/0/expires"),
-        ({"waivers": waivers(waiver(expires="2026-02-30"))}, GateError, "/waivers/waivers/0/expires"),
         ({"baseline": {"schema": "tailstack/score/1"}}, GateError, "/baseline/schema"),
-        ({"baseline": {"schema": "tailstack/gate/1"}}, GateError, "/baseline/verdict"),
         ({"mode": "quick"}, RequestError, "/mode"),
         ({"today": "2026-13-01"}, RequestError, "/today"),
         ({"designs": [{"file": "x"}]}, RequestError, "/designs/0"),
         ({"designs": [{"file": "x", "design": limited(1.0), "class": "none"}]}, RequestError, "/designs/0/class"),
         ({"designs": []}, RequestError, "/designs"),
+        ({"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 2}, RequestError, "/designs/1/file"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_refused_at_its_place(
@@ -561,31 +524,10 @@ def test_what_cannot_be_used_is_refused_at_its_place(
     assert refused.value.exit_code == 2
 
 
-def test_the_last_day_a_waiver_may_name_is_180_days_ahead() -> None:
-    assert gate(limited(0.5 * P95), waivers=waivers(waiver(expires="2027-05-20"))).exit_code == 0
-
-
 def test_too_many_designs_are_refused() -> None:
     body = {"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 3}
     with pytest.raises(LimitError, match="2 designs at most"):
         admit_gate(body, today=TODAY, max_designs=2)
-
-
-def test_two_designs_of_one_name_are_refused() -> None:
-    body = {"designs": [{"file": "d.yaml", "design": limited(1.0)}] * 2}
-    with pytest.raises(RequestError, match="also the name of design 0") as refused:
-        admit_gate(body, today=TODAY)
-    assert refused.value.problems[0].pointer == "/designs/1/file"
-
-
-@pytest.mark.parametrize("rule", RULES)
-def test_every_rule_has_a_page(rule: str) -> None:
-    from tailstack_service.gate.rules import explain
-
-    page = explain(RULES[rule])
-    assert page.startswith(f"{rule}: {RULES[rule].title}")
-    assert len(page) > 150
-    assert max(map(len, page.splitlines())) <= 120
 
 
 def test_rules_and_policy_name_the_same_rules() -> None:
