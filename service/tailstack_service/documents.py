@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import re
-from functools import cache
 from types import GenericAlias
 from typing import Any, Literal, TypeVar, get_args
 
@@ -21,16 +20,22 @@ from tailstack.results.older import in_words_of_today
 R = TypeVar("R")
 
 
-@cache
+_ADAPTERS: dict[type, TypeAdapter[Any]] = {}
+_WRITERS: dict[type, TypeAdapter[Any]] = {}
+
+
 def _adapter(kind: type) -> TypeAdapter[Any]:
     """Made when first needed: all of them together take a noticeable part of a start."""
-    return TypeAdapter(kind)
+    if kind not in _ADAPTERS:
+        _ADAPTERS[kind] = TypeAdapter(kind)
+    return _ADAPTERS[kind]
 
 
-@cache
 def _writer(kind: type) -> TypeAdapter[Any]:
     """A number that is none stays what it is."""
-    return _configure(kind, ConfigDict(ser_json_inf_nan="constants"))
+    if kind not in _WRITERS:
+        _WRITERS[kind] = _configure(kind, ConfigDict(ser_json_inf_nan="constants"))
+    return _WRITERS[kind]
 
 
 def _configure(kind: type, config: ConfigDict) -> TypeAdapter[Any]:
