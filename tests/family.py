@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,7 +18,8 @@ from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = os.pathsep.join((str(ROOT / "solver"), str(ROOT / "service")))
-TAILSTACK = (sys.executable, "-m", "tailstack_service.cli.main")
+COMMAND = ("-m", "tailstack_service.cli.main")  # of a Python
+TAILSTACK = (sys.executable, *COMMAND)
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
@@ -36,14 +37,19 @@ def die_with_parent(sign: int = signal.SIGKILL) -> None:
         _LIBC.prctl(_PR_SET_PDEATHSIG, sign)
 
 
-def run_process(*command: str | Path, said: dict[str, str] | None = None, **options: Any) -> Any:
-    """A whole process that finds the sources of this checkout, with what ``said`` adds to its environment; its text is
-    kept unless ``options``, those of subprocess.run, send it elsewhere."""
-    streams = {name: subprocess.PIPE for name in ("stdout", "stderr") if name not in options}
+def run_process(*command: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:
+    """A whole process and what it said, with the options of subprocess.run; without ``env`` it finds the sources of
+    this checkout."""
+    kept = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": LIMIT_SECONDS}
+    return subprocess.run(command, text=True, **{"env": {**os.environ, "PYTHONPATH": SOURCES}, **kept, **options})
+
+
+def run_python(
+    *arguments: str | Path, said: Mapping[str, str] | None = None, **options: Any
+) -> subprocess.CompletedProcess[str]:
+    """The same of a Python, with what ``said`` adds to its environment."""
     environment = {**os.environ, "PYTHONPATH": SOURCES, **(said or {})}
-    return subprocess.run(
-        command, env=environment, text=True, timeout=LIMIT_SECONDS, check=False, **{**streams, **options}
-    )
+    return run_process(sys.executable, *arguments, **{"env": environment, **options})
 
 
 @contextmanager

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
+import httpx
 import pytest
 from dask_cluster import dask_cluster
 from editing import editor_tools
 from openapi_scenes import node_tools
 from postgres import database_url, postgres_server, postgres_url
+from service_scenes import client_with, commands
 from store_scenes import clock, command, migrated_database, migrated_file, store
 
 from tailstack_service.console.progress import Progress
@@ -54,6 +56,19 @@ def patience_with_the_disk() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(database, "BUSY_SECONDS", LIMIT_SECONDS)
         yield
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[httpx.Client]:
+    """Of a service as it comes, in this process, without a worker."""
+    with client_with() as client:
+        yield client
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Runs a command in this process: exit code, stdout, stderr."""
+    return commands(capsys)
 
 
 @pytest.fixture

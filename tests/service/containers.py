@@ -18,7 +18,7 @@ import pytest
 from served import PATH
 from service_scenes import ROOT
 
-from family import die_with_parent
+from family import die_with_parent, run_process
 from tailstack.kernels.store import writable_directory
 
 USER = 23456
@@ -64,7 +64,4 @@ def run_contained(
 ) -> subprocess.CompletedProcess[str]:
     """A tailstack command, in such a machine."""
     command = contain("-m", "tailstack_service.cli.main", *arguments, read_only=read_only)
-    return subprocess.run(
-        command, env=surroundings(**changes), cwd=cwd, capture_output=True, text=True, check=False,
-        preexec_fn=die_with_parent,
-    )  # fmt: skip
+    return run_process(*command, env=surroundings(**changes), cwd=cwd, preexec_fn=die_with_parent)

@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -226,8 +227,7 @@ def dask_cluster() -> Iterator[Cluster]:
         pytest.skip(f"NOT TESTED: {words}")
     import tailstack_service.jobs.engines.dask  # noqa: F401  # silences Dask's log once, for whatever test comes first
 
-    cluster = Cluster(module_path=os.pathsep.join([*(p for p in sys.path if p), str(Path(__file__).parent)]))
-    try:
+    with closing(
+        Cluster(module_path=os.pathsep.join([*(p for p in sys.path if p), str(Path(__file__).parent)]))
+    ) as cluster:
         yield cluster
-    finally:
-        cluster.close()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import node
 import pytest
 from service_scenes import ROOT
+
+from family import run_process
 
 PAGE = ROOT / "service" / "workbench"
 STRIP = """
@@ -33,9 +34,6 @@ def call_page(folder: Path, modules: tuple[str, ...], script: str, asked: Any) -
     head += "const answer = (value) => console.log(JSON.stringify(value));\n"
     environment = {**os.environ, "NODE_PATH": str(packages), "PAGE": str(PAGE)}
     for arguments, given in ((["-e", STRIP, *modules], ""), (["-e", head + script], json.dumps(asked))):
-        done = subprocess.run(
-            ["node", *arguments], input=given, capture_output=True, text=True, cwd=folder, env=environment, timeout=60,
-            check=False,
-        )  # fmt: skip
+        done = run_process("node", *arguments, input=given, cwd=folder, env=environment, timeout=60)
         assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

@@ -20,6 +20,7 @@ from typing import Any
 import yaml
 from service_scenes import EXAMPLES, ROOT
 
+from family import run_process
 from waiting import LIMIT_SECONDS
 
 ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
@@ -73,9 +74,7 @@ def redate(folder: Path, days: int) -> None:
 
 
 def git(folder: Path, *arguments: str) -> str:
-    done = subprocess.run(
-        ["git", *arguments], cwd=folder, capture_output=True, text=True, check=True, timeout=LIMIT_SECONDS
-    )
+    done = run_process("git", *arguments, cwd=folder, check=True)
     return done.stdout
 
 

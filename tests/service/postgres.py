@@ -19,7 +19,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ import psycopg
 import pytest
 from psycopg import sql
 
-from family import die_with_parent
+from family import die_with_parent, run_process
 from waiting import LIMIT_SECONDS, until
 
 USER = "tailstack"
@@ -187,9 +187,7 @@ def find_binaries() -> Path | None:
     )
     configured = shutil.which("pg_config")
     if configured:
-        done = subprocess.run(
-            [configured, "--bindir"], capture_output=True, text=True, timeout=LIMIT_SECONDS, check=True
-        )
+        done = run_process(configured, "--bindir", check=True)
         candidates.append(Path(done.stdout.strip()))
     found = shutil.which("postgres")
     if found:
@@ -211,11 +209,8 @@ def postgres_server() -> Iterator[Server]:
         if required("postgresql"):
             pytest.fail(f"{words}; TAILSTACK_TESTS_REQUIRE lists postgresql")
         pytest.skip(f"NOT TESTED: {words}")
-    server = Server(binaries)
-    try:
+    with closing(Server(binaries)) as server:
         yield server
-    finally:
-        server.close()
 
 
 @pytest.fixture

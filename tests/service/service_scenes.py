@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import os
 import re
 import shutil
 import socket
@@ -129,9 +130,10 @@ def read_answer(connection: socket.socket) -> tuple[bytes, bytes]:
 def commands(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     """What runs a command: exit code, stdout, stderr."""
 
-    def run(*arguments: str) -> tuple[int, str, str]:
-        code = main(arguments)
+    def run(*arguments: str | Path) -> tuple[int, str, str]:
+        code = main([str(argument) for argument in arguments])
         captured = capsys.readouterr()
+        assert os.environ.get("TAILSTACK_TRACEBACK") or "Traceback" not in captured.err
         return code, captured.out, captured.err
 
     return run

@@ -7,6 +7,7 @@ import os
 import pwd
 import re
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -133,8 +134,7 @@ def gate(client: httpx.Client, **changes: Any) -> None:
 @pytest.mark.long
 def test_a_key_that_is_used_and_a_policy_that_is_changed_over_http(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'jobs.sqlite3'}"
-    db = open_database(url, migrate=True)
-    try:
+    with closing(open_database(url, migrate=True)) as db:
         key, secret = create_key(db, tenant="acme", name="x", scopes=("read", "compute"), days=1)
         with client_with(Settings(database=url, auth="required")) as client:
             client.headers["Authorization"] = f"Bearer {secret}"
@@ -148,8 +148,6 @@ def test_a_key_that_is_used_and_a_policy_that_is_changed_over_http(tmp_path: Pat
             gate(client, policy=policy)
             gate(client, policy=policy, fail_level="warning")
         found = audit.list_entries(db, limit=99)
-    finally:
-        db.close()
     used = [entry for entry in found if entry.action == "key-used"]
     assert 1 <= len(used) <= 2  # an hour may end in between
     assert used[0].detail == {"address": "127.0.0.1"}

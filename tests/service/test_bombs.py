@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import struct
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -19,11 +17,10 @@ from bombs import BOMBS, NOISE
 from served import Served, served
 from service_scenes import ask, check_problem, small_design
 
-from family import forget_peak, forked_of, peak_bytes
+from family import forget_peak, forked_of, peak_bytes, run_python
 from tailstack.errors import LimitError
 from tailstack_service.problems import RequestError
 from tailstack_service.tables import MEDIA_TYPES, read_table
-from waiting import LIMIT_SECONDS
 
 MB = 1_000_000
 API_GROWTH = 40 * MB  # with a body of 8 MB, as it arrives and as it leaves for the computing process
@@ -138,9 +135,7 @@ try:
 except MemoryError:
     print(len(bytearray(100_000_000)))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
-    )
+    done = run_python("-c", program)
     assert done.returncode == 0, done.stderr
     assert "limit-exceeded" in done.stdout
     assert "TAILSTACK_MAX_PROCESS_BYTES" in done.stdout

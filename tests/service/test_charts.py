@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import pytest
 from service_scenes import EXAMPLES, ROOT
 from test_report_figures import check_picture, distribution, texts
 
+from family import run_python
 from tailstack import load_design, score
 from tailstack_service.report.charts import (
     draw_budgets,
@@ -23,7 +23,6 @@ from tailstack_service.report.charts import (
 )
 from tailstack_service.report.half_widths import tolerance_curves
 from tailstack_service.report.records import Difference, ErrorDistribution
-from waiting import LIMIT_SECONDS
 
 LONG = " ".join(f"adapter{k} of the carrier on its third spigot" for k in range(5))  # two hundred letters
 SHOWN = ErrorDistribution("tip $a$", (0.0, 0.5, 1.0, 1.5), (0.5, 0.3, 0.2), (0.48, 0.31, 0.21), 5000)
@@ -38,10 +37,9 @@ sys.stdout.write(draw_distribution({SHOWN!r}, 0.87, (0.85, 0.89), 1.0, "d"))
 def run(code: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     path = os.pathsep.join(str(ROOT / room) for room in ("solver", "service", "tests", "tests/service"))
     kept = {name: value for name, value in os.environ.items() if name not in ("MPLCONFIGDIR", "XDG_CACHE_HOME")}
-    return subprocess.run(
-        [sys.executable, "-c", code], env={**kept, "PYTHONPATH": path, "PYTHONUTF8": "1", **environment}, cwd=folder,
-        capture_output=True, text=True, timeout=LIMIT_SECONDS, check=True,
-    )  # fmt: skip
+    return run_python(
+        "-c", code, env={**kept, "PYTHONPATH": path, "PYTHONUTF8": "1", **environment}, cwd=folder, check=True
+    )
 
 
 @pytest.mark.long

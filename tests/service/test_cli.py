@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -14,26 +13,12 @@ import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, coplanar_design, limited, small_design, write_json
 
-from tailstack_service.cli.main import main
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.program import spell_commands
 from tailstack_service.schemas import TITLES, json_schema
 
 DEMO = str(EXAMPLES / "demo.yaml")
 Captured = tuple[int, str, str]
-
-
-@pytest.fixture
-def call(capsys: pytest.CaptureFixture[str]) -> Any:
-    """Run a command; (exit code, stdout, stderr)."""
-
-    def run(*arguments: str) -> Captured:
-        code = main(arguments)
-        captured = capsys.readouterr()
-        assert os.environ.get("TAILSTACK_TRACEBACK") or "Traceback" not in captured.err
-        return code, captured.out, captured.err
-
-    return run
 
 
 def check_columns(text: str) -> None:
@@ -78,12 +63,6 @@ def test_schemas_are_listed_and_printed(call: Any) -> None:
         assert json.loads(out) == json_schema(name)
 
 
-def test_an_unknown_schema_is_2(call: Any) -> None:
-    code, out, err = call("schema", "nothing")
-    assert (code, out) == (2, "")
-    assert "one of design, validation, score" in err
-
-
 def test_presets_are_listed_with_their_sources() -> None:
     entries = json_schema("presets")["oneOf"]
     assert len(entries) >= 4
@@ -99,24 +78,6 @@ def test_validate_the_examples(call: Any) -> None:
     assert (code, err) == (0, "")
     assert all(f"{name}: valid" in out for name in names)
     check_columns(out.replace(str(EXAMPLES), "examples"))
-
-
-def test_validate_points_at_line_and_column_and_goes_on(call: Any, tmp_path: Path) -> None:
-    bad = tmp_path / "bad.yaml"
-    bad.write_text(Path(DEMO).read_text().replace("source_isocentre_mm: 700", "source_isocentre_mm: wide", 1))
-    line = 1 + bad.read_text().splitlines().index(next(line for line in bad.read_text().splitlines() if "wide" in line))
-    code, out, err = call("validate", str(bad), DEMO)
-    assert code == 2
-    assert f"{bad}:{line}:26: /views/0/source_isocentre_mm: expected a number" in err
-    assert f"next: mend it, then tailstack validate {bad}" in err
-    assert f"{bad}: not valid" in out
-    assert f"{DEMO}: valid" in out
-
-
-def test_validate_an_ill_posed_design_is_3(call: Any, tmp_path: Path) -> None:
-    code, _, err = call("validate", str(write_json(tmp_path / "flat.json", coplanar_design())))
-    assert code == 3
-    assert "  hint: " in err
 
 
 # --- score ----------------------------------------------------------------------------------------
@@ -288,10 +249,6 @@ def test_convert_there_and_back(call: Any, tmp_path: Path) -> None:
     assert [(row[0], [float(v) for v in row[1:4]]) for row in rows] == [(p["label"], p["position_mm"]) for p in first]
 
 
-def test_convert_refuses_unknown_endings(call: Any, tmp_path: Path) -> None:
-    assert call("convert", DEMO, "-o", str(tmp_path / "demo.docx"))[0] == 2
-
-
 # --- refusals -------------------------------------------------------------------------------------
 
 
@@ -340,9 +297,9 @@ def test_with_json_a_refusal_is_a_problem_document_on_stderr(call: Any, tmp_path
 
 def test_ill_posed_geometry_is_3(call: Any, tmp_path: Path) -> None:
     path = str(write_json(tmp_path / "flat.json", coplanar_design()))
-    for verb in ("score", "verify"):
+    for verb in ("validate", "score", "verify"):
         code, out, err = call(verb, path)
-        assert (code, out) == (3, "")
+        assert (code, out.count("not valid")) == (3, int(verb == "validate"))
         assert "  hint: " in err
 
 

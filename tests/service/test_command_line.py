@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from typing import Any
 
 import pytest
-from service_scenes import EXAMPLES, ROOT, commands
+from service_scenes import EXAMPLES
 
-from waiting import LIMIT_SECONDS
+from family import SOURCES, run_python
 
 DEMO = str(EXAMPLES / "demo.yaml")
-
-
-@pytest.fixture
-def call(capsys: pytest.CaptureFixture[str]) -> Any:
-    """Run a command; (exit code, stdout, stderr)."""
-
-    return commands(capsys)
 
 
 @pytest.mark.parametrize("flag", ["--version", "-V", "version"])
@@ -28,11 +19,8 @@ def test_the_version_is_printed_on_every_way_to_ask(call: Any, flag: str) -> Non
 
 
 def test_python_m_tailstack_is_the_command_and_hints_say_so() -> None:
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "tailstack", "score", "nowhere.yaml"],
-        env={"PYTHONPATH": f"{ROOT / 'solver'}:{ROOT / 'service'}", "PATH": ""},
-        capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False,
-    )  # fmt: skip
+    outside = {"PYTHONPATH": SOURCES, "PATH": ""}
+    done = run_python("-P", "-m", "tailstack", "score", "nowhere.yaml", env=outside)
     assert done.returncode == 2
     assert done.stderr.startswith("tailstack score: the design document is not valid")
     assert "next: python -m tailstack init" in done.stderr

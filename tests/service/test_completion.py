@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
 from postgres import required
 from service_scenes import EXAMPLES
 
+from family import run_process
 from tailstack_service.cli.main import main
 from tailstack_service.cli.verbs import verbs
-from waiting import LIMIT_SECONDS
 
 SCRIPTS = Path(__file__).parent / "shells"
 SHELLS = ("bash", "zsh", "fish")
@@ -63,7 +62,7 @@ def offers(shell: str, script: Path, line: str, room: Path) -> set[str]:
         "zsh": ["zsh", "-f", str(SCRIPTS / "complete.zsh"), str(script.parent), line],
         "fish": ["fish", "--no-config", "-c", f"source {script}; complete -C '{line}'"],
     }[shell]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=room, timeout=LIMIT_SECONDS, check=False)
+    done = run_process(*command, cwd=room)
     return {offer.split("\t")[0] for offer in done.stdout.splitlines()}
 
 

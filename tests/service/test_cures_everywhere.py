@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from service_scenes import EXAMPLES, ROOT, check_problem, client_with, small_design
+from service_scenes import EXAMPLES, ROOT, check_problem, small_design
 
 from tailstack.design import check_design, load_design
 from tailstack.design.plausibility import PLAUSIBILITY
@@ -20,12 +19,6 @@ from tailstack_service.cli.main import main
 DEMO = EXAMPLES / "demo.yaml"
 YAML = {"Content-Type": "application/yaml"}
 JSON = {"Content-Type": "application/json"}
-
-
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with() as client:
-        yield client
 
 
 def written(tmp_path: Path, old: str, new: str, count: int = 1) -> Path:
@@ -82,23 +75,6 @@ def test_options_of_a_request_are_cured_like_fields(client: httpx.Client) -> Non
 def test_a_schema_that_is_misspelt_at_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema", "desgin"]) == 2
     assert "did you mean design? one of design, validation" in capsys.readouterr().err
-
-
-def test_a_policy_is_cured_like_a_design(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    policy = tmp_path / "policy.yaml"
-    for text, cure in (
-        ("rules: {p95: {confidence: 95}}", "95 % is 0.95"),
-        ("rules: {p95: {severity: warn}}", "did you mean warning?"),
-        ("rules: {plausability: {severity: error}}", "did you mean plausibility?"),
-        ("rules: {plausibility: {remarks: [noise]}}", "must be"),
-        ("guard_band_percent: '5 %'", "the field is in per cent: write 5"),
-    ):
-        policy.write_text(f"schema: tailstack/policy/1\n{text}\n")
-        assert main(["gate", str(DEMO), "--policy", str(policy), "--mode", "analytic"]) == 2
-        output = capsys.readouterr()
-        told = " ".join((output.out + output.err).split())
-        assert cure in told
-        assert "policy.yaml:2:" in told
 
 
 @pytest.mark.parametrize(

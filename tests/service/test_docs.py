@@ -5,8 +5,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,12 +12,12 @@ import served
 from openapi_scenes import DOCUMENT
 from service_scenes import ROOT
 
+from family import run_process, run_python
 from tailstack.effects import EFFECTS
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.environment import OTHERS
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.settings import schemas
-from waiting import LIMIT_SECONDS
 
 CLI = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
 HTTP = (ROOT / "docs" / "http.md").read_text(encoding="utf-8")
@@ -69,9 +67,7 @@ def test_the_minute_with_curl_runs_as_it_stands(tmp_path: Path) -> None:
     assert address.startswith("api=")
     with served.served(tmp_path) as service:
         script = "\n".join(["set -eu", f"api={service.url}", *rest]).replace("@examples/", f"@{ROOT}/examples/")
-        done = subprocess.run(
-            ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
-        )
+        done = run_process("bash", "-c", script, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads((tmp_path / "accepted.json").read_text())["kind"] == "optimisation"
     assert "event: state" in done.stdout
@@ -177,10 +173,7 @@ def find_spec_of(name: str) -> object:
 @pytest.mark.long("command")
 @pytest.mark.parametrize("name", ["score", "command"])
 def test_architecture_draws_the_walk_that_the_code_takes(name: str) -> None:
-    done = subprocess.run(
-        [sys.executable, ROOT / "docs" / "walks.py", "--check", name],
-        capture_output=True, text=True, check=False, timeout=LIMIT_SECONDS,
-    )  # fmt: skip
+    done = run_python(ROOT / "docs" / "walks.py", "--check", name)
     assert done.returncode == 0, done.stderr
 
 

@@ -6,7 +6,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,8 +15,8 @@ import pytest
 import yaml
 from service_scenes import ROOT
 
+from family import run_python
 from tailstack_service.cli.main import main
-from waiting import LIMIT_SECONDS
 
 GALLERY = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
 DESIGNS = sorted((ROOT / "examples" / "gallery").glob("*.yaml"))
@@ -26,14 +25,7 @@ SOURCES = ("src", "href", "srcset", "data", "poster", "action", "style")
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=LIMIT_SECONDS,
-        cwd=ROOT,
-    )
+    return run_python(*map(str, arguments), cwd=ROOT)
 
 
 @pytest.fixture(scope="module")

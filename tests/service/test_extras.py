@@ -23,9 +23,9 @@ import served
 from packaging.requirements import Requirement
 from service_scenes import EXAMPLES, ROOT, client_of
 
+from family import run_process, run_python
 from tailstack.extras import MODULES_OF, install_command
 from tailstack.version import __version__
-from waiting import LIMIT_SECONDS
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LARGEST_CORE_BYTES = 450e6
@@ -56,10 +56,7 @@ def tailstack(*arguments: str, without: tuple[str, ...], folder: Path) -> subpro
     code += "from tailstack_service.cli.main import command; command()"
     variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
     variables |= {"PYTHONPATH": served.PATH, "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}"}
-    return subprocess.run(
-        [sys.executable, "-c", code, *arguments], env=variables, cwd=folder, capture_output=True, text=True,
-        timeout=LIMIT_SECONDS, check=False,
-    )  # fmt: skip
+    return run_python("-c", code, *arguments, env=variables, cwd=folder)
 
 
 @pytest.mark.long(
@@ -153,10 +150,7 @@ for words in {commands!r}:
 print(json.dumps(said))
 """
     variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**variables, "PYTHONPATH": served.PATH}, cwd=folder,
-        capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False,
-    )  # fmt: skip
+    done = run_python("-c", code, env={**variables, "PYTHONPATH": served.PATH}, cwd=folder)
     assert done.returncode == 0, done.stderr
     return [(code, text) for code, text in json.loads(done.stdout)]
 
@@ -196,10 +190,7 @@ def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) ->
 
 def test_python_is_told_too() -> None:
     code = f"import sys; sys.modules.update(dict.fromkeys({MODULES_OF['optimise']!r}))\nfrom tailstack import optimise"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": served.PATH}, capture_output=True, text=True,
-        timeout=LIMIT_SECONDS, check=False,
-    )  # fmt: skip
+    done = run_python("-c", code, said={"PYTHONPATH": served.PATH})
     assert "MissingExtraError" in done.stderr
     assert command("optimise") in done.stderr.splitlines()[-1]
 
@@ -236,11 +227,8 @@ def test_an_extra_comes_from_where_the_package_came_from(
     (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: tailstack\nVersion: {__version__}\n")
     if noted is not None:
         (metadata / "direct_url.json").write_text(json.dumps(noted))
-    done = subprocess.run(
-        [sys.executable, "-c", "from tailstack.extras import install_command as f; print(f('pdf', 'optimise'))"],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path, capture_output=True, text=True,
-        timeout=LIMIT_SECONDS, check=True,
-    )  # fmt: skip
+    code = "from tailstack.extras import install_command as f; print(f('pdf', 'optimise'))"
+    done = run_python("-c", code, said={"PYTHONPATH": str(tmp_path)}, cwd=tmp_path, check=True)
     assert done.stdout.strip() == expected
     Requirement(shlex.split(expected)[2])  # is one that pip reads
 
@@ -251,18 +239,14 @@ def test_the_command_of_a_checkout_is_one_that_pip_carries_out(tmp_path: Path) -
     options = ("--dry-run", "--no-deps", "--no-index", "--no-build-isolation", "--no-cache-dir")
     pip = [sys.executable, "-m", *words[:2], *options, *words[2:]]
     variables = {**os.environ, "PIP_CONFIG_FILE": os.devnull}
-    done = subprocess.run(
-        pip, env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
-    )
+    done = run_process(*pip, env=variables, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"tailstack-{__version__}" in done.stdout
 
 
 def test_nothing_that_ships_installs_tailstack_by_name() -> None:
     """There is no such package on an index: its name may be anybody's. A page that names an index says so itself."""
-    git = subprocess.run(
-        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False, timeout=LIMIT_SECONDS
-    )
+    git = run_process("git", "ls-files", cwd=ROOT)
     listed = git.stdout.split()
     files = [name for name in listed if not name.endswith(".lock") and name.split("/")[0] not in ("tests", "openapi")]
     if not files:

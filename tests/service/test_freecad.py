@@ -21,9 +21,9 @@ import pytest
 from postgres import required
 from service_scenes import EXAMPLES, ROOT, client_with
 
+from family import run_process
 from tailstack import load_design, score
 from tailstack_service.settings import Settings
-from waiting import LIMIT_SECONDS
 
 WORKBENCH = EXAMPLES / "integrations" / "freecad"
 
@@ -50,11 +50,9 @@ def course(freecad: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
         (folder / "design.json").write_text(json.dumps(design), encoding="utf-8")
         told = {"url": str(client.base_url).rstrip("/"), "folder": str(folder), "workbench": str(WORKBENCH)}
         environment = {**os.environ, "COURSE": json.dumps(told), "HOME": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
-        done = subprocess.run(
-            [freecad, str(ROOT / "tests" / "service" / "freecad_course.py")],
-            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LIMIT_SECONDS,
-            env=environment, check=False,
-        )  # fmt: skip
+        done = run_process(
+            freecad, str(ROOT / "tests" / "service" / "freecad_course.py"), stdin=subprocess.DEVNULL, env=environment
+        )
         assert (folder / "found.json").is_file(), done.stdout[-2000:] + done.stderr[-2000:]
         found: dict[str, Any] = json.loads((folder / "found.json").read_text(encoding="utf-8"))
         assert "traceback" not in found, found["traceback"]

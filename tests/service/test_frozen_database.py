@@ -8,7 +8,7 @@ import signal
 import threading
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +37,7 @@ def test_a_transaction_gives_a_silent_server_up_and_the_next_one_works(
     postgres_server: Server, postgres_url: str
 ) -> None:
     schema.migrate_database(postgres_url)
-    db = open_database(postgres_url)
-    try:
+    with closing(open_database(postgres_url)) as db:
         job = submit(db)
         for _ in range(2):  # with a connection of the pool, and without one
             with postgres_server.frozen():
@@ -57,8 +56,6 @@ def test_a_transaction_gives_a_silent_server_up_and_the_next_one_works(
                     with pytest.raises(StoreUnavailable):
                         waiting.result(LIMIT_SECONDS)
             assert jobs.find_job(db, "acme", job.id) == job
-    finally:
-        db.close()
 
 
 def ready(client: httpx.Client) -> tuple[int, str]:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
-from gate_scenes import BAD, FORMATS, GOOD, PASSING, STRICT, waivers_of_today, write_documents
+from gate_scenes import BAD, GOOD, PASSING, STRICT, waivers_of_today, write_documents
 from service_scenes import limited, write_json
 
-from family import run_process
 from tailstack import load_design, score
 from tailstack_service.cli.main import main
 from tailstack_service.cli.report import _stem
@@ -105,46 +103,12 @@ def test_what_is_no_option_is_refused_with_2(
     assert (words in shown.err, shown.out) == (True, "")
 
 
-@pytest.mark.long
-def test_mode_analytic_loads_nothing_heavy(folder: Path) -> None:
-    """What would cost a commit hook its seconds: the optimisers, the web, templates, tables, statistics."""
-    code = (
-        "import sys\n"
-        "from tailstack_service.cli.main import main\n"
-        "code = main(sys.argv[1:])\n"
-        "heavy = {'casadi', 'cvxpy', 'fastapi', 'starlette', 'jinja2', 'sqlalchemy', 'weasyprint', 'xlsxwriter',\n"
-        "         'scipy.stats', 'distributed', 'httpx', 'jsonschema'}\n"
-        "print(sorted(heavy & set(sys.modules)))\n"
-        "sys.exit(code)\n"
-    )
-    formats = [f"--format={name}=out.{name}" for name in FORMATS]
-    given = ("gate", "one.yaml", "--policy", "policy.yaml", "--mode", "analytic", *formats)
-    ran = run_process(sys.executable, "-c", code, *given, cwd=folder)
-    assert (ran.returncode, ran.stdout) == (0, "[]\n"), ran.stderr
-
-
 # --- report ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.long
-def test_a_report_of_a_design_and_of_its_record(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["report", "bad.yaml", "--format", "json,html,xlsx", "-o", "out", "--trials", "4000"]) == 1
-    written = capsys.readouterr().out.split()
-    assert written == [str(Path("out") / name) for name in ("bad.report.json", "bad.html", "bad.xlsx")]
-    assert main(["report", "out/bad.report.json", "--format", "html", "-o", "again"]) == 1
-    assert (folder / "again" / "bad.html").read_bytes() == (folder / "out" / "bad.html").read_bytes()
 
 
 def test_reports_of_two_revisions_stay_apart() -> None:
     names = ("guide.v1.yaml", "guide.v2.yml", "guide.report.json", "guide.json", "guide", "guide.html", ".yaml")
     assert [_stem(name) for name in names] == ["guide.v1", "guide.v2", "guide", "guide", "guide", "guide", ".yaml"]
-
-
-def test_a_report_of_what_another_verb_wrote(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["score", "one.yaml", "--json"]) == 0
-    (folder / "score.json").write_text(capsys.readouterr().out, encoding="utf-8")
-    assert main(["report", "score.json", "-o", "."]) == 0
-    assert '<p class="kind">Estimated error</p>' in (folder / "score.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ import inspect
 import json
 import re
 import shutil
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +23,7 @@ from answers import answers, committed_answers, differences, shape, shortened
 from openapi_scenes import DOCUMENT, OPENAPI
 from served import Served, served
 
+from family import run_process, run_python
 from waiting import LIMIT_SECONDS
 
 LARGEST_BYTES, MOST_FILES = 1_500_000, 300
@@ -39,7 +39,7 @@ pytest.register_assert_rewrite(COURSE.stem)
 def generated(folder: Path, choice: str) -> Path:
     """The folder, in which the command has made one of the clients."""
     command: list[str | Path] = [sys.executable, OPENAPI / "generate.py", f"--{choice}", "-o", folder]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_SECONDS)
+    done = run_process(*command)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder / choice
 
@@ -89,9 +89,7 @@ def test_python_client_is_small_and_imports_whole(package: Path) -> None:
     assert sum(path.stat().st_size for path in files) < LARGEST_BYTES
     modules = sorted(".".join(path.relative_to(package).with_suffix("").parts) for path in package.rglob("*.py"))
     code = "\n".join(f"import {module.removesuffix('.__init__')}" for module in modules)
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], cwd=package, capture_output=True, text=True, timeout=LIMIT_SECONDS
-    )
+    done = run_python("-W", "error", "-c", code, cwd=package)
     assert done.returncode == 0, done.stderr
 
 
@@ -152,7 +150,7 @@ def test_programs_with_the_python_client_are_typed(package: Path, tmp_path: Path
     programs = [COURSE, *sorted(tmp_path.glob("wrong*.py"))]
     command: list[str | Path] = [sys.executable, "-m", "mypy", "--config-file", settings]
     command += ["--cache-dir", tmp_path / "cache", *programs]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_SECONDS)
+    done = run_process(*command)
     found = set(re.findall(r"(\w+)\.py:\d+: error", done.stdout))
     assert found == {f"wrong{number}" for number in range(len(WRONG_PYTHON))}, done.stdout + done.stderr
 

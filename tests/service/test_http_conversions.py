@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +12,11 @@ import httpx
 import pytest
 import yaml
 from jsonschema import Draft202012Validator
-from service_scenes import check_problem, client_with, small_design
+from service_scenes import EXAMPLES, check_problem, client_with, small_design
 
 from tailstack.design import load_design
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
-from tailstack_service.integrations.conversion import BALL
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 
@@ -123,46 +120,25 @@ def test_plain_text_says_what_it_is(client: httpx.Client) -> None:
 STEP = {"Content-Type": "model/step"}
 
 
-def renumber(by: int, found: re.Match[str]) -> str:
-    return f"#{int(found[1]) + by}"
-
-
-def carrier() -> str:
-    """Eight balls of 3 mm and one of 6 mm, made of the file with one ball: solids of one part."""
-    solid = [line for line in BALL.splitlines() if line.startswith(tuple(f"#{n}=" for n in range(7, 17)))]
-    lines, items = [], []
-    for index in range(9):
-        x, y, z = (40.0 if index & bit else -38.0 + index for bit in (1, 2, 4))
-        for line in solid:
-            number, _, rest = line.partition("=")
-            moved = re.sub(r"#(\d+)", partial(renumber, 100 * index), f"{number}={rest}")
-            moved = moved.replace("(10.,20.,30.)", f"({x},{y},{z})")
-            radius = 3.0 if index == 8 else 1.5
-            moved = moved.replace("(10.,20.,28.5)", f"({x},{y},{z - radius})").replace(",1.5)", f",{radius})")
-            lines.append(moved.replace("BREP(''", f"BREP('BALL{index + 1}'"))
-        items.append(f"#{7 + 100 * index}")
-    others = [line for line in BALL.splitlines() if line not in solid]
-    at = next(index for index, line in enumerate(others) if line.startswith("#6="))
-    others[at] = others[at].replace("(#7)", f"({','.join(items)})")
-    return "\n".join([*others[: at + 1], *lines, *others[at + 1 :]]) + "\n"
+CARRIER = (EXAMPLES / "integrations" / "step" / "carrier.step").read_text(encoding="utf-8")  # eight balls of 3 mm
 
 
 @pytest.mark.long
 def test_a_step_file_becomes_a_design_that_scores(client: httpx.Client) -> None:
-    query = "?sphere_diameter_mm=3&sphere_tolerance_mm=0.1"
-    document = converted(client.post(f"/v1/conversions{query}", content=carrier(), headers=STEP))
-    assert [point["label"] for point in document["fiducials"]] == [f"BALL{k}" for k in range(1, 9)]
-    assert [body["reason"] for body in document["bodies"]] == [""] * 8 + ["its diameter is not 3 ± 0.1 mm"]
+    query = "?sphere_diameter_mm=3&sphere_tolerance_mm=0.1&name=BEAD[!8]"
+    document = converted(client.post(f"/v1/conversions{query}", content=CARRIER, headers=STEP))
+    assert [point["label"] for point in document["fiducials"]] == [f"BEAD{k}" for k in range(1, 8)]
+    assert [body["reason"] for body in document["bodies"]] == [""] * 7 + ["no name of it matches BEAD[!8]"]
     assert any("correct them" in note for note in document["notes"])
     assert not any("does not score" in note for note in document["notes"])
     scored = client.post("/v1/scores", content=document["content"], headers={"Content-Type": "application/yaml"})
     assert scored.status_code == 200, scored.text
-    again = client.post(f"/v1/conversions{query}&from=step", content=carrier(), headers={"Content-Type": "text/plain"})
+    again = client.post(f"/v1/conversions{query}&from=step", content=CARRIER, headers={"Content-Type": "text/plain"})
     assert converted(again) == document
 
 
 def test_the_balls_of_a_step_file_replace_the_fiducials_of_a_design(client: httpx.Client) -> None:
-    body = {"format": "step", "content": carrier(), "name": "BALL?", "sphere_diameter_mm": 3, "base": small_design()}
+    body = {"format": "step", "content": CARRIER, "name": "BEAD?", "sphere_diameter_mm": 3, "base": small_design()}
     document = converted(client.post("/v1/conversions", json=body))
     made = load_design(document["content"])
     assert made.document.targets == load_design(small_design()).document.targets
@@ -174,12 +150,13 @@ def test_the_balls_of_a_step_file_replace_the_fiducials_of_a_design(client: http
 @pytest.mark.parametrize(
     ("query", "content", "slug", "words"),
     [
-        ("", carrier(), "invalid-design", "8 of 3 mm, 1 of 6 mm"),
-        ("?sphere_diameter_mm=3", carrier().replace("#14,.T.", "#9999,.T."), "invalid-design", "#9 names #9999, which"),
-        ("?sphere_diameter_mm=3&frame=CON", carrier(), "invalid-design", "no coordinate system"),
-        ("?sphere_diameter_mm=none", carrier(), "invalid-request", "expected a number"),
-        ("?sphere_diameter_mm=-1", carrier(), "invalid-request", "above 0"),
-        ("?spheres=3", carrier(), "invalid-request", "spheres"),
+        ("?sphere_diameter_mm=5", CARRIER, "invalid-design", "8 of 3 mm"),
+        ("?sphere_diameter_mm=3", CARRIER.replace("'',(#107),", "'',(#99999),"), "invalid-design",
+         "#106 names #99999, which"),
+        ("?sphere_diameter_mm=3&frame=CON", CARRIER, "invalid-design", "no coordinate system"),
+        ("?sphere_diameter_mm=none", CARRIER, "invalid-request", "expected a number"),
+        ("?sphere_diameter_mm=-1", CARRIER, "invalid-request", "above 0"),
+        ("?spheres=3", CARRIER, "invalid-request", "spheres"),
         ("", "ISO-10303-21;", "invalid-design", "expected an instance"),
     ],
 )  # fmt: skip
@@ -189,8 +166,8 @@ def test_a_step_file_that_cannot_be_used(client: httpx.Client, query: str, conte
 
 
 def test_a_step_file_may_be_longer_than_a_design() -> None:
-    padded = carrier().replace("DATA;", "DATA;\n/*" + "x" * 30_000 + "*/")
-    with client_with(Settings(max_body_bytes=20_000, max_step_bytes=40_000)) as client:
+    padded = CARRIER.replace("DATA;", "DATA;\n/*" + "x" * 30_000 + "*/")
+    with client_with(Settings(max_body_bytes=20_000, max_step_bytes=90_000)) as client:
         query = "/v1/conversions?sphere_diameter_mm=3&to=csv"
         assert client.post(query, content=padded, headers=STEP).status_code == 200
         too_long = client.post(query, content=padded + " " * 20_000, headers=STEP)

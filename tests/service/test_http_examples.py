@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import httpx
 import pytest
 import yaml
-from service_scenes import EXAMPLES, check_problem, client_with, small_design
+from service_scenes import EXAMPLES, check_problem, small_design
 
 from tailstack import load_design
-
-
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with() as client:
-        yield client
 
 
 @pytest.mark.long

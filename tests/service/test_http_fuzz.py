@@ -12,7 +12,7 @@ import httpx
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from service_scenes import client_with, small_design
+from service_scenes import small_design
 
 pytestmark = pytest.mark.hostile
 
@@ -25,12 +25,6 @@ ODD: list[Any] = [
 ]  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with() as client:
-        yield client
-
-
 def check_no_defect(response: httpx.Response) -> None:
     assert response.status_code < 500, response.text
     assert response.headers["content-type"] in ("application/json", "application/problem+json")
@@ -38,14 +32,6 @@ def check_no_defect(response: httpx.Response) -> None:
     if response.status_code not in (200, 202):
         assert document["errors"]
         assert document["status"] == response.status_code
-
-
-@pytest.mark.long
-@FEW
-@given(path=st.sampled_from(POSTS), body=st.binary(max_size=300), yaml=st.booleans())
-def test_bytes(client: httpx.Client, path: str, body: bytes, yaml: bool) -> None:
-    kind = "application/yaml" if yaml else "application/json"
-    check_no_defect(client.post(path, content=body, headers={"Content-Type": kind}))
 
 
 @FEW

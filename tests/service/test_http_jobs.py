@@ -124,40 +124,6 @@ def test_waiting_gives_the_result_itself(client: httpx.Client) -> None:
     assert client.get(response.headers["location"]).json()["result_sha256"] == sha256
 
 
-@pytest.mark.long("/v1/optimisations-body0-optimisation", "/v1/reports-body3-report")
-@pytest.mark.parametrize(
-    ("path", "body", "answer"),
-    [
-        ("/v1/optimisations", {"design": small_design(), "starts": 1, "seed": 1}, "optimisation"),
-        (
-            "/v1/sweeps",
-            {"design": small_design(), "axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.4]}]},
-            "sweep",
-        ),
-        ("/v1/gates", {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "verify"}, "gate"),
-        ("/v1/reports", {"design": small_design(), "trials": 3000}, "report"),
-    ],
-)
-def test_every_kind_of_job_comes_to_its_published_answer(
-    client: httpx.Client, path: str, body: dict[str, Any], answer: str
-) -> None:
-    response = done(client, path, body)
-    assert response.status_code == 200, response.text
-    Draft202012Validator(json_schema(answer)).validate(response.json())
-    assert client.get(response.headers["location"]).json()["kind"] == answer
-
-
-@pytest.mark.long
-def test_an_analytic_gate_is_answered_at_once(idle: httpx.Client) -> None:
-    body = {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"}
-    response = idle.post("/v1/gates", json=body)
-    assert response.status_code == 200, response.text
-    by_yaml = idle.post(
-        "/v1/gates?mode=analytic", content=data_to_yaml(small_design()), headers={"Content-Type": "application/yaml"}
-    )
-    assert by_yaml.json()["verdict"] == response.json()["verdict"]
-
-
 def test_a_design_as_yaml_with_options_in_the_query(client: httpx.Client) -> None:
     response = client.post(
         "/v1/verifications?trials=3000&seed=5&method=plain",
@@ -503,12 +469,6 @@ def test_a_result_as_a_report(client: httpx.Client, form: str, media: str, head:
     assert report.headers["content-type"].startswith(media)
     assert report.content[: len(head)].lower() == head.lower()
     assert f".{form}" in report.headers["content-disposition"]
-
-
-def test_a_report_in_an_unknown_format(client: httpx.Client) -> None:
-    job = ended(client, done(client, "/v1/verifications", QUICK).headers["location"].rpartition("/")[2])
-    response = client.get(f"{job['links']['report']}?format=docx")
-    assert check_problem(response, 422, "invalid-request")["errors"][0]["pointer"] == "/format"
 
 
 @pytest.mark.long

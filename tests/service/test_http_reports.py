@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import httpx
 import pytest
-from service_scenes import check_problem, client_with, small_design
+from service_scenes import check_problem, small_design
 
 from tailstack_service.operations.rendering import MEDIA_TYPES, render
-
-
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    with client_with() as client:
-        yield client
 
 
 @pytest.mark.parametrize("name", ["score", "layout"])

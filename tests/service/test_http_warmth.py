@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import os
 import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Awaitable, Callable
@@ -17,6 +16,7 @@ import httpx
 import pytest
 from service_scenes import Caller, check_problem, small_design
 
+from family import run_python
 from tailstack_service.http.app import create_app
 from tailstack_service.http.compute_pool import WARMTH_LOOK_SECONDS, ComputePool
 from tailstack_service.http.service import Service
@@ -186,9 +186,7 @@ for more in sorted(compiled() - known):
     print(*more)
 """
     root = Path(__file__).resolve().parents[2]
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=root, capture_output=True, text=True, timeout=3 * LIMIT_SECONDS
-    )
+    done = run_python("-c", program, cwd=root, timeout=3 * LIMIT_SECONDS)
     assert done.returncode == 0, done.stderr
     scored, *more = done.stdout.splitlines()
     assert int(scored) >= 8

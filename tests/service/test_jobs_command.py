@@ -7,7 +7,7 @@ import socket
 import ssl
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -135,11 +135,8 @@ def test_hints_are_for_who_types_commands(
     with client_with(settings) as guarded:
         assert call(guarded, "list") == 2
         assert "hint: set TAILSTACK_KEY to an API key" in capsys.readouterr().err
-        db = open_database(settings.database_url)
-        try:
+        with closing(open_database(settings.database_url)) as db:
             _, secret = create_key(db, tenant="a", name="b", scopes=("read",), days=1.0)
-        finally:
-            db.close()
         monkeypatch.setenv("TAILSTACK_KEY", secret)
         monkeypatch.setenv("TAILSTACK_URL", str(guarded.base_url))
         assert main(["jobs", "list", "--json"]) == 0

@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 from service_scenes import EXAMPLES, ROOT
 
+from family import run_process
 from tailstack.kernels import calls, processor, store
 from waiting import LIMIT_SECONDS
 
@@ -50,22 +51,11 @@ class Environment:
         left_out = ("TAILSTACK_", "NUMBA_", "PYTHON", "XDG_")
         given = {name: value for name, value in os.environ.items() if not name.startswith(left_out)}
         given |= {"HOME": str(self.place / "home"), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-        return subprocess.run(
-            [self.python, "-c", program, *arguments], cwd=self.place, env=given, capture_output=True, text=True,
-            timeout=3 * LIMIT_SECONDS, check=False,
-        )  # fmt: skip
+        return run_process(self.python, "-c", program, *arguments, cwd=self.place, env=given, timeout=3 * LIMIT_SECONDS)
 
 
 def quietly(*command: str, **variables: str) -> str:
-    done = subprocess.run(
-        command,
-        cwd=ROOT,
-        env={**os.environ, **variables},
-        capture_output=True,
-        text=True,
-        timeout=5 * LIMIT_SECONDS,
-        check=False,
-    )
+    done = run_process(*command, cwd=ROOT, env={**os.environ, **variables}, timeout=5 * LIMIT_SECONDS)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -7,7 +7,6 @@ import re
 import signal
 import stat
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +18,7 @@ from containers import USER, contain, run_contained, surroundings
 from served import COMMAND, PATH
 from service_scenes import ROOT, ask, small_design
 
-from family import die_with_parent, ended
+from family import die_with_parent, ended, run_process, run_python
 from tailstack.errors import MissingExtraError
 from tailstack_service import environment
 from tailstack_service.cli.doctor import CHECKS, Ailment
@@ -150,7 +149,7 @@ def test_a_report_without_a_font_is_refused_and_not_killed(tmp_path: Path) -> No
     file = tmp_path / "x.pdf"
     environment = {**os.environ, "FONTCONFIG_FILE": without_fonts(tmp_path), "PYTHONPATH": PATH}
     command = [*COMMAND, "report", DESIGN, "-o", str(file)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = run_process(*command, env=environment)
     assert (done.returncode, file.exists()) == (3, False), done.stderr
     assert "apt install fonts-dejavu-core" in done.stderr
 
@@ -186,8 +185,7 @@ def test_an_ipopt_that_cannot_be_loaded_is_named(monkeypatch: pytest.MonkeyPatch
 
 
 def test_an_interpreter_that_drops_texts_is_refused() -> None:
-    command = [sys.executable, "-OO", "-m", "tailstack_service", "version"]
-    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": PATH}, capture_output=True, text=True, check=False)
+    done = run_python("-OO", "-m", "tailstack_service", "version")
     assert (done.returncode, done.stdout) == (3, "")
     assert "-OO (PYTHONOPTIMIZE=2) leaves out the texts" in done.stderr
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,6 +15,7 @@ from browsing import browser, used
 from served import served
 from service_scenes import EXAMPLES, ROOT
 
+from family import run_python
 from waiting import LIMIT_SECONDS
 
 __all__ = ["browser"]
@@ -69,14 +68,8 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], flo
         text = each.read_text(encoding="utf-8")
         assert FIELD in text
         each.write_text(text.replace(FIELD, RENAMED), encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(EXAMPLES / "demo.yaml")],
-        env={**os.environ, "PYTHONPATH": copy},
-        capture_output=True,
-        text=True,
-        timeout=5 * LIMIT_SECONDS,
-        check=False,
-        cwd=folder,
+    done = run_python(
+        "-c", PROGRAM, str(EXAMPLES / "demo.yaml"), said={"PYTHONPATH": copy}, timeout=5 * LIMIT_SECONDS, cwd=folder
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

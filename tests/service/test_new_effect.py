@@ -17,7 +17,7 @@ import yaml
 from browsing import browser, used
 from service_scenes import ROOT
 
-from family import die_with_parent, ended
+from family import die_with_parent, ended, run_process, run_python
 from waiting import LIMIT_SECONDS
 
 __all__ = ["browser"]
@@ -61,9 +61,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def write_effect(root: Path, name: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(root / "run"), "new", "effect", name], capture_output=True, text=True, check=False
-    )
+    return run_python(str(root / "run"), "new", "effect", name)
 
 
 def changed_files(source: Path) -> set[str]:
@@ -83,7 +81,7 @@ def test_one_file_and_one_line_are_written_that_read_like_ours(source: Path) -> 
     assert [line for line in table.splitlines() if line not in ours.splitlines()][1:] == ["    bending.KIND,"]
     for words in (("check",), ("format", "--check")):
         ruff = [sys.executable, "-m", "ruff", *words, "--config", str(ROOT / "pyproject.toml"), "--no-cache"]
-        done = subprocess.run([*ruff, *files], cwd=source, capture_output=True, text=True, check=False)
+        done = run_process(*ruff, *files, cwd=source)
         assert done.returncode == 0, done.stdout
 
 
@@ -128,15 +126,7 @@ def designed(folder: Path, **sag: Any) -> Path:
 
 
 def run(variables: dict[str, str], folder: Path, *arguments: str, codes: tuple[int, ...] = (0, 1)) -> str:
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        env=variables,
-        capture_output=True,
-        text=True,
-        timeout=3 * LIMIT_SECONDS,
-        check=False,
-        cwd=folder,
-    )
+    done = run_python(*arguments, env=variables, timeout=3 * LIMIT_SECONDS, cwd=folder)
     assert done.returncode in codes, done.stderr
     return done.stdout
 

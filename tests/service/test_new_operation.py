@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +12,7 @@ import pytest
 import served
 from service_scenes import ROOT, client_of, copy_with_toy
 
-from waiting import LIMIT_SECONDS
+from family import COMMAND, run_python
 
 TOY = '''"""How far apart the fiducials are."""
 
@@ -120,10 +118,7 @@ DESIGN = ROOT / "examples" / "demo.yaml"
 
 
 def tailstack(variables: dict[str, str], *arguments: str, folder: Path | None = None) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "tailstack_service.cli.main", *arguments],
-        env=variables, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False, cwd=folder,
-    )  # fmt: skip
+    done = run_python(*COMMAND, *arguments, env=variables, cwd=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from service_scenes import ROOT
 
+from family import run_python
 from waiting import LIMIT_SECONDS
 
 DEMO = ROOT / "examples" / "demo.yaml"
@@ -76,11 +75,9 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     content = content.replace(BESIDE, BESIDE + ADDED).replace("TYPE_CHECKING, Any", "TYPE_CHECKING, Annotated, Any")
     file.write_text(content, encoding="utf-8")
     path = os.pathsep.join([str(folder), str(ROOT / "solver")])
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(DEMO)],
-        env={**os.environ, "PYTHONPATH": path, "COLUMNS": "100"}, capture_output=True, text=True,
-        timeout=3 * LIMIT_SECONDS, check=False, cwd=folder,
-    )  # fmt: skip
+    done = run_python(
+        "-c", PROGRAM, str(DEMO), said={"PYTHONPATH": path, "COLUMNS": "100"}, timeout=3 * LIMIT_SECONDS, cwd=folder
+    )
     assert done.returncode == 0, done.stderr
     answer: dict[str, Any] = json.loads(done.stdout)
     assert Path(answer["sources"]).is_relative_to(folder)

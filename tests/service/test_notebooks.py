@@ -18,6 +18,7 @@ from openapi_scenes import DOCUMENT
 from rules import resolved
 from service_scenes import EXAMPLES, luminance
 
+from family import run_python
 from tailstack import MissingExtraError, load_design, score, sweep
 from tailstack.results import Optimisation, Score, Verification
 from tailstack.results.notebook import PLAIN, TONES
@@ -284,10 +285,9 @@ def test_a_notebook_runs(tmp_path: Path) -> None:
 
 def run_cells(sources: Sequence[str], folder: Path) -> list[list[dict[str, Any]]]:
     """What each cell shows."""
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, f"{3 * LIMIT_SECONDS:.0f}"], input=json.dumps(sources), cwd=folder,
-        capture_output=True, text=True, timeout=3 * LIMIT_SECONDS, check=False,
-    )  # fmt: skip
+    done = run_python(
+        "-c", RUN, f"{3 * LIMIT_SECONDS:.0f}", input=json.dumps(sources), cwd=folder, timeout=3 * LIMIT_SECONDS
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     outputs: list[list[dict[str, Any]]] = json.loads(done.stdout)
     return outputs

@@ -21,23 +21,9 @@ from service_scenes import EXAMPLES
 
 from tailstack.design import Revision, design_to_data, load_design, revise_design
 from tailstack.results import Finding, Optimisation
-from tailstack_service.cli.main import main
 from tailstack_service.environment import lent_directory
 
 WITH_FREEDOM = [path for path in sorted(EXAMPLES.glob("*.yaml")) if "\noptimise:\n" in path.read_text(encoding="utf-8")]
-Captured = tuple[int, str, str]
-
-
-@pytest.fixture
-def call(capsys: pytest.CaptureFixture[str]) -> Any:
-    """Run a command; (exit code, stdout, stderr)."""
-
-    def run(*arguments: str | Path) -> Captured:
-        code = main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return run
 
 
 @pytest.fixture

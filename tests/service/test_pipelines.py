@@ -37,6 +37,7 @@ from pipeline_scenes import (
 )
 from service_scenes import ROOT
 
+from family import run_process
 from tailstack.design.fiducial_files import ENDINGS
 from tailstack.design.reading import DOCUMENTS
 from tailstack.version import __version__
@@ -109,11 +110,7 @@ def test_the_action_installs_what_it_was_checked_out_with(installed: Ran, room: 
     assert installed.code == 0, installed.said
     bin_ = Path(installed.outputs["bin"])
     code = "import importlib.metadata as m; print(m.version('tailstack'), m.distribution('tailstack').locate_file(''))"
-    done = subprocess.run(
-        [bin_ / "python", "-c", code], env=environment(PYTHONPATH=""), capture_output=True, text=True,
-        timeout=LIMIT_SECONDS,
-        check=True,
-    )  # fmt: skip
+    done = run_process(bin_ / "python", "-c", code, env=environment(PYTHONPATH=""), check=True)
     assert done.stdout.startswith(f"{__version__} {bin_.parent}")
     assert (bin_ / "tailstack").exists()
 

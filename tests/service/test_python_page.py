@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 
 import pytest
 from service_scenes import ROOT
@@ -12,7 +11,7 @@ from service_scenes import ROOT
 import tailstack
 import tailstack.design
 import tailstack.results
-from waiting import LIMIT_SECONDS
+from family import run_python
 
 PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
 ALIASES = {"DEFAULT_LIMITS", "ERRORS", "Interval", "Matrix3", "Severity", "Vector3", "headline_of", "__version__"}
@@ -20,14 +19,7 @@ PUBLIC = sorted({*tailstack.__all__, *tailstack.design.__all__, *tailstack.resul
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=LIMIT_SECONDS,
-        cwd=ROOT,
-    )
+    return run_python(*map(str, arguments), cwd=ROOT)
 
 
 @pytest.mark.long

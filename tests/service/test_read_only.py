@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-import subprocess
 from contextlib import closing
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import pytest
 from containers import contain, surroundings
 from sqlalchemy.exc import OperationalError
 
+from family import run_process
 from tailstack_service.cli.main import main
 from tailstack_service.jobs.store.database import Database, _find_closed, connect, find_reading_mode, reading
 from tailstack_service.jobs.store.errors import StoreError
@@ -57,8 +57,7 @@ def test_nothing_is_changed(file: Path, arguments: list[str], backup: bool, tmp_
 
 
 def test_what_a_running_service_has_written_is_seen(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    db = open_database(url_of(file))
-    try:
+    with closing(open_database(url_of(file))) as db:
         create_key(db, tenant="later", name="n", scopes=("read",), days=30)  # is in the log as yet
         assert Path(f"{file}-wal").stat().st_size
         assert find_reading_mode(file) == "mode=ro"
@@ -66,8 +65,6 @@ def test_what_a_running_service_has_written_is_seen(file: Path, capsys: pytest.C
         assert "later" in capsys.readouterr().out
         assert main(["db", "check", "--database", url_of(file)]) == 0
         create_key(db, tenant="last", name="n", scopes=("read",), days=30)
-    finally:
-        db.close()
 
 
 def test_nothing_can_be_written_through_it(file: Path) -> None:
@@ -82,10 +79,7 @@ def test_a_copy_on_a_disk_that_cannot_be_written(file: Path) -> None:
     mounted = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"'
     folder = str(file.parent)
     command = contain("-m", "tailstack_service.cli.main", "db", "check", "--database", url_of(file))
-    done = subprocess.run(
-        ["unshare", "--mount", "sh", "-c", mounted, folder, *command],
-        env=surroundings(), cwd="/", capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = run_process("unshare", "--mount", "sh", "-c", mounted, folder, *command, env=surroundings(), cwd="/")
     assert done.returncode == 0, done.stderr
     assert "sound" in done.stdout
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from service_scenes import ROOT, limited
 
-from waiting import LIMIT_SECONDS
+from family import run_process
 
 ENVIRONMENTS = (
     {"PYTHONHASHSEED": "1", "TZ": "UTC", "LC_ALL": "C"},
@@ -29,11 +28,14 @@ def written(tmp_path: Path) -> list[Path]:
         folder = tmp_path / str(number)
         command = [sys.executable, "-m", "tailstack_service.cli.main", "report", str(design), "--trials", "4000"]
         path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
-        done = subprocess.run(
-            [*command, "--format", "html,pdf,xlsx,json", "-o", str(folder)],
-            env={**os.environ, "PYTHONPATH": path, **environment}, capture_output=True, text=True,
-            timeout=LIMIT_SECONDS, check=False,
-        )  # fmt: skip
+        done = run_process(
+            *command,
+            "--format",
+            "html,pdf,xlsx,json",
+            "-o",
+            str(folder),
+            env={**os.environ, "PYTHONPATH": path, **environment},
+        )
         assert done.returncode in (0, 1, 4), done.stderr
         folders.append(folder)
     return folders

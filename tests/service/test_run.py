@@ -8,13 +8,12 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from service_scenes import ROOT
 
-from waiting import LIMIT_SECONDS
+from family import run_python
 
 NOISE = "Collecting everything; 17 warnings about nothing"
 INSTALLER = """#!/bin/sh
@@ -60,10 +59,7 @@ class Clone:
 
     def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         path = f"{self.folder / 'tools'}{os.pathsep}/usr/bin{os.pathsep}/bin"
-        return subprocess.run(
-            [sys.executable, str(self.folder / "run"), *arguments], env={"PATH": path}, capture_output=True, text=True,
-            timeout=LIMIT_SECONDS, check=False,
-        )  # fmt: skip
+        return run_python(str(self.folder / "run"), *arguments, env={"PATH": path})
 
     def calls(self) -> list[str]:
         return (self.folder / "calls").read_text().splitlines()

@@ -7,7 +7,6 @@ forgets to ask is found.  What the configuration tells it beyond that stands in 
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from openapi_scenes import ended_job, json_examples, light, operations
 from served import Served, served
 from service_scenes import client_of
 
+from family import run_process
 from waiting import LIMIT_SECONDS
 
 HERE = Path(__file__).resolve().parent
@@ -93,9 +93,7 @@ def report_of(service: Served, directory: Path, seed: int) -> tuple[dict[str, An
     ]  # fmt: skip
     hooks = str(HERE / "schemathesis_hooks.py")
     variables = {**service.environment, "TAILSTACK_URL": service.url, "TAILSTACK_KEY": key, "TAILSTACK_HOOKS": hooks}
-    done = subprocess.run(
-        command, env=variables, cwd=directory, capture_output=True, text=True, timeout=5 * LIMIT_SECONDS, check=False
-    )
+    done = run_process(*command, env=variables, cwd=directory, timeout=5 * LIMIT_SECONDS)
     assert record.is_file(), done.stdout + done.stderr
     return json.loads(record.read_text(encoding="utf-8")), done.stdout
 

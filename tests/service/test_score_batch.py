@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import csv
 import io
-import json
 import random
 import re
-import subprocess
 import sys
 import zipfile
 from pathlib import Path
 from typing import Any
 
 import openpyxl
-import pyarrow
 import pytest
 from door_pages import run_page
-from pyarrow import parquet
+from table_scenes import read_rows, write_table
 
+from family import run_process
 from tailstack import load_design, score
 from tailstack.design import design_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.console.progress import Progress
 from tailstack_service.problems import RequestError
 from tailstack_service.tables import ENDINGS, read_table
-from waiting import LIMIT_SECONDS
 
 DEMO = str(Path(__file__).parents[2] / "examples" / "demo.yaml")
 AP, BEAD = "views.AP.fiducial_noise_px", "/fiducials/points/2/position_mm/1"
@@ -34,50 +30,8 @@ ADDED = ["p95_mm:tip", "mean_norm_mm:tip", "bias_norm_mm:tip", "within_limits", 
 
 
 def write(path: Path) -> None:
-    """The table in the format of the path's ending, by other means than the code under test."""
-    header = ["variant", AP, BEAD]
-    if path.suffix == ".csv":
-        with path.open("w", newline="") as file:
-            csv.writer(file).writerows([header, *ROWS])
-    elif path.suffix == ".ndjson":
-        path.write_text("".join(json.dumps(dict(zip(header, row, strict=True))) + "\n" for row in ROWS))
-    elif path.suffix == ".xlsx":
-        book = openpyxl.Workbook()
-        assert book.active is not None
-        for row in (header, *ROWS):
-            book.active.append(row)
-        book.save(path)
-    else:
-        table = pyarrow.table({name: list(cells) for name, cells in zip(header, zip(*ROWS, strict=True), strict=True)})
-        if path.suffix == ".parquet":
-            parquet.write_table(table, path)
-        else:
-            with pyarrow.ipc.new_stream(str(path), table.schema) as sink:
-                sink.write_table(table)
-
-
-def read(path: Path) -> list[dict[str, Any]]:
-    """Rows of a table, by other means than the code under test."""
-    if path.suffix == ".csv":
-        with path.open(newline="") as file:
-            return [{key: number_or_text(cell) for key, cell in row.items()} for row in csv.DictReader(file)]
-    if path.suffix == ".ndjson":
-        return [json.loads(line) for line in path.read_text().splitlines()]
-    if path.suffix == ".xlsx":
-        sheet = openpyxl.load_workbook(path).active
-        assert sheet is not None
-        header, *rows = sheet.iter_rows(values_only=True)
-        return [dict(zip(map(str, header), row, strict=True)) for row in rows]
-    if path.suffix == ".parquet":
-        return parquet.read_table(path).to_pylist()  # type: ignore[no-any-return]
-    return pyarrow.ipc.open_stream(str(path)).read_all().to_pylist()  # type: ignore[no-any-return]
-
-
-def number_or_text(cell: str | None) -> Any:
-    try:
-        return float(cell or "")
-    except ValueError:
-        return cell
+    """The table in the format of the path's ending."""
+    path.write_bytes(write_table(ENDINGS[path.suffix], ["variant", AP, BEAD], ROWS))
 
 
 @pytest.mark.parametrize("form", [".csv", ".ndjson", ".xlsx", ".arrow", ".parquet"])
@@ -86,7 +40,7 @@ def test_a_table_comes_back_in_its_format_with_the_scores_of_its_rows(form: str,
     there, back = tmp_path / f"table{form}", tmp_path / f"scores{form}"
     write(there)
     assert main(["score", DEMO, "--batch", str(there), "-o", str(back)]) == 3
-    found = read(back)
+    found = read_rows(ENDINGS[form], back.read_bytes())
     assert list(found[0]) == ["variant", AP, BEAD, *ADDED]
     for row, (variant, noise, place) in zip(found, ROWS, strict=True):
         assert (row["variant"], row[AP], row[BEAD]) == (variant, noise, place)
@@ -276,7 +230,7 @@ def test_memory_does_not_grow_with_the_table(tmp_path: Path) -> None:
         table = tmp_path / f"{count}.csv"
         table.write_text(f"{AP},{BEAD}\n" + "".join(f"0.{k % 800 + 100},{-30 - k % 97 / 100}\n" for k in range(count)))
         command = [sys.executable, "-c", PEAK, str(design), str(table), str(tmp_path / "scores.csv")]
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=LIMIT_SECONDS)
+        done = run_process(*command, check=True)
         code, peak = done.stdout.split()
         assert code == "0", done.stderr
         assert f"{count:,} compiled" in done.stderr

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 from tailstack_service.cli.main import main
 from tailstack_service.problems import SettingsError
 from tailstack_service.settings import child_environment, default_settings, load_settings, refuse_unknown, schemas
-from waiting import LIMIT_SECONDS
 
 NOWHERE = "sqlite:////nowhere/at/all.sqlite3"
 
@@ -141,18 +137,6 @@ def test_commands_that_need_no_service_are_not_disturbed(
     monkeypatch.setenv("TAILSTACK_MAX_TRIAL", "1000")
     assert main(["version"]) == 0
     assert capsys.readouterr().err == ""
-
-
-@pytest.mark.long
-def test_a_score_loads_neither_settings_nor_a_client() -> None:
-    """Without a clock: what is not needed is not imported."""
-    demo = Path(__file__).parents[2] / "examples/demo.yaml"
-    code = (
-        f"import sys; from tailstack_service.cli.main import main; main(['--help']); main(['score', {str(demo)!r}]);"
-        "print(sorted({'httpx', 'httpx_sse', 'pydantic_settings'} & set(sys.modules)), file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT_SECONDS)
-    assert done.stderr.splitlines()[-1] == "[]"
 
 
 @pytest.mark.parametrize("command", [("db", "check"), ("keys", "list"), ("worker", "--check")])

@@ -34,6 +34,7 @@ from pipeline_scenes import (
 )
 from service_scenes import ROOT
 
+from family import run_python
 from tailstack.kernels import process
 from tailstack_service.processes.interpreter import make_command, make_environment
 from waiting import LIMIT_SECONDS
@@ -52,10 +53,7 @@ print(*sorted({name.partition(".")[0] for name in sys.modules}))
 @cache
 def list_imported() -> tuple[str, ...]:
     """Every module that a gate which draws has imported, by its first name, and those of the installation."""
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", LIST, str(EXAMPLE / "pass.yaml")], env=environment(), text=True,
-        capture_output=True, check=True, timeout=LIMIT_SECONDS,
-    )  # fmt: skip
+    done = run_python("-P", "-c", LIST, str(EXAMPLE / "pass.yaml"), env=environment(), check=True)
     found = {name for name in done.stdout.splitlines()[-1].split() if name.isidentifier() and name != "__main__"}
     return (*sorted(found | {*OURS, *OTHERS, "json", "http", "numbers", "platform", "runpy"}),)
 

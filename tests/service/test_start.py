@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 import platform
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from gate_scenes import FORMATS
 from pipeline_scenes import environment
 from service_scenes import EXAMPLES
 
+from family import COMMAND, run_python
 from tailstack_service.operations.operation import LateImport
 from tailstack_service.operations.registry import OPERATIONS
-from waiting import LIMIT_SECONDS
 
 PREFIX = "tailstack_service.cli."
 
 
 def told(code: str) -> list[str]:
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=environment(),
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_SECONDS,
-        check=True,
-    )
+    done = run_python("-c", code, env=environment(), check=True)
     return done.stderr.splitlines()
 
 
@@ -66,7 +58,14 @@ def test_a_verb_that_is_none_is_answered_without_loading_any() -> None:
         (("convert", "--help"), ("numba", "scipy", "tailstack.design.document")),
         (
             ("score", str(EXAMPLES / "demo.yaml")),
-            ("casadi", "cvxpy", "matplotlib", "httpx", "scipy.stats", "scipy.optimize"),
+            ("casadi", "cvxpy", "matplotlib", "weasyprint", "httpx", "httpx_sse", "pydantic_settings", "scipy.stats",
+             "scipy.optimize"),
+        ),
+        (
+            ("gate", str(EXAMPLES / "demo.yaml"), "--mode=analytic",
+             *(f"--format={name}=/dev/null" for name in FORMATS)),
+            ("casadi", "cvxpy", "fastapi", "starlette", "jinja2", "sqlalchemy", "weasyprint", "xlsxwriter",
+             "scipy.stats", "distributed", "httpx", "jsonschema"),
         ),
         (
             ("sweep", str(EXAMPLES / "demo.yaml"), "--set", "views.AP.fiducial_noise_px=0.1,0.4"),
@@ -74,7 +73,7 @@ def test_a_verb_that_is_none_is_answered_without_loading_any() -> None:
         ),
     ],
     ids=lambda value: value[0],
-)
+)  # fmt: skip
 def test_a_command_loads_only_what_it_needs(arguments: tuple[str, ...], without: tuple[str, ...]) -> None:
     code = (
         "import sys; from tailstack_service.cli.main import main\n"
@@ -139,10 +138,7 @@ def test_settings_of_numba_that_cannot_work_are_refused_at_the_start(
     if "NUMBA_CPU_NAME" in given and platform.machine().lower() not in ("x86_64", "amd64"):
         pytest.skip("names of x86-64 processors")
     variables = environment(TAILSTACK_DATABASE=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", **given)
-    done = subprocess.run(
-        [sys.executable, "-m", "tailstack_service.cli.main", *command],
-        env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False,
-    )  # fmt: skip
+    done = run_python(*COMMAND, *command, env=variables, cwd=tmp_path)
     assert done.returncode == 2, done.stderr
     assert words in done.stderr
     assert "Traceback" not in done.stderr

@@ -31,11 +31,8 @@ DAY = 86_400.0
 def fresh(database_url: str, clock: Clock) -> Iterator[Database]:
     """A database of this test alone, which it may damage."""
     schema.migrate_database(database_url)
-    db = open_database(database_url, clock=clock)
-    try:
+    with closing(open_database(database_url, clock=clock)) as db:
         yield db
-    finally:
-        db.close()
 
 
 def wrong(db: Database) -> list[str]:
@@ -124,16 +121,13 @@ def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
 def test_a_server_that_refuses_is_told_from_one_that_is_away(postgres_server: Server, postgres_url: str) -> None:
     with pytest.raises(StoreUnavailable, match="refused"):
         open_database("postgresql://u:p@127.0.0.1:1/d")
-    execute_as_owner = connect(postgres_url)
     name = f"visitor_{postgres_url.rpartition('/')[2]}"
-    try:
+    with closing(connect(postgres_url)) as execute_as_owner:
         execute(execute_as_owner, f"CREATE ROLE {name} LOGIN PASSWORD 'p'")
         visitor = f"postgresql://{name}:p@127.0.0.1:{postgres_server.port}/{postgres_url.rpartition('/')[2]}"
         with pytest.raises(StoreError, match=r"permission denied.*ALTER DATABASE"):
             schema.migrate_database(visitor)
         execute(execute_as_owner, f"DROP ROLE {name}")
-    finally:
-        execute_as_owner.close()
 
 
 def scene(db: Database, clock: Clock) -> dict[str, jobs.Job]:
@@ -210,33 +204,25 @@ def test_a_page_of_a_file_that_is_overwritten_is_noticed(tmp_path: Path, clock: 
     for page in range(20, len(content) // 4096):
         content[page * 4096 : page * 4096 + 64] = b"\xff" * 64
     path.write_bytes(content)
-    damaged = connect(f"sqlite:///{path}")
-    try:
-        with pytest.raises(StoreError, match="restore a backup"):
-            # SQLite may refuse to read at all, which is told in the same words
-            raise_if_wrong(damaged)
-    finally:
-        damaged.close()
+    with closing(connect(f"sqlite:///{path}")) as damaged, pytest.raises(StoreError, match="restore a backup"):
+        # SQLite may refuse to read at all, which is told in the same words
+        raise_if_wrong(damaged)
 
 
 def test_a_copy_that_sqlite_makes_while_the_service_runs_can_be_restored(tmp_path: Path, clock: Clock) -> None:
     """By the command of docs/deploy.md."""
-    db = open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)
     page = (ROOT / "docs" / "deploy.md").read_text(encoding="utf-8")
     (command,) = re.findall(r'^sqlite3 .*"(VACUUM INTO)', page, re.MULTILINE)
-    try:
+    with closing(open_database(f"sqlite:///{tmp_path / 'a.sqlite3'}", migrate=True, clock=clock)) as db:
         made = scene(db, clock)
         with closing(sqlite3.connect(tmp_path / "a.sqlite3")) as beside:
             beside.execute(f"{command} '{tmp_path / 'b.sqlite3'}'")
         submit(db)  # goes on
-    finally:
-        db.close()
     check_restored(f"sqlite:///{tmp_path / 'b.sqlite3'}", made, clock)
 
 
 def check_restored(url: str, made: dict[str, jobs.Job], clock: Clock) -> None:
-    db = open_database(url, clock=clock)
-    try:
+    with closing(open_database(url, clock=clock)) as db:
         assert wrong(db) == []
         assert {name: find(db, job) for name, job in made.items()} == made
         assert len(jobs.list_page(db, "acme", limit=99).jobs) == len(made)
@@ -250,8 +236,6 @@ def check_restored(url: str, made: dict[str, jobs.Job], clock: Clock) -> None:
                 told: dict[str, Any] = {"result": b"z"} if b"unit" in one.spec else {"answer": b"{}"}
                 assert record(db, one, **told)
         assert find(db, made["half"]).state == "succeeded"
-    finally:
-        db.close()
 
 
 def test_a_purge_deletes_what_is_old_and_nothing_else(store: Database, clock: Clock) -> None:

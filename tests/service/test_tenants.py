@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import hmac
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from openapi_scenes import ended_job, is_secured, json_examples, light, operations, parameters
 from served import Served, served
-from service_scenes import client_of
+from service_scenes import check_problem, client_of
 
 from waiting import until
 
@@ -253,48 +252,26 @@ def test_a_good_token_reaches_what_a_token_of_its_tenant_posted(place: Place) ->
         assert place.ask(name, values, bearer(place.token())).status_code not in (401, 403, 404), name
 
 
-def forged(place: Place, claims: dict[str, Any]) -> str:
-    """The public key used as if it were a shared secret, which a careless verifier accepts."""
-
-    def part(data: bytes) -> bytes:
-        return base64.urlsafe_b64encode(data).rstrip(b"=")
-
-    head = part(json.dumps({"alg": "HS256", "typ": "JWT"}).encode()) + b"." + part(json.dumps(claims).encode())
-    return (head + b"." + part(hmac.new(place.public_pem, head, hashlib.sha256).digest())).decode()
-
-
 def bad_credentials(place: Place) -> dict[str, dict[str, str]]:
-    """Headers that must not let anybody in, by what is wrong with them."""
+    """Headers that must not let anybody in, by what is wrong with them; test_http_access.py has more on one route."""
     good = place.keys["a"]
     other = rsa.generate_private_key(public_exponent=65537, key_size=2048)
     other_jwk = json.loads(jwt.algorithms.RSAAlgorithm.to_jwk(other.public_key()))
-    claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "a", "scope": "read compute metrics", "exp": NEVER}
+    claims = {"iss": ISSUER, "aud": AUDIENCE, "tenant": "b", "scope": "read compute metrics", "exp": NEVER}
     changed = place.token().split(".")
-    claims_b64 = base64.urlsafe_b64encode(json.dumps({**claims, "tenant": "b"}).encode()).rstrip(b"=").decode()
+    claims_b64 = base64.urlsafe_b64encode(json.dumps(claims).encode()).rstrip(b"=").decode()
     mixed = "_".join([*place.keys["b"].split("_")[:2], good.split("_", 2)[2]])
     values = {
         "garbage": bearer("garbage"),
-        "garbage of the form of a key": bearer("tsk_0123456789ab_" + "A" * 43),
         "revoked key": bearer(place.keys["revoked"]),
         "expired key": bearer(place.keys["expired"]),
         "another secret of the key": bearer(good[:-2] + ("AA" if good[-2:] != "AA" else "BB")),
         "secret of one key with the id of another": bearer(mixed),
         "key without Bearer": good,
-        "key as Basic": "Basic " + base64.b64encode(f"{good}:".encode()).decode(),
-        "nothing after Bearer": "Bearer",
         "two keys": f"Bearer {good}, Bearer {place.keys['b']}",
-        "token for another audience": bearer(place.token(aud="other")),
-        "token for no audience": bearer(place.token(aud=None)),
-        "token of another issuer": bearer(place.token(iss="https://evil.example")),
-        "token of no issuer": bearer(place.token(iss=None)),
         "token that has expired": bearer(place.token(exp=PAST)),
-        "token without an end": bearer(place.token(exp=None)),
-        "token before its time": bearer(place.token(nbf=NEVER - 1)),
         "token of nobody": bearer(place.token(tenant=None)),
         "token of an odd tenant": bearer(place.token(tenant=["a"])),
-        "unsigned token": bearer(jwt.encode(claims, None, algorithm="none")),
-        "token signed with the public key as a secret": bearer(forged(place, claims)),
-        "token signed by another key": bearer(place.token(key=other)),
         "token that brings its own key": bearer(place.token(key=other, header={"jwk": other_jwk})),
         "token that names its own key": bearer(place.token(key=other, header={"kid": "../../dev/null"})),
         "token of another algorithm": bearer(place.token(algorithm="PS256")),
@@ -346,11 +323,12 @@ def test_a_key_opens_only_what_its_scope_says(place: Place, owned: Property, sco
     for name, (path, method, operation) in SECURED.items():
         needed = "metrics" if name == "get_metrics" else "compute" if method == "post" else "read"
         values = {p["name"]: owned.values(p["name"])["verification"] for p in parameters(path, operation, "path")}
-        if needed == scope:
-            continue
         response = place.ask(name, values, bearer(place.keys[scope]))
-        assert response.status_code == 403, (name, response.text)
-        assert response.json()["type"] == "/v1/problems/forbidden"
+        if needed == scope:
+            assert response.status_code not in (401, 403), (name, response.text)
+            continue
+        assert needed in check_problem(response, 403, "forbidden")["errors"][0]["detail"], name
+        assert f'scope="{needed}"' in response.headers["www-authenticate"]
 
 
 def test_an_idempotency_key_is_known_to_its_tenant_only(place: Place) -> None:

@@ -16,7 +16,7 @@ from door_pages import run_page
 from scipy import stats
 from service_scenes import EXAMPLES, ROOT
 
-from family import die_with_parent
+from family import die_with_parent, run_process
 from tailstack import DesignFunction, compile_design, load_design
 from tailstack.montecarlo.chain import evaluate
 from tailstack.montecarlo.plan import compile_plan
@@ -63,7 +63,7 @@ def test_the_protocols_own_tests_pass(url: str, tmp_path: Path) -> None:
         sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(tmp_path), "-c", "/dev/null",
         str(tmp_path), "--model_url", url, "--input_value", "0.1",
     ]  # fmt: skip
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False)
+    done = run_process(*command, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert " passed" in done.stdout
 

@@ -15,6 +15,7 @@ import pytest
 from answers import committed_answers, text_with_answers
 from service_scenes import EXAMPLES, ROOT
 
+from family import COMMAND, run_python
 from waiting import LIMIT_SECONDS
 
 
@@ -30,10 +31,7 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def call(unpacked: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-P", "-m", "tailstack_service.cli.main", *arguments], capture_output=True, text=True,
-        timeout=LIMIT_SECONDS, cwd=unpacked.parent, env={**os.environ, "PYTHONPATH": str(unpacked)},
-    )  # fmt: skip
+    return run_python("-P", *COMMAND, *arguments, cwd=unpacked.parent, said={"PYTHONPATH": str(unpacked)})
 
 
 @pytest.fixture(scope="module")
@@ -89,10 +87,7 @@ def test_the_database_is_made_from_it(unpacked: Path, tmp_path: Path) -> None:
     """The migrations are files, not imported by anything."""
     environment = {**os.environ, "PYTHONPATH": str(unpacked), "TAILSTACK_DATABASE": f"sqlite:///{tmp_path / 'jobs'}"}
     for action in ("migrate", "check"):
-        done = subprocess.run(
-            [sys.executable, "-P", "-m", "tailstack_service.cli.main", "db", action], capture_output=True, text=True,
-            timeout=LIMIT_SECONDS, cwd=tmp_path, env=environment,
-        )  # fmt: skip
+        done = run_python("-P", *COMMAND, "db", action, cwd=tmp_path, env=environment)
         assert done.returncode == 0, done.stderr
     assert done.stdout.endswith(": sound\n")
 
