@@ -14,8 +14,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..arrays import frozen
 from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, Typical, refuse_coverage
+from ..geometry.arrays import frozen
 from ..ranges import Meant
 from ..system import Act, Drawn, Effect, Law, Place, Scene, Sources, System
 from ..tolerances import coverage_of
