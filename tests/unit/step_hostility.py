@@ -1,6 +1,6 @@
 """Reads STEP files that were damaged in 2000 ways, and some that were made to be hard, within a limit of memory.
 
-Run as a program by test_design_step_files.py, with the seconds of CPU after which one of them is said to hang: one line
+Run as a program by test_design_step.py, with the seconds of CPU after which one of them is said to hang: one line
 of JSON says what became of them.
 """
 

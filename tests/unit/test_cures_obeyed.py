@@ -17,7 +17,7 @@ import test_slips
 import yaml
 
 from cure_walk import NUMBER, check_obeyed, refused, walk_slips
-from plain_data import replaced
+from plain_data import DEMO, replaced
 from records import fields_of, records_below, sample_of
 from tailstack.design import check_design, load_design
 from tailstack.design.document import DesignDocument
@@ -72,7 +72,7 @@ def judge_design(data: Any) -> tuple[Problem, ...]:
 
 
 SCENES = [
-    *(test_design_refusals.changed(path, value) for path, value, *_ in test_design_refusals.CASES),
+    *(replaced(DEMO, path, value) for path, value, *_ in test_design_refusals.CASES),
     *(replaced(document, path, value) for document, path, value, *_ in test_slips.GIVEN),
     *(yaml.safe_load(test_slips.TEXT.replace(old, new, 1)) for old, new, *_ in test_slips.TYPED if ",05" not in new),
 ]

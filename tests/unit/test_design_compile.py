@@ -1,24 +1,28 @@
-"""Compiling: every way to give a geometry leads to the same arrays; units; targets; refusals."""
+"""Compiling: every way to give a geometry leads to the same arrays; units; targets; presets; locators."""
 
 from __future__ import annotations
 
 import copy
 import json
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-import yaml
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from tailstack.design import compile_design, load_design
-from tailstack.errors import IllPosedError
-from tailstack.geometry.rotation import RotationForm
+from plain_data import DEMO, EXAMPLES, problems_of
+from tailstack.design import compile_design, list_presets, load_design
+from tailstack.design.compile import torsor_from_locators
+from tailstack.errors import DesignError, IllPosedError
+from tailstack.geometry.rotation import RotationForm, rotation_xyz
 from tailstack.system import Estimator, Law, Reading, Triangulation
 
-ROOT = Path(__file__).parents[2]
-DEMO = yaml.safe_load((ROOT / "examples" / "demo.yaml").read_text())
-ORACLE = np.array(json.loads((ROOT / "tests" / "data" / "oracles" / "noise_covariance_cube8.json").read_text())["P"])
+ORACLE = np.array(
+    json.loads((EXAMPLES.parent / "tests" / "data" / "oracles" / "noise_covariance_cube8.json").read_text())["P"]
+)
 NOISE = {"fiducial_noise_px": 0.5, "target_noise_px": 0.25}
 
 
@@ -126,15 +130,6 @@ def test_what_is_known_of_intrinsics_and_how_wrong_it_is():
     assert any("AP, LAT has no effect" in note for note in system_with(views=views).notes)
 
 
-def test_rounding_of_a_rotation_is_taken_out_and_noted():
-    rows = np.round(Rotation.from_euler("XYZ", [10, 20, 30], degrees=True).as_matrix(), 5)
-    matrix = [[*row, 0.0] for row in rows.tolist()] + [[0, 0, 0, 1]]
-    system = system_with(transforms={"T_flange_con": matrix})
-    rotation = system.T_flange_con[:3, :3]
-    np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-15)
-    assert any("nearest rotation" in note for note in system.notes)
-
-
 def test_laws_and_coverage_factors():
     seat = copy.deepcopy(DEMO["interfaces"]["structure_connector"])
     seat["tolerances"] = {
@@ -192,15 +187,113 @@ def test_regions_are_expanded_and_named():
     np.testing.assert_allclose(np.linalg.norm(ball, axis=1), [0] + [5] * 14, atol=1e-14)
 
 
-def test_a_projection_without_a_source_is_refused():
-    flat = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
-    with pytest.raises(IllPosedError) as caught:
-        system_with(views=views({"projection": flat}, {**PRESET, "orientation": "LAT"}))
-    assert caught.value.problems[0].pointer == "/views/0/projection"
+PAGE = (EXAMPLES.parent / "docs" / "design.md").read_text()
+STATED: dict[str, Any] = {"source_isocentre_mm": 700, "pixel_mm": 0.3, "image_size_px": [1024, 1024]}
+PRESETS = list_presets()
+
+# published: source-detector, source-isocentre, pixel, image side; None where the source does not say
+PUBLISHED = {
+    "siemens-cios-fusion": (1020, None, 0.194, 1536),  # rg2/xreg, xregCIOSFusionDICOM.cpp
+    "siemens-cios-fusion-deepdrr": (1020, 530, 0.194, 1536),  # arcadelab/deepdrr, mobile_carm.py
+    "generic-mobile-c-arm": (1259.65, 742.5, 0.3, 1440),  # public code, unnamed device
+    "siemens-xa-a": (1148, 809.89, None, 512),  # DICOM header dump
+    "siemens-xa-b": (1175, 720, None, 512),  # DICOM header dump
+    "diffdrr-user": (1085.6, 595, 0.40625, 512),  # DiffDRR issue 324
+    "deepdrr-example": (1200, None, 0.33, 512),  # arcadelab/deepdrr README
+}
 
 
-def test_behind_the_detector_is_refused():
-    far = {**PRESET, "orientation": "AP", "isocentre_mm": [0, -400, 0]}
-    with pytest.raises(IllPosedError) as caught:
-        system_with(views=views(far, {**PRESET, "orientation": "LAT"}))
-    assert caught.value.problems[0].code == "behind-detector"
+def design_with(preset, **changes):
+    noise = {"fiducial_noise_px": 0.3, "target_noise_px": 0.3}
+    views = [{"name": side, "preset": preset, "orientation": side, **noise, **changes} for side in ("AP", "LAT")]
+    return DEMO | {"views": views}
+
+
+def test_the_list_is_the_published_one():
+    assert {preset["name"] for preset in PRESETS} == set(PUBLISHED)
+
+
+@pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset["name"])
+def test_numbers_source_and_use(preset):
+    detector, isocentre, pixel, side = PUBLISHED[preset["name"]]
+    stated = [preset[name] for name in ("source_detector_mm", "source_isocentre_mm", "pixel_mm", "image_size_px")]
+    assert stated == [detector, isocentre, pixel, (side, side)]
+    assert preset["source"]
+    needed = {name: STATED[name] for name in preset["view_must_state"]}
+    view = compile_design(load_design(design_with(preset["name"], **needed))).views[0]
+    assert view.projection[0, 0] == pytest.approx(detector / (pixel or STATED["pixel_mm"]))
+    assert (view.projection @ [0, 0, 0, 1])[2] == pytest.approx(isocentre or STATED["source_isocentre_mm"])
+    for name in needed:
+        with pytest.raises(DesignError, match=name):
+            load_design(design_with(preset["name"], **{key: value for key, value in needed.items() if key != name}))
+
+
+@pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset["name"])
+def test_the_page_lists_it_with_its_numbers(preset):
+    row = next(line for line in PAGE.splitlines() if line.startswith(f"| `{preset['name']}`"))
+    for name in ("source_detector_mm", "source_isocentre_mm", "pixel_mm"):
+        assert preset[name] is None or f" {preset[name]:g} " in row
+
+
+def test_the_design_on_the_page_loads():
+    text = PAGE.split("```yaml\n")[1].split("```")[0]
+    assert compile_design(load_design(text)).name == "smallest useful design"
+
+
+POSITIONS = np.array([[-40.0, -30, -80], [40, -30, -80], [0, 35, -80], [-35, -40, -70], [35, -40, -70], [-50, 0, -70]])
+NORMALS = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0]])
+PIVOT = np.array([3.0, -7.0, -95.0])
+
+
+def test_agrees_with_the_finite_rigid_motion_for_small_deviations():
+    """independent: solve n . (R (p - c) + c + t - p) = delta for a full rotation, by a root finder."""
+    delta = 1e-3 * np.array([1.0, -2.0, 0.5, 1.5, -1.0, 2.0])
+
+    def residual(torsor):
+        moved = (POSITIONS - PIVOT) @ rotation_xyz(torsor[:3]).T + PIVOT + torsor[3:] - POSITIONS
+        return (NORMALS * moved).sum(axis=1) - delta
+
+    finite = root(residual, np.zeros(6), tol=1e-14).x
+    np.testing.assert_allclose(torsor_from_locators(POSITIONS, NORMALS, PIVOT) @ delta, finite, atol=1e-7)
+
+
+@given(st.lists(st.floats(-60, 60), min_size=18, max_size=18), st.lists(st.floats(-1, 1), min_size=18, max_size=18))
+def test_random_seats_either_hold_or_are_refused(places, directions):
+    positions, normals = np.reshape(places, (6, 3)), np.reshape(directions, (6, 3))
+    assume(np.linalg.norm(normals, axis=1).min() > 0.1)
+    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    rows = np.hstack([np.cross(positions - PIVOT, unit), unit])
+    if np.linalg.matrix_rank(rows, tol=1e-12) < 6:
+        with pytest.raises(IllPosedError, match="free"):
+            torsor_from_locators(positions, normals, PIVOT)
+        return
+    assume(np.linalg.cond(rows) < 1e8)
+    torsors = torsor_from_locators(positions, normals, PIVOT)
+    np.testing.assert_allclose(rows @ torsors, np.eye(6), atol=1e-5)
+
+
+# closed_form: what is left free by contacts in place of those of the seat; the normals of two pins in one line meet at
+# (-35, 20)
+FREE = {
+    "a missing end stop": ({5: ([5, 40, -60], [0, 1, 0])}, ("1 motion", "translation along x")),
+    "pins in one line": (dict.fromkeys((4, 5), ([-50, 20, -70], [1, 0, 0])), ("rotation about z through (-35, 20, ",)),
+    "three normals through a point": (
+        {3: ([-35, 0, -70], [1, 0, 0]), 4: ([35, 0, -70], [-1, 0, 0]), 5: ([0, -50, -70], [0, 1, 0])},
+        ("rotation about z through (0, 0, ",),
+    ),
+    "three contacts given twice": (
+        {k + 3: (POSITIONS[k], NORMALS[k]) for k in range(3)},
+        ("3 motion", "translation along x", "translation along y", "rotation about z"),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FREE)
+def test_motions_that_are_left_free_are_named(case):
+    contacts, words = FREE[case]
+    positions, normals = POSITIONS.copy(), NORMALS.copy()
+    for k, (position, normal) in contacts.items():
+        positions[k], normals[k] = position, normal
+    (problem,) = problems_of(torsor_from_locators, positions, normals, PIVOT, "/here", error=IllPosedError)
+    assert (problem.pointer, problem.code) == ("/here", "free-motion")
+    assert all(each in problem.detail for each in words), problem.detail

@@ -1,20 +1,33 @@
-"""Fiducial files: units, coordinate systems, what is skipped, what is refused and where."""
+"""Fiducial files: units, coordinate systems, what is left out, what is refused, and what a design says of its file."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
+import jsonschema
+import numpy as np
 import pytest
+import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tailstack.design import convert, convert_file, load_design
+from plain_data import DEMO, EXAMPLES, problems_of
+from tailstack.design import (
+    compile_design,
+    convert,
+    convert_file,
+    design_json_schema,
+    design_to_json,
+    design_to_yaml,
+    load_design,
+)
 from tailstack.design.fiducial_files import FORMATS, FiducialList, read_fiducials, write_fiducials
 from tailstack.design.reading import DEFAULT_LIMITS, Limits
+from tailstack.design.write import Revision, revise_design
 from tailstack.errors import DesignError, LimitError
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def read(text, name):
@@ -22,10 +35,9 @@ def read(text, name):
 
 
 def refused(text, name):
-    with pytest.raises(DesignError) as caught:
-        read(text, name)
-    assert caught.value.problems[0].file == name
-    return caught.value.problems[0]
+    problem = problems_of(read, text, name, error=DesignError)[0]
+    assert problem.file == name or problem.code == "unknown-format"
+    return problem
 
 
 coordinate = st.floats(-1e4, 1e4, allow_nan=False).map(lambda x: x + 0.0)
@@ -43,20 +55,20 @@ def test_write_and_read_keep_every_digit(ending, rows):
 
 
 @pytest.mark.parametrize(
-    ("text", "labels", "first_mm"),
+    ("name", "text", "label", "first_mm"),
     [
-        ("label,x_mm,y_mm,z_mm\nA;left,1,2,-3.5\nB;left,4,5,6\n", ("A;left", "B;left"), (1.0, 2.0, -3.5)),
-        ("label,x_mm,y_mm,z_mm\nA;1,1,2,-3.5\nB;2,4,5,6\n", ("A;1", "B;2"), (1.0, 2.0, -3.5)),
-        (
-            "Report, 3 May\nlabel;x_mm;y_mm;z_mm\nA, left;1;2;-3.5\nB, left;4;5;6\n",
-            ("A, left", "B, left"),
-            (1, 2, -3.5),
-        ),
+        ("b.csv", "label,x_mm,y_mm,z_mm\nA;left,1,2,-3.5\nB;left,4,5,6\n", "A;left", (1.0, 2.0, -3.5)),
+        ("b.csv", "label,x_mm,y_mm,z_mm\nA;1,1,2,-3.5\nB;2,4,5,6\n", "A;1", (1.0, 2.0, -3.5)),
+        ("b.csv", "Report, 3 May\nlabel;x_mm;y_mm;z_mm\nA, left;1;2;-3.5\nB, left;4;5;6\n", "A, left", (1, 2, -3.5)),
+        ("B.CSV", 'label,x_mm,y_mm,z_mm\n"A, left",1,2,3\r\n', "A, left", (1, 2, 3)),
+        ("b.csv", "x_mm;y_mm;z_mm\n1;2;3\n", "F1", (1, 2, 3)),
+        ("b.csv", "# CoordinateSystem = RAS\nname\tx_mm\ty_mm\tz_mm\nA\t1\t2\t3\n", "A", (-1, -2, 3)),
+        ("b.fcsv", "# columns = label,x,y,z,sel,vis\nA,1,2,3,1,1\n", "A", (-1, -2, 3)),
     ],
 )
-def test_what_labels_hold_separates_no_cells(text, labels, first_mm):
-    found = read(text, "b.csv")
-    assert (found.labels, found.positions_mm[0]) == (labels, first_mm)
+def test_variants_are_read_and_what_labels_hold_separates_no_cells(name, text, label, first_mm):
+    found = read(text, name)
+    assert (found.labels[0], found.positions_mm[0]) == (label, first_mm)
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0), ("um", 0.001)])
@@ -64,14 +76,6 @@ def test_csv_units_are_in_the_header(unit, factor):
     found = read(f"label,x_{unit},y_{unit},z_{unit}\nA,1,2,-3\n", "b.csv")
     assert found.positions_mm == ((factor, 2 * factor, -3 * factor),)
     assert bool(found.notes) == (factor != 1.0)
-
-
-def test_csv_variants():
-    assert read("x_mm;y_mm;z_mm\n1;2;3\n", "b.csv").labels == ("F1",)
-    assert read("# CoordinateSystem = RAS\nname\tx_mm\ty_mm\tz_mm\nA\t1\t2\t3\n", "b.csv").positions_mm == (
-        (-1, -2, 3),
-    )
-    assert read('label,x_mm,y_mm,z_mm\n"A, left",1,2,3\r\n', "B.CSV").labels == ("A, left",)
 
 
 @pytest.mark.parametrize(
@@ -114,18 +118,6 @@ def test_fcsv_coordinate_systems(header, expected):
     found = read("# Markups fiducial file version = 4.11\n" + header + ROWS, "b.fcsv")
     assert (found.labels, found.positions_mm) == (("A",), (expected,))
     assert any("RAS" in note for note in found.notes) == (expected[0] < 0)
-
-
-def test_fcsv_of_slicer_3_names_its_columns():
-    assert read("# columns = label,x,y,z,sel,vis\nA,1,2,3,1,1\n", "b.fcsv").labels == ("A",)
-
-
-def test_a_row_with_a_cell_too_many_is_told_of_the_two_commas_that_make_one():
-    with pytest.raises(DesignError) as caught:
-        read("label,x_mm,y_mm,z_mm\narm, long,1,2,3\n", "b.csv")
-    hint = caught.value.problems[0].hint
-    assert hint == "write decimals with a point; a label that holds a comma stands in double quotes"
-    assert read('label,x_mm,y_mm,z_mm\n"arm, long",1,2,3\n', "b.csv").labels == ("arm, long",)
 
 
 def markups(**changes):
@@ -192,9 +184,7 @@ def test_an_error_in_a_referenced_file_stands_in_that_file(tmp_path):
     (tmp_path / "d.yaml").write_text(text)
     (tmp_path / "fiducials").mkdir()
     (tmp_path / "fiducials" / "marker8.csv").write_text("label,x_mm,y_mm,z_mm\nA,1,2,three\n")
-    with pytest.raises(DesignError) as caught:
-        load_design(tmp_path / "d.yaml")
-    problem = caught.value.problems[0]
+    problem = problems_of(load_design, tmp_path / "d.yaml", error=DesignError)[0]
     assert (problem.pointer, problem.file, problem.line) == ("/fiducials/file", "fiducials/marker8.csv", 2)
 
 
@@ -208,17 +198,11 @@ def test_the_same_beads_in_three_formats():
     assert back.notes == ()
 
 
-def test_designs_convert_and_stand_alone(tmp_path):
-    source = EXAMPLES / "slicer_markups.yaml"
-    conversion = convert_file(source, tmp_path / "d.json")
-    design = load_design(tmp_path / "d.json", allow_files=False)
-    assert design.sha256 == load_design(source).sha256
-    assert any("RAS" in note for note in conversion.notes)
+def test_the_fiducials_of_a_design_become_a_file(tmp_path):
+    design = load_design(EXAMPLES / "slicer_markups.yaml")
+    convert_file(EXAMPLES / "slicer_markups.yaml", tmp_path / "d.json")
     convert_file(tmp_path / "d.json", tmp_path / "beads.fcsv")
-    beads = read((tmp_path / "beads.fcsv").read_text(), "beads.fcsv")
-    assert beads.positions_mm == design.fiducials.positions_mm
-    section = convert((tmp_path / "beads.fcsv").read_bytes(), "beads.fcsv", "section.yaml").text
-    assert section.startswith("fiducials:\n  points:\n")
+    assert read((tmp_path / "beads.fcsv").read_text(), "beads.fcsv").positions_mm == design.fiducials.positions_mm
 
 
 @pytest.mark.parametrize("names", [("a.doc", "b.csv"), ("a.csv", "b.txt"), ("a", "b")])
@@ -230,15 +214,154 @@ def test_unknown_endings_are_refused(names):
 
 
 @pytest.mark.parametrize(("name", "content", "cure"), [
-    ("beads.xlsx", b"", "save the sheet with the table as CSV UTF-8"),
-    ("beads.TXT", b"1,2,3", "name it .csv"),
-    ("beads.csv", b"1,2,3\n4,5,6\n", "put x_mm,y_mm,z_mm above it"),
-    ("beads.csv", b"A;1;2;3\nB;4;5;6\n", "put label;x_mm;y_mm;z_mm above it"),
-    ("beads.csv", b"x_ft,y_ft,z_ft\n1,2,3\n", "1 ft is 304.8 mm: multiply by that, and call the columns x_mm"),
-    ("beads.csv", b"x [mil],y [mil],z [mil]\n1,2,3\n", "1 mil is 0.0254 mm"),
+    ("beads.csv", "label,x_mm,y_mm,z_mm\narm, long,1,2,3\n",
+     "write decimals with a point; a label that holds a comma stands in double quotes"),
+    ("beads.xlsx", "", "save the sheet with the table as CSV UTF-8"),
+    ("beads.TXT", "1,2,3", "name it .csv"),
+    ("beads.csv", "1,2,3\n4,5,6\n", "put x_mm,y_mm,z_mm above it"),
+    ("beads.csv", "A;1;2;3\nB;4;5;6\n", "put label;x_mm;y_mm;z_mm above it"),
+    ("beads.csv", "x_ft,y_ft,z_ft\n1,2,3\n", "1 ft is 304.8 mm: multiply by that, and call the columns x_mm"),
+    ("beads.csv", "x [mil],y [mil],z [mil]\n1,2,3\n", "1 mil is 0.0254 mm"),
 ])  # fmt: skip
 def test_a_list_in_another_form_is_told_what_to_do_with_it(name, content, cure):
     """found by use, 2026-11: the page had no cure, as the answer had none."""
-    with pytest.raises(DesignError) as caught:
-        read_fiducials(content, name, DEFAULT_LIMITS)
-    assert cure in caught.value.problems[0].hint
+    assert cure in refused(content, name).hint
+
+
+DESIGNS = sorted(path for path in EXAMPLES.rglob("*.yaml") if "schema: tailstack/design/1" in path.read_text())
+POINTS = [(point["label"], point["position_mm"]) for point in DEMO["fiducials"]["points"]]
+
+
+def demo_markups(**changes):
+    points = [{"label": label, "position": position} for label, position in POINTS]
+    points.append({"label": "lost", "position": [0, 0, 0], "positionStatus": "undefined"})
+    return json.dumps({"markups": [{"controlPoints": points, **changes}]})
+
+
+def table(header, scale=1.0, mark=","):
+    rows = [mark.join([label, *(repr(scale * value) for value in position)]) for label, position in POINTS]
+    return "\n".join([header, *rows]) + "\n"
+
+
+# name: (content, what the origin says besides file and hash, how many notes)
+FILES: dict[str, tuple[str, dict[str, Any], int]] = {
+    "plain.csv": (table("label,x_mm,y_mm,z_mm"), {"coordinate_system": "LPS"}, 0),
+    "ras.csv": (table("# CoordinateSystem = RAS\nlabel,x_mm,y_mm,z_mm"), {"coordinate_system": "RAS"}, 1),
+    "metres.csv": (
+        table("# CoordinateSystem = RAS\nlabel;x_m;y_m;z_m", 0.001, ";"),
+        {"coordinate_system": "RAS", "coordinate_unit": "m"}, 2,
+    ),
+    "micrometres.csv": (
+        table("label,x_µm,y_µm,z_µm", 1000.0), {"coordinate_system": "LPS", "coordinate_unit": "um"}, 1,
+    ),
+    "old.fcsv": (
+        table("# columns = label,x,y,z"), {"coordinate_system": "RAS", "coordinate_system_stated": False}, 2,
+    ),
+    "new.fcsv": (
+        table("# CoordinateSystem = LPS\n# columns = label,x,y,z"), {"coordinate_system": "LPS"}, 0,
+    ),
+    "slicer.mrk.json": (
+        demo_markups(coordinateSystem="RAS"), {"coordinate_system": "RAS", "left_out": ["lost"]}, 2,
+    ),
+    "cm.mrk.json": (
+        demo_markups(coordinateUnits="cm"),
+        {"coordinate_system": "LPS", "coordinate_unit": "cm", "left_out": ["lost"]}, 2,
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(params=FILES)
+def written(request, tmp_path):
+    """(a design beside its fiducial file, what its origin should say, how many notes)"""
+    content, said, notes = FILES[request.param]
+    (tmp_path / request.param).write_text(content, encoding="utf-8")
+    data = {**DEMO, "fiducials": {"file": request.param}}
+    data.pop("optimise", None)
+    path = tmp_path / "design.yaml"
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    sha256 = hashlib.sha256(content.encode()).hexdigest()
+    return path, {"file": request.param, "sha256": sha256, **said}, notes
+
+
+def about_the_file(path, notes):
+    name = load_design(path).document.fiducials.file
+    return [note for note in notes if name and note.startswith(name)]
+
+
+def test_a_design_that_was_made_to_stand_alone_keeps_all_that_it_says_of_its_fiducials(tmp_path):
+    said = {
+        "manufacturing": {"half_width_mm": 0.05, "distribution": "uniform"},
+        "diameter_mm": 2.5,
+        "image_point": "shadow",
+        "loss_probability": 0.01,
+    }
+    assert said.keys() == type(load_design(DEMO).document.fiducials).model_fields.keys() - {"file", "points", "origin"}
+    (tmp_path / "beads.csv").write_text(FILES["plain.csv"][0], encoding="utf-8")
+    path = tmp_path / "design.yaml"
+    path.write_text(yaml.safe_dump({**DEMO, "fiducials": {"file": "beads.csv", **said}}), encoding="utf-8")
+    design = load_design(path)
+    convert_file(path, tmp_path / "alone.yaml")
+    moved = revise_design(design, Revision(fiducials_mm=np.array(design.fiducials.positions_mm) + 1))
+    for alone in (load_design(tmp_path / "alone.yaml", allow_files=False), moved):
+        section = alone.source.data["fiducials"]
+        assert {name: value for name, value in section.items() if name not in ("points", "origin")} == said
+    assert load_design(tmp_path / "alone.yaml").sha256 == design.sha256
+
+
+def test_a_design_that_was_made_to_stand_alone_says_where_its_points_came_from(written, tmp_path):
+    path, said, count = written
+    design = load_design(path)
+    notes = compile_design(design).notes
+    assert len(about_the_file(path, notes)) == count
+    for name in ("alone.yaml", "alone.json"):
+        assert convert_file(path, tmp_path / name).notes == design.fiducials.notes
+        alone = load_design(tmp_path / name, allow_files=False)
+        assert alone.source.data["fiducials"]["origin"] == said
+        assert compile_design(alone).notes == notes
+        assert alone.sha256 == design.sha256
+        jsonschema.Draft202012Validator(design_json_schema()).validate(alone.source.data)
+
+
+def test_a_fiducial_file_as_a_section_says_where_its_points_came_from(written):
+    path, said, _ = written
+    content = (path.parent / said["file"]).read_bytes()
+    made = convert(content, said["file"], "section.yaml")
+    section = yaml.safe_load(made.text)["fiducials"]
+    assert section["origin"] == said
+    alone = load_design({**yaml.safe_load(path.read_text()), "fiducials": section}, allow_files=False)
+    assert alone.fiducials.notes == made.notes == load_design(path).fiducials.notes
+
+
+@pytest.mark.parametrize("path", DESIGNS, ids=lambda path: path.stem)
+def test_every_example_is_the_same_when_it_stands_alone(path):
+    design = load_design(path)
+    for text in (design_to_yaml(design), design_to_json(design)):
+        alone = load_design(text, allow_files=False)
+        assert (alone.sha256, alone.fiducials.positions_mm) == (design.sha256, design.fiducials.positions_mm)
+        assert compile_design(alone).notes == compile_design(design).notes
+    again = load_design(design_to_yaml(alone), allow_files=False)
+    assert again.source.data == alone.source.data
+    assert ("origin" in alone.source.data["fiducials"]) == (design.document.fiducials.file is not None)
+
+
+def test_what_was_moved_is_no_longer_called_what_is_in_the_file():
+    design = load_design(EXAMPLES / "slicer_markups.yaml")
+    here = compile_design(design).fiducials_mm
+    notes = design.fiducials.notes
+    for start in (design, load_design(design_to_yaml(design), allow_files=False)):
+        assert revise_design(start, Revision(fiducials_mm=here)).fiducials.notes == notes
+        moved = revise_design(start, Revision(fiducials_mm=here + np.array([0.5, 0, 0])))
+        fewer = revise_design(start, Revision(labels=design.fiducials.labels[1:], fiducials_mm=here[1:]))
+        for changed in (moved, fewer):
+            assert changed.fiducials.notes[:-1] == notes
+            assert "no longer those of the file" in changed.fiducials.notes[-1]
+            assert changed.source.data["fiducials"]["origin"]["changed"] is True
+
+
+@pytest.mark.parametrize("label", ["x" * 81, "a\x07b"])
+def test_a_label_that_no_design_can_hold_is_refused_where_it_stands(label, tmp_path):
+    """It used to be scored, and no report could be made of it."""
+    (tmp_path / "beads.csv").write_text(table("label,x_mm,y_mm,z_mm").replace(POINTS[0][0] + ",", label + ",", 1))
+    (tmp_path / "d.yaml").write_text(yaml.safe_dump({**DEMO, "fiducials": {"file": "beads.csv"}}))
+    problem = problems_of(load_design, tmp_path / "d.yaml", error=DesignError)[0]
+    assert (problem.code, problem.file) == ("bad-label", "beads.csv")

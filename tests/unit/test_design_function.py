@@ -6,17 +6,16 @@ knows no derivative.  The numerical error of P95 over the step bounds what they 
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from plain_data import EXAMPLES
 from tailstack import DesignError, OutOfRangeError, load_design, score
 from tailstack.design_function import DesignFunction
 from tailstack.tail.declared import column_gradient, law_gradient, law_quantile, linear_law
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = load_design(EXAMPLES / "demo.yaml")
 P95_ERROR_MM = 2e-8  # numerical error of the score itself
 INPUTS = {
@@ -40,6 +39,21 @@ INPUTS = {
 }
 
 
+def p95_mm(function: DesignFunction, values: Any, error: Any = "tcp") -> float:
+    target = function.score(values).targets[0]
+    return target.p95_mm if error == "tcp" else target.localisation.p95_mm
+
+
+def difference_by(function: DesignFunction, k: int, step: float, error: Any = "tcp") -> float:
+    """Of fourth order, of the score, by number k."""
+    values = []
+    for times in (-2, -1, 1, 2):
+        moved = function.present.copy()
+        moved[k] += times * step
+        values.append(p95_mm(function, moved, error))
+    return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
+
+
 @pytest.mark.long("tcp-demo.yaml", "localisation-demo.yaml")
 @pytest.mark.parametrize("example", INPUTS)
 @pytest.mark.parametrize("error", ["tcp", "localisation"])
@@ -52,13 +66,7 @@ def test_the_derivative_of_p95_is_that_of_differences(example: str, error: Any) 
     assert np.abs(gradient).max() > 0
     for k in range(len(gradient)):
         step = 1e-2 * max(abs(function.present[k]), 0.1)
-        values = []
-        for times in (-2, -1, 1, 2):
-            moved = function.present.copy()
-            moved[k] += times * step
-            target = function.score(moved).targets[0]
-            values.append(target.p95_mm if error == "tcp" else target.localisation.p95_mm)
-        difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
+        difference = difference_by(function, k, step, error)
         assert gradient[k] == pytest.approx(difference, rel=1e-6, abs=P95_ERROR_MM / step), INPUTS[example][k]
 
 
@@ -81,12 +89,7 @@ def test_the_derivative_by_a_position_holds_for_every_estimator(model: str) -> N
     function = DesignFunction(design, ["fiducials.points.F6.position_mm.2", "execution.repeatability.std_mm"])
     _, gradient = function.p95_gradient(function.present)
     for k, step in enumerate((0.2, 1e-3)):
-        values = []
-        for times in (-2, -1, 1, 2):
-            moved = function.present.copy()
-            moved[k] += times * step
-            values.append(function.score(moved).targets[0].p95_mm)
-        difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
+        difference = difference_by(function, k, step)
         assert gradient[k] == pytest.approx(difference, rel=2e-6, abs=P95_ERROR_MM / step), k
 
 

@@ -1,16 +1,20 @@
-"""The reader of YAML and JSON: scalars by YAML 1.2, refusals with line and column, bounds."""
+"""The reader of YAML and JSON: scalars by YAML 1.2, refusals and their places, bounds; nothing live is unseen."""
 
 from __future__ import annotations
 
 import json
 import math
+import sys
+import unicodedata
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
+from plain_data import problems_of
 from tailstack.design.reading import DEFAULT_LIMITS, Limits, _careful_copy, decode, plain_data, read_text, show
+from tailstack.design.write import data_to_yaml, dump_flow
 from tailstack.errors import DesignError, LimitError
 
 
@@ -19,9 +23,11 @@ def read(text, form="auto", limits=DEFAULT_LIMITS):
 
 
 def refused(text, form="auto"):
-    with pytest.raises((DesignError, LimitError)) as caught:
-        read(text, form)
-    return caught.value.problems[0]
+    return problems_of(read, text, form)[0]
+
+
+LOOP: dict[str, Any] = {}
+LOOP["a"] = LOOP
 
 
 # published: YAML 1.2.2, section 10.3.2, core schema; leading zeros and underscores are text here on purpose
@@ -54,7 +60,7 @@ def test_infinities_arrive_as_such_and_are_refused_later():
         ('{"a": 1,\n "a": 2}', "duplicate-key", 2),
         ("a: !!float 1\n", "yaml-tag", 1),
         ("a: !!python/object/apply:os.system [ls]\n", "yaml-tag", 1),
-        ("a:\n\t- 1\n", "yaml-syntax", 2),
+        ("a:\n\t- 1 # a tab\n", "yaml-syntax", 2),
         ("a: [1, 2\nb: 3\n", "yaml-syntax", 2),
         ("a: 1\n---\nb: 2\n", "several-documents", None),
         ("? [1, 2]\n: 3\n", "bad-key", 1),
@@ -70,10 +76,7 @@ def test_refusals(text, code, line):
     assert problem.code == code
     assert line is None or problem.line == line
     assert problem.file == "d.yaml"
-
-
-def test_a_tab_is_named():
-    assert "tab" in refused("a:\n\t- 1\n").hint
+    assert "\t" not in text or "tab" in problem.hint
 
 
 def test_json_syntax_has_line_and_column():
@@ -113,9 +116,7 @@ def test_encodings_with_a_mark(codec):
     "content", [b"a: \xff\xfe", b"PK\x03\x04\x00\x00", "a: 1".encode("utf-16-le"), b"\xff\xfe\x00"]
 )
 def test_bytes_that_are_no_text(content):
-    with pytest.raises(DesignError) as caught:
-        decode(content, "f")
-    assert caught.value.problems[0].code == "not-text"
+    assert problems_of(decode, content, "f", error=DesignError)[0].code == "not-text"
 
 
 @pytest.mark.parametrize(
@@ -151,16 +152,6 @@ def test_keys_and_texts_of_json_are_as_those_of_plain_data():
         assert refused(text, "json").code == code
     longest = "k" * 100
     assert read(f'{{"{longest}": "\\ud83d\\ude00"}}', "json").data == {longest: "😀"}
-
-
-def test_plain_data_refuses_what_json_has_not():
-    for value in ({1: 2}, {"a": object()}, {"a": {1, 2}}, {"a": b"x"}, {"a": "\ud800"}):
-        with pytest.raises(DesignError):
-            plain_data(value, DEFAULT_LIMITS)
-    loop: dict[str, Any] = {}
-    loop["a"] = loop
-    with pytest.raises(LimitError):
-        plain_data(loop, DEFAULT_LIMITS)
 
 
 @pytest.mark.parametrize(
@@ -221,11 +212,107 @@ def test_a_quick_copy_is_the_careful_one(data):
         ({"\udfff": 1}, "not-text"),
         ({"a": ["\ud800", "\udc00"]}, "not-text"),
         ({"a": object()}, "unsupported-value"),
+        ({"a": {1, 2}}, "unsupported-value"),
+        ({"a": b"x"}, "unsupported-value"),
+        (LOOP, "too-complex"),
         ([[[[[[0]]]]]], "too-complex"),
         (list(range(40)), "too-complex"),
     ],
 )
 def test_what_is_unusual_is_refused_with_its_reason(data, code):
-    with pytest.raises((DesignError, LimitError)) as caught:
-        plain_data(data, Limits(nodes=30, depth=4))
-    assert caught.value.problems[0].code == code
+    assert problems_of(plain_data, data, Limits(nodes=30, depth=4))[0].code == code
+
+
+# Every character that is not shown as a sign of its own, with neighbours of every kind
+UNSEEN = [
+    chr(number)
+    for number in range(sys.maxunicode + 1)
+    if unicodedata.category(chr(number)) in ("Cc", "Cf", "Zl", "Zp", "Zs") or number in (0xFFFE, 0xFFFF)
+]
+ENDS = ("\n", "\r")  # of lines, in YAML 1.2
+REFUSED = [
+    *"\x85\u2028\u2029",
+    *map(chr, (0x200E, 0x200F, 0x061C, 0xFEFF, *range(0x202A, 0x202F), *range(0x2066, 0x206A))),
+]
+OUTSIDE = {
+    "a remark": ("a: 1\n# x{}b: 2\n", {"a": 1}),
+    "a remark behind a value": ("a: 1 # x{}b: 2\n", {"a": 1}),
+    "a remark in brackets": ("a: [1, # x{}2,\n 3]\n", {"a": [1, 3]}),
+    "a remark at the end": ("a: 1\n# x{}", {"a": 1}),
+}
+TEXTS = {
+    "plain": ("a: x{}y\nb: 2\n", ""),
+    "single quotes": ("a: 'x{}y'\nb: 2\n", "'"),
+    "double quotes": ('a: "x{}y"\nb: 2\n', '"'),
+    "a key": ("{{'x{}y': 1,\n b: 2}}\n", "'"),
+    "a block": ("a: |-\n  x{}y\nb: 2\n", ""),
+    "a folded block": ("a: >-\n  x{}y\nb: 2\n", ""),
+}
+
+
+def read_or_code(text: str):  # type: ignore[no-untyped-def]
+    """The document, or its refusal, which names the character and its place."""
+    try:
+        return read_text(text, DEFAULT_LIMITS, file="d.yaml", directory=None, form="yaml")
+    except DesignError as error:
+        (problem,) = error.problems
+        if problem.code == "unseen-character":
+            at = next(
+                k for k, c in enumerate(text) if f"U+{ord(c):04X} " in problem.detail and text[k : k + 2] != "\r\n"
+            )
+            before = text[:at].split("\n")
+            assert (problem.line, problem.column) == (len(before), len(before[-1]) + 1)
+            assert problem.hint
+        return problem.code
+
+
+@pytest.mark.parametrize("place", OUTSIDE)
+def test_nothing_in_a_remark_is_live(place):
+    pattern, meant = OUTSIDE[place]
+    for sign in sorted({*UNSEEN, *REFUSED} - set("\n")):
+        found = read_or_code(pattern.format(sign))
+        assert found == "unseen-character" or (sign not in REFUSED and found.data == meant), ascii(sign)
+
+
+@pytest.mark.parametrize("place", TEXTS)
+def test_a_text_is_what_stands_there(place):
+    """In quotes it holds what it holds, and outside of them what is not shown is refused."""
+    pattern, quote = TEXTS[place]
+    for sign in sorted({*UNSEEN, *REFUSED, *"é\ue000\U0001f4a9"} - set(ENDS)):
+        found = read_or_code(pattern.format(sign))
+        if found == "unseen-character":
+            assert not (quote and sign in "\x85\u2028\u2029"), ascii(sign)
+            continue
+        assert quote or sign not in REFUSED, ascii(sign)
+        values = [*found.data, *found.data.values()]
+        assert f"x{sign}y" in values, ascii(sign)
+        assert found.locate(("b",), key=True)[0] == (3 if "block" in place else 2)
+
+
+def test_line_ends_are_those_of_yaml_and_git():
+    for end in ("\n", "\r\n", "\r"):
+        source = read_or_code(f"a: 1{end}# x{end}b: [1,{end} 2]{end}")
+        assert source.locate(("b", 1)) == (4, 2)
+    for text in ("a: 1\n# x\rb: 2\n", "a: 'x\ry'\nb: 1\n", "a: 1\r\n# x\rb: 2\r\n"):
+        assert read_or_code(text) == "unseen-character"
+
+
+def test_as_many_stand_ins_as_are_wanted():
+    """Characters that a text holds already are not taken for those that it must not be read_or_code by."""
+    taken = "".join(map(chr, range(0xE000, 0xF900)))
+    assert read_or_code(f'a: "{taken}\u2028{taken}\x85"\n').data == {"a": f"{taken}\u2028{taken}\x85"}
+
+
+def test_json_is_read_as_json_and_has_places():
+    text = '{"a": "x\u2028y\x85",\n "b": 1}'
+    source = read_text(text, DEFAULT_LIMITS, file="d.json", directory=None, form="json")
+    assert source.data == {"a": "x\u2028y\x85", "b": 1}
+    assert source.locate(("b",)) == (2, 7)
+
+
+def test_what_is_not_shown_is_written_as_an_escape_and_comes_back():
+    for sign in sorted({*UNSEEN, *REFUSED} - {"\n"}):
+        for value in (f"x{sign}y", sign, f"{sign} x ", [f"x{sign}", "y"], {f"k{sign}": f"{sign}"}):
+            for text in (data_to_yaml({"a": value}), f"a: {dump_flow(value)}\n"):
+                assert read_or_code(text).data == {"a": value}, ascii(text)
+                assert not set(text) & {*REFUSED}, ascii(text)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import copy
-from pathlib import Path
 
 import jsonschema
 import pytest
-import yaml
 
+from plain_data import DEMO
 from tailstack.design import check_design, design_json_schema, load_design
 from tailstack.errors import DesignError
 
 SCHEMA = design_json_schema()
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
-DEMO = yaml.safe_load((Path(__file__).parents[2] / "examples" / "demo.yaml").read_text())
 
 
 def records():

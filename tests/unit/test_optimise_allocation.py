@@ -1,4 +1,4 @@
-"""Convex allocation at a fixed layout: the oracle, known optima, brute force, and the bounds it is built on."""
+"""Allocation at a fixed layout: the oracle, known optima, bounds, placement; and process grades at least price."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from math import exp, sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from optimise_scenes import at_prices, fixed_layout, image_covariance_by_score, oracle_problem
+from scenes import cube_fiducials
 from tailstack import InfeasibleError
-from tailstack.optimisation import allocation
+from tailstack.geometry.arrays import Array
+from tailstack.optimisation import PlacementProblem, allocation, solve_placement
 from tailstack.optimisation.allocation import (
     allocate,
     frobenius_constant,
@@ -21,7 +25,10 @@ from tailstack.optimisation.allocation import (
     gaussian_bracket,
     squared_bound,
 )
-from tailstack.optimisation.prices import Price, cost_of, reciprocal
+from tailstack.optimisation.grades import choose_grades
+from tailstack.optimisation.prices import Price, PricedGrade, cost_of, of_grades, reciprocal
+from tailstack.optimisation.terms import free_laws, terms_of
+from tailstack.system import Law
 from tailstack.tail.gaussian import norm_quantile
 
 CASE = json.loads((Path(__file__).parents[1] / "data" / "oracles" / "convex_allocation.json").read_text())
@@ -123,13 +130,6 @@ def test_one_tolerance_by_hand():
         assert found.limit_prices[0] == pytest.approx(slope, rel=1e-5)
 
 
-def test_three_equal_tolerances_by_symmetry():
-    """closed form: equal tolerances on three axes stay equal, so S = (noise + v) I."""
-    noise, gains = 0.01 * np.eye(3), 20 * np.eye(3)
-    found = allocate(noise, gains, [reciprocal()] * 3, np.full(3, 0.5), 1.0, lower=0, upper=1)
-    assert found.half_width == pytest.approx([sqrt(1 / (3 + (ONE - 1) * sqrt(3)) - 0.01) / 10] * 3, rel=1e-6)
-
-
 def test_known_primal_and_dual():
     """independent: half-widths and multipliers come first, the prices that make them optimal are derived.
 
@@ -162,34 +162,6 @@ def test_known_primal_and_dual():
         assert found.half_width == pytest.approx(half_width, rel=1e-5)
         assert found.limit_prices == pytest.approx(-2 * multipliers * limits, rel=1e-4, abs=1e-5)
         assert found.cost == pytest.approx(cost(prices, half_width), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    "price",
-    [reciprocal(2.0), Price("power", 0.05, 2.0), Price("power", 3.0, 0.7), Price("exponential", 9.0, scale=0.02)],
-)
-def test_two_tolerances_by_brute_force(price):
-    """independent: along the boundary of the feasible set, half-width by half-width, the other found by bisection."""
-    rng = np.random.default_rng(5)
-    noise, gains = 0.02 * np.eye(3), rng.normal(size=(2, 3)) * 20
-    prices = [price, Price("power", 1.0, 1.2)]
-    found = allocate(noise, gains, prices, np.full(2, 0.5), 1.0, lower=0, upper=np.inf)
-
-    def within(first, second):
-        root = gains * 0.5 * np.array([[first], [second]])
-        return bound_squared(noise + root.T @ root) <= 1
-
-    best = np.inf
-    for first in np.linspace(0.9, 1.1, 81) * found.half_width[0]:
-        low, high = 0.0, 1.0
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if within(first, middle) else (low, middle)
-        if low > 0:
-            best = min(best, cost(prices, [first, low]))
-    assert found.cost == pytest.approx(best, rel=2e-6)
-    far = np.linspace(0.02, 4, 60)[:, None] * found.half_width
-    assert found.cost < min(cost(prices, h) for h in itertools.product(*far.T) if within(*h))
 
 
 def test_lower_bound_is_below_every_feasible_point():
@@ -258,21 +230,6 @@ def test_programme_is_disciplined_and_parametrised():
     assert problem.is_dcp(dpp=True)
 
 
-def test_a_looser_limit_never_costs_more():
-    """closed form: the feasible set grows with the limit; the slope is the limit's price."""
-    noise, gains, prices, per, limits, lower, upper = random_problem(np.random.default_rng(8), 5, 1)
-    grid = limits[0] * np.linspace(0.9, 1.6, 15)
-    found = [allocate(noise, gains, prices, per, limit, lower=lower, upper=upper) for limit in grid]
-    costs = np.array([answer.cost for answer in found])
-    prices_of_limit = np.array([answer.limit_prices[0] for answer in found])
-    assert (np.diff(costs) <= 0).all()
-    assert (prices_of_limit <= 0).all()
-    # The optimal cost is convex in limit^2, so each chord lies between the prices at its ends.
-    chords, slopes = np.diff(costs) / np.diff(grid**2), prices_of_limit / (2 * grid)
-    assert (slopes[:-1] <= chords + 1e-7).all()
-    assert (chords <= slopes[1:] + 1e-7).all()
-
-
 def test_loose_limit_leaves_every_tolerance_at_its_largest():
     """closed form: what the limit does not reach costs least where it is loosest, and the limit is worth nothing."""
     noise, gains, prices, per, _, lower, upper = random_problem(np.random.default_rng(8), 5, 2)
@@ -323,3 +280,174 @@ def test_limit_out_of_reach_is_refused():
     gains = np.array([[[1.0, 0, 0]], [[10.0, 0, 0]]])
     with pytest.raises(InfeasibleError, match=f"is {least:.4g} mm, not below the limit of 0.9 mm"):
         allocate(noise, gains, [reciprocal()], np.ones(1), np.full(2, 0.9), lower=sqrt(0.0021), upper=1)
+
+
+CURVES = {
+    "reciprocal": Price("power", 1.0),
+    "reciprocal square": Price("power", 1e-3, 2.0),
+    "exponential": Price("exponential", 800.0, scale=float(np.deg2rad(0.1))),
+}
+
+
+def _arguments(problem: PlacementProblem) -> tuple[Array, Array, list[Price], Array, float]:
+    """Noise, gains, prices, standard deviation per half-width and limit, as the allocation takes them."""
+    (demand,) = problem.demands
+    noise = image_covariance_by_score(problem, problem.system.fiducials_mm)
+    per = np.array([value for _, value in free_laws(problem)])
+    prices = [free.price for free in problem.half_widths]
+    return noise, terms_of(problem, demand).free_gain.T, prices, per, demand.requirement.limit_mm
+
+
+@pytest.mark.parametrize("name", CURVES)
+@pytest.mark.parametrize("limit_mm", [0.5, 1.0])
+def test_the_exact_optimum_lies_in_the_convex_bracket(name: str, limit_mm: float) -> None:
+    """independent: two solvers, two formulations; normal laws and no bias, where the bracket is one."""
+    problem = fixed_layout(oracle_problem(8, limit_mm, law=Law.NORMAL), cube_fiducials())
+    problem = at_prices(problem, *[CURVES[name]] * 6)
+    arguments = _arguments(problem)
+    low, high = gaussian_bracket(*arguments, lower=problem.lower, upper=problem.upper)
+    solution = solve_placement(problem)
+    assert low * (1 - 1e-6) <= solution.cost <= high * (1 + 1e-6)
+    assert high / low < 1.05  # the bracket says something
+    convex = allocate(*arguments, lower=problem.lower, upper=problem.upper)
+    levers = np.linalg.norm(arguments[1], axis=1) > 1  # without one, an exponential cost is flat out to the bound
+    np.testing.assert_allclose(solution.choice.half_width[levers], convex.half_width[levers], rtol=0.05)
+
+
+def random_prices(rng, k, most):
+    """Tables whose prices mostly fall with the half-width; some grades are pointless, some prices equal."""
+    tables = []
+    for _ in range(k):
+        widths = np.exp(rng.uniform(-4, -0.7, rng.integers(1, most + 1)))
+        prices = np.round(rng.uniform(0.5, 2) / widths * rng.uniform(0.7, 1.3, widths.size), 1)
+        tables.append(
+            of_grades(tuple(PricedGrade(f"g{j}", *pair) for j, pair in enumerate(zip(widths, prices, strict=True))))
+        )
+    return tables
+
+
+def separable(rng, k):
+    """Root of a weighted sum of squares over a limit."""
+    weight = rng.uniform(0.3, 3, k)
+    limit = rng.uniform(0.3, 0.9)
+    return lambda h: float(np.sqrt((weight * h**2).sum())) / limit
+
+
+def not_separable(rng, k):
+    """The largest of several monotone functions, with products and steps, as of several targets."""
+    weight, limits = rng.uniform(0, 3, (3, k)), rng.uniform(0.4, 1.2, 3)
+    pair = rng.integers(0, k, 2)
+
+    def ratio(h):
+        sums = np.sqrt(weight @ h**2) + 2 * h[pair[0]] * h[pair[1]] + 0.1 * np.floor(5 * h.max())
+        return float((sums / limits).max())
+
+    return ratio
+
+
+def cheapest(prices, ratio):
+    """Over all combinations of all grades, dominated ones included."""
+    costs = [
+        sum(grade.price for grade in combination)
+        for combination in itertools.product(*(price.grades for price in prices))
+        if ratio(np.array([grade.half_width for grade in combination])) <= 1
+    ]
+    return min(costs, default=None)
+
+
+@pytest.mark.parametrize("make", [separable, not_separable])
+def test_brute_force(make):
+    """independent: every combination, up to 5 tolerances of up to 5 grades, 60 random problems."""
+    feasible = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        k = int(rng.integers(1, 6))
+        prices, ratio = random_prices(rng, k, 5), make(rng, k)
+        best = cheapest(prices, ratio)
+        if best is None:
+            with pytest.raises(InfeasibleError, match="times its limit"):
+                choose_grades(prices, ratio)
+            continue
+        feasible += 1
+        start = rng.uniform(0, 0.5, k) if seed % 2 else None
+        found = choose_grades(prices, ratio, start=start)
+        assert found.proven
+        assert found.cost == pytest.approx(best, rel=1e-9)
+        assert found.lower_bound == found.cost
+        assert found.gap_percent == 0
+        assert ratio(found.half_width) <= 1
+        chosen = [{g.name: g for g in price.grades}[name] for price, name in zip(prices, found.names, strict=True)]
+        assert sum(g.price for g in chosen) == pytest.approx(found.cost, rel=1e-12)
+        assert [g.half_width for g in chosen] == found.half_width.tolist()
+        for price, grade in zip(prices, chosen, strict=True):  # no grade as cheap and tighter was passed over
+            assert not any(g.half_width < grade.half_width and g.price <= grade.price for g in price.grades)
+    assert feasible > 25
+
+
+def test_stopped_early_the_bracket_is_honest():
+    """independent: brute force lies between lower bound and cost, however few evaluations there were."""
+    unproven = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        prices, ratio = random_prices(rng, 5, 5), not_separable(rng, 5)
+        best = cheapest(prices, ratio)
+        if best is None:
+            continue
+        for most in (1, 2, 5, 10, 20, 40):
+            calls: list[Any] = []
+            found = choose_grades(prices, lambda h, r=ratio, c=calls: c.append(h) or r(h), max_evaluations=most)  # type: ignore[misc]
+            assert len(calls) == found.evaluations <= most
+            assert found.lower_bound <= best * (1 + 1e-9)
+            assert best <= found.cost * (1 + 1e-9)
+            assert found.proven == (found.gap_percent == 0) == (found.lower_bound == found.cost)
+            assert found.gap_percent == pytest.approx(100 * (1 - found.lower_bound / found.cost), abs=1e-9)
+            assert ("Stopped" in found.statement) != found.proven
+            assert ratio(found.half_width) <= 1
+            unproven += not found.proven
+    assert unproven > 10
+
+
+def test_a_wish_to_stop_is_heard_before_the_next_evaluation():
+    """closed form: one evaluation, that of the tightest grades."""
+    rng = np.random.default_rng(0)
+    prices, ratio = random_prices(rng, 5, 5), not_separable(rng, 5)
+    assert cheapest(prices, ratio) is not None
+    assert choose_grades(prices, ratio, stop=lambda: True).evaluations == 1
+
+
+def test_no_assignment_is_evaluated_twice():
+    """independent: the calls are recorded; there are fewer of them than combinations."""
+    rng = np.random.default_rng(6)
+    prices, ratio, calls = random_prices(rng, 5, 5), separable(rng, 5), []
+    found = choose_grades(prices, lambda h: calls.append(tuple(h)) or ratio(h))
+    assert len(set(calls)) == len(calls) == found.evaluations
+    assert len(calls) < np.prod([len(price.grades) for price in prices]) / 4
+
+
+def test_everything_loosest_and_only_one_grade():
+    """closed form: within the limit at the loosest grades nothing is searched; free grades cost nothing."""
+    prices = [of_grades((PricedGrade("fine", 0.1, 3.0), PricedGrade("rough", 0.4, 1.0)))] * 3
+    found = choose_grades(prices, lambda h: float(h.max()))
+    assert (found.names, found.cost, found.proven, found.evaluations) == (("rough",) * 3, 3.0, True, 2)
+    free = choose_grades([of_grades((PricedGrade("as it comes", 0.1, 0.0),))], lambda h: float(h.max()))
+    assert (free.cost, free.lower_bound, free.gap_percent, free.proven) == (0.0, 0.0, 0.0, True)
+
+
+def test_tightest_grades_over_the_limit_are_refused():
+    """closed form: the ratio at the tightest grades is in the message."""
+    prices = [of_grades((PricedGrade("fine", 0.1, 3.0), PricedGrade("rough", 0.4, 1.0)))] * 2
+    with pytest.raises(InfeasibleError, match=r"is 1\.25 times its limit"):
+        choose_grades(prices, lambda h: float(h.sum()) / 0.16)
+
+
+def test_a_law_that_is_not_monotone_still_gets_a_feasible_answer():
+    """independent: where widening may help, the bound means nothing, but the answer was evaluated and passes."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        prices, ratio = random_prices(rng, 4, 5), separable(rng, 4)
+
+        def bumpy(h, r=ratio, seed=seed):
+            return r(h) * (1 + 0.05 * np.sin(1e3 * h.sum() + seed))
+
+        if bumpy(np.array([min(g.half_width for g in price.grades) for price in prices])) <= 1:
+            assert bumpy(choose_grades(prices, bumpy).half_width) <= 1

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from scipy.special import erf
 from scipy.stats import beta
 
-from optimise_documents import BOX, document, free, half_width, moving, normal, optimised, positions
+from optimise_documents import BOX, document, free, half_width, moving, normal, optimised
 from tailstack.design import load_design
 from tailstack.results import Optimisation
 from tailstack.scoring import score
@@ -115,15 +114,13 @@ TABLES = {
 }
 
 
-def cheapest_mm(result: Optimisation, limit_mm: float) -> dict[float, tuple[float, ...]]:
-    """Price -> P95 of every assignment of grades within a limit by the score, at the layout of a result."""
-    found: dict[float, tuple[float, ...]] = {}
+def prices_within(result: Optimisation, limit_mm: float) -> set[float]:
+    """Of every assignment of grades that keeps a limit by the score, at the layout of a result."""
+    found = set()
     for chosen in product(*TABLES.values()):
-        value = p95_mm(
-            result.design, widths={p: g["half_width_deg"] for p, g in zip(TABLES, chosen, strict=True)}
-        )  # fmt: skip
-        if value <= limit_mm:
-            found[sum(grade["price"] for grade in chosen)] = (value,)
+        widths = {pair: grade["half_width_deg"] for pair, grade in zip(TABLES, chosen, strict=True)}
+        if p95_mm(result.design, widths=widths) <= limit_mm:
+            found.add(sum(grade["price"] for grade in chosen))
     return found
 
 
@@ -140,11 +137,9 @@ def test_grades_are_the_cheapest_of_all_assignments(limit_mm: float, layout: dic
         assert item.cost_after == grade["price"]
         # the price of what there is: the cheapest grade that holds 0.1 degrees
         assert item.cost_before == min(grade["price"] for grade in grades if grade["half_width_deg"] <= 0.1)
-    within = cheapest_mm(result, limit_mm)
-    assert result.cost_after in within
+    assert result.cost_after in prices_within(result, limit_mm)
     # one that misses the limit by the margin of the check may be cheaper
-    cheaper = [price for price in cheapest_mm(result, limit_mm * MARGIN) if price < result.cost_after]
-    assert not cheaper
+    assert min(prices_within(result, limit_mm * MARGIN)) >= result.cost_after
     assert result.certificate.relaxation.kind == "monotone cuts over grades"
     assert result.certificate.relaxation.lower_bound == pytest.approx(result.cost_after, rel=1e-9)
     assert bool(result.moved) == bool(layout)
@@ -196,25 +191,6 @@ def test_least_quantile_within_a_cost_limit() -> None:
     assert result.p95_after_mm <= min(reached) * (1 + 1e-5)
     assert result.p95_after_mm == pytest.approx(min(reached), rel=0.01)
     assert result.cost_closed_form is None
-    assert_passes(result)
-
-
-@pytest.mark.long
-def test_least_quantile_of_a_layout() -> None:
-    """independent: no layout that a shake of the best one gives is better, by the score."""
-    result = optimised(document(box=BOX))
-    assert (result.cost_before, result.cost_after, result.tolerances) == (0.0, 0.0, ())
-    assert result.p95_before_mm is not None
-    assert result.p95_after_mm < result.p95_before_mm
-    rng = np.random.default_rng(11)
-    start = np.array(list(positions(result.design).values()))
-    for size in (0.3, 1.0, 3.0):
-        data = copy.deepcopy(dict(result.design))
-        del data["optimise"]
-        shaken = np.clip(start + rng.normal(0, size, start.shape), BOX["min_mm"], BOX["max_mm"])
-        for point, position in zip(data["fiducials"]["points"], shaken, strict=True):  # type: ignore[index]
-            point["position_mm"] = position.tolist()
-        assert score(load_design(data)).targets[0].p95_mm > result.p95_after_mm
     assert_passes(result)
 
 
@@ -291,19 +267,6 @@ def test_most_units_meet_the_limit() -> None:
     assert "of each of 90 % of units" in result.objective
 
 
-@pytest.mark.long
-def test_a_target_region_is_held_at_every_point() -> None:
-    data = document(**moving(box=None))
-    data["targets"] = [{"name": "zone", "region": {"box": {"centre_mm": [0, 0, 60], "size_mm": [30, 30, 20]}}}]
-    result = optimised(data)
-    checks = result.certificate.verification.verdict.checks
-    scored = score(load_design(result.design)).verdict.checks
-    assert len(checks) == len(scored) == 8
-    assert max(check.interval_mm[1] for check in checks) <= 1.0
-    assert MARGIN - 0.005 < max(check.value_mm for check in scored) <= 1.0
-    assert min(check.value_mm for check in scored) < 0.95
-
-
 # ---- what certifies it ----
 
 
@@ -335,49 +298,16 @@ def test_a_start_from_a_hopeless_layout_is_counted_once() -> None:
     assert [optimum.starts for optimum in certificate.optima] == [1]
 
 
-def gaussian_exceedance(covariance: Any, limit_mm: float) -> float:
-    """P(|e| > limit) for a centred Gaussian: two deviates by Gauss-Legendre, the third by erf."""
-    variance = np.linalg.eigvalsh(covariance)[::-1]
-    nodes, weights = np.polynomial.legendre.leggauss(80)
-    z, w = 8 * nodes, 8 * weights * np.exp(-32 * nodes**2) / np.sqrt(2 * np.pi)
-    rest = limit_mm**2 - variance[1] * z[:, None] ** 2 - variance[2] * z[None, :] ** 2
-    inside = erf(np.sqrt(np.maximum(rest, 0) / (2 * variance[0])))
-    return float(1 - w @ inside @ w)
-
-
 @pytest.mark.long
-def test_no_allocation_of_two_budgets_is_below_the_bound() -> None:
-    """brute force: for each first half-width the second that just meets the limit, by the Gaussian law of the
-    covariance."""
-    pairs = [(SEAT, "rx"), (FLANGE, "ry")]
-    result = optimised(document(limit_mm=0.9, tolerances=[free(*pair, **DEG) for pair in pairs]))
-
-    def covariance(widths: dict[tuple[str, str], float]) -> Any:
-        return np.array(score(load_design(with_half_widths(document(), widths))).targets[0].covariance_mm2)
-
-    unit = {pair: covariance({p: 0.1 * (p == pair) for p in pairs}) for pair in pairs}
-    none = covariance(dict.fromkeys(pairs, 0.0))
-
-    def exceedance(first: float, second: float) -> float:
-        size = [(value / 0.1) ** 2 * (unit[p] - none) for p, value in zip(pairs, (first, second), strict=True)]
-        return gaussian_exceedance(none + size[0] + size[1], 0.9) - 0.05
-
-    def cost(first: float) -> float:
-        """Of the first half-width, and of the largest second one that goes with it."""
-        if exceedance(first, 0.01) > 0:
-            return np.inf
-        second = 0.5 if exceedance(first, 0.5) < 0 else brentq(lambda h: exceedance(first, h), 0.01, 0.5)
-        return 1 / radians(first) + 1 / radians(float(second))
-
-    costs = [cost(float(first)) for first in np.linspace(0.05, 0.4, 71)]
+def test_the_bound_of_an_allocation_is_near_its_cost_and_not_above() -> None:
+    """By brute force (``test_optimise_allocation``) the bound is below; how near it may be is that of the exact law."""
+    tolerances = [free(*pair, **DEG) for pair in ((SEAT, "rx"), (FLANGE, "ry"))]
+    result = optimised(document(limit_mm=0.9, tolerances=tolerances))
     relaxation = result.certificate.relaxation
     assert relaxation.kind == "convex allocation"
     assert relaxation.lower_bound is not None
-    assert relaxation.gap_percent is not None
-    assert relaxation.lower_bound <= min(costs) <= result.cost_after
-    assert result.cost_after == pytest.approx(min(costs), rel=0.015)
+    assert 0.985 * result.cost_after <= relaxation.lower_bound <= result.cost_after
     assert relaxation.gap_percent == pytest.approx(100 * (result.cost_after / relaxation.lower_bound - 1), rel=0.05)
-    assert exceedance(*widths_of(result.design, pairs).values()) <= 0
 
 
 @pytest.mark.long("layout-not convex in the layout", "risk-per-unit risk")

@@ -16,6 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from optimise_documents import document, moving, optimised
+from plain_data import problems_of
 from tailstack.design import Design, load_design
 from tailstack.errors import DesignError, InfeasibleError
 from tailstack.optimisation import optimise
@@ -121,32 +122,6 @@ MATRIX = {
     "intrinsics": {"focal_px": [5000.0, 5000.0], "principal_point_px": [500.0, 500.0]},
     "pose": {"rotation_deg": [90.0, 0.0, 0.0], "translation_mm": [0.0, 0.0, 700.0]},
 }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("free", "pointer", "says"),
-    [
-        ({"view": "LTA", "cone_deg": 30.0}, "/optimise/views/0/view", "LAT"),
-        ({"view": "AP", "cone_deg": 30.0}, "/optimise/views/0/view", "intrinsics and a pose"),
-        ({"view": "LAT"}, "/optimise/views/0", "cone_deg"),
-        ({"view": "LAT", "source_isocentre_mm": [800.0, 600.0]}, "/optimise/views/0/source_isocentre_mm", "800"),
-        ({"view": "LAT", "source_isocentre_mm": [600.0, 5000.0]}, "/optimise/views/0/source_isocentre_mm/1", "5000"),
-    ],
-    ids=["unknown", "not aimed", "nothing free", "order", "behind the detector"],
-)
-def test_views_that_cannot_be_aimed_are_refused_where_they_stand(free: dict[str, Any], pointer: str, says: str) -> None:
-    data = with_views(poor(), free)
-    data["views"][0] = MATRIX
-    with pytest.raises(DesignError) as refused:
-        load_design(data)
-    (problem,) = refused.value.problems
-    assert problem.pointer == pointer
-    assert says in problem.detail + problem.hint
-
-
-def test_views_are_not_aimed_along_a_front() -> None:
-    with pytest.raises(DesignError, match="front is not traced with views"):
-        load_design(with_views(poor(objective="pareto"), {"view": "LAT", "cone_deg": 30.0}))
 
 
 # --- a view at a price ------------------------------------------------------------------------------------
@@ -339,45 +314,50 @@ def test_a_search_that_is_stopped_while_the_view_is_tried_says_so() -> None:
     assert "stopped on request" in found.aimed.sentence
 
 
-@pytest.mark.parametrize(
-    ("entry", "section", "pointer", "says"),
-    [
-        ({"like": "PA"}, {}, "/like", "AP"),
-        ({"add": "LAT"}, {}, "/add", "already"),
-        ({"price": -1.0}, {}, "/price", "at least 0"),
-        ({"cone_deg": 120.0}, {}, "/cone_deg", "at most 90"),
-        ({"source_isocentre_mm": [800.0, 600.0]}, {}, "/source_isocentre_mm", "800"),
-        ({"source_isocentre_mm": [600.0, 5000.0]}, {}, "/source_isocentre_mm/1", "5000"),
-        ({}, {"objective": "scaling"}, "/price", "saves no cost"),
-        ({}, {"objective": "quantile", "cost_limit": 3000.0}, "/price", "study views"),
-        ({"view": "LAT"}, {}, "/view", "add, like, price"),
-    ],
-)  # fmt: skip
-def test_a_view_that_cannot_be_added_is_refused_where_it_stands(
-    entry: dict[str, Any], section: dict[str, Any], pointer: str, says: str
-) -> None:
-    data = with_views(poor(**section), OBLIQUE | {"price": 300.0} | entry)
-    with pytest.raises(DesignError) as refused:
-        load_design(data)
-    (problem,) = refused.value.problems
-    assert problem.pointer == f"/optimise/views/0{pointer}"
+LAT = {"view": "LAT", "cone_deg": 30.0}
+ADDED = OBLIQUE | {"price": 300.0}
+# entries of views, changes of the section, pointer of the problem below /optimise, words in it
+REFUSED: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str, str]] = {
+    "unknown": ([LAT | {"view": "LTA"}], {}, "/views/0/view", "LAT"),
+    "not aimed": ([LAT | {"view": "AP"}], {}, "/views/0/view", "intrinsics and a pose"),
+    "nothing free": ([{"view": "LAT"}], {}, "/views/0", "cone_deg"),
+    "order": ([LAT | {"source_isocentre_mm": [800.0, 600.0]}], {}, "/views/0/source_isocentre_mm", "800"),
+    "behind the detector": (
+        [LAT | {"source_isocentre_mm": [600.0, 5000.0]}],
+        {},
+        "/views/0/source_isocentre_mm/1",
+        "5000",
+    ),
+    "front": ([LAT], {"objective": "pareto"}, "", "front is not traced with views"),
+    "like none": ([ADDED | {"like": "PA"}], {}, "/views/0/like", "AP"),
+    "there already": ([ADDED | {"add": "LAT"}], {}, "/views/0/add", "already"),
+    "negative price": ([ADDED | {"price": -1.0}], {}, "/views/0/price", "at least 0"),
+    "wide cone": ([ADDED | {"cone_deg": 120.0}], {}, "/views/0/cone_deg", "at most 90"),
+    "order, added": ([ADDED | {"source_isocentre_mm": [800.0, 600.0]}], {}, "/views/0/source_isocentre_mm", "800"),
+    "behind the detector, added": (
+        [ADDED | {"source_isocentre_mm": [600.0, 5000.0]}],
+        {},
+        "/views/0/source_isocentre_mm/1",
+        "5000",
+    ),
+    "scaling": ([ADDED], {"objective": "scaling"}, "/views/0/price", "saves no cost"),
+    "quantile": ([ADDED], {"objective": "quantile", "cost_limit": 3000.0}, "/views/0/price", "study views"),
+    "both kinds": ([ADDED | {"view": "LAT"}], {}, "/views/0/view", "add, like, price"),
+    "like missing": ([{"add": "OBL", "price": 1.0}], {}, "/views/0/like", "like"),
+    "price missing": ([{"add": "OBL", "like": "AP"}], {}, "/views/0/price", "price"),
+    "two added": ([ADDED, ADDED | {"add": "OBL2"}], {}, "/views/1", "one"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_views_that_cannot_be_aimed_or_added_are_refused_where_they_stand(name: str) -> None:
+    entries, section, pointer, says = REFUSED[name]
+    data = with_views(poor(**section), *entries)
+    if name == "not aimed":
+        data["views"][0] = MATRIX
+    (problem,) = problems_of(load_design, data, error=DesignError)
+    assert problem.pointer == f"/optimise{pointer}"
     assert says in f"{problem.detail} {problem.hint}"
-
-
-def test_what_is_missing_of_a_view_to_be_added_is_named() -> None:
-    with pytest.raises(DesignError) as refused:
-        load_design(with_views(poor(), {"add": "OBL"}))
-    assert [problem.pointer for problem in refused.value.problems] == [
-        "/optimise/views/0/like", "/optimise/views/0/price",
-    ]  # fmt: skip
-
-
-def test_one_view_is_added_at_a_time() -> None:
-    entries: list[dict[str, Any]] = [OBLIQUE | {"price": 1.0}, OBLIQUE | {"add": "OBL2", "price": 1.0}]
-    with pytest.raises(DesignError) as refused:
-        load_design(with_views(poor(), *entries))
-    (problem,) = refused.value.problems
-    assert problem.pointer == "/optimise/views/1"
 
 
 def test_designs_with_free_views_have_the_hash_that_they_had_before_views_could_be_added() -> None:
