@@ -1,50 +1,17 @@
-"""The line of progress: how long still, on recorded courses; the bar, as wide as the terminal; lines for a log.
-
-Recorded courses (tests/data/courses, by the script beside them): what ``optimise`` reported, in seconds of an otherwise
-idle machine with two cores.  Nothing here waits for the time of the machine.
-"""
+"""The line of progress: how long still; the bar, as wide as the terminal; lines for a log."""
 
 from __future__ import annotations
 
 import io
-import json
 import os
 import pty
 import re
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
-from service_scenes import ROOT
 
-from tailstack.design import load_design
 from tailstack_service.console.progress import QUIET_SECONDS, Progress, say
-from tailstack_service.operations.optimisation import expect, reporter
-from tailstack_service.operations.remaining import RemainingTime
+from tailstack_service.operations.optimisation import STAGES, _share, reporter
 from turned_clock import TurnedClock
-
-COURSES = sorted((ROOT / "tests" / "data" / "courses").glob("*.json"))
-KINDS = ("per_unit", "settles", "compares", "targets", "fiducials")
-RESOLUTION = 1.0  # seconds: what is shown has none
-
-
-def watch(course: dict[str, Any], look: Callable[[float, Progress], None]) -> None:
-    """Go through a course, and look 200 times at what is shown."""
-    clock = TurnedClock()
-    progress = Progress("optimise", io.StringIO(), clock=clock)
-    points = 9 if course["goal"] == "pareto" else 0
-    kind = {name: course[name] for name in KINDS}
-    report = reporter(progress, course["goal"], RemainingTime(cores=2, front_points=points, **kind))
-    events = list(course["events"])
-    for step in range(200):
-        seconds = course["end"] * step / 200
-        while events and events[0][0] <= seconds:
-            at, stage, done, total = events.pop(0)
-            clock.turn_to(at)
-            report(stage, done, total, None)
-        clock.turn_to(seconds)
-        look(seconds, progress)
 
 
 def shown_left(progress: Progress) -> float | None:
@@ -53,72 +20,33 @@ def shown_left(progress: Progress) -> float | None:
     return None if found is None else float(found[1])
 
 
-def test_there_are_courses_of_every_kind() -> None:
-    assert len(COURSES) >= 8
-    goals = {json.loads(course.read_text())["goal"] for course in COURSES}
-    assert {"cost", "pareto"} <= goals
-
-
-def test_what_shapes_a_course_is_read_from_the_design() -> None:
-    """The recorded courses of examples, and the examples."""
-    for course, name in (
-        ("demo8", "demo"),
-        ("plate", "flat_plate"),
-        ("locators", "locators_321"),
-        ("tube", "tube_carrier"),
-    ):
-        content = json.loads((ROOT / "tests" / "data" / "courses" / f"{course}.json").read_text())
-        expected = expect(load_design(ROOT / "examples" / f"{name}.yaml"))
-        assert {kind: getattr(expected, kind) for kind in KINDS} == {kind: content[kind] for kind in KINDS}
-
-
-@pytest.mark.parametrize("course", COURSES, ids=lambda course: course.stem)
-def test_after_its_first_tenth_the_time_left_is_within_a_factor_of_two(
-    course: Path,
-) -> None:
-    content = json.loads(course.read_text())
-    wrong: list[tuple[float, float | None, float]] = []
-
-    def look(seconds: float, progress: Progress) -> None:
-        left, truth = progress.seconds_left(), content["end"] - seconds
-        if seconds < max(0.1 * content["end"], RESOLUTION):  # nothing is shown before a second has passed
-            return
-        if left is None or not (truth / 2 <= left <= 2 * truth or abs(left - truth) <= RESOLUTION):
-            wrong.append((round(seconds, 2), left, round(truth, 2)))
-
-    watch(content, look)
-    assert wrong == []
-
-
-@pytest.mark.parametrize("course", COURSES, ids=lambda course: course.stem)
-def test_the_bar_grows_to_its_end_and_never_shrinks(course: Path) -> None:
-    fractions: list[float] = []
-    watch(json.loads(course.read_text()), lambda _, progress: fractions.append(progress.fraction))
-    assert fractions == sorted(fractions)
-    assert fractions[-1] > 0.85
-
-
 # --- work whose steps are alike -------------------------------------------------------------------
 
 
-def test_the_time_that_views_were_aimed_before_is_not_taken_for_a_delay() -> None:
-    """The same course, with and without a minute of that before it."""
-    course = json.loads(COURSES[0].read_text(encoding="utf-8"))
-    found = []
-    for aimed in (0.0, 60.0):
-        clock = TurnedClock()
-        progress = Progress("optimise", io.StringIO(), clock=clock)
-        kind = {name: course[name] for name in KINDS}
-        report = reporter(progress, course["goal"], RemainingTime(cores=2, **kind))
-        clock.turn(aimed)
-        report("view", 25, 25, None)
-        left = []
-        for at, stage, done, total in course["events"]:
-            clock.turn_to(aimed + at)
-            report(stage, done, total, None)
-            left.append(progress.seconds_left())
-        found.append(left)
-    assert found[1] == pytest.approx(found[0], abs=1e-6)
+def test_of_an_optimisation_the_time_left_is_that_of_its_stage_by_its_own_pace() -> None:
+    """A minute of layouts at one pace, then starts at another: four of ten in eight seconds leave twelve."""
+    clock = TurnedClock()
+    progress = Progress("optimise", io.StringIO(), clock=clock)
+    report = reporter(progress, "cost")
+    for done in range(1, 11):
+        clock.turn(6)
+        report("layout", done, 10, None)
+    assert progress.line() == "optimise: 60 s, starting layout 10 of 10"
+    for done in range(1, 5):
+        clock.turn(2)
+        report("start", done, 10, 20.0 - done)
+    assert progress.line() == "optimise: 68 s, 40 %, about 12 s left of this step, start 4 of 10, least cost so far 16"
+    assert " about 12 s left of this step, start 4 of 10" in progress.bar(100)
+
+
+def test_the_share_that_an_assistant_is_told_only_grows() -> None:
+    told: list[float] = []
+    report = _share(lambda done, total: told.append(done / total))
+    for stage in STAGES:
+        for done in (1, 2):
+            report(stage, done, 2, None)
+    assert told == sorted(set(told))
+    assert told[-1] == 1
 
 
 def test_what_came_before_the_first_step_is_not_taken_for_the_pace() -> None:

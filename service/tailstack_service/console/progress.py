@@ -50,6 +50,8 @@ class Progress:
         self.detail = ""
         self.preface = ""  # said once, on lines of its own, before the first line of progress
         self._begun = self.clock.monotonic()
+        self._step_begun = 0.0  # seconds
+        self._of_step = ""  # what the time left is of, where that is not the whole work
         self._first: tuple[float, float] | None = None  # report that said how far: when, seconds, and how far
         self._left: Callable[[float], float | None] = lambda _elapsed: None  # seconds, when so many have passed
         self._done = threading.Event()
@@ -75,20 +77,14 @@ class Progress:
         if self.fraction > before and now - then >= PACE_SECONDS:  # what came before the first report is no part of it
             left = (1 - self.fraction) * (now - then) / (self.fraction - before)
         elif self.fraction >= PACE_FRACTION:
-            left = (1 / self.fraction - 1) * now
+            left = (1 / self.fraction - 1) * (now - self._step_begun)
         else:  # too little is done: the time left would be that of loading, many times over
             return
         self._left = lambda elapsed: max(left - (elapsed - now), OVERDUE * (elapsed - now - left))
 
-    def report_left(self, left: Callable[[float], float | None], detail: str = "") -> None:
-        """How long the work still takes when so many seconds have passed; None: nobody knows.
-
-        The fraction is then that of the time.
-        """
-        self._left, self.detail = left, detail
-        elapsed = self.elapsed
-        if (seconds := left(elapsed)) is not None:
-            self.fraction = max(self.fraction, elapsed / max(elapsed + seconds, 1e-9))
+    def begin_step(self) -> None:
+        """What is reported from now on is of a step, by its own pace; how long the others take nobody knows."""
+        self._step_begun, self._first, self._of_step = self.elapsed, None, " of this step"
 
     def seconds_left(self) -> float | None:
         """As it stands now; None if nobody knows."""
@@ -100,7 +96,7 @@ class Progress:
         parts = [f"{self.what}: {self.elapsed:.0f} s"]
         left = self.seconds_left()
         if left is not None:
-            parts.append(f"{100 * self.fraction:.0f} %, about {max(left, 1):.0f} s left")
+            parts.append(f"{100 * self.fraction:.0f} %, about {max(left, 1):.0f} s left{self._of_step}")
         return ", ".join([*parts, self.detail] if self.detail else parts)
 
     def bar(self, columns: int) -> str:
@@ -109,7 +105,8 @@ class Progress:
         if left is None or columns < len(self.what) + NARROWEST_BAR + 8:
             return self.line()[:columns]
         head = f"{self.what} {100 * self.fraction:3.0f} % "
-        tail = f" about {max(left, 1):.0f} s left" if left < 120 else f" about {left / 60:.0f} min left"
+        time = f"{max(left, 1):.0f} s" if left < 120 else f"{left / 60:.0f} min"
+        tail = f" about {time} left{self._of_step}"
         room = columns - len(head) - NARROWEST_BAR
         parts = [tail, *(f", {part}" for part in self.detail.split(", ") if part)]
         while parts and sum(map(len, parts)) > room:  # whole parts: half a number would be another one

@@ -18,7 +18,6 @@ from tailstack.errors import NotConvergedError, Problem
 from tailstack.kernels.process import usable_cores
 from tailstack.results import Optimisation
 
-from ..clock import SYSTEM_CLOCK
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
 from ..console.arguments import add_design, read_design
 from ..console.flags import Flag, add_flags, read_flags
@@ -27,7 +26,6 @@ from ..console.progress import Progress
 from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, HeldDesign, LateImport, Operation, Repetition
 from .options import Count, Options, Seed, within
-from .remaining import RemainingTime
 
 if TYPE_CHECKING:
     from tailstack.design import Design
@@ -36,9 +34,12 @@ if TYPE_CHECKING:
     from .request import Request
     from .revision import OutputFiles
 
-# What the steps of a stage are called, where its own name says too little
-STAGES = {"view": "aim of the views", "layout": "starting layout", "point": "starting point", "polish": "polishing",
-          "settle": "exact law", "compare": "layout compared with"}  # fmt: skip
+# The stages in their order, and what their steps are called
+STAGES = {
+    "view": "aim of the views", "layout": "starting layout", "programme": "programme", "point": "starting point",
+    "start": "start", "polish": "polishing", "settle": "exact law", "check": "check", "front": "point of the front",
+    "compare": "layout compared with",
+}  # fmt: skip
 STOPPING = "stopping: checking the best design found so far; press Ctrl-C again to leave without it"
 
 
@@ -56,27 +57,16 @@ class OptimisationOptions(Options):
 def _optimise(call: Call) -> Optimisation:
     from tailstack.optimisation import optimise
 
-    progress = None if call.progress is None else _share(call.design, call.progress)
+    progress = None if call.progress is None else _share(call.progress)
     return optimise(
         call.design, seed=call.options.seed, starts=call.options.starts, progress=progress, threads=call.threads
     )
 
 
-def _share(design: Design, progress: Callable[[float, float], None]) -> Callable[[str, int, int, float | None], None]:
-    """What the optimiser calls after each step, as seconds done of the seconds that it is expected to take."""
-    remaining, begun = expect(design), SYSTEM_CLOCK.monotonic()
-
-    def report(stage: str, done: int, total: int, least: float | None) -> None:
-        nonlocal begun
-        if stage == "view":  # before everything whose course is known
-            begun = SYSTEM_CLOCK.monotonic()
-            return
-        now = SYSTEM_CLOCK.monotonic() - begun
-        remaining.report(stage, done, total, now)
-        left = remaining.left(now)
-        progress(now, now + left if left is not None else 0.0)
-
-    return report
+def _share(progress: Callable[[float, float], None]) -> Callable[[str, int, int, float | None], None]:
+    """What the optimiser calls after each step, as stages done of all stages."""
+    stages = list(STAGES)
+    return lambda stage, done, total, least: progress(stages.index(stage) + done / max(total, 1), len(stages))
 
 
 def _check(request: Request, settings: Settings) -> None:
@@ -209,7 +199,7 @@ def _search(design: Design, arguments: argparse.Namespace, files: OutputFiles) -
                 design,
                 seed=options.seed,
                 starts=options.starts,
-                progress=reporter(progress, wanted.goal, expect(design)),
+                progress=reporter(progress, wanted.goal),
                 stop=stop.ask,
             )
             stop.ask()  # a second signal may have come since the last poll
@@ -224,49 +214,26 @@ def _search(design: Design, arguments: argparse.Namespace, files: OutputFiles) -
 # --- progress and stopping ------------------------------------------------------------------------
 
 
-def expect(design: Design) -> RemainingTime:
-    """What shapes the course of an optimisation."""
-    from tailstack.design import compile_design
-
-    wanted = design.document.optimise
-    assert wanted is not None
-    front_points = 9 if wanted.front is None else wanted.front.points
-    graded = any(tolerance.grades for tolerance in wanted.tolerances or ())
-    return RemainingTime(
-        cores=usable_cores(),
-        front_points=front_points if wanted.goal == "pareto" else 0,
-        per_unit=any(requirement.risk == "per_unit" for requirement in design.document.requirements),
-        settles=wanted.goal != "quantile" and not graded,
-        compares=bool(wanted.box or wanted.region or wanted.regions) and not graded,
-        targets=len(compile_design(design).targets),
-        fiducials=len(design.fiducials.labels),
-    )
-
-
-def reporter(
-    progress: Progress, objective: str, remaining: RemainingTime | None = None
-) -> Callable[[str, int, int, float | None], None]:
-    """What the optimiser calls after each step: how long it still takes, the step, the incumbent."""
-    remaining = RemainingTime(usable_cores()) if remaining is None else remaining
+def reporter(progress: Progress, objective: str) -> Callable[[str, int, int, float | None], None]:
+    """What the optimiser calls after each step: how far its stage is, and the incumbent."""
     what = "quantile over limit" if objective == "quantile" else "cost"
-    best, aimed = float("inf"), 0.0
+    best, last = float("inf"), ""
 
     def report(stage: str, done: int, total: int, least: float | None) -> None:
-        nonlocal best, aimed
-        if stage == "view":  # before everything whose course is known
-            aimed = progress.elapsed
+        nonlocal best, last
+        if stage != last:
+            progress.begin_step()
+            last = stage
+        if stage == "view":  # it may end sooner
             progress.report(done, total + 1, f"{STAGES[stage]} {done}, at most {total}")
             return
-        remaining.report(stage, done, total, progress.elapsed - aimed)
         known = ""
         if least is not None and stage in ("check", "front"):  # of the design that was checked
             known = f", {what} {least:.5g}"
         elif least is not None and stage == "start":
             best = min(best, least)
             known = f", least {what} so far {best:.5g}"
-        progress.report_left(
-            lambda elapsed: remaining.left(elapsed - aimed), f"{STAGES.get(stage, stage)} {done} of {total}{known}"
-        )
+        progress.report(done, total, f"{STAGES[stage]} {done} of {total}{known}")
 
     return report
 
