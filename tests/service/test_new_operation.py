@@ -70,7 +70,7 @@ def _document(record: Spacing, sha256: str) -> Any:
         kind="Spacing", title=record.provenance.design_name, tone="neutral", status="spacing",
         sentence=f"The closest two fiducials are {closest} apart.", numbers=(KeyNumber("Closest", closest),),
         matters=(), figures=(), requirements=None,
-        sections=closing_sections(record.provenance.not_included, Paragraph("Nothing else.")),
+        sections=closing_sections(record.provenance, Paragraph("Nothing else.")),
         provenance=provenance_facts(record.provenance, sha256, record.schema), opening=(f"closest: {closest}",),
     )
 

@@ -6,8 +6,6 @@ import re
 from dataclasses import replace
 from typing import Any
 
-from pydantic import ValidationError
-
 from tailstack.design import Design, design_to_data
 from tailstack.design.reading import DocumentSource
 from tailstack.design.refusals import place
@@ -27,7 +25,7 @@ _POINT = re.compile(r"/fiducials/points(/\d+.*)?")
 def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
     """The record as it would have been computed here.  Raises RemoteError, also for an answer that is no record."""
 
-    from ..console.remote import RemoteError, RemoteService, compute_remotely
+    from ..console.remote import RemoteService, compute_remotely, unexpected_error
     from ..schemas import read_record
 
     request = write_request(gate)
@@ -35,15 +33,12 @@ def judge_remotely(gate: Gate, url: str, progress: Progress) -> GateRecord:
     if not request["designs"]:  # there is nothing to ask
         return conclude(gate, score_designs(gate), [None] * len(gate.designs))
     try:
-        record: GateRecord = read_record("gate", compute_remotely(service, "/v1/gates", request, progress))
+        record: GateRecord = read_record("gate", compute_remotely(service, "/v1/gates", request, progress.report))
         names = [entry["file"] for entry in request["designs"]]
         if [design.file for design in record.designs] != names or record.exit_code not in range(5):
             raise ValueError("it is about other designs")
-    except (ValidationError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        detail = f"{service.url} answered with something that is not the record of this gate: {reason}"
-        problem = Problem("", "unexpected-answer", detail, "is it a tailstack of this version? tailstack version")
-        raise RemoteError("unexpected-answer", "The service gave an unexpected answer", 0, (problem,)) from None
+    except ValueError as error:
+        raise unexpected_error(service.url, "the record of this gate", error) from None
     return complete_record(record, gate)
 
 

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..console.answer import Answer
-from ..console.arguments import add_details, read_design, whole
+from ..console.arguments import add_details, add_json, read_design, whole
+from ..console.files import writable_figure, write_figure
 from ..console.flags import add_flags
 from ..console.progress import Progress
 from ..operations.operation import Call, Operation
+from ..operations.options import refuse_unknown_target
 from ..operations.registry import FAMILIES, operations_of
+
+if TYPE_CHECKING:
+    from tailstack.design import Design
 
 Parsers = Any  # what add_subparsers() gives: argparse has no public name for it
 
@@ -52,33 +57,56 @@ def _add_operation(parsers: Parsers, name: str, operation: Operation) -> None:
 
 
 def add_arguments(parser: argparse.ArgumentParser, operation: Operation) -> None:
-    """The designs, --json, and a flag for each option."""
+    """The designs, the forms of the answer, a flag for each option, and what else the operation states."""
     for field, words in operation.designs.items():
         single = len(operation.designs) == 1
         metavar = "DESIGN" if single else field.upper()
         what = "design document, YAML or JSON; - reads stdin" if single else words
         parser.add_argument(field, metavar=metavar, help=what)
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print the answer as JSON (tailstack schema lists the schemas); a refusal is then a problem document on "
-        "stderr",
-    )
+    form = parser.add_mutually_exclusive_group()
+    add_json(form)
+    if operation.csv is not None:
+        form.add_argument("--csv", action="store_true", help=f"print one line of CSV for each {operation.csv.line}")
     add_flags(parser, operation.options)
+    if operation.target:
+        parser.add_argument("--target", metavar="NAME", help="target that is shown (default: the largest P95)")
+    if operation.figure is not None:
+        parser.add_argument("--figure", metavar="FILE", help=f"draw {operation.figure.words} (.svg)")
+    if operation.remote is not None:
+        parser.add_argument(
+            "--remote", metavar="URL", help="let a running service compute, with the key in TAILSTACK_KEY; same answer"
+        )
 
 
 def run(operation: Operation, arguments: argparse.Namespace) -> Answer:
-    """Read, compute, print."""
+    """Read, compute, draw, print."""
     given = (getattr(arguments, field) for field in operation.designs)
     designs = tuple(read_design(name) for name in given if name is not None)  # refused before the solver is loaded
 
     from ..documents import to_json
 
     options = operation.options.of_flags(arguments)
+    choice = _choose_target(arguments, designs[0]) if operation.target else ()
+    name, url = getattr(arguments, "figure", None), getattr(arguments, "remote", None)
+    file = None if name is None else writable_figure(name)
     with Progress(operation.verb) as progress:
-        call = Call(designs, options, getattr(arguments, "threads", None), progress.report)
-        record = operation.run(call)
+        call = Call(designs, options, getattr(arguments, "threads", None), progress.report, typed=True)
+        if file is not None and operation.figure is not None:
+            operation.figure.check(call)
+        record = operation.run(call) if operation.remote is None or url is None else operation.remote(call, url)
+    if file is not None and operation.figure is not None:
+        write_figure(file, operation.figure.draw(record, *choice))
     code = operation.exit_code(record)
     if arguments.json:
         return Answer(to_json(record), code)
-    return Answer(operation.write(record), code)
+    if operation.csv is not None and arguments.csv:
+        return Answer(operation.csv.write(record), code)
+    return Answer(operation.write(record, *choice), code)
+
+
+def _choose_target(arguments: argparse.Namespace, design: Design) -> tuple[str | None]:
+    """Raises RequestError for a target that the design does not have."""
+    from tailstack.design import compile_design
+
+    refuse_unknown_target(arguments.target, [target.name for target in compile_design(design).targets])
+    return (arguments.target,)

@@ -18,14 +18,18 @@ if TYPE_CHECKING:
     from ..settings import Settings
 
 
-def add_design(parser: argparse.ArgumentParser, *, json: bool = True, optional: bool = False) -> None:
+def add_design(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     number = "?" if optional else None
     parser.add_argument("design", metavar="DESIGN", nargs=number, help="design document, YAML or JSON; - reads stdin")
-    if json:
-        parser.add_argument(
-            "--json", action="store_true", help="print the answer as JSON (tailstack schema lists the schemas); "
-            "a refusal is then a problem document on stderr",
-        )  # fmt: skip
+    add_json(parser)
+
+
+def add_json(parser: argparse._ActionsContainer) -> None:
+    """--json, of every verb that answers with a record."""
+    parser.add_argument(
+        "--json", action="store_true", help="print the answer as JSON (tailstack schema lists the schemas); "
+        "a refusal is then a problem document on stderr",
+    )  # fmt: skip
 
 
 def add_details(parser: argparse.ArgumentParser) -> None:
@@ -112,21 +116,6 @@ def read_number(text: str) -> Decimal | None:
     except InvalidOperation:
         return None
     return value if value.is_finite() and value.adjusted() <= MOST_DIGITS else None
-
-
-def add_form(parser: argparse.ArgumentParser, record: str, line: str) -> None:
-    """--json (the record named) or --csv (one line for each of what ``line`` names)."""
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument(
-        "--json", action="store_true", help=f"print the record as JSON (tailstack schema {record}); a refusal is then "
-        "a problem document on stderr",
-    )  # fmt: skip
-    form.add_argument("--csv", action="store_true", help=f"print one line of CSV for each {line}")
-
-
-def add_figure(parser: argparse.ArgumentParser, what: str) -> None:
-    """--figure FILE, which says what is drawn."""
-    parser.add_argument("--figure", metavar="FILE", help=f"draw {what} (.svg)")
 
 
 SETTING_OF = {"database": "database", "processes": "worker_processes", "engine": "engine"}  # by flag

@@ -7,10 +7,10 @@ import json
 import os
 import ssl
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import httpx
 from httpx_sse import EventSource
@@ -23,8 +23,7 @@ from ..environment import KEY, URL
 from ..processes.task import ENDED
 from .answer import BAD_INPUT, NOT_EVALUATED
 
-if TYPE_CHECKING:
-    from .progress import Progress
+Report = Callable[[float, float], None]  # done, of how much
 
 DEFAULT_URL = "http://127.0.0.1:8321"
 SECONDS = 30.0  # for an answer that does not wait for anything
@@ -199,8 +198,11 @@ def read_refusal(status: int, content: bytes) -> RemoteError:
         return RemoteError("unexpected-answer", "The service gave an unexpected answer", status, (problem,))
 
 
-def compute_remotely(service: RemoteService, path: str, request: dict[str, Any], progress: Progress) -> bytes:
-    """The document that a service makes of a request.  Ctrl-C cancels the job.  Raises RemoteError."""
+def compute_remotely(service: RemoteService, path: str, request: dict[str, Any], report: Report | None) -> bytes:
+    """The document that a service makes of a request; ``report``: how far it is.  Ctrl-C cancels the job.
+
+    Raises RemoteError.
+    """
     reply = service.ask("POST", path, request, seconds=SENDING_SECONDS)
     if reply.status_code != 202:
         return reply.content
@@ -208,8 +210,8 @@ def compute_remotely(service: RemoteService, path: str, request: dict[str, Any],
     place = f"/v1/jobs/{job['id']}"
     try:
         for event in service.events(job["id"]):
-            if event.name == "progress":
-                progress.report(event.data["units_done"], event.data["units_expected"], f"job {job['id']}")
+            if event.name == "progress" and report is not None:
+                report(event.data["units_done"], event.data["units_expected"])
         job = service.ask_record("GET", place)
     except KeyboardInterrupt:
         _cancel(service, place)
@@ -228,6 +230,13 @@ def _cancel(service: RemoteService, place: str) -> None:
         service.ask("POST", place + "/cancel", seconds=5.0)
     except RemoteError:
         return
+
+
+def unexpected_error(url: str, wanted: str, reason: ValueError) -> RemoteError:
+    """An answer that is something else than was asked for."""
+    detail = f"{url} answered with something that is not {wanted}: {str(reason).splitlines()[0]}"
+    problem = Problem("", "unexpected-answer", detail, "is it a tailstack of this version? tailstack version")
+    return RemoteError("unexpected-answer", "The service gave an unexpected answer", 0, (problem,))
 
 
 def _damage_error(job: dict[str, Any]) -> RemoteError:

@@ -36,6 +36,7 @@ class Call:
     options: Any  # of the operation's class of options
     threads: int | None = None  # None: as many as there are cores; the answer does not depend on it
     progress: Progress | None = None
+    typed: bool = False  # on the command line: an option that is a file is its name
 
     @property
     def design(self) -> Design:
@@ -193,8 +194,25 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
+class Figure:
+    """A chart of a record that the command draws into a file, with ``--figure``."""
+
+    words: str  # what it shows
+    draw: LateImport  # of the record, and of the target where one is shown: SVG
+    check: Callable[[Call], None] = lambda call: None  # before the work; raises RequestError for what cannot be drawn
+
+
+@dataclass(frozen=True, slots=True)
+class Csv:
+    """A record as lines of CSV, with ``--csv``."""
+
+    line: str  # what each is of
+    write: LateImport  # of the record
+
+
+@dataclass(frozen=True, slots=True)
 class Command:
-    """A verb that needs more than the flags of its options."""
+    """A verb that needs more than flags and a record."""
 
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], Answer]
@@ -247,8 +265,12 @@ class Operation:
     repeat: Callable[[Repetition], Again] | None = None  # None: by the options, where the record states all of them
 
     # How it is typed
-    command: Command | None = None  # None: DESIGN and a flag for each option
+    command: Command | None = None  # None: DESIGN, a flag for each option, and what follows
     threads: bool = False  # --threads
+    figure: Figure | None = None  # --figure
+    csv: Csv | None = None  # --csv
+    target: bool = False  # --target: of which target the document and the figure are
+    remote: Callable[[Call, str], Any] | None = None  # --remote URL: the record as a service computes it
 
     @property
     def yaml(self) -> bool:

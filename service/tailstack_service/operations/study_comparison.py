@@ -10,18 +10,14 @@ rx_deg ... tz_mm state the installation error that a level sets.  Exit code 0: n
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from ..console.answer import FAIL, INCONCLUSIVE, PASS, Answer
-from ..console.arguments import add_design, read_design
-from ..console.files import writable_figure, write_figure
-from ..console.flags import NO_FLAG, Flag, add_flags
-from ..console.progress import Progress
-from .operation import Call, Command, LateImport, Operation
+from ..console.answer import FAIL, INCONCLUSIVE, PASS
+from ..console.flags import NO_FLAG, Flag
+from .operation import Call, Figure, LateImport, Operation
 from .options import Options, Seed
 
 if TYPE_CHECKING:
@@ -69,10 +65,14 @@ def _read(design: Design, content: Path | bytes, name: str | None = None) -> Mea
     return read_measurements(content, [target.name for target in compile_design(design).targets], name)
 
 
-def _compare(call: Call, measured: Measurements) -> StudyComparison:
+def _study(call: Call) -> StudyComparison:
     from tailstack.studies.bench.compare import study_comparison
 
     options = call.options
+    if call.typed:
+        measured = _read(call.design, Path(options.measurements))
+    else:
+        measured = _read(call.design, options.measurements.encode("utf-8", "surrogatepass"), options.name)
     return study_comparison(
         call.design,
         measured,
@@ -84,43 +84,12 @@ def _compare(call: Call, measured: Measurements) -> StudyComparison:
     )
 
 
-def _study(call: Call) -> StudyComparison:
-    content = call.options.measurements.encode("utf-8", "surrogatepass")
-    return _compare(call, _read(call.design, content, call.options.name))
-
-
 def _check(request: Request, settings: Settings) -> None:
     """A design that determines an answer, measurements that can be read.  Raises RefusedAt, MeasurementError."""
     from tailstack.design import check_design
 
     request.refuse_by(check_design)
     _read(request.design, request.options.measurements.encode("utf-8", "surrogatepass"), request.options.name)
-
-
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_design(parser)
-    add_flags(parser, ComparisonStudyOptions)
-    parser.add_argument("--figure", metavar="FILE", help="draw means and Q-Q plots (.svg)")
-
-
-def _run(arguments: argparse.Namespace) -> Answer:
-    design = read_design(arguments.design)
-
-    from ..documents import to_json
-    from ..report.studies.bench import draw_bench
-
-    figure = None if arguments.figure is None else writable_figure(arguments.figure)
-    measured = _read(design, Path(arguments.measurements))
-    options = ComparisonStudyOptions.of_flags(arguments)  # whose measurements are the name of the file
-    with Progress("study compare") as progress:
-        call = Call((design,), options, threads=arguments.threads, progress=progress.report)
-        result = _compare(call, measured)
-    if figure is not None:
-        write_figure(figure, draw_bench(result))
-    code = EXIT_CODE[result.verdict]
-    if arguments.json:
-        return Answer(to_json(result), code)
-    return Answer(OPERATION.write(result), code)
 
 
 OPERATION = Operation(
@@ -138,6 +107,6 @@ OPERATION = Operation(
     check=_check,
     document=LateImport("..report.studies.bench", "bench_document"),
     exit_code=lambda record: EXIT_CODE[record.verdict],
-    command=Command(_add_arguments, _run),
     threads=True,
+    figure=Figure("means and Q-Q plots", LateImport("..report.studies.bench", "draw_bench")),
 )

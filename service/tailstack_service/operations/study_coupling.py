@@ -11,13 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field
 
-from ..console.answer import Answer
-from ..console.arguments import add_design, read_design
-from ..console.files import writable_figure, write_figure
-from ..console.flags import Flag, add_flags
-from ..console.progress import Progress
-from .operation import Call, Command, Demand, LateImport, Operation
-from .options import Options, Seed, check_trials, refuse_unknown_target
+from ..console.flags import Flag
+from .operation import Call, Demand, Figure, LateImport, Operation
+from .options import Options, Seed, check_trials
 
 if TYPE_CHECKING:
     from tailstack.studies.coupling import StudyCoupling
@@ -93,35 +89,6 @@ def _study(call: Call) -> StudyCoupling:
     )
 
 
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_design(parser)
-    add_flags(parser, CouplingOptions, "trials", "seed")
-    add_flags(parser, CouplingOptions)
-    parser.add_argument("--target", metavar="NAME", help="target that is shown (default: the largest P95)")
-    parser.add_argument("--figure", metavar="FILE", help="draw the ratios (.svg)")
-
-
-def _run(arguments: argparse.Namespace) -> Answer:
-    design = read_design(arguments.design)
-
-    from tailstack.design import compile_design
-
-    from ..documents import to_json
-    from ..report.studies.coupling import draw_coupling
-
-    figure = None if arguments.figure is None else writable_figure(arguments.figure)
-    names = [target.name for target in compile_design(design).targets]
-    refuse_unknown_target(arguments.target, names)
-    options = CouplingOptions.of_flags(arguments)
-    with Progress("study coupling") as progress:
-        result = _study(Call((design,), options, threads=arguments.threads, progress=progress.report))
-    if figure is not None:
-        write_figure(figure, draw_coupling(result, arguments.target))
-    if arguments.json:
-        return Answer(to_json(result))
-    return Answer(OPERATION.write(result, arguments.target))
-
-
 OPERATION = Operation(
     name="study-coupling",
     verb="study coupling",
@@ -137,6 +104,7 @@ OPERATION = Operation(
     check=check_trials,
     document=LateImport("..report.studies.coupling", "coupling_document"),
     demand=lambda record: Demand.of_cases(record.trials, len(record.cases), "Monte Carlo of every case"),
-    command=Command(_add_arguments, _run),
     threads=True,
+    figure=Figure("the ratios", LateImport("..report.studies.coupling", "draw_coupling")),
+    target=True,
 )

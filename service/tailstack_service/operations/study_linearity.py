@@ -6,17 +6,13 @@ Every axis takes V1,V2,... in place of its default values.
 
 from __future__ import annotations
 
-import argparse
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from ..console.answer import Answer, exit_code_of_points
-from ..console.arguments import add_design, add_figure, add_form, read_design
-from ..console.files import writable_figure, write_figure
-from ..console.flags import Flag, add_flags
-from ..console.progress import Progress
-from .operation import Call, Command, Demand, LateImport, Operation
+from ..console.answer import exit_code_of_points
+from ..console.flags import Flag
+from .operation import Call, Csv, Demand, Figure, LateImport, Operation
 from .options import Options, Seed, refuse_unknown_target, within
 
 if TYPE_CHECKING:
@@ -88,32 +84,6 @@ def _check(request: Request, settings: Settings) -> None:
     refuse_unknown_target(request.options.target, [target.name for target in system.targets], "/target")
 
 
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_design(parser, json=False)
-    add_flags(parser, LinearityOptions)
-    add_form(parser, "study-linearity", "point")
-    add_figure(parser, "the map")
-
-
-def _run(arguments: argparse.Namespace) -> Answer:
-    design = read_design(arguments.design)
-
-    from ..documents import to_json
-    from ..report.studies.linearity import draw_linearity, linearity_csv
-
-    figure = None if arguments.figure is None else writable_figure(arguments.figure)
-    options = LinearityOptions.of_flags(arguments)
-    with Progress("study linearity") as progress:
-        study = _study(Call((design,), options, threads=arguments.threads, progress=progress.report))
-    if figure is not None:
-        write_figure(figure, draw_linearity(study))
-    code = exit_code_of_points(study)
-    if arguments.json:
-        return Answer(to_json(study), code)
-    text = linearity_csv(study) if arguments.csv else OPERATION.write(study)
-    return Answer(text, code)
-
-
 OPERATION = Operation(
     name="study-linearity",
     verb="study linearity",
@@ -130,6 +100,7 @@ OPERATION = Operation(
     document=LateImport("..report.studies.linearity", "linearity_document"),
     demand=lambda record: Demand.of_cases(record.trials, len(record.points), "Monte Carlo at every point"),
     exit_code=exit_code_of_points,
-    command=Command(_add_arguments, _run),
     threads=True,
+    figure=Figure("the map", LateImport("..report.studies.linearity", "draw_linearity")),
+    csv=Csv("point", LateImport("..report.studies.linearity", "linearity_csv")),
 )

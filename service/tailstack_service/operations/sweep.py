@@ -10,21 +10,18 @@ import argparse
 from math import prod
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from tailstack.errors import LimitError, Problem
 from tailstack.montecarlo import MAX_TRIALS
 from tailstack.results.sweep import Sweep
 
-from ..console.answer import Answer, exit_code_of_points
-from ..console.arguments import add_design, add_figure, add_form, read_design
-from ..console.files import writable_figure, write_figure
-from ..console.flags import Flag, add_flags
-from ..console.progress import Progress
+from ..console.answer import exit_code_of_points
+from ..console.flags import Flag
 from ..environment import variable
 from ..problems import RequestError
-from .operation import Call, Command, Demand, LateImport, Operation
+from .operation import Call, Csv, Demand, Figure, LateImport, Operation
 from .options import Count, MostTrials, Options, Seed, within_trials
 
 if TYPE_CHECKING:
@@ -181,73 +178,34 @@ def _demand(record: Sweep) -> Demand:
 # --- the command ------------------------------------------------------------------------------------------
 
 
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_design(parser, json=False)
-    add_flags(parser, SweepOptions, "axes")
-    add_form(parser, "sweep", "point and target")
-    add_flags(parser, SweepOptions)
-    add_figure(parser, "P95 over one axis of several values, or two")
-    parser.add_argument(
-        "--remote", metavar="URL", help="let a running service compute, with the key in TAILSTACK_KEY; same answer"
-    )
-
-
-def _run(arguments: argparse.Namespace) -> Answer:
-    design = read_design(arguments.design)
-
+def _check_drawable(call: Call) -> None:
+    """Raises RequestError."""
     from tailstack.sweeping import read_axes
 
-    from ..documents import to_json
-    from ..report.chapters.sweep import sweep_csv
-    from ..report.charts import draw_sweep, refuse_undrawable
+    from ..report.charts import refuse_undrawable
 
-    options = SweepOptions.of_flags(arguments)
-    figure = None if arguments.figure is None else writable_figure(arguments.figure)
-    if figure is not None:
-        refuse_undrawable([axis.values for axis in read_axes(design, options.keep(design)["axes"])])
-    with Progress("sweep") as progress:
-        if arguments.remote is None:
-            result = _sweep(Call((design,), options, progress=progress.report))
-        else:
-            result = _ask_service(arguments.remote, design, options.keep(design), progress)
-    if figure is not None:
-        write_figure(figure, draw_sweep(result))
-    code = exit_code_of_points(result)
-    if arguments.json:
-        return Answer(to_json(result), code)
-    if arguments.csv:
-        return Answer(sweep_csv(result), code)
-    return Answer(OPERATION.write(result), code)
+    refuse_undrawable([axis.values for axis in read_axes(call.design, call.options.keep(call.design)["axes"])])
 
 
-def _ask_service(url: str, design: Design, options: dict[str, Any], progress: Progress) -> Sweep:
+def _ask_service(call: Call, url: str) -> Sweep:
     """The record that a service answers to a request with these options.  Raises RemoteError, RefusedAt."""
-
     from tailstack.design import design_to_data
 
-    from ..console.remote import RemoteService, compute_remotely
+    from ..console.remote import RemoteService, compute_remotely, unexpected_error
+    from ..documents import from_json
 
+    design, options = call.design, call.options.keep(call.design)
     alone = design.document.fiducials.file is None
     request = {"design": design.source.data if alone else design_to_data(design), **options}
     service = RemoteService(url)
-    return _record(compute_remotely(service, "/v1/sweeps", request, progress), design, options["axes"], service.url)
-
-
-def _record(body: bytes, design: Design, asked: list[dict[str, Any]], url: str) -> Sweep:
-    """What a service answered, if it is the sweep that was asked for.  Raises RemoteError."""
-
-    from ..console.remote import RemoteError
-    from ..documents import from_json
-
+    body = compute_remotely(service, "/v1/sweeps", request, call.progress)
     try:
         result: Sweep = from_json(Sweep, body)
-        pointers = [axis.pointer for axis in result.axes]
-        if result.provenance.design_sha256 != design.sha256 or pointers != [axis["pointer"] for axis in asked]:
+        asked = [axis["pointer"] for axis in options["axes"]]
+        if result.provenance.design_sha256 != design.sha256 or [axis.pointer for axis in result.axes] != asked:
             raise ValueError("it is about another design or other numbers of it")
-    except (ValidationError, ValueError) as error:
-        detail = f"{url} answered with something that is not this sweep: {str(error).splitlines()[0]}"
-        problem = Problem("", "unexpected-answer", detail, "is it a tailstack of this version? tailstack version")
-        raise RemoteError("unexpected-answer", "The service gave an unexpected answer", 0, (problem,)) from None
+    except ValueError as error:
+        raise unexpected_error(service.url, "this sweep", error) from None
     return result
 
 
@@ -270,5 +228,9 @@ OPERATION = Operation(
     document=LateImport("..report.chapters.sweep", "sweep_document"),
     exit_code=exit_code_of_points,
     demand=_demand,
-    command=Command(_add_arguments, _run),
+    figure=Figure(
+        "P95 over one axis of several values, or two", LateImport("..report.charts", "draw_sweep"), _check_drawable
+    ),
+    csv=Csv("point and target", LateImport("..report.chapters.sweep", "sweep_csv")),
+    remote=_ask_service,
 )
