@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field
 
 from tailstack.errors import NotConvergedError, Problem
-from tailstack.kernels.process import usable_cores
 from tailstack.results import Optimisation
 
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
