@@ -32,8 +32,6 @@ from .montecarlo.estimators import (
     exceedance_estimate,
     no_bound,
     quantile_estimate,
-    repeated_interval,
-    repeated_ranks,
 )
 from .montecarlo.plan import ChainPlan, compile_plan
 from .montecarlo.radial import RANDOMISATIONS, RAYS, LinearChain, RadialEstimate, gains_in_plan_order, radial
@@ -43,6 +41,7 @@ from .montecarlo.stopping import (
     CvarQuestion,
     Goal,
     LimitQuestion,
+    interval_so_far,
     precision_looks,
     simulate_to_decision,
     simulate_to_precision,
@@ -372,7 +371,6 @@ class Work:
             plan=self.ready.plans[vertex],
             seed=self.sampling.seed,
             quantile=self.ready.lowest_quantile,
-            quantiles=tuple({quantile for _, _, quantile in self.ready.quantiles}),
             limits=self.ready.limits,
             reprojection=True,
             threads=self.threads,
@@ -476,9 +474,7 @@ def _sample_to_decision(work: Work) -> SampledDesign:
         at_each = []
         for vertex in ready.vertices[name, error]:
             run = by_vertex[vertex]
-            ranks = repeated_ranks(run.looks, quantile, confidence)[run.looks.index(run.samples.trials)]
-            estimate = repeated_interval(run.samples, name, error, quantile, ranks)
-            at_each.append(Quantile(estimate.value_mm, estimate.interval_mm))
+            at_each.append(Quantile(*interval_so_far(run.samples, Goal(name, error, quantile), run.level)))
         quantiles[name, error, quantile] = take_largest(at_each)
     reached = max(
         _relative_half_width(largest.value_mm, largest.interval_mm)

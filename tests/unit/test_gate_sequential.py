@@ -6,21 +6,29 @@ implementation with a probability of at most 2.5 %, were the seed not fixed.
 
 from __future__ import annotations
 
-from itertools import product
-from math import comb
 
 import numpy as np
 import pytest
 from scipy.stats import beta
 
 from scenes import cios_system, target
-from tailstack.errors import OutOfRangeError
-from tailstack.montecarlo.estimators import cvar_interval, interval_ranks, repeated_interval, repeated_ranks
+from tailstack.montecarlo.estimators import cvar_interval, enclosing_ranks
 from tailstack.montecarlo.plan import ChainPlan, compile_plan
 from tailstack.montecarlo.simulate import Simulation, simulate
-from tailstack.montecarlo.stopping import LimitQuestion, decision_looks, simulate_to_decision
+from tailstack.montecarlo.stopping import (
+    Goal,
+    LimitQuestion,
+    decision_looks,
+    interval_so_far,
+    level_of_each,
+    simulate_to_decision,
+)
 
 Counts = np.ndarray
+
+
+def ranks_of(looks: tuple[int, ...], quantile: float, confidence: float) -> list[tuple[int | None, int | None]]:
+    return [enclosing_ranks(look, quantile, level_of_each(looks, confidence)) for look in looks]
 
 
 def exact_interval(count: int, trials: int) -> tuple[float, float]:
@@ -34,49 +42,18 @@ def outcomes(looks: tuple[int, ...], quantile: float, confidence: float, below: 
     The limit lies above the whole interval exactly when ``high`` trials or more keep it, and below it when fewer than
     ``low`` do: the test is one of counts.
     """
-    ranks = repeated_ranks(looks, quantile, confidence)
+    ranks = ranks_of(looks, quantile, confidence)
     random = np.random.default_rng(seed)
     steps = np.diff((0, *looks))
     kept = np.cumsum(random.binomial(steps, below, (runs, len(looks))), axis=1)
     said = np.zeros((runs, len(looks)), dtype=int)
-    for k, rank in enumerate(ranks):
-        if rank.high is not None:
-            said[:, k] = np.where(kept[:, k] >= rank.high, 1, said[:, k])
-        if rank.low is not None:
-            said[:, k] = np.where(kept[:, k] < rank.low, 2, said[:, k])
+    for k, (low, high) in enumerate(ranks):
+        if high is not None:
+            said[:, k] = np.where(kept[:, k] >= high, 1, said[:, k])
+        if low is not None:
+            said[:, k] = np.where(kept[:, k] < low, 2, said[:, k])
     first = said[np.arange(runs), np.argmax(said > 0, axis=1)]
     return np.bincount(first, minlength=3)[[1, 2, 0]]
-
-
-def test_one_look_is_the_interval_of_order_statistics() -> None:
-    for trials, quantile, confidence in product((700, 8192), (0.5, 0.95, 0.99), (0.8, 0.95, 0.99)):
-        (ranks,) = repeated_ranks((trials,), quantile, confidence)
-        assert (ranks.low, ranks.high) == interval_ranks(trials, quantile, confidence)
-
-
-def test_two_small_looks_against_every_path() -> None:
-    """independent: the probability of ever leaving the ranks, summed over every pair of counts."""
-    looks, quantile, confidence = (12, 30), 0.7, 0.9
-    first, second = repeated_ranks(looks, quantile, confidence)
-    chance = [[comb(n, k) * quantile**k * (1 - quantile) ** (n - k) for k in range(n + 1)] for n in (12, 18)]
-
-    def error(below: bool, ranks: tuple[int, int]) -> float:
-        """Probability that the walk crosses one side of these ranks at either look."""
-        total = 0.0
-        for a, b in product(range(13), range(19)):
-            crossed = (a < ranks[0] or a + b < ranks[1]) if below else (a >= ranks[0] or a + b >= ranks[1])
-            total += chance[0][a] * chance[1][b] * crossed
-        return total
-
-    assert first.low is not None
-    assert second.low is not None
-    assert error(True, (first.low, second.low)) <= 0.05
-    assert error(True, (first.low, second.low + 1)) > 0.05, "nothing is left unspent"
-    assert second.high is not None
-    high = 13 if first.high is None else first.high
-    assert error(False, (high, second.high)) <= 0.05
-    assert error(False, (high, second.high - 1)) > 0.05
-    assert error(True, (first.low + 1, second.low)) > 0.025, "half of it is kept for the second look"
 
 
 @pytest.mark.parametrize(
@@ -89,7 +66,7 @@ def test_on_the_limit_wrong_decisions_are_as_rare_as_stated(quantile: float, con
     for wrong in (kept, missed):
         low, high = exact_interval(wrong, runs)
         assert low <= stated
-        assert high >= 0.8 * stated, "the rate is spent, not hoarded"
+        assert high >= 0.3 * stated, "looks share most of their trials, not all"
     assert open_ones == runs - kept - missed
     assert open_ones / runs > confidence - 0.01
 
@@ -115,26 +92,23 @@ def test_far_from_the_limit_the_first_look_decides() -> None:
 def test_all_intervals_hold_together() -> None:
     """sampled: the quantile lies in the intervals of *all* looks in at least 95 % of 40,000 runs; seed 23."""
     looks = decision_looks(2**18)
-    ranks = repeated_ranks(looks, 0.95, 0.95)
+    ranks = ranks_of(looks, 0.95, 0.95)
     random = np.random.default_rng(23)
     below = np.cumsum(random.binomial(np.diff((0, *looks)), 0.95, (40_000, len(looks))), axis=1)
     inside = np.ones(len(below), dtype=bool)
-    for k, rank in enumerate(ranks):
-        assert rank.low is not None
-        assert rank.high is not None
-        inside &= (below[:, k] >= rank.low) & (below[:, k] < rank.high)
+    for k, (low, high) in enumerate(ranks):
+        assert low is not None
+        assert high is not None
+        inside &= (below[:, k] >= low) & (below[:, k] < high)
     assert exact_interval(int(inside.sum()), len(inside))[1] >= 0.95
 
 
 def test_what_has_no_order_statistic_yet_has_no_end() -> None:
-    first = repeated_ranks(decision_looks(2**20), 0.9999, 0.95)[0]
-    assert first.high is None
-    assert first.low is not None
     plan = compile_plan(cios_system())
     samples = simulate(plan, trials=8192, seed=1, quantile=0.95)
-    found = repeated_interval(samples, 0, "tcp", 0.9999, first)
-    assert found.interval_mm[1] == float("inf")
-    assert 0 < found.interval_mm[0] <= found.value_mm
+    value, (low, high) = interval_so_far(samples, Goal(0, "tcp", 0.9999), 0.95)
+    assert high == float("inf")
+    assert 0 < low <= value
 
 
 def test_the_interval_of_the_tails_mean_holds() -> None:
@@ -152,15 +126,6 @@ def test_the_interval_of_the_tails_mean_holds() -> None:
         low, high = cvar_interval(*tail(20_000), 20_000, 0.95, looks=8)
         held += bool(low <= truth <= high)
     assert exact_interval(held, 400)[1] >= 0.95
-
-
-@pytest.mark.parametrize(
-    ("looks", "quantile", "confidence"),
-    [((), 0.95, 0.95), ((10, 10), 0.95, 0.95), ((0, 5), 0.95, 0.95), ((10,), 1.0, 0.95), ((10,), 0.95, 0.0)],
-)
-def test_what_is_no_test_is_refused(looks: tuple[int, ...], quantile: float, confidence: float) -> None:
-    with pytest.raises(OutOfRangeError):
-        repeated_ranks(looks, quantile, confidence)
 
 
 # --- on the chain itself -----------------------------------------------------------------------------------------
@@ -184,9 +149,7 @@ def decisions(chain: tuple[ChainPlan, float], factor: float, runs: int) -> dict[
     for seed in range(runs):
         question = LimitQuestion("tip", "tcp", 0.95, factor * p95)
         run = simulate_to_decision(Simulation(plan, seed, threads=1), [question], confidence=CONFIDENCE, max_trials=CAP)
-        k = run.looks.index(run.samples.trials)
-        ranks = repeated_ranks(run.looks, 0.95, CONFIDENCE)[k]
-        low, high = repeated_interval(run.samples, "tip", "tcp", 0.95, ranks).interval_mm
+        _, (low, high) = interval_so_far(run.samples, question, level_of_each(run.looks, CONFIDENCE))
         said = "kept" if high <= question.limit_mm else "missed" if low > question.limit_mm else "open"
         assert run.decided == (said != "open")
         assert run.decided or run.samples.trials == CAP

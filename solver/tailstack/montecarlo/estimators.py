@@ -2,30 +2,21 @@
 
 Nothing here assumes a law.  If a run has not kept enough of its tail for the question, it is repeated
 from its seed with more kept; the answer is never taken from a shorter tail.
-
-*Repeated looks.*  Of n trials, B ~ Binomial(n, q) lie at or below the quantile x_q, and the order statistics of ranks
-l and u enclose it exactly when ``l <= B < u``: whether an interval of ranks misses depends on no law.  B at the looks
-is a walk with independent binomial increments, so the probability that it *ever* leaves its ranks is a sum that can be
-carried out (repeated confidence intervals: Jennison and Turnbull 1984, here for a quantile).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import pairwise
 from math import ceil, fsum, inf, log, sqrt
 from statistics import NormalDist
 
 import numpy as np
-from scipy.special import bdtr, betaincinv, gammaln, ndtri
+from scipy.special import bdtr, betaincinv, ndtri
 
 from ..errors import IllPosedError, OutOfRangeError, Problem
 from ..geometry.arrays import Array
 from .simulate import ErrorSample, Samples, deepen
-from .tails import sum_exactly, to_float
 
-SPREAD = 10.0  # standard deviations of a binomial law that are kept: 1e-23 is left out
 Interval = tuple[float, float]
 
 
@@ -108,16 +99,12 @@ def enclosing_ranks(trials: int, quantile: float, confidence: float) -> tuple[in
 def with_ranks(samples: Samples, target: str | int, error: str, *ranks: int | None) -> ErrorSample:
     """The sample, with these of its norms (1-based, from the smallest) in the kept tail."""
     sample = samples.of(target, error)
-    wanted = [rank for rank in ranks if rank is not None]
-    if all(sample.place_of(rank) is not None for rank in wanted):
-        return sample
-    return deepen(samples, sample.trials - min(wanted) + 1).of(target, error)
+    needed = sample.trials - min(rank for rank in ranks if rank is not None) + 1
+    return sample if needed <= len(sample.tail) else deepen(samples, needed).of(target, error)
 
 
 def order_statistic(sample: ErrorSample, rank: int) -> float:
-    place = sample.place_of(rank)
-    assert place is not None  # with_ranks saw to it
-    return float(sample.tail[place])
+    return float(sample.tail[len(sample.tail) - 1 - (sample.trials - rank)])
 
 
 def between_ranks(
@@ -162,9 +149,8 @@ def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: flo
     """``E[|e| given |e| beyond its quantile]`` with its standard error.
 
     ``x_q + mean((|e| - x_q)_+) / (1 - q)`` (Rockafellar and Uryasev 2000): first-order insensitive to the error
-    of x_q, so the spread of its summands is its error.  Sums are exact (fsum): no order of summation; of a long run the
-    differences to x_q are too, which up to 2 x_q they always are.  Shots without an answer are beyond x_q and left out
-    of the mean, which is infinite with them.
+    of x_q, so the spread of its summands is its error.  Sums are exact (fsum): no order of summation.  Shots without
+    an answer are beyond x_q and left out of the mean, which is infinite with them.
     """
     _refuse_unless_probability("quantile", quantile)
     n = samples.trials
@@ -175,25 +161,11 @@ def cvar_estimate(samples: Samples, target: str | int, error: str, quantile: flo
     count = n - rank - samples.unanswered
     if count <= 0 or share <= 0:
         return CvarEstimate(quantile, base, 0.0)
-    total, squares = _sum_beyond(sample, rank, base, count)
-    mean = total / n
-    variance = squares / n - mean**2
+    answered = sample.tail[: len(sample.tail) - sample.unanswered]
+    beyond = answered[len(answered) - count :] - base
+    mean = fsum(beyond) / n
+    variance = fsum(beyond**2) / n - mean**2
     return CvarEstimate(quantile, base + mean / share, sqrt(max(variance, 0.0) / n) / share)
-
-
-def _sum_beyond(sample: ErrorSample, rank: int, base: float, count: int) -> tuple[float, float]:
-    """Sums of the differences to ``base``, mm, and of their squares, mm^2, of the ``count`` norms beyond a rank."""
-    place = sample.place_of(rank)
-    assert place is not None
-    beyond = sample.tail[place + 1 : len(sample.tail) - sample.unanswered]
-    if sample.gaps is None:
-        return fsum(beyond - base), fsum((beyond - base) ** 2)
-    above = sample.gaps_above(base)
-    norms = sum_exactly(beyond) + sum(gap.total for gap in above)
-    squares = sum_exactly(beyond * beyond) + sum(gap.squares for gap in above)
-    each = np.array([base])
-    first = to_float(norms - count * sum_exactly(each))
-    return first, to_float(squares - count * sum_exactly(each * each)) - 2 * base * first
 
 
 def exceedance_estimate(
@@ -206,103 +178,13 @@ def exceedance_estimate(
     if sample.above is not None and sample.above[0] == limit_mm:
         count = sample.above[1]
     else:
-        gaps = sample.gaps or ()
-        if (len(sample.tail) < n and limit_mm < sample.tail[0]) or any(gap.low < limit_mm < gap.high for gap in gaps):
+        if len(sample.tail) < n and limit_mm < sample.tail[0]:
             sample = deepen(samples, n).of(target, error)
         count = len(sample.tail) - int(np.searchsorted(sample.tail, limit_mm, side="right"))
-        count += sum(gap.count for gap in sample.gaps_above(limit_mm))
     alpha = 1 - confidence
     low = float(betaincinv(count, n - count + 1, alpha / 2)) if count > 0 else 0.0
     high = float(betaincinv(count + 1, n - count, 1 - alpha / 2)) if count < n else 1.0
     return ExceedanceEstimate(limit_mm, count, count / n, (low, high), confidence)
-
-
-@dataclass(frozen=True, slots=True)
-class Ranks:
-    """Order statistics (1-based) that enclose a quantile; None where there is no such order statistic yet."""
-
-    low: int | None
-    high: int | None
-
-
-@dataclass(frozen=True, slots=True)
-class RepeatedInterval:
-    """A quantile and the interval that holds together with those of all the other looks."""
-
-    value_mm: float
-    interval_mm: Interval  # an end may be infinite (above) or zero (below)
-
-
-@lru_cache(maxsize=64)
-def repeated_ranks(looks: tuple[int, ...], quantile: float, confidence: float) -> tuple[Ranks, ...]:
-    """Ranks for each look whose intervals hold the quantile at *all* looks with at least this confidence.
-
-    Each side is spent by itself, ``(1 - confidence) / 2`` in equal parts over the looks; what a look cannot spend,
-    because counts are whole, is left to the next.  Raises OutOfRangeError for numbers outside (0, 1) and looks that
-    do not rise.
-    """
-    if not (0 < quantile < 1 and 0 < confidence < 1):
-        detail = f"quantile and confidence lie strictly between 0 and 1, got {quantile} and {confidence}"
-        raise OutOfRangeError(Problem("", "quantile", detail))
-    if not looks or looks[0] < 1 or any(b <= a for a, b in pairwise(looks)):
-        raise OutOfRangeError(Problem("", "looks", f"looks are rising counts of trials, got {looks}"))
-    beyond = 1 - quantile  # counted are the trials above the quantile: few, so that sums begin at their small end
-    few = _boundaries(looks, beyond, (1 - confidence) / 2, lower=True)
-    many = _boundaries(looks, beyond, (1 - confidence) / 2, lower=False)
-    # ``few`` or less above x_q: X_(n - few) <= x_q.  ``many`` or more: X_(n - many + 1) > x_q.
-    return tuple(
-        Ranks(None if up is None else n - up + 1, None if down is None else n - down)
-        for n, up, down in zip(looks, many, few, strict=True)
-    )
-
-
-def _boundaries(looks: tuple[int, ...], chance: float, error: float, *, lower: bool) -> list[int | None]:
-    """For each look the largest count (the smallest, where not ``lower``) at which the walk is absorbed so that the
-    probability of having been absorbed stays within the part of ``error`` that is spent by then; None: at none."""
-    first, alive = 0, np.ones(1)  # probability of count first + i, not absorbed so far
-    spent, before = 0.0, 0
-    boundaries: list[int | None] = []
-    for k, look in enumerate(looks, 1):
-        start, step = _binomial(look - before, chance)
-        first, alive = first + start, _convolve(alive, step)
-        ordered = alive if lower else alive[::-1]
-        sums = np.cumsum(ordered)
-        count = int(np.searchsorted(sums, error * k / len(looks) - spent, side="right"))
-        if count > 0:
-            spent += float(sums[count - 1])
-            boundaries.append(first + count - 1 if lower else first + len(alive) - count)
-            alive = alive[count:] if lower else alive[:-count]
-            first += count if lower else 0
-        elif lower and first > 0:
-            boundaries.append(first - 1)  # no walk that is alive comes there, so nothing is spent
-        else:
-            boundaries.append(None)
-        before = look
-    return boundaries
-
-
-def _binomial(trials: int, chance: float) -> tuple[int, Array]:
-    """(first, p): the probability of ``first + i`` successes, where it is not nothing."""
-    spread = SPREAD * sqrt(trials * chance * (1 - chance)) + 50  # 50: a few rare events are a skewed law
-    low, high = max(0, int(trials * chance - spread)), min(trials, ceil(trials * chance + spread))
-    count = np.arange(low, high + 1, dtype=float)
-    logs = gammaln(trials + 1) - gammaln(count + 1) - gammaln(trials - count + 1)
-    weights = np.exp(logs + count * np.log(chance) + (trials - count) * np.log1p(-chance))
-    return low, weights / weights.sum()
-
-
-def _convolve(a: Array, b: Array) -> Array:
-    size = len(a) + len(b) - 1
-    padded = 1 << size.bit_length()
-    product = np.fft.irfft(np.fft.rfft(a, padded) * np.fft.rfft(b, padded), padded)[:size]
-    return np.maximum(product, 0.0)  # rounding can leave -1e-17
-
-
-def repeated_interval(
-    samples: Samples, target: str | int, error: str, quantile: float, ranks: Ranks
-) -> RepeatedInterval:
-    """A quantile by its order statistic, with the interval between the ranks of this look."""
-    return RepeatedInterval(*between_ranks(samples, target, error, quantile, ranks.low, ranks.high))
 
 
 def cvar_interval(

@@ -26,11 +26,10 @@ from .shards import (
     draw_shards,
     merge_moments,
 )
-from .tails import Gap, Tail, tail_size
+from .tails import Tail, tail_size
 
 ERRORS = ("tcp", "localisation")
 Progress = Callable[[int, int], None]
-MOST_KEPT = 2**21  # norms of all errors together that are kept as they are; of more, what no quantile needs is counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +39,6 @@ class Simulation:
     plan: ChainPlan
     seed: int
     quantile: float = 0.95  # the lowest that will be asked for: the tail above it is kept
-    quantiles: tuple[float, ...] = ()  # others that will be; they save a long run from being drawn again
     limits: tuple[float, ...] = ()  # mm, one for each metric (inf: none): how many trials are beyond is counted
     reprojection: bool = False  # RMS reprojection errors of the first trials are kept too
     threads: int | None = None  # None: one for each core
@@ -59,26 +57,9 @@ class ErrorSample:
     mean: Array  # (3,); it, scatter and mean_norm of the trials that have an answer
     scatter: Array  # (3, 3) sum of products about the mean
     mean_norm: float
-    tail: Array  # the largest norms, ascending; every trial above tail[0] is in it or in a gap
+    tail: Array  # the largest norms, ascending; every trial above tail[0] is in it
     above: tuple[float, int] | None = None  # a limit, mm, and how many norms are beyond it
     unanswered: int = 0  # trials without an answer, whose norm is infinite
-    gaps: tuple[Gap, ...] | None = None  # norms among those of the tail that were only counted; None: a short run
-
-    def place_of(self, rank: int) -> int | None:
-        """Where in the tail the ``rank``-th smallest norm (1-based) is; None: it was not kept."""
-        beyond = self.trials - rank
-        for gap in reversed(self.gaps or ()):
-            above = len(self.tail) - int(np.searchsorted(self.tail, gap.high))
-            if beyond < above:
-                break
-            beyond -= gap.count
-            if beyond < above:
-                return None
-        return len(self.tail) - 1 - beyond if beyond < len(self.tail) else None
-
-    def gaps_above(self, norm: float) -> list[Gap]:
-        """The gaps that begin at a norm or above it."""
-        return [gap for gap in self.gaps or () if gap.low >= norm]
 
     @property
     def covariance(self) -> Array:
@@ -88,8 +69,7 @@ class ErrorSample:
     @property
     def worst(self) -> float:
         """The largest norm of a trial that has an answer."""
-        answered = self.tail[: len(self.tail) - self.unanswered]
-        return max(float(part[-1]) for part in (answered, [gap.largest for gap in self.gaps or ()]) if len(part))
+        return float(self.tail[len(self.tail) - self.unanswered - 1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +123,6 @@ class Run:
             detail = f"a run goes on from a multiple of {BLOCK} trials to a larger number, not from {done} to {trials}"
             raise OutOfRangeError(Problem("", "extend", detail))
         keep = tail_size(trials, what.quantile) if what.keep is None else what.keep
-        thin = what.keep is None and keep * len(self._tails) > MOST_KEPT
         task = TrialsTask(
             what.plan, what.seed, done, trials, what.quantile, what.reprojection, self._limits, then, expected
         )
@@ -159,18 +138,16 @@ class Run:
                 self._above[k] += shard.above[k]
                 tail = self._tails[k]
                 tail.add(norms, shard.floors[k])
-                if thin:
-                    tail.thin(self._done, (what.quantile, *what.quantiles), MOST_KEPT // len(self._tails))
-                elif tail.size > 2 * keep + BLOCK:
+                if tail.size > keep + keep // 4 + BLOCK:
                     tail.cut(keep)
             if shard.reprojection is not None:
                 self._reprojections.append(shard.reprojection)
             if what.progress is not None:
                 what.progress(self._done, trials if most is None else most)
-        return self._samples(trials, None if thin else keep)
+        return self._samples(trials, keep)
 
-    def _samples(self, trials: int, keep: int | None) -> Samples:
-        """keep: norms of each error; None: what was left by thinning."""
+    def _samples(self, trials: int, keep: int) -> Samples:
+        """keep: norms of each error."""
         moments = self._moments
         assert moments is not None  # there is at least one part
         if moments.trials < 2:
@@ -192,7 +169,6 @@ class Run:
                     tail=tail,
                     above=None if limit == inf else (limit, self._above[k]),
                     unanswered=self._unanswered,
-                    gaps=None if keep is not None else tuple(replace(gap) for gap in collected.gaps),
                 )
             )
         shots = self._reprojections
@@ -222,7 +198,7 @@ def simulate(
 
 def deepen(samples: Samples, keep: int) -> Samples:
     """The same run with at least ``keep`` of the largest norms: itself, or repeated from its seed."""
-    if all(sample.gaps is None and len(sample.tail) >= min(keep, sample.trials) for sample in samples.errors):
+    if all(len(sample.tail) >= min(keep, sample.trials) for sample in samples.errors):
         return samples
     again = replace(samples.simulation, keep=min(samples.trials, keep), limits=(), sampler=None, progress=None)
     return Run(again).grow(samples.trials)

@@ -3,13 +3,11 @@
 *To a precision*: after 16384 trials and at every doubling up to a cap.  Looking repeatedly spends confidence: each look
 uses ``1 - (1 - confidence) / looks`` (Bonferroni over the *planned* looks).
 
-*To a decision*: is a quantile within a limit?  It is looked at after 8192 trials and at every doubling up to a cap,
-with the ranks of ``repeated_ranks``, chosen so that after look k of K at most k/K of ``(1 - confidence) / 2`` is spent
-on either side.  A limit below the whole interval is missed, one above it is kept; whenever one stops looking,
+*To a decision*: is a quantile within a limit?  It is looked at after 8192 trials and at every doubling up to a cap, at
+the same confidence of each look.  A limit below the whole interval is missed, one above it is kept; whenever one stops
+looking,
 
     P(kept is said, x_q > limit) <= (1 - confidence) / 2,    P(missed is said, x_q <= limit) <= (1 - confidence) / 2.
-
-Bonferroni over the same looks takes a tenth more trials, for it forgets that they share most of theirs.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from itertools import pairwise
 from math import inf
 
 from ..errors import OutOfRangeError, Problem
-from .estimators import QuantileEstimate, RepeatedInterval, quantile_estimate, repeated_interval, repeated_ranks
+from .estimators import Interval, QuantileEstimate, between_ranks, enclosing_ranks, quantile_estimate
 from .shards import BLOCK
 from .simulate import Run, Samples, Simulation
 
@@ -71,6 +69,7 @@ class SequentialRun:
     samples: Samples
     looks: tuple[int, ...]  # planned
     decided: bool
+    level: float  # confidence of each single look
 
 
 def precision_looks(max_trials: int) -> tuple[int, ...]:
@@ -89,6 +88,11 @@ def _double(first: int, cap: int) -> tuple[int, ...]:
         looks.append(first)
         first *= 2
     return (*looks, cap)
+
+
+def level_of_each(looks: tuple[int, ...], confidence: float) -> float:
+    """Confidence of each look with which all of them together hold with the stated one (Bonferroni)."""
+    return 1 - (1 - confidence) / len(looks)
 
 
 def simulate_to_precision(
@@ -113,7 +117,7 @@ def simulate_to_precision(
         raise OutOfRangeError(Problem("", "confidence", detail))
     goals = goals or [Goal(k, "tcp", 0.95) for k in range(len(simulation.plan.system.targets))]
     looks = precision_looks(max_trials)
-    level = 1 - (1 - confidence) / len(looks)
+    level = level_of_each(looks, confidence)
     highest = max(goal.quantile for goal in goals)
     while len(looks) > 1 and highest ** looks[0] > (1 - level) / 2:
         looks = looks[1:]  # so few trials have no interval of that quantile
@@ -162,20 +166,21 @@ def simulate_to_decision(
     ``settled(samples, looks)``: what else must be decided, given how many looks are planned.
     """
     looks = decision_looks(max_trials)
+    level = level_of_each(looks, confidence)
     decided = False
 
     def examine(samples: Samples, look: int) -> float | None:
         nonlocal decided
-        intervals = [(question, _interval(samples, question, looks, look, confidence)) for question in questions]
-        undecided = [(question, interval) for question, interval in intervals if not _answers(interval, question)]
+        found = [(question, *interval_so_far(samples, question, level)) for question in questions]
+        undecided = [part for part in found if not _answers(part[2], part[0])]
         decided = not undecided and (settled is None or settled(samples, len(looks)))
         if decided:
             return None
-        needed = (_trials_needed(samples, question, interval) for question, interval in undecided)
+        needed = (_trials_needed(samples, *part) for part in undecided)
         return max(needed, default=2.0 * samples.trials)
 
     samples = _grow(simulation, looks, 0.0, examine)
-    return SequentialRun(samples, looks, decided)
+    return SequentialRun(samples, looks, decided, level)
 
 
 def _grow(
@@ -197,22 +202,21 @@ def _grow(
     return samples
 
 
-def _interval(
-    samples: Samples, question: LimitQuestion, looks: tuple[int, ...], look: int, confidence: float
-) -> RepeatedInterval:
-    ranks = repeated_ranks(looks, question.quantile, confidence)[look]
-    return repeated_interval(samples, question.target, question.error, question.quantile, ranks)
+def interval_so_far(samples: Samples, of: Goal | LimitQuestion, level: float) -> tuple[float, Interval]:
+    """A quantile and its interval, mm; of few trials an end may be zero or infinite."""
+    ranks = enclosing_ranks(samples.trials, of.quantile, level)
+    return between_ranks(samples, of.target, of.error, of.quantile, *ranks)
 
 
-def _answers(interval: RepeatedInterval, question: LimitQuestion) -> bool:
+def _answers(interval: Interval, question: LimitQuestion) -> bool:
     """Whether an interval leaves the limit on one side."""
-    low, high = interval.interval_mm
+    low, high = interval
     return high <= question.limit_mm or low > question.limit_mm
 
 
-def _trials_needed(samples: Samples, question: LimitQuestion, interval: RepeatedInterval) -> float:
+def _trials_needed(samples: Samples, question: LimitQuestion, value_mm: float, interval: Interval) -> float:
     """Trials with which a question would be answered if quantile and density stayed as they look now."""
-    low, high = interval.interval_mm
-    gap = abs(interval.value_mm - question.limit_mm)
-    width = high - interval.value_mm if question.limit_mm > interval.value_mm else interval.value_mm - low
+    low, high = interval
+    gap = abs(value_mm - question.limit_mm)
+    width = high - value_mm if question.limit_mm > value_mm else value_mm - low
     return samples.trials * (width / gap) ** 2 if gap > 0 and width < inf else inf
