@@ -6,7 +6,6 @@ implementation with a probability of at most 2.5 %, were the seed not fixed.
 
 from __future__ import annotations
 
-
 import numpy as np
 import pytest
 from scipy.stats import beta
