@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
@@ -83,21 +84,26 @@ def name_missing_extra() -> Iterator[None]:
         raise
 
 
-def load_on_first_use(package: str, home: Mapping[str, str]) -> Callable[[str], Any]:
-    """The ``__getattr__`` of a package (PEP 562) whose names are loaded when they are first used, by their modules.
+def load_on_first_use(package: str, source: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """``__getattr__``, ``__dir__``, ``__all__`` of a package (PEP 562) whose names the stub beside its source imports.
 
-    It raises MissingExtraError where that module needs a package which is not installed.
+    A name is loaded when it is first used; it raises MissingExtraError where its module needs a package which is not
+    installed.
     """
+    with open(f"{source}i", encoding="utf-8") as file:
+        stub = ast.parse(file.read())
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    home = {alias.name: f"{'.' * node.level}{node.module}" for node in imports for alias in node.names}
 
     def load(name: str) -> Any:
         if name not in home:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         with name_missing_extra():
-            value = getattr(import_module(f".{home[name]}", package), name)
+            value = getattr(import_module(home[name], package), name)
         setattr(sys.modules[package], name, value)
         return value
 
-    return load
+    return load, lambda: sorted(home), sorted(home)
 
 
 def _refusal(module: str, *extras: str) -> MissingExtraError:

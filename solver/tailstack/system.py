@@ -480,7 +480,7 @@ class System:
     design_sha256: str | None = None  # of the document it was compiled from
     notes: tuple[str, ...] = field(default=())  # assumptions recorded on the way (e.g. RAS converted to LPS)
     assumed: tuple[str, ...] = ()  # pointers of values that nobody stated
-    title_block: Mapping[str, str | None] | None = None  # under which number it is kept, and who answers for it
+    title_block: Mapping[str, Any] | None = None  # under which number it is kept, and who answers for it
 
     @property
     def interfaces(self) -> tuple[DirectEffect, DirectEffect]:

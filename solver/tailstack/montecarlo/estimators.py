@@ -14,7 +14,6 @@ import numpy as np
 from scipy.special import bdtr, betaincinv, ndtri
 
 from ..errors import IllPosedError, OutOfRangeError, Problem
-from ..geometry.arrays import Array
 from .simulate import ErrorSample, Samples, deepen
 
 Interval = tuple[float, float]
