@@ -19,7 +19,7 @@ from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.regions import BoxRegion
 from tailstack.optimisation.terms import DemandTerms, estimator_of, mechanics_of, terms_of
 from tailstack.propagation.linear import linearise
-from tailstack.propagation.noise import Estimation, noise_gains_jit
+from tailstack.propagation.noise import Estimation, noise_gains
 from tailstack.system import Law
 
 FEASIBLE = 1e-6  # relative (mm on the box): by how much an answer may miss a limit or a rule
@@ -125,7 +125,7 @@ def image_covariance(layout, projections, target, to_error, fiducial_px, target_
     fiducial, aim = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
     made, told, weights = np.zeros((views, count, 3, 3)), np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
     dlt = Estimation(0, 0, np.zeros((views, 3)), np.zeros((views, 2)))
-    noise_gains_jit(projections, layout, np.ones((views, count)), dlt, target, fiducial, aim, made, told, weights)
+    noise_gains(projections, layout, np.ones((views, count)), dlt, target, fiducial, aim, made, told, weights)
     total = np.zeros((3, 3))
     for v in range(views):
         for r in range(3):

@@ -26,8 +26,8 @@ from tailstack.design import Design
 from tailstack.design.pointers import find_places, replace_value, value_at
 from tailstack.errors import DesignError
 from tailstack.people_tables import read_people_table
-from tailstack.propagation.linear import estimation_of, linearise
-from tailstack.propagation.noise import noise_gains_jit
+from tailstack.propagation.columns import gains_of_images
+from tailstack.propagation.linear import chain_of, linearise
 from tailstack.results.json_text import write_json
 from tailstack.system import System
 from tailstack.tail.gaussian import norm_quantile_jit
@@ -51,20 +51,15 @@ def score_job(design: Design | System) -> Callable[[], int]:
 def first_order() -> Findings:
     """The kernels of the linear model and of P95, compiled, against one trial of batched SVD."""
     system = cios_system()
-    projections = np.stack([view.projection for view in system.views])
-    points, aim, mean = system.fiducials_mm, system.targets[0].position_mm, np.zeros(3)
-    count = len(points)
-    arrays = [np.zeros(s) for s in ((2, count, 3, 2), (2, 3, 2), (2, count, 3, 3), (2, 3, 3), (2, 2, 2))]
-    estimation = estimation_of(system)
+    imaging, count, mean = chain_of(system).imaging, 4 * len(system.fiducials_mm) + 4, np.zeros(3)
+    aim, still = system.targets[0].position_mm, np.zeros((2, count // 2, 0))
     model = linearise(system, system.targets[0])
     mounts = sum(((b.tcp * b.std) @ (b.tcp * b.std).T for b in model.blocks if not b.grouped), np.zeros((3, 3)))
 
     def kernels() -> int:
         for _ in range(500):
-            noise_gains_jit(projections, points, system.sees, estimation, aim, *arrays)
-            fiducial = arrays[0].transpose(2, 0, 1, 3).reshape(3, -1)
-            seen = arrays[1].transpose(1, 0, 2).reshape(3, -1)
-            covariance = 0.25 * (fiducial @ fiducial.T + seen @ seen.T) + mounts
+            columns, _ = gains_of_images(imaging, system.sees, aim, still)
+            covariance = 0.25 * columns[:, :count] @ columns[:, :count].T + mounts
             norm_quantile_jit(mean, covariance, 0.95)
         return 500
 

@@ -39,24 +39,17 @@ from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, do
 from .geometry.arrays import Array, frozen
 from .kernels.process import usable_cores
 from .kernels.store import kernel
+from .propagation.columns import Imaging, assemble_after
 from .propagation.linear import (
     LinearModel,
-    believed_directions,
-    believed_knowns,
     chain_of,
-    estimation_of,
     geometry_at,
+    imaging_of,
     linearise_at,
     mounts_of,
     pass_mounts,
 )
-from .propagation.noise import (
-    Estimation,
-    eliminate_views,
-    gains_after,
-    room_for,
-    stack_columns_jit,
-)
+from .propagation.noise import Estimation, eliminate_views, room_for
 from .propagation.systematic import shift_together
 from .propagation.validity_bounds import ValidityBounds, is_certainly_valid
 from .results import Check
@@ -442,16 +435,17 @@ class CompiledRows(NamedTuple):
     weighing: int  # of the rows of a view in triangulation
     precision: Array  # (m, V, 3)
     noise: Array  # (m, V, 2) px
-    believed: Array  # (3, B), see ``stack_columns``
+    believed: Array  # (3, B), see ``Imaging``
     views_of: NDArray[np.int64]  # (B,)
-    assumed: Array  # (V, 3): what is known of the error of the intrinsics that each view believes
+    assumed: Array  # (V, 3)
     aims: Array  # (T, m, 3) mm, reconstructed
     biases: Array  # (2, T, m, 3) mm of localisation and TCP, without what acts through the images
     to_tcp: Array  # (m, 3, 3)
     from_flange: Array  # (m, 3, 3)
     mounts: Array  # (2, T, m, 3, M): gains of the sources of mounts and execution
-    shifts: Array  # (T, m, V, 2 N + 2, C + 1) px of the images by what moves them all together; last: what is known
-    at_flange: Array  # (T, m, 3, C + 1) mm
+    shifts: Array  # (T, m, V, 2 N + 2, C + E) px: see ``shift_together``
+    at_flange: Array  # (T, m, 3, C + E + V) mm
+    shared: int  # C
     widths: Array  # (m, G) spreads, native units: standard deviations under normal laws, half-widths under others
     groups: NDArray[np.intp]  # (K,) which of them is that of each source
     kinds: NDArray[np.int64]  # (K,)
@@ -473,9 +467,8 @@ class _RowLoop:
     def __init__(self, batch: Batch) -> None:
         self.batch, system = batch, batch.system
         loud = tuple(replace(view, fiducial_noise_px=1.0) for view in system.views)
-        self.estimation = estimation_of(replace(system, views=loud))
-        self.believed, self.views_of = believed_directions(system.believed_errors)
-        self.assumed = believed_knowns(system.believed_errors)
+        geometry = geometry_at(system.projections, system.fiducials_mm, mounts_of(system).first, system.reading)
+        self.imaging = imaging_of(replace(system, views=loud), *geometry)
         moved = not LAYOUT.isdisjoint(slot.field for _, slot in batch.slots)
         self.together = None if moved and system.shared_image_errors else self._move_together([system])
         assumed = [each for each in system.believed_errors if each is not None]
@@ -542,7 +535,7 @@ class _RowLoop:
 
     def _work_out(self, numbers: Numbers) -> tuple[CompiledRows, NDArray[np.bool_]]:
         """The rows with these numbers (n, ...), and of which targets and noise are plain (n or 1,)."""
-        batch = self.batch
+        batch, imaging = self.batch, self.imaging
         system = batch.system
 
         def read(field: str) -> Array:
@@ -556,7 +549,7 @@ class _RowLoop:
         way = pass_mounts(mounts, np.swapaxes(targets, 0, 1))
         gains = list(way.mount_gains(system).values())
         noise = np.stack(np.broadcast_arrays(read("fiducial_noise_px"), read("target_noise_px")), axis=2)
-        precision = self.estimation.precision * noise[:, :, :1] ** 2
+        precision = imaging.estimation.precision * noise[:, :, :1] ** 2
         shifts, at_flange = self.together or self._move_together(_systems(system, numbers))
         widths = zip(self.scalar, self.widths, strict=True)
         rows = CompiledRows(
@@ -565,13 +558,13 @@ class _RowLoop:
             points=np.ascontiguousarray(points),
             per_error=np.ascontiguousarray(per_error.reshape(-1, 3, 3)),
             weights=batch.validity_bounds.weights,
-            unknowns=self.estimation.unknowns,
-            weighing=self.estimation.weighing,
+            unknowns=imaging.estimation.unknowns,
+            weighing=imaging.estimation.weighing,
             precision=precision,
             noise=noise,
-            believed=self.believed,
-            views_of=self.views_of,
-            assumed=self.assumed,
+            believed=imaging.believed,
+            views_of=imaging.views_of,
+            assumed=imaging.assumed,
             aims=np.ascontiguousarray(way.reconstructed_mm),
             biases=_stacked([way.localisation_bias_mm, way.tcp_bias_mm]),
             to_tcp=np.ascontiguousarray(way.tcp_from_localisation),
@@ -579,6 +572,7 @@ class _RowLoop:
             mounts=_stacked([np.concatenate(_alike([pair[k] for pair in gains]), axis=-1) for k in range(2)]),
             shifts=shifts,
             at_flange=at_flange,
+            shared=sum(effect.sources.count for effect in system.shared_image_errors),
             widths=_side_by_side(
                 noise.reshape(len(noise), -1),
                 read("manufacturing") * self.made,
@@ -595,7 +589,7 @@ class _RowLoop:
 
     def _move_together(self, systems: Sequence[System]) -> tuple[Array, Array]:
         """What moves the images of all fiducials of a view together, of each system (m): shifts (T, m, V, 2 N + 2,
-        C + 1) px and, behind the reconstructed point, (T, m, 3, C + 1) mm; last of both what is known."""
+        C + E) px and, behind the reconstructed point, (T, m, 3, C + E + V) mm."""
         firsts = [(system, mounts_of(system).first) for system in systems]
         shifts = [shift_together(system, first, target) for system, first in firsts for target in system.targets]
         lead = len(systems), len(systems[0].targets)
@@ -645,11 +639,9 @@ def score_rows(
     Fills tails (n, T, Q, 2) mm, the quantile of each error's norm that is asked for and its mean, NaN where there is
     none, and biases (n, T) mm, the norm of the bias of the TCP error.
     """
-    views, count = rows.weights.shape
-    size, targets = rows.kinds.size, rows.aims.shape[0]
-    fiducial, aimed = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
-    made, intrinsics = np.zeros((views, count, 3, 3)), np.zeros((views, 3, 3))
-    row_weights = np.zeros((views, 2, 2))
+    views, size, targets = rows.weights.shape[0], rows.kinds.size, rows.aims.shape[0]
+    single = size - rows.mounts.shape[4] - rows.shared
+    through, row_weights = np.zeros((3, single + rows.at_flange.shape[3])), np.zeros((views, 2, 2))
     gains = np.zeros((targets, 2, 3, size))  # of localisation and TCP
     means = np.zeros((targets, 2, 3))
     spread = np.zeros(size)
@@ -665,16 +657,14 @@ def score_rows(
             projections, assumed = pick(rows.projections, row), pick(rows.points, row)
             eliminate_views(projections, assumed, rows.weights, eliminated)
             plain = is_certainly_valid(pick(rows.fiducials, row), eliminated, validity_bounds)
+            per_error = pick(rows.per_error, row)
+            imaging = Imaging(
+                projections, assumed, estimation, per_error, True, rows.believed, rows.views_of, rows.assumed
+            )
             for t in range(targets if plain else 0):
-                gains_after(
-                    eliminated, projections, assumed, rows.weights, estimation, pick(rows.aims[t], row), fiducial,
-                    aimed, made, intrinsics, row_weights,
-                )  # fmt: skip
-                stack_columns_jit(
-                    fiducial, aimed, made, intrinsics, pick(rows.per_error, row), True, rows.believed, rows.views_of,
-                    gains[t, 0],
-                )  # fmt: skip
-                _complete_gains(rows, row, t, intrinsics, gains[t], means[t])
+                aim, shifts = pick(rows.aims[t], row), pick(rows.shifts[t], row)
+                assemble_after(eliminated, imaging, rows.weights, aim, shifts, through, row_weights)
+                _complete_gains(rows, row, t, through, gains[t], means[t])
         if not plain:
             wanted[row] = False
             continue
@@ -704,46 +694,30 @@ def pick(array: Array, row: int) -> Array:
 
 
 @kernel()
-def _complete_gains(rows: CompiledRows, row: int, t: int, intrinsics: Array, gains: Array, means: Array) -> None:
-    """Fill the gains (2, 3, K), whose part through the images on localisation is there, and the means (2, 3), mm."""
-    views, count = rows.weights.shape
-    width = 2 * count + 2
-    of_images = views * width + 3 * count + rows.views_of.size
-    shift, behind = pick(rows.shifts[t], row), pick(rows.at_flange[t], row)
+def _complete_gains(rows: CompiledRows, row: int, t: int, through: Array, gains: Array, means: Array) -> None:
+    """Fill the gains (2, 3, K) and the means (2, 3), mm; through: the columns of what acts through the images."""
+    behind, mounted = pick(rows.at_flange[t], row), rows.mounts.shape[4]
     to_tcp, from_flange = pick(rows.to_tcp, row), pick(rows.from_flange, row)
-    mounted, common = rows.mounts.shape[4], shift.shape[2] - 1
-    known = np.zeros(3)
-    for a in range(3):
-        for c in range(common + 1):
-            total = 0.0
-            for v in range(views):
-                for i in range(width):
-                    total += gains[0, a, v * width + i] * shift[v, i, c]
-            if c < common:
-                gains[0, a, of_images + mounted + c] = total
-            else:
-                known[a] += total
-        for v in range(views):
-            for k in range(3):
-                known[a] += intrinsics[v, a, k] * rows.assumed[v, k]
+    single = through.shape[1] - behind.shape[1]
     for error in range(2):
         bias, own = pick(rows.biases[error, t], row), pick(rows.mounts[error, t], row)
         for a in range(3):
             means[error, a] = bias[a]
             for j in range(mounted):
-                gains[error, a, of_images + j] = own[a, j]
-    for a in range(3):
-        means[0, a] += known[a]
-        for b in range(3):
-            means[1, a] += to_tcp[a, b] * known[b] + from_flange[a, b] * behind[b, common]
-        x, y, z = to_tcp[a, 0], to_tcp[a, 1], to_tcp[a, 2]
-        for j in range(of_images):
-            gains[1, a, j] = x * gains[0, 0, j] + y * gains[0, 1, j] + z * gains[0, 2, j]
-        for c in range(common):
-            j = of_images + mounted + c
-            gains[1, a, j] = x * gains[0, 0, j] + y * gains[0, 1, j] + z * gains[0, 2, j]
-            for b in range(3):
-                gains[1, a, j] += from_flange[a, b] * behind[b, c]
+                gains[error, a, single + j] = own[a, j]
+    for j in range(through.shape[1]):
+        for a in range(3):
+            tcp = to_tcp[a, 0] * through[0, j] + to_tcp[a, 1] * through[1, j] + to_tcp[a, 2] * through[2, j]
+            if j >= single:
+                for b in range(3):
+                    tcp += from_flange[a, b] * behind[b, j - single]
+            if j < single + rows.shared:
+                k = j if j < single else j + mounted
+                gains[0, a, k] = through[a, j]
+                gains[1, a, k] = tcp
+            else:
+                means[0, a] += through[a, j]
+                means[1, a] += tcp
 
 
 # --- numbers of the document among those of the compiled design -------------------------------------

@@ -28,8 +28,7 @@ from .design.numbers import read_numbers
 from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
 from .errors import DesignError, OutOfRangeError, Problem
 from .geometry.arrays import Array
-from .propagation.linear import Block, Chain, LinearModel, chain_of, common_shifts, image_gains, linearise_at
-from .propagation.systematic import systematic_errors
+from .propagation.linear import Block, Chain, LinearModel, chain_of, image_gains, linearise_at
 from .results import Score
 from .results.verdicts import P95
 from .scoring import score
@@ -127,7 +126,7 @@ class DesignFunction:
         chain, model = self._base
         (once, first), (twice, second) = moved
         what = _foreign_change(chain, model, once, first)
-        arrays = [(chain.points, once.points, twice.points)]
+        arrays = [(chain.imaging.points, once.imaging.points, twice.imaging.points)]
         for name in ("half_width", "std"):
             every = [[getattr(block, name) for block in each.blocks] for each in (model, first, second)]
             arrays += list(zip(*every, strict=True)) if not what else []
@@ -196,30 +195,25 @@ class _Law:
 
 def _slopes_by_points(chain: Chain, model: LinearModel, points_mm: Array, error: str) -> tuple[list[Array], Array]:
     """What moving the fiducials along points_mm (N, 3) does to the gains (3, k) of each block and to the bias (3,)."""
-    moved = _with_points(chain, chain.points + 1j * COMPLEX_STEP * points_mm)
-    images = image_gains(moved, model.reconstructed_mm.astype(np.complex128))  # whose kind some of the arrays take
-    to_tcp = model.tcp_from_localisation
-    shared_errors = systematic_errors(moved.system, moved.mounts.first, model.target)
-    known, common = common_shifts(moved, shared_errors, images.columns, to_tcp, model.tcp_from_flange)
-    to_error = to_tcp if error == "tcp" else np.eye(3)
-    left, gains = iter(common), []
-    first = 0
-    for block in model.blocks:
-        slope = np.zeros((3, len(block.laws)))
-        if block.effect.way is Way.IMAGES:
-            slope = to_error @ images.columns.imag[:, first : first + len(block.laws)]
-            first += len(block.laws)
-        elif block.effect.way is Way.SHARED:
-            slope = np.imag(next(left).gain(error))
-        gains.append(slope / COMPLEX_STEP)
-    bias = sum((np.imag(each.of(error)) for each in known), to_error @ np.imag(images.assumed_mm.sum(axis=1)))
+    moved = _with_points(chain, chain.imaging.points + 1j * COMPLEX_STEP * points_mm)
+    aim = model.reconstructed_mm.astype(np.complex128)  # whose kind some of the arrays take
+    images = image_gains(moved, model.target, aim, model.tcp_from_localisation, model.tcp_from_flange)
+    by_effect = images.by_effect(moved.system)
+    gains = [
+        np.imag(by_effect[block.contributor][error == "tcp"]) / COMPLEX_STEP
+        if block.effect.way is not Way.LINK
+        else np.zeros((3, len(block.laws)))
+        for block in model.blocks
+    ]
+    bias = sum((np.imag(each.of(error)) for each in images.known_shifts(moved.system)), np.zeros(3))
     return gains, np.asarray(bias) / COMPLEX_STEP
 
 
 def _with_points(chain: Chain, points: Array) -> Chain:
     """A chain with other fiducials, (N, 3) as the estimator assumes them."""
-    nominal = chain.system.fiducials_mm + (points - chain.points) @ np.linalg.inv(chain.per_error).T
-    return replace(chain, points=points, system=replace(chain.system, fiducials_mm=nominal))
+    imaging, system = chain.imaging, chain.system
+    nominal = system.fiducials_mm + (points - imaging.points) @ np.linalg.inv(imaging.per_error).T
+    return replace(chain, imaging=imaging._replace(points=points), system=replace(system, fiducials_mm=nominal))
 
 
 def _at_first_target(design: Design) -> tuple[Chain, LinearModel]:
@@ -233,9 +227,9 @@ def _foreign_change(chain: Chain, model: LinearModel, moved: Chain, other: Linea
         (block.contributor, block.components) for block in other.blocks
     ]:
         return "a contributor that is not there without it"
-    shift = moved.points - chain.points
+    shift = moved.imaging.points - chain.imaging.points
     # With the fiducials of the first chain in its place the moved one must be the first ...
-    back = linearise_at(_with_points(moved, chain.points), other.target) if shift.any() else other
+    back = linearise_at(_with_points(moved, chain.imaging.points), other.target) if shift.any() else other
     pairs: list[tuple[str, Array, Array]] = [
         ("a target", _positions(chain), _positions(moved)),
         ("the bias", model.tcp_bias_mm, back.tcp_bias_mm),

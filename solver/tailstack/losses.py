@@ -25,8 +25,9 @@ from .errors import IllPosedError
 from .estimation.checks import examine, fewest_fiducials
 from .geometry.arrays import Array, frozen
 from .kernels.store import kernel
-from .propagation.linear import Chain, LinearModel, believed_directions, believed_knowns, chain_of, linearise_at
-from .propagation.noise import Eliminated, Estimation, eliminate_for, gains_after, room_for, stack_columns_jit
+from .propagation.columns import Imaging, assemble_after, gains_of_images
+from .propagation.linear import Chain, LinearModel, chain_of, effects_of_images, linearise_at
+from .propagation.noise import eliminate_for, room_for
 from .propagation.systematic import shift_together
 from .propagation.validity import QUANTILES, validity
 from .results import Interval, Loss, Mixture
@@ -77,35 +78,19 @@ def without_fiducials(system: System, lost: Sequence[str]) -> System:
     )
 
 
-class Imaging(NamedTuple):
-    """What the gains of the images of V views of N fiducials follow from, and what moves all images together."""
-
-    projections: Array  # (V, 3, 4), |p3| = 1
-    points: Array  # (N, 3) mm, as the estimator assumes them
-    estimation: Estimation
-    per_error: Array  # (3, 3) from a manufacturing error to a displacement of those
-    manufactured: bool
-    believed: Array  # (3, B) as ``stack_columns`` takes the errors of believed intrinsics
-    views_of: NDArray[np.int64]  # (B,)
-    assumed: Array  # (V, 3) what is known of those of each view
-    aims: Array  # (T, 3) mm: the targets, reconstructed without noise
-    shifts: Array  # (T, 2 V (N + 1), K + 1) px: what each source that moves them together does to images; last: known
-    std: Array  # (M,) of the sources of the columns
-
-
 class LossGains(NamedTuple):
     """The S ways to lose so many fiducials, and what is left of the gains of the images; mm, con."""
 
     kept: Array  # (S, N) 0 of what is lost, otherwise 1
     imaged: Array  # (T, S, 3, 3) mm^2: covariance of what acts through single images, and of believed intrinsics
-    moved: Array  # (T, S, 3, K + 1) mm: by each source that moves images together, and by all that is known
+    moved: Array  # (T, S, 3, K + G) mm: by each source that moves images together, then by all that is known
 
 
 class Rest(NamedTuple):
     """What of the law of an error no loss changes, at T targets."""
 
     to_error: Array  # (T, 3, 3) from con to the error's frame
-    beyond: Array  # (T, 3, K + 1) mm: what sources that move images together do beyond the images
+    beyond: Array  # (T, 3, K + G) mm: what these do beyond the images
     std: Array  # (K,) of these sources
     mean: Array  # (T, 3) mm: less what comes through the images
     covariance: Array  # (T, 3, 3) mm^2
@@ -123,69 +108,25 @@ class Ranking(NamedTuple):
 
 
 @kernel(nogil=True)
-def fill_columns(
-    imaging: Imaging, eliminated: Eliminated, weights: Array, aim: Array, columns: Array, known: Array
-) -> None:
-    """Fill columns (3, M), con, mm per native unit, as ``linear.image_gains`` has them, and known (3,) mm: what known
-    errors of believed intrinsics do.  weights (V, N): 1 where a view's estimate uses a fiducial; ``eliminated`` was
-    filled for them; aim (3,) mm."""
-    views, count = imaging.projections.shape[0], imaging.points.shape[0]
-    single = np.zeros((views, count, 3, 2))
-    aimed = np.zeros((views, 3, 2))
-    made = np.zeros((views, count, 3, 3))
-    intrinsics, row_weights = np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
-    gains_after(
-        eliminated, imaging.projections, imaging.points, weights, imaging.estimation, aim, single, aimed, made,
-        intrinsics, row_weights,
-    )  # fmt: skip
-    stack_columns_jit(
-        single, aimed, made, intrinsics, imaging.per_error, imaging.manufactured, imaging.believed, imaging.views_of,
-        columns,
-    )  # fmt: skip
-    for a in range(3):
-        known[a] = 0.0
-        for v in range(views):
-            for m in range(3):
-                known[a] += intrinsics[v, a, m] * imaging.assumed[v, m]
+def lose(imaging: Imaging, aims: Array, shifts: Array, std: Array, weights: Array, imaged: Array, moved: Array) -> None:
+    """Fill the arrays of ``LossGains``.
 
-
-@kernel(nogil=True)
-def move_together(columns: Array, known: Array, shifts: Array, moved: Array) -> None:
-    """Fill moved (3, K + 1) mm: what shifts (2 V (N + 1), K + 1) px of all images do by the columns of these, the last
-    one with what else is known (3,) mm."""
-    last = shifts.shape[1] - 1
-    for a in range(3):
-        for k in range(last + 1):
-            total = known[a] if k == last else 0.0
-            for n in range(shifts.shape[0]):
-                total += columns[a, n] * shifts[n, k]
-            moved[a, k] = total
-
-
-@kernel(nogil=True)
-def lose_one(imaging: Imaging, weights: Array, t: int, columns: Array, moved: Array) -> None:
-    """Fill what weights (V, N) leave at target t: columns (3, M), see ``fill_columns``, and moved (3, K + 1) mm."""
-    eliminated, known = room_for(weights.shape[0], imaging.points), np.zeros(3)
-    eliminate_for(imaging.estimation, imaging.projections, imaging.points, weights, eliminated)
-    fill_columns(imaging, eliminated, weights, imaging.aims[t], columns, known)
-    move_together(columns, known, imaging.shifts[t], moved)
-
-
-@kernel(nogil=True)
-def lose(imaging: Imaging, weights: Array, imaged: Array, moved: Array) -> None:
-    """Fill the arrays of ``LossGains``; weights (S, V, N): 1 where a view's estimate uses a fiducial."""
-    columns, known = np.zeros((3, imaging.std.size)), np.zeros(3)
+    aims (T, 3) mm: the targets, reconstructed without noise; shifts (T, V, 2 N + 2, C) px as ``columns.assemble`` takes
+    them; std (M,) of the sources of its columns; weights (S, V, N): 1 where a view's estimate uses a fiducial.
+    """
+    columns, row_weights = np.zeros((3, std.size + moved.shape[3])), np.zeros((weights.shape[1], 2, 2))
     eliminated = room_for(weights.shape[1], imaging.points)
     for s in range(weights.shape[0]):
         eliminate_for(imaging.estimation, imaging.projections, imaging.points, weights[s], eliminated)
-        for t in range(imaging.aims.shape[0]):
-            fill_columns(imaging, eliminated, weights[s], imaging.aims[t], columns, known)
-            move_together(columns, known, imaging.shifts[t], moved[t, s])
+        for t in range(aims.shape[0]):
+            assemble_after(eliminated, imaging, weights[s], aims[t], shifts[t], columns, row_weights)
             for a in range(3):
+                for k in range(moved.shape[3]):
+                    moved[t, s, a, k] = columns[a, std.size + k]
                 for b in range(a + 1):
                     total = 0.0
-                    for n in range(imaging.std.size):
-                        total += columns[a, n] * imaging.std[n] * (columns[b, n] * imaging.std[n])
+                    for n in range(std.size):
+                        total += columns[a, n] * std[n] * (columns[b, n] * std[n])
                     imaged[t, s, a, b] = total
                     imaged[t, s, b, a] = total
 
@@ -209,12 +150,12 @@ def rank(imaged: Array, moved: Array, rest: Rest, z: float, ranking: Ranking) ->
                     total[a, b] = rest.covariance[t, a, b]
                     for c in range(3):
                         total[a, b] += turned[a, c] * turn[b, c]
-            for k in range(rest.std.size + 1):
+            for k in range(rest.beyond.shape[2]):
                 for a in range(3):
                     step[a] = rest.beyond[t, a, k]
                     for c in range(3):
                         step[a] += turn[a, c] * moved[t, s, c, k]
-                if k == rest.std.size:
+                if k >= rest.std.size:
                     mean += step
                 else:
                     for a in range(3):
@@ -326,7 +267,7 @@ class LossSearch:
     def __init__(self, chain: Chain, models: dict[str, LinearModel]) -> None:
         self.chain, self.models = chain, models
         self.system = chain.system
-        self.count = len(chain.points)
+        self.count = len(chain.system.fiducials_mm)
         self.place = {name: t for t, name in enumerate(models)}  # of each target in the arrays
         # Mixtures, and every requirement and error ask for the same ones.
         self._law = lru_cache(maxsize=None)(self._find_law)
@@ -339,33 +280,25 @@ class LossSearch:
         self._losses: dict[int, LossGains] = {}
 
     @cached_property
-    def _imaging(self) -> tuple[Imaging, Array]:
-        """What the kernels take, and what sources that move images together do at the flange, (T, 3, K + 1) mm, con."""
-        chain, models = self.chain, list(self.models.values())
-        moved = [shift_together(self.system, chain.mounts.first, model.target) for model in models]
-        believed, views_of = believed_directions(chain.intrinsics)
-        imaging = Imaging(
-            projections=chain.projections,
-            points=chain.points,
-            estimation=chain.estimation,
-            per_error=chain.per_error,
-            manufactured=chain.manufactured,
-            believed=believed,
-            views_of=views_of,
-            assumed=believed_knowns(chain.intrinsics),
-            aims=np.array([model.reconstructed_mm for model in models]),
-            shifts=np.array([shifts.reshape(-1, shifts.shape[2]) for shifts, _ in moved]),
-            std=np.concatenate([block.std for block in models[0].blocks if block.effect.way is Way.IMAGES]),
-        )
-        return imaging, np.array([at_flange for _, at_flange in moved])
+    def _std(self) -> Array:
+        """(M,) of every source that acts through single images."""
+        return np.concatenate([effect.sources.std for effect in effects_of_images(self.system)])
+
+    @cached_property
+    def _moved_together(self) -> tuple[Array, Array]:
+        """What moves images together at every target: (T, V, 2 N + 2, C) px, and at the flange, (T, 3, K + G) mm."""
+        first = self.chain.mounts.first
+        each = [shift_together(self.system, first, model.target) for model in self.models.values()]
+        return np.stack([shifts for shifts, _ in each]), np.stack([at_flange for _, at_flange in each])
 
     def losses(self, lost: int) -> LossGains:
         """Of so many fiducials, at every target of the system."""
         if lost not in self._losses:
-            masks, imaging = subsets(self.count, lost), self._imaging[0]
-            size = len(self.place), len(masks), 3
-            gains = LossGains(masks, np.empty((*size, 3)), np.empty((*size, imaging.shifts.shape[2])))
-            lose(imaging, self.chain.weights * masks[:, None], gains.imaged, gains.moved)
+            masks, (shifts, at_flange) = subsets(self.count, lost), self._moved_together
+            size, weights = (len(self.place), len(masks), 3), self.chain.weights * masks[:, None]
+            gains = LossGains(masks, np.empty((*size, 3)), np.empty((*size, at_flange.shape[2])))
+            aims = np.array([model.reconstructed_mm for model in self.models.values()])
+            lose(self.chain.imaging, aims, shifts, self._std, weights, gains.imaged, gains.moved)
             self._losses[lost] = gains
         return self._losses[lost]
 
@@ -501,7 +434,7 @@ class LossSearch:
 
         whole (T, 1): that of all fiducials.  Where no image errs by chance, no quantile shows it: every loss may.
         """
-        highest, exact = forms.max(axis=0), not self._imaging[0].std.any()
+        highest, exact = forms.max(axis=0), not self._std.any()
         doubted = np.full(forms.shape[1], exact) | ~(forms < np.maximum(WORSE * whole, ROUNDING_MM)).all(axis=0)
         return [int(s) for s in np.argsort(-highest, kind="stable") if doubted[s]]
 
@@ -517,26 +450,26 @@ class LossSearch:
         return error_law(self.models[name], error, quantile)
 
     def _frame(self, name: str, error: str) -> tuple[Array, Array]:
-        """To the error's frame from con (3, 3), and what moves images together does beyond the images (3, K + 1) mm."""
-        at_flange = self._imaging[1][self.place[name]]
+        """To the error's frame from con (3, 3), and what moves images together does beyond the images (3, K + G) mm."""
+        at_flange = self._moved_together[1][self.place[name]]
         if error != "tcp":
             return np.eye(3), np.zeros_like(at_flange)
         return self.models[name].tcp_from_localisation, self.models[name].tcp_from_flange @ at_flange
 
     def _law_without(self, name: str, error: str, quantile: float, mask: Array) -> tuple[LinearLaw, Array]:
         """The law at its bias, fiducials with a 0 in mask (N,) lost, and what its bounded sources do (3, q), mm."""
-        imaging, t, model = self._imaging[0], self.place[name], self.models[name]
-        columns, moved = np.zeros((3, imaging.std.size)), np.zeros((3, imaging.shifts.shape[2]))
-        lose_one(imaging, self.chain.weights * mask, t, columns, moved)
-        turn, beyond = self._frame(name, error)
-        moved = turn @ moved + beyond
+        model, shifts = self.models[name], self._moved_together[0][self.place[name]]
+        left, _ = gains_of_images(self.chain.imaging, self.chain.weights * mask, model.reconstructed_mm, shifts)
+        (turn, beyond), count = self._frame(name, error), self._std.size
+        columns, moved = turn @ left[:, :count], turn @ left[:, count:] + beyond
         every = self._law(name, error, quantile).columns
         gain = every.gain.copy()
-        gain[:, self._ways == Way.IMAGES] = turn @ columns
-        gain[:, self._ways == Way.SHARED] = moved[:, :-1]
+        gain[:, self._ways == Way.IMAGES] = columns
+        shared = self._ways == Way.SHARED
+        gain[:, shared] = moved[:, : shared.sum()]
         every = every._replace(gain=gain)
         bounded = every.only((every.kinds == BOUNDED) & (every.half_width > 0))
-        mean = model.bias_mm(error) - model.imaged_bias_mm(error) + moved[:, -1]
+        mean = model.bias_mm(error) - model.imaged_bias_mm(error) + moved[:, shared.sum() :].sum(axis=1)
         return law_of(mean, every), bounded.gain * bounded.half_width
 
     @cached_property

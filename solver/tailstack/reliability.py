@@ -67,8 +67,9 @@ def _is_noise_of_fiducials(effect: Effect, view: str) -> bool:
 
 def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | None]:
     """(2, 2) px^-2 of what a view's residuals say of each fiducial that it sees; None: a direction of which nothing."""
-    projection, points = chain.projections[v], chain.points[seen]
-    unknowns = chain.estimation.unknowns or ALL_UNKNOWNS
+    imaging = chain.imaging
+    projection, points = imaging.projections[v], imaging.points[seen]
+    unknowns = imaging.estimation.unknowns or ALL_UNKNOWNS
     centre = points.mean(axis=0)
     middle = projection @ np.append(centre, 1.0)
     slopes = np.zeros((len(seen), 2, 11))
@@ -76,8 +77,12 @@ def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | N
         image_slopes(projection, point, centre, image_of(middle), unknowns, out)
     rows = slopes[:, :, :unknowns].reshape(-1, unknowns)
     rows = rows / np.linalg.norm(rows, axis=0)
-    noise = float(chain.estimation.noise[v, 0])
-    made = motion_of_images(projection, points) @ chain.per_error * chain.manufacturing_std_mm[seen][:, None, :]
+    noise = float(imaging.estimation.noise[v, 0])
+    made = (
+        motion_of_images(projection, points)
+        @ chain.imaging.per_error
+        * chain.system.manufacturing_std_mm[seen][:, None, :]
+    )
     own = made @ made.transpose(0, 2, 1) + max(noise, 1e-9) ** 2 * np.eye(2)  # (n, 2, 2) px^2
     weight = np.zeros((2 * len(seen), 2 * len(seen)))
     for k, covariance in enumerate(own):
@@ -86,7 +91,9 @@ def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | N
     if unknowns < ALL_UNKNOWNS:
         sought = range(POSE_UNKNOWNS, unknowns)
         scale = np.linalg.norm(slopes[:, :, sought].reshape(-1, len(sought)), axis=0)
-        normal[sought, sought] += chain.estimation.precision[v, : len(sought)] / max(noise, 1e-9) ** 2 / scale**2
+        normal[sought, sought] += (
+            chain.imaging.estimation.precision[v, : len(sought)] / max(noise, 1e-9) ** 2 / scale**2
+        )
     left = weight - weight @ rows @ np.linalg.solve(normal, rows.T @ weight)
     information: list[Array | None] = []
     for k in range(len(seen)):

@@ -23,15 +23,16 @@ from scenes import (
     with_unseen,
 )
 from tailstack.geometry.rotation import RotationForm, rotation_xyz
+from tailstack.propagation.columns import assemble, gains_of_images
 from tailstack.propagation.linear import (
     chain_of,
     covariance,
     covariance_block_diagonal,
+    eq16_manufacturing,
     estimation_of,
-    image_gains,
     linearise,
 )
-from tailstack.propagation.noise import noise_gains, noise_gains_jit
+from tailstack.propagation.noise import noise_gains
 from tailstack.system import LINEAR, Estimator, Reading, Triangulation, View
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
@@ -181,14 +182,13 @@ def test_row_weights_of_unequal_views_matter_at_first_order():
 @pytest.mark.long
 def test_compiled_and_plain_source_give_the_same_digits():
     system = random_system(np.random.default_rng(3), fiducials=7)
-    projections = np.stack([v.projection for v in system.views])
-    shapes = ((2, 7, 3, 2), (2, 3, 2), (2, 7, 3, 3), (2, 3, 3), (2, 2, 2))
+    shifts = np.random.default_rng(4).normal(size=(2, 16, 3))
     for estimator, form in product(Estimator, Triangulation):
         system = replace(system, estimator=estimator, triangulation=form)
-        compiled, plain = ([np.zeros(s) for s in shapes] for _ in range(2))
-        given = projections, system.fiducials_mm, system.sees, estimation_of(system), system.targets[0].position_mm
-        noise_gains_jit(*given, *compiled)
-        noise_gains(*given, *plain)
+        given = chain_of(system).imaging, system.sees, system.targets[0].position_mm, shifts
+        compiled = gains_of_images(*given)
+        plain = [np.zeros_like(each) for each in compiled]
+        assemble(*given, *plain)
         for one, other in zip(compiled, plain, strict=True):
             assert np.allclose(one, other, rtol=1e-8, atol=1e-11)
 
@@ -200,20 +200,24 @@ def test_one_pass_over_the_images_is_its_parts_put_together(manufactured):
     system = random_system(rng, fiducials=7)
     projections, points = np.stack([v.projection for v in system.views]), system.fiducials_mm
     aim, per_error = system.targets[0].position_mm, rotation_xyz(rng.uniform(-1, 1, 3))
-    std = rng.uniform(0.01, 0.1, (7, 3)) if manufactured else np.zeros((7, 3))
+    half_width = rng.uniform(0.01, 0.1, (7, 3)) if manufactured else np.zeros((7, 3))
     shapes = ((2, 7, 3, 2), (2, 3, 2), (2, 7, 3, 3), (2, 3, 3), (2, 2, 2))
     fiducial, aimed, made, *rest = (np.zeros(s) for s in shapes)
     noise_gains(projections, points, np.ones((2, 7)), estimation_of(system), aim, fiducial, aimed, made, *rest)
-    chain = replace(
-        chain_of(system), projections=projections, points=points, per_error=per_error, manufacturing_std_mm=std,
-        manufactured=manufactured,
-    )  # fmt: skip
-    images = image_gains(chain, aim)
-    gains, block_diagonal = images.columns, images.block_diagonal
+    chain, shifts = chain_of(system), rng.normal(size=(2, 16, 3))
+    imaging = chain.imaging._replace(
+        projections=projections, points=points, per_error=per_error, manufactured=manufactured
+    )
+    gains, _ = gains_of_images(imaging, system.sees, aim, shifts)
+    told = replace(chain, imaging=imaging, system=replace(system, manufacturing_half_width_mm=half_width))
+    block_diagonal = eq16_manufacturing(told, gains)
     expected = [np.hstack([fiducial[v].transpose(1, 0, 2).reshape(3, 14), aimed[v]]) for v in range(2)]
     shared = [(made @ per_error).sum(axis=0).transpose(1, 0, 2).reshape(3, 21)] if manufactured else []
-    np.testing.assert_allclose(gains, np.hstack([*expected, *shared]), rtol=1e-9, atol=1e-12)
-    scaled = (made @ per_error) * std[None, :, None, :]
+    together = np.hstack(expected) @ shifts.reshape(32, 3)
+    np.testing.assert_allclose(
+        gains, np.hstack([*expected, *shared, together, np.zeros((3, 2))]), rtol=1e-9, atol=1e-12
+    )
+    scaled = (made @ per_error) * told.system.manufacturing_std_mm[None, :, None, :]
     np.testing.assert_allclose(block_diagonal, np.einsum("vijk,vilk->jl", scaled, scaled), rtol=1e-9)
     radius = np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean())
     model = linearise(system, system.targets[0])
@@ -227,8 +231,8 @@ def test_points_that_determine_nothing_have_gains_that_are_not_finite():
     system = random_system(np.random.default_rng(3), fiducials=7)
     projections = np.stack([v.projection for v in system.views])
     flat = system.fiducials_mm * [1.0, 1.0, 0.0]
-    chain = replace(chain_of(system), projections=projections, points=flat, manufactured=False)
-    gains = image_gains(chain, system.targets[0].position_mm).columns
+    imaging = chain_of(system).imaging._replace(projections=projections, points=flat, manufactured=False)
+    gains, _ = gains_of_images(imaging, system.sees, system.targets[0].position_mm, np.zeros((2, 16, 0)))
     assert not np.isfinite(gains).all()
 
 

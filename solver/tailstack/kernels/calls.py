@@ -32,9 +32,9 @@ _TABLES = (
     "tables.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r "
     "f3r f2r f1r i2r f2r f3r f2r f1r f2r f2r f2r f2r f1r f1r)"
 )
-_IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2) f2 b f2 i1 f2 f2 f3 f1)"
+_IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2) f2 b f2 i1 f2)"
 _EXCHANGE = "ExchangeModel(f3 f2 f2 f3 f1 f1 f2 f2 Estimation(i i f2 f2) f3)"
-_ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 f2 i1 i1 b)"
+_ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 i f2 i1 i1 b)"
 _VALIDITY_BOUNDS = "ValidityBounds(f3 f2 f3 f1 f b)"
 _TABLE = {
     "score": f"""
@@ -44,14 +44,12 @@ _TABLE = {
         2.2 tail.gaussian.norm_gradient_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantile_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantiles        f f2 f2
-        4.0 propagation.noise.noise_gains       f3 f2 f2 Estimation(i i f2 f2) f1 f4 f3 f4 f3 f3
+        4.7 propagation.columns.assemble        Imaging(f3 f2 noise.Estimation(i i f2 f2) f2 b f2 i1 f2) f2 f1 f3 f2 f3
         1.6 tail.lattice.on_principal_axes      f1 f2 f2
-        5.0 losses.lose                         {_IMAGING} f3 f4 f4
-        4.6 losses.lose_one                     {_IMAGING} f2 i f2 f2
+        5.0 losses.lose                         {_IMAGING} f2 f4 f1 f3 f4 f4
         1.0 losses.rank                         f4 f4 Rest(f3 f3 f1 f2 f3 f1 f1 f3) f Ranking(f2 f3 f4)
         0.3 tail.per_unit.position_of           f1 i f
         0.2 tail.per_unit.average_at            f1 i f
-        0.7 propagation.noise.stack_columns     f4 f3 f4 f3 f2 b f2 i1 f2
         1.3 propagation.nonlinearity.matrix_gains  f2 f2 f1
         1.0 tail.declared.excess_integral       f f {_FRAME} f1 f1
         0.8 tail.gaussian.excess_quantile       f f1 f1

@@ -66,8 +66,8 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
         problems += _flat(problem)
         estimator = estimator_of(problem.system)
         problems += refuse_regions(problem, estimator)
-        assumed = estimator.intrinsics_covariance.any() or estimator.intrinsics_bias.any()
-        random = estimator.fiducial_px.any() or estimator.manufacturing_std_mm.any()
+        assumed = estimator.intrinsics_covariance.any() or estimator.imaging.assumed.any()
+        random = estimator.imaging.estimation.noise[:, 0].any() or estimator.manufacturing_std_mm.any()
         if not (random or assumed or problem.system.shared_image_errors):
             problems.append(
                 Problem(

@@ -188,10 +188,10 @@ def _exchange_model(
         reconstructed=np.array([term.reconstructed_mm for term in terms]),
         to_error=np.array([term.to_error for term in terms]) * share[:, None, None],
         constant=np.array(constant) * share**2,
-        fiducial_px=estimator.fiducial_px,
+        fiducial_px=np.ascontiguousarray(estimator.imaging.estimation.noise[:, 0]),
         manufacturing_std_mm=estimator.manufacturing_std_mm,
         weights=estimator.weights,
-        estimation=estimator.estimation,
+        estimation=estimator.imaging.estimation,
         intrinsics_covariance=estimator.intrinsics_covariance,
     )
 

@@ -4,8 +4,8 @@ At the biased geometry a mount, the hand-eye and the execution act on the error 
 depend on the layout (every estimator absorbs a rigid displacement exactly); only what acts through the images sees the
 fiducials: image noise, manufacturing errors, errors of assumed intrinsics, and what moves the images of all fiducials
 together.  The constants come from :func:`~tailstack.propagation.linear.linearise`, the rest from the same
-:func:`~tailstack.propagation.noise.noise_gains` and :func:`~tailstack.propagation.systematic.systematic_errors` that
-the score runs, here on symbols.
+:func:`~tailstack.propagation.columns.assemble` and :func:`~tailstack.propagation.systematic.shift_together` that the
+score runs, here on symbols.
 
 Pivots and locator spacings enter those constants: a displacement ``R (x - p) + p + t`` and its derivative by the
 torsor are affine in the pivot p, the direction of six locators in the inverse 1/s of their spacing.  So every gain
@@ -24,17 +24,17 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.rotation import displacement
+from ..propagation.columns import Imaging, gains_of_images
 from ..propagation.linear import (
     Block,
     KnownShift,
     LinearModel,
-    believed_knowns,
-    estimation_of,
+    effects_of_images,
     estimator_geometry,
+    imaging_of,
     linearise,
 )
-from ..propagation.noise import Estimation, noise_gains
-from ..propagation.systematic import systematic_errors
+from ..propagation.systematic import shift_together
 from ..system import ArrayLike, DirectEffect, Law, System, Way, std_per_half_width
 from .problem import (
     Choice,
@@ -95,31 +95,33 @@ def mechanics_of(problem: PlacementProblem, choice: Choice) -> Mechanics:
 class EstimationTerms:
     """What the layout enters through, the same for every target."""
 
-    projections: Array  # (V, 3, 4) effective, |p3| = 1
-    assumed: Array  # (3, 3): fiducials as the estimator assumes them are X @ assumed.T + assumed_shift_mm
-    assumed_shift_mm: Array  # (3,)
-    fiducial_px: Array  # (V,) standard deviations
-    target_px: Array  # (V,)
+    imaging: Imaging
+    assumed_shift_mm: Array  # (3,): fiducials as the estimator assumes them are X @ assumed.T + assumed_shift_mm
+    std: Array  # (M,) native unit, of the sources of the columns that ``columns.assemble`` fills
     manufacturing_std_mm: Array  # (N, 3)
-    estimation: Estimation  # what the estimator is and knows
-    intrinsics_covariance: Array  # (V, 3, 3) of the errors of the intrinsics that it believes
-    intrinsics_bias: Array  # (V, 3) what is known of them
+    intrinsics_covariance: Array  # (V, 3, 3) of the errors of the intrinsics that the estimator believes
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
+
+    @property
+    def projections(self) -> Array:
+        """(V, 3, 4) effective, |p3| = 1."""
+        return np.asarray(self.imaging.projections)
+
+    @property
+    def assumed(self) -> Array:
+        """(3, 3): see ``assumed_shift_mm``."""
+        return np.asarray(self.imaging.per_error)
 
 
 def estimator_of(system: System) -> EstimationTerms:
-    projections, assumed, per_error = estimator_geometry(system)
+    projections, points, per_error = estimator_geometry(system)
     # In the physical reading the estimator assumes X itself, in the Eq 18 reading the displaced X.
     return EstimationTerms(
-        projections=projections,
-        assumed=per_error,
-        assumed_shift_mm=assumed[0] - per_error @ system.fiducials_mm[0],
-        fiducial_px=np.array([view.fiducial_noise_px for view in system.views]),
-        target_px=np.array([view.target_noise_px for view in system.views]),
+        imaging=imaging_of(system, projections, points, per_error),
+        assumed_shift_mm=points[0] - per_error @ system.fiducials_mm[0],
+        std=np.concatenate([effect.sources.std for effect in effects_of_images(system)]),
         manufacturing_std_mm=system.manufacturing_std_mm,
-        estimation=estimation_of(system),
         intrinsics_covariance=np.array([_covariance(error) for error in system.believed_errors]),
-        intrinsics_bias=believed_knowns(system.believed_errors),
         weights=system.sees,
     )
 
@@ -404,55 +406,27 @@ def image_parts_at(
     laid: a system whose fiducials and pivots, as projections (V, 3, 4), assumed_shift (3,) and reconstructed (3,), are
     object arrays of numbers or symbols.
     """
-    fiducials = laid.fiducials_mm
-    points = fiducials @ plain(estimator.assumed).T + assumed_shift
-    views, count = len(estimator.projections), points.shape[0]
-    kind = points.dtype
-    fiducial, target = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
-    manufacturing, intrinsics = np.zeros((views, count, 3, 3), kind), np.zeros((views, 3, 3), kind)
-    assumed = estimator.estimation._replace(
-        precision=plain(estimator.estimation.precision), noise=plain(estimator.estimation.noise)
+    points = laid.fiducials_mm @ plain(estimator.assumed).T + assumed_shift
+    own = estimator.imaging
+    estimation = own.estimation._replace(precision=plain(own.estimation.precision), noise=plain(own.estimation.noise))
+    imaging = own._replace(
+        projections=projections,
+        points=points,
+        estimation=estimation,
+        per_error=plain(own.per_error),
+        believed=plain(own.believed),
+        assumed=plain(own.assumed),
     )
-    noise_gains(
-        projections,
-        points,
-        estimator.weights * terms.kept,
-        assumed,
-        reconstructed,
-        fiducial,
-        target,
-        manufacturing,
-        intrinsics,
-        np.zeros((views, 2, 2), kind),
-    )
-    noise, by_image = np.zeros((3, 3), kind), []
-    for v in range(views):
-        columns = fiducial[v].transpose(1, 0, 2).reshape(3, 2 * count)
-        noise = noise + (columns @ columns.T) * float(estimator.fiducial_px[v] ** 2)
-        noise = noise + (target[v] @ target[v].T) * float(estimator.target_px[v] ** 2)
-        by_image.append(np.hstack([columns, target[v]]))
-    made = np.zeros((3, 3), kind)
-    if estimator.manufacturing_std_mm.any():
-        shared = manufacturing.sum(axis=0)
-        for i in range(count):
-            scaled = shared[i] @ plain(estimator.assumed) * plain(estimator.manufacturing_std_mm[i])
-            made = made + scaled @ scaled.T
-    for gain, covariance in zip(intrinsics, estimator.intrinsics_covariance, strict=True):
-        if covariance.any():
-            made = made + gain @ plain(covariance) @ gain.T
-    to_error = plain(terms.to_error)
-    known = to_error @ sum(gain @ plain(bias) for gain, bias in zip(intrinsics, estimator.intrinsics_bias, strict=True))
-    gains = [np.zeros((0, 3), kind)]
     seat = laid.structure_connector
-    for each in systematic_errors(
-        laid, displacement(seat.known, seat.pivot_mm, laid.rotation_form), terms.demand.target
-    ):
-        by_source, fixed = each.localise(by_image)
-        gains.append((to_error @ by_source + terms.flange_to_error @ each.at_flange_mm).T)
-        known = known + to_error @ fixed + terms.flange_to_error @ each.known_at_flange_mm
-    stacked = np.concatenate(gains, dtype=kind)
-    known = known + plain(terms.vertex) @ stacked
-    return ImageParts(to_error @ noise @ to_error.T, to_error @ made @ to_error.T, known, stacked)
+    first = displacement(seat.known, seat.pivot_mm, laid.rotation_form)
+    shifts, at_flange = shift_together(laid, first, terms.demand.target)
+    columns, _ = gains_of_images(imaging, estimator.weights * terms.kept, reconstructed, shifts)
+    single, noises, common = len(estimator.std), shifts.shape[0] * shifts.shape[1], len(terms.common)
+    scaled, to_error = columns[:, :single] * plain(estimator.std), plain(terms.to_error)
+    noise, made = (to_error @ part @ part.T @ to_error.T for part in np.split(scaled, [noises], axis=1))
+    moved = to_error @ columns[:, single:] + plain(terms.flange_to_error) @ at_flange
+    known = moved[:, common:].sum(axis=1) + moved[:, :common] @ plain(terms.vertex)
+    return ImageParts(noise, made, known, moved[:, :common].T)
 
 
 def lay(problem: PlacementProblem, points: ArrayLike, mechanics: Mechanics) -> System:

@@ -12,16 +12,24 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, assert_never
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import IllPosedError, Problem
 from ..estimation.least_squares import precisions
 from ..geometry.arrays import Array
 from ..geometry.rotation import Displacement, apply, displacement
-from ..system import DirectEffect, Drawn, Effect, Law, Place, Reading, System, Target, Way
-from .noise import Estimation, noise_gains, noise_gains_jit, stack_columns, stack_columns_jit
-from .nonlinearity import Common, MatrixGains, Nonlinearity, matrix_covariance, nonlinearity, view_matrix_gains
-from .systematic import Systematic, systematic_errors
+from ..system import ArrayLike, Drawn, Effect, Law, Place, Reading, System, Target, Way
+from .columns import Imaging, gains_of_images
+from .noise import Estimation
+from .nonlinearity import (
+    Common,
+    MatrixGains,
+    Nonlinearity,
+    matrix_covariance,
+    motion_of_images,
+    nonlinearity,
+    view_matrix_gains,
+)
+from .systematic import shift_together
 from .turns import (
     ANGLES_1,
     ANGLES_2,
@@ -197,19 +205,11 @@ class Chain:
     """What a system does at its bias, for all targets alike."""
 
     system: System
-    projections: Array  # (V, 3, 4), |p3| = 1: effective ones
-    points: Array  # (N, 3) mm, the fiducials as the estimator assumes them
+    imaging: Imaging
     weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
-    estimation: Estimation  # what the estimator is and knows
-    intrinsics: tuple[DirectEffect | None, ...]  # of each view: the error of what it assumes; None: no such error
-    per_error: Array  # (3, 3) from a manufacturing error to a displacement of those
     mounts: Mounts
-    manufacturing_std_mm: Array  # (N, 3)
-    target_noise_px: Array  # (V,)
     matrix_gains: tuple[MatrixGains, ...]  # of the resected matrices (``nonlinearity.view_matrix_gains``)
     matrix_covariance: Array  # (12 V, 12 V) of them (``nonlinearity.matrix_covariance``)
-    manufactured: bool  # whether fiducials have manufacturing errors, which the views share
-    effects: tuple[Effect, ...]  # that have a gain of their own, in the order of the chain
 
 
 def estimator_geometry(system: System) -> tuple[Array, Array, Array]:
@@ -249,37 +249,46 @@ def estimation_of(system: System) -> Estimation:
     )
 
 
-def _acting(system: System) -> tuple[Effect, ...]:
-    """The effects that have sources and do not move images together, in the order of the chain: image noise view by
-    view, manufacturing, what views believe, mounts, execution."""
+def effects_of_images(system: System) -> tuple[Effect, ...]:
+    """The effects whose sources act through single images, as ``columns.assemble`` has them: image noise view by view,
+    manufacturing, what views believe."""
     believed = (error for error in system.believed_errors if error is not None)
-    return tuple(each for each in (*system.errors_of_points, *believed, *system.links) if each.sources.count)
+    return tuple(each for each in (*system.errors_of_points, *believed) if each.sources.count)
+
+
+def imaging_of(system: System, projections: ArrayLike, points: ArrayLike, per_error: ArrayLike) -> Imaging:
+    """What the estimator of a system makes of effective projections and fiducials as it assumes them
+    (:func:`geometry_at`)."""
+    errors = system.believed_errors
+    each = [(v, error.sources) for v, error in enumerate(errors) if error is not None]
+    return Imaging(
+        projections,
+        points,
+        estimation_of(system),
+        per_error,
+        bool(system.manufacturing_std_mm.any()),
+        np.hstack([np.zeros((3, 0)), *(sources.direction for _, sources in each)]),
+        np.array([v for v, sources in each for _ in sources.names], dtype=np.int64),
+        np.array([np.zeros(3) if error is None else error.known for error in errors]),
+    )
 
 
 def chain_of(system: System) -> Chain:
     """Everything :func:`linearise` needs that does not depend on the target."""
     mounts = mounts_of(system)
     projections, points, per_error = geometry_at(system.projections, system.fiducials_mm, mounts.first, system.reading)
-    std, weights, estimation = system.manufacturing_std_mm, system.sees, estimation_of(system)
-    gains = view_matrix_gains(projections, points, weights, estimation)
-    return Chain(
-        system=system,
-        projections=projections,
-        points=points,
-        weights=weights,
-        estimation=estimation,
-        intrinsics=system.believed_errors,
-        per_error=per_error,
-        mounts=mounts,
-        manufacturing_std_mm=std,
-        target_noise_px=np.array([view.target_noise_px for view in system.views]),
-        matrix_gains=gains,
-        matrix_covariance=matrix_covariance(
-            gains, projections, points, estimation, per_error, std, system.believed_errors
-        ),
-        manufactured=bool(std.any()),
-        effects=_acting(system),
+    imaging = imaging_of(system, projections, points, per_error)
+    gains = view_matrix_gains(projections, points, system.sees, imaging.estimation)
+    covariance = matrix_covariance(
+        gains,
+        projections,
+        points,
+        imaging.estimation,
+        per_error,
+        system.manufacturing_std_mm,
+        system.believed_errors,
     )
+    return Chain(system, imaging, system.sees, mounts, gains, covariance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -357,8 +366,9 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
     system = chain.system
     passage = pass_mounts(chain.mounts, target.position_mm)
     reconstructed = passage.reconstructed_mm
-    images = image_gains(chain, reconstructed)
-    if not np.isfinite(images.columns).all():
+    to_tcp, from_moved = passage.tcp_from_localisation, passage.tcp_from_flange
+    images = image_gains(chain, target, reconstructed, to_tcp, from_moved)
+    if not np.isfinite(images.localisation).all():
         raise IllPosedError(
             Problem(
                 "/fiducials",
@@ -368,39 +378,30 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
             )
         )
 
-    to_tcp, from_moved = passage.tcp_from_localisation, passage.tcp_from_flange
-    of_mounts = passage.mount_gains(system)
-    blocks, start = [], 0
-    for effect in chain.effects:
-        if effect.way is Way.IMAGES:
-            localisation = images.columns[:, start : start + effect.sources.count]
-            start += effect.sources.count
-            tcp = to_tcp @ localisation
-        else:
-            localisation, tcp = of_mounts[effect.name]
-        blocks.append(Block(effect, localisation, tcp))
-    shared_errors = systematic_errors(system, chain.mounts.first, target)
-    shifts, systematic = common_shifts(chain, shared_errors, images.columns, to_tcp, from_moved)
-    known = (*_assumed_shifts(chain, images.assumed_mm, to_tcp), *shifts)
+    gains = images.by_effect(system) | passage.mount_gains(system)
+    in_order = (*effects_of_images(system), *system.links, *system.shared_image_errors)
+    blocks = [Block(effect, *gains[effect.name]) for effect in in_order if effect.sources.count]
+    known = images.known_shifts(system)
     localisation_bias = passage.localisation_bias_mm + sum(each.localisation_mm for each in known)
     tcp_bias = passage.tcp_bias_mm + sum(each.tcp_mm for each in known)
-    every = (*blocks, *systematic)
+    columns = images.localisation[:, : images.single]
     if whole is None:
+        imaging = chain.imaging
         numbers = nonlinearity(
-            chain.projections,
-            chain.points,
+            imaging.projections,
+            imaging.points,
             chain.weights,
             reconstructed,
             chain.matrix_covariance,
-            _common(chain, shared_errors),
-            chain.target_noise_px,
+            _common(chain, images.shifts),
+            imaging.estimation.noise[:, 1],
             images.row_weights,
             published=not system.triangulation.traits.own_frame,
         )
         biases = {"localisation": localisation_bias, "tcp": tcp_bias}
-        moved = gains_moved_by_seat(chain, target.position_mm, images.columns)
+        moved = gains_moved_by_seat(chain, target.position_mm, columns)
         at = (reconstructed, reconstructed, passage.at_tool_mm)
-        turns = _turns(chain, at, every, biases, to_tcp, numbers.nu, moved)
+        turns = _turns(chain, at, blocks, biases, to_tcp, numbers.nu, moved)
     else:
         numbers, turns = whole.nonlinearity, whole.turns
     return LinearModel(
@@ -409,13 +410,13 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
         localisation_bias_mm=localisation_bias,
         tcp_bias_mm=tcp_bias,
         known=known,
-        blocks=every,
+        blocks=tuple(blocks),
         tcp_from_localisation=to_tcp,
         tcp_from_flange=from_moved,
-        manufacturing_block_diagonal=images.block_diagonal,
+        manufacturing_block_diagonal=eq16_manufacturing(chain, columns),
         nonlinearity=numbers,
         turns=turns,
-        extrapolation=_extrapolation(chain.points, reconstructed),
+        extrapolation=_extrapolation(chain.imaging.points, reconstructed),
     )
 
 
@@ -423,23 +424,23 @@ def gains_moved_by_seat(chain: Chain, target_mm: Array, at_rest: Array) -> float
     """mm^2: second moment of what the structure's mount, where it turns, does to the gains of images.
 
     The structure is seen from elsewhere then.  That the error turns with it changes no norm, and is left out.
-    at_rest (3, K): ``image_gains``.
+    at_rest (3, M): of single images (``columns.assemble``).
     """
     system, mount = chain.system, chain.system.structure_connector
-    spread = np.concatenate([each.sources.spread for each in chain.effects if each.way is Way.IMAGES])
+    spread = np.concatenate([each.sources.spread for each in effects_of_images(system)])
     axes, sizes, _ = np.linalg.svd(mount.sources.direction * mount.sources.spread, full_matrices=False)
-    square = 0.0
+    square, still = 0.0, np.zeros((len(system.views), 2 * len(system.fiducials_mm) + 2, 0))
     for direction in (axes * sizes)[:, axes[:3].any(axis=0) & (sizes > 0.0)].T:
         first = displacement(mount.known + _STEP * direction, mount.pivot_mm, system.rotation_form)
-        projections, points, per_error = geometry_at(system.projections, system.fiducials_mm, first, system.reading)
-        beside = replace(chain, projections=projections, points=points, per_error=per_error)
+        geometry = geometry_at(system.projections, system.fiducials_mm, first, system.reading)
         if system.reading is Reading.PHYSICAL:
             reconstructed = np.asarray(np.linalg.solve(first.rotation, target_mm - first.shift_mm), dtype=np.float64)
             back = chain.mounts.undone @ first.rotation
         else:
             reconstructed = first.move(target_mm)
             back = chain.mounts.first.rotation @ first.rotation.T
-        change = (back @ image_gains(beside, reconstructed).columns - at_rest) * (spread / _STEP)
+        beside, _ = gains_of_images(imaging_of(system, *geometry), chain.weights, reconstructed, still)
+        change = (back @ beside[:, : at_rest.shape[1]] - at_rest) * (spread / _STEP)
         square += float((change * change).sum())
     return square
 
@@ -447,7 +448,7 @@ def gains_moved_by_seat(chain: Chain, target_mm: Array, at_rest: Array) -> float
 def _turns(
     chain: Chain,
     points: tuple[Array, Array, Array],
-    blocks: tuple[Block, ...],
+    blocks: Sequence[Block],
     biases: dict[str, Array],
     to_tcp: Array,
     nu: float,
@@ -501,7 +502,7 @@ def _turns(
     return out
 
 
-def _lengthened(bias: Array, error: str, blocks: tuple[Block, ...]) -> Array:
+def _lengthened(bias: Array, error: str, blocks: Sequence[Block]) -> Array:
     """A bias (3,) with each BOUNDED source at the end at which it lengthens it, the longest first."""
     columns = [
         (block.tcp if error == "tcp" else block.localisation)[:, j] * block.half_width[j]
@@ -515,116 +516,72 @@ def _lengthened(bias: Array, error: str, blocks: tuple[Block, ...]) -> Array:
 
 
 class ImageGains(NamedTuple):
-    """What images do to the reconstructed point."""
+    """What everything that acts through the images does at a target, in the order of ``columns.assemble``: single
+    images and believed intrinsics, shifts of all images together, what is known of these and of believed intrinsics."""
 
-    columns: Array  # (3, K) of every source that acts through them, mm per native unit: of the imaged blocks in turn
-    block_diagonal: Array  # (3, 3) mm^2, of the manufacturing errors as Eq 16 has it: cross-view terms dropped
-    assumed_mm: Array  # (3, V) of the known errors of the intrinsics that each view believes
+    localisation: Array  # (3, M + C + E + V) con, mm per native unit
+    tcp: Array  # the same in tcp
+    single: int  # M
+    shifts: Array  # (V, 2 N + 2, C + E) px (``systematic.shift_together``)
     row_weights: Array  # (V, 2, 2) of the rows of triangulation
 
+    def by_effect(self, system: System) -> dict[str, tuple[Array, Array]]:
+        """The gains (3, k) on localisation and TCP error of the sources of each effect, by its name."""
+        effects = (*effects_of_images(system), *system.shared_image_errors)
+        ends = np.cumsum([each.sources.count for each in effects])
+        parts = (np.split(gains, ends, axis=1) for gains in (self.localisation, self.tcp))
+        return {each.name: (con, tcp) for each, con, tcp in zip(effects, *parts, strict=False)}
 
-def _assumed_shifts(chain: Chain, assumed_mm: Array, to_tcp: Array) -> tuple[KnownShift, ...]:
-    """What the known errors of assumed intrinsics do: assumed_mm (3, V) con, to_tcp (3, 3)."""
-    each = zip(chain.intrinsics, assumed_mm.T, strict=True)
-    return tuple(KnownShift(e.name, shift, to_tcp @ shift, e.label) for e, shift in each if e and shift.any())
-
-
-def common_shifts(
-    chain: Chain, shared_errors: tuple[Systematic, ...], of_images: Array, to_tcp: Array, from_moved: Array
-) -> tuple[tuple[KnownShift, ...], tuple[Block, ...]]:
-    """What moves the images of all beads together, as it was found: what is known of it, and its blocks.
-
-    of_images (3, K): see :func:`image_gains`; to_tcp, from_moved (3, 3): from a displacement of the reconstructed point
-    and of its place on the flange, in con, to tcp.
-    """
-    known, blocks = [], []
-    width = 2 * len(chain.points) + 2
-    gains = [of_images[:, v * width : (v + 1) * width] for v in range(len(chain.projections))]
-    for each in shared_errors:
-        effect = each.effect
-        localisation, fixed = each.localise(gains)
-        if each.known_shift_px.any() or each.known_at_flange_mm.any():
-            tcp = to_tcp @ fixed + from_moved @ each.known_at_flange_mm
-            known.append(KnownShift(effect.name, fixed, tcp, effect.label))
-        if effect.sources.count:
-            tcp = to_tcp @ localisation + from_moved @ each.at_flange_mm
-            blocks.append(Block(effect, localisation, tcp))
-    return tuple(known), tuple(blocks)
+    def known_shifts(self, system: System) -> tuple[KnownShift, ...]:
+        """What is known of effects, and does something: of believed intrinsics first."""
+        errors = (*system.shared_image_errors, *system.believed_errors)
+        views, count = len(system.views), len(errors)
+        every = [
+            KnownShift(error.name, con, tcp, error.label)
+            for error, con, tcp in zip(errors, self.localisation[:, -count:].T, self.tcp[:, -count:].T, strict=True)
+            if error is not None and (con.any() or tcp.any())
+        ]
+        return (*every[-views:], *every[:-views])
 
 
-def _common(chain: Chain, shared_errors: tuple[Systematic, ...]) -> Common:
-    """All that moves the images of a view together, and the known errors of believed intrinsics, for the validity."""
-    views, rows = len(chain.projections), 2 * len(chain.points)
-    shifts = [each.shifts * each.effect.sources.spread for each in shared_errors]
-    known = sum((each.known_shift_px for each in shared_errors), np.zeros((views, rows + 2)))
-    assumed = np.zeros((views, 12))
-    for v, error in enumerate(chain.intrinsics):
-        if error is not None:
-            assumed[v] = chain.matrix_gains[v].by_intrinsics @ error.known
+def image_gains(chain: Chain, target: Target, aim_mm: ArrayLike, to_tcp: Array, from_flange: Array) -> ImageGains:
+    """aim_mm (3,): the reconstructed point; to_tcp, from_flange (3, 3): what a displacement of it, and of its place on
+    the flange, do in tcp.  Complex, where the chain's fiducials or the aim are."""
+    shifts, at_flange = shift_together(chain.system, chain.mounts.first, target)
+    columns, row_weights = gains_of_images(chain.imaging, chain.weights, aim_mm, shifts)
+    tcp = to_tcp @ columns
+    tcp[:, -at_flange.shape[1] :] += from_flange @ at_flange
+    return ImageGains(columns, tcp, columns.shape[1] - at_flange.shape[1], shifts, row_weights)
+
+
+def eq16_manufacturing(chain: Chain, columns: Array) -> Array:
+    """(3, 3) mm^2 of the manufacturing errors as Eq 16 has it, cross-view terms dropped; columns (3, M)."""
+    imaging, total = chain.imaging, np.zeros((3, 3))
+    if imaging.manufactured:
+        count = len(imaging.points)
+        for v, projection in enumerate(imaging.projections):
+            single = columns[:, v * (2 * count + 2) :][:, : 2 * count].reshape(3, count, 2)
+            made = np.einsum("jic,ick->jik", single, motion_of_images(projection, imaging.points) @ imaging.per_error)
+            scaled = (made * chain.system.manufacturing_std_mm).reshape(3, -1)
+            total += scaled @ scaled.T
+    return total
+
+
+def _common(chain: Chain, shifts: Array) -> Common:
+    """All that moves the images of a view together, and the known errors of believed intrinsics, for the validity;
+    shifts (V, 2 N + 2, C + E) px."""
+    rows = shifts.shape[1] - 2
+    spread = np.concatenate([np.zeros(0), *(each.sources.spread for each in chain.system.shared_image_errors)])
+    random, known = shifts[:, :, : spread.size] * spread, shifts[:, :, spread.size :].sum(axis=2)
+    by_intrinsics = np.array([gains.by_intrinsics for gains in chain.matrix_gains])
+    assumed = (by_intrinsics @ chain.imaging.assumed[:, :, None])[:, :, 0]
     steady = bool(known.any() or assumed.any())
-    if steady:
-        shifts.append(known[:, :, None])
-    if not shifts:
-        return Common(np.zeros((views, 12, 0)), np.zeros((views, 2, 0)), 0)
-    every = np.concatenate(shifts, axis=2)
+    every = np.concatenate([random, known[:, :, None]], axis=2) if steady else random
     by_noise = np.array([gains.by_noise.reshape(12, rows) for gains in chain.matrix_gains])
     of_matrices = by_noise @ every[:, :rows]
     if steady:
         of_matrices[:, :, -1] += assumed
     return Common(of_matrices, every[:, rows:], int(steady))
-
-
-def believed_directions(errors: Sequence[DirectEffect | None]) -> tuple[Array, NDArray[np.int64]]:
-    """Directions (3, B) of every source of the errors of the intrinsics that views believe, and the view of each."""
-    each = [(v, error.sources) for v, error in enumerate(errors) if error is not None]
-    views_of = np.array([v for v, sources in each for _ in sources.names], dtype=np.int64)
-    return np.hstack([np.zeros((3, 0)), *(sources.direction for _, sources in each)]), views_of
-
-
-def believed_knowns(errors: Sequence[DirectEffect | None]) -> Array:
-    """(V, 3) what is known of the error of the intrinsics that each view believes, 0 where there is none."""
-    return np.array([np.zeros(3) if error is None else error.known for error in errors])
-
-
-def image_gains(chain: Chain, target_mm: Array) -> ImageGains:
-    """What images do to the reconstructed point.
-
-    target_mm: (3,) the point without noise.  Columns, for each view: 2 N of its fiducials (u and v of each) and 2 of
-    the target, mm per px; then 3 N of the manufacturing errors (x, y, z of each), mm per mm, if any is not 0; then
-    those of the assumed intrinsics of each view that has an error of them.
-    """
-    views, count = len(chain.projections), len(chain.points)
-    # Points with an imaginary part, by which these gains are differentiated, run the source that is not compiled.
-    kind = chain.points.dtype
-    fill = noise_gains if kind == np.complex128 else noise_gains_jit
-    fiducial, aimed = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
-    made, assumed = np.zeros((views, count, 3, 3), kind), np.zeros((views, 3, 3), kind)
-    row_weights = np.zeros((views, 2, 2), kind)
-    fill(
-        chain.projections,
-        chain.points,
-        chain.weights,
-        chain.estimation,
-        target_mm,
-        fiducial,
-        aimed,
-        made,
-        assumed,
-        row_weights,
-    )
-    believed = [(v, error) for v, error in enumerate(chain.intrinsics) if error is not None]
-    directions, views_of = believed_directions(chain.intrinsics)
-    columns = np.zeros((3, views * (2 * count + 2) + 3 * count * chain.manufactured + len(views_of)), kind)
-    stack = stack_columns if kind == np.complex128 else stack_columns_jit
-    stack(fiducial, aimed, made, assumed, chain.per_error, chain.manufactured, directions, views_of, columns)
-    block_diagonal, shifts = np.zeros((3, 3), kind), np.zeros((3, views), kind)
-    if chain.manufactured:
-        through = made @ chain.per_error
-        scaled = (through * chain.manufacturing_std_mm[:, None, :]).transpose(2, 0, 1, 3).reshape(3, -1)
-        block_diagonal = scaled @ scaled.T
-    for v, error in believed:
-        shifts[:, v] = assumed[v] @ error.known
-    return ImageGains(columns, block_diagonal, shifts, row_weights)
 
 
 def _extrapolation(points: Array, target_mm: Array) -> float:

@@ -34,7 +34,6 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ..kernels.store import kernel
 from ..system import ArrayLike, Weighing
 
 
@@ -585,61 +584,3 @@ def gains_after(
                 dv = (projections[v, 1, k] - h1 * projections[v, 2, k]) * per
                 for j in range(3):
                     manufacturing[v, i, j, k] = fiducial[v, i, j, 0] * du + fiducial[v, i, j, 1] * dv
-
-
-# Division by zero gives inf, which linearise refuses with the reason; an exception would have none.
-noise_gains_jit = kernel(nogil=True)(noise_gains)
-
-
-@register_jitable
-def stack_columns(
-    fiducial: ArrayLike,
-    target_gain: ArrayLike,
-    manufacturing: ArrayLike,
-    intrinsics: ArrayLike,
-    per_error: ArrayLike,
-    made: bool,
-    believed: ArrayLike,
-    views_of: ArrayLike,
-    columns: ArrayLike,
-) -> None:
-    """Fills ``columns`` (3, K): the gains of every source that acts through the images, side by side.
-
-    For each view u and v of each fiducial's noise, then of the target's, mm per px; if made, x, y and z of each
-    fiducial's manufacturing error, mm per mm, per_error (3, 3) being its displacement of the fiducial as the estimator
-    is told it; then each source of an error of believed intrinsics, believed (3, B) its direction among them and
-    views_of (B,) its view.  The other arguments are what ``noise_gains`` fills.
-    """
-    views, count = fiducial.shape[0], fiducial.shape[1]
-    for k in range(3):
-        n = 0
-        for v in range(views):
-            for i in range(count):
-                columns[k, n] = fiducial[v, i, k, 0]
-                columns[k, n + 1] = fiducial[v, i, k, 1]
-                n += 2
-            columns[k, n] = target_gain[v, k, 0]
-            columns[k, n + 1] = target_gain[v, k, 1]
-            n += 2
-        if made:
-            for i in range(count):
-                for c in range(3):
-                    total = manufacturing[0, i, k, 0] * per_error[0, c]
-                    for m in range(1, 3):
-                        total = total + manufacturing[0, i, k, m] * per_error[m, c]
-                    for v in range(1, views):
-                        for m in range(3):
-                            total = total + manufacturing[v, i, k, m] * per_error[m, c]
-                    columns[k, n] = total
-                    n += 1
-        for b in range(views_of.shape[0]):
-            v = views_of[b]
-            columns[k, n] = (
-                intrinsics[v, k, 0] * believed[0, b]
-                + intrinsics[v, k, 1] * believed[1, b]
-                + intrinsics[v, k, 2] * believed[2, b]
-            )
-            n += 1
-
-
-stack_columns_jit = kernel(nogil=True)(stack_columns)

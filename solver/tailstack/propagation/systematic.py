@@ -9,51 +9,23 @@ As in ``noise.py``, fiducials and pivots may be floats, complex numbers or CasAD
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple, assert_never
+from typing import assert_never
 
 import numpy as np
 
 from ..estimation.resection import project
 from ..geometry.rotation import Displacement, displacement
-from ..system import Act, ArrayLike, Effect, Place, Reading, System, Target
+from ..system import Act, ArrayLike, Place, Reading, System, Target
 from .nonlinearity import motion_of_images
 
 
-class Systematic(NamedTuple):
-    """One effect of this kind, at one target.  Rows: u and v of each fiducial's image, then of the target's."""
-
-    effect: Effect
-    shifts: ArrayLike  # (V, 2 N + 2, k) px per native unit of each source
-    at_flange_mm: ArrayLike  # (3, k) con, mm per native unit: behind the reconstructed point
-    known_shift_px: ArrayLike  # (V, 2 N + 2)
-    known_at_flange_mm: ArrayLike  # (3,) con
-
-    def localise(self, gains: Sequence[ArrayLike]) -> tuple[ArrayLike, ArrayLike]:
-        """What one native unit of each source, (3, k), and what is known, (3,), do to the reconstructed point, mm.
-
-        gains: of the images of each view, (3, 2 N + 2) mm per px in the order of ``shifts``.
-        """
-        by_source = sum(gain @ shift for gain, shift in zip(gains, self.shifts, strict=True))
-        return by_source, sum(gain @ shift for gain, shift in zip(gains, self.known_shift_px, strict=True))
-
-
 def shift_together(system: System, first: Displacement, target: Target) -> tuple[ArrayLike, ArrayLike]:
-    """What all of them do side by side: to the images (V, 2 N + 2, C + 1) px and, behind the reconstructed point,
-    (3, C + 1) mm; per native unit of each of the C sources, last what is known.  first: as ``systematic_errors``."""
-    shared_errors = systematic_errors(system, first, target)
-    known = np.zeros((len(system.views), 2 * len(system.fiducials_mm) + 2))
-    known_at_flange = np.zeros(3)
-    for each in shared_errors:
-        known, known_at_flange = known + each.known_shift_px, known_at_flange + each.known_at_flange_mm
-    shifts = np.concatenate([*(each.shifts for each in shared_errors), known[..., None]], axis=2)
-    return shifts, np.column_stack([*(each.at_flange_mm for each in shared_errors), known_at_flange])
+    """What ``system.shared_image_errors`` do side by side: to the images (V, 2 N + 2, C + E) px, u and v of each
+    fiducial, then of the target, and, behind the reconstructed point, at the flange (3, C + E + V) mm, con.
 
-
-def systematic_errors(system: System, first: Displacement, target: Target) -> tuple[Systematic, ...]:
-    """All of them that the system declares.
-
-    first: the displacement of the structure by its installation at the bias.
+    Per native unit of each of their C sources; then what is known of each of the E effects; last, so that the columns
+    are those of ``columns.assemble``, nothing for each view.  first: the displacement of the structure by its
+    installation at the bias.
     """
     scene = system.scene(target.position_mm[None], project)
     views, rows, kind = len(system.views), 2 * len(system.fiducials_mm) + 2, system.fiducials_mm.dtype
@@ -89,17 +61,20 @@ def systematic_errors(system: System, first: Displacement, target: Target) -> tu
             case _:
                 assert_never(act.place)
 
-    shared_errors = []
+    images, flange = [], []
     for effect in system.shared_image_errors:
         parameters = np.column_stack([effect.sources.direction, effect.known])
-        count = effect.sources.count
-        images, flange = np.zeros((views, rows, count + 1), kind), np.zeros((3, count + 1))
+        shifts, behind = np.zeros((views, rows, parameters.shape[1]), kind), np.zeros((3, parameters.shape[1]))
         for act in effect.act(scene):
             if act.place is Place.CONNECTOR:
-                flange = flange + act.by(parameters)
+                behind = behind + act.by(parameters)
             for v, view in enumerate(system.views):
                 if act.view in (None, view.name):
-                    shifts = shift(act, v, parameters)
-                    images[v, : len(shifts)] += shifts
-        shared_errors.append(Systematic(effect, images[..., :-1], flange[:, :-1], images[..., -1], flange[:, -1]))
-    return tuple(shared_errors)
+                    of_images = shift(act, v, parameters)
+                    shifts[v, : len(of_images)] += of_images
+        images.append(shifts)
+        flange.append(behind)
+    nothing = np.zeros((views, rows, 0), kind)
+    each = [nothing, *(part[..., :-1] for part in images), *(part[..., -1:] for part in images)]
+    own = [*(part[:, :-1] for part in flange), *(part[:, -1:] for part in flange), np.zeros((3, views))]
+    return np.concatenate(each, axis=2), np.concatenate(own, axis=1)

@@ -58,10 +58,10 @@ class ValidityBounds(NamedTuple):
 
     def are_certainly_valid(self, at_bias: Chain) -> bool:
         """Whether a system is."""
-        system = at_bias.system
+        system, imaging = at_bias.system, at_bias.imaging
         targets = np.array([target.position_mm for target in system.targets])
-        plain = is_layout_certainly_valid(system.fiducials_mm.copy(), at_bias.points, at_bias.projections, self)
-        return plain and bool(self.are_aims_certainly_valid(targets[None], at_bias.estimation.noise[None])[0])
+        plain = is_layout_certainly_valid(system.fiducials_mm.copy(), imaging.points, imaging.projections, self)
+        return plain and bool(self.are_aims_certainly_valid(targets[None], imaging.estimation.noise[None])[0])
 
 
 @kernel()
