@@ -22,6 +22,7 @@ import tailstack
 import tailstack.design
 import tailstack.results
 from tailstack import batch, errors, sweeping
+from tailstack.integrations import conversion, step
 from tailstack.results.record import Result
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -68,10 +69,11 @@ of a record means. Modules below these names are [not stable](stability.md).
 
 DESIGN_NAMES = (
     "Design", "load_design", "check_design", "compile_design", "design_to_data", "design_to_yaml", "design_to_json",
-    "revise_design", "Revision", "convert", "convert_file", "Conversion", "list_presets", "design_json_schema",
-    "Limits", "read_step", "StepSelection", "StepReading", "StepBody",
-    "StepContact",
+    "revise_design", "Revision", "list_presets", "design_json_schema", "Limits",
 )  # fmt: skip
+IMPORTED_FROM = "From `tailstack.integrations.conversion` and `tailstack.integrations.step`.\n"
+CONVERSION_NAMES = ("convert", "convert_file", "Conversion")
+STEP_NAMES = ("read_step", "StepSelection", "StepReading", "StepBody", "StepContact")
 READ_MOST = ("Score", "Verification", "Sweep", "TargetScore", "TargetEstimate", "Check", "Problem")
 NAMED_ONLY = ("tailstack.results", "tailstack.integrations.step", "tailstack.design.reading")
 VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
@@ -80,6 +82,9 @@ VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
 def page() -> str:
     """The whole page."""
     parts = [HEAD, "## Designs\n", *(describe(getattr(tailstack.design, name), 3) for name in DESIGN_NAMES)]
+    parts += ["## Files of other programs\n", IMPORTED_FROM]
+    parts += [describe(getattr(conversion, name), 3) for name in CONVERSION_NAMES]
+    parts += [describe(getattr(step, name), 3) for name in STEP_NAMES]
     parts += ["## What is computed\n", *(describe(getattr(tailstack, name), 3) for name in VERBS)]
     parts += [describe(batch.BatchScores, 3), describe(sweeping.read_axes, 3)]
     parts += [describe(tailstack.DesignFunction, 3), "## What every result can do\n", members_of(Result, 3)]

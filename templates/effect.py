@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -19,7 +19,7 @@ from ..geometry.arrays import frozen
 from ..ranges import Meant
 from ..system import Act, Drawn, Effect, Law, Place, Scene, Sources, System
 from ..tolerances import coverage_of
-from .kind import EffectKind, Excess
+from .kind import EffectKind, Excess, Setting
 
 SAG_MM = Meant("sag", "mm", 0.001, "less than anybody measures", 5.0, "a structure that sags like a rope")
 NAME, WORDS = "skeleton", "skeleton of the structure"
@@ -62,8 +62,8 @@ class SkeletonEffect(Effect):
         return ((Place.BEADS, None),)
 
 
-def _compile(document: Any, views: Any) -> Iterator[Effect]:
-    if (own := document.skeleton) is not None:
+def _compile(section: OfDesign, setting: Setting) -> Iterator[Effect]:
+    if (own := section.skeleton) is not None:
         coverage = frozen([coverage_of(own.distribution, own.coverage_factor)])
         width, along = frozen([own.half_width_mm]), frozen(np.eye(1))
         sources = Sources(("sag",), (Law(own.distribution),), width, coverage, ("mm",), along)
@@ -81,7 +81,8 @@ def _limits(system: System) -> Iterator[Excess]:
 
 
 KIND = EffectKind(
-    sections={"design": OfDesign},
+    host="design",
+    section=OfDesign,
     compile=_compile,
     not_modelled=_say_not_modelled,
     limits=_limits,

@@ -71,13 +71,11 @@ def draw_value(kind: Any, rng: np.random.Generator, share: float, told: Typicals
     return float(rng.uniform(typical.low, typical.high))
 
 
-def declare(document: dict[str, Any], kind: EffectKind, rng: np.random.Generator, share: float = 0.7) -> bool:
+def declare(document: dict[str, Any], kind: EffectKind[Any], rng: np.random.Generator, share: float = 0.7) -> bool:
     """Put the sections of an effect into a document, view by view; whether it takes them.  A view that has to state the
     size of its image for it does, where it shows all fiducials and targets near its middle."""
     places = {"design": [document], "fiducials": [document["fiducials"]], "view": document["views"]}
-    taken = [
-        _put(document, place, section, rng, share) for host, section in kind.sections.items() for place in places[host]
-    ]
+    taken = [_put(document, place, kind.section, rng, share) for place in places[kind.host]]
     return any(taken)
 
 

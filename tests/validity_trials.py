@@ -41,7 +41,7 @@ TODAY = date(2026, 11, 22)
 EDGES = tuple(limit for limit, _, _ in LEVELS)  # every other far design is drawn just below one of them
 NUMBERS = ("depth", "crossing", "disagreement", "gap", "range", "turns", "bias")
 RADII_TO, RAYS_TO_DEG = (8, 16, 30), (8, 20, 35)  # the classes of far designs
-DECLARED = (*(name for kind in EFFECTS for section in kind.sections.values() for name in section.model_fields), "sees")
+DECLARED = (*(name for kind in EFFECTS for name in kind.section.model_fields), "sees")
 REMARKS = ("projected-overlap", "flat-structure", "weak-resection", "small-parallax")
 
 

@@ -17,9 +17,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from plain_data import replaced
-from tailstack.design import check_design, convert, load_design
+from tailstack.design import check_design, load_design
 from tailstack.design.fiducial_files import FORMATS
 from tailstack.errors import Problem, TailstackError
+from tailstack.integrations.conversion import convert
 from typical import declare_all
 
 pytestmark = pytest.mark.hostile

@@ -135,7 +135,7 @@ def test_a_decision_has_at_most_fifteen_lines_of_prose_and_stands_in_the_index()
 def test_what_the_method_leaves_to_a_declaration_is_what_a_document_can_declare() -> None:
     """Section 6: all fields of the effects, and beside them how large balls are and how often they are missed."""
     section = (ROOT / "docs" / "method.md").read_text(encoding="utf-8").partition("\n## 6. Not modelled\n")[2]
-    fields = {name for kind in EFFECTS for record in kind.sections.values() for name in record.model_fields}
+    fields = {name for kind in EFFECTS for name in kind.section.model_fields}
     assert set(re.findall(r"`(\w+)`", section)) == fields - {"image_point"} | {"diameter_mm", "loss_probability"}
 
 

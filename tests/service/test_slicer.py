@@ -18,7 +18,7 @@ import pytest
 from service_scenes import EXAMPLES, client_with
 
 from tailstack import load_design, score
-from tailstack.design import convert
+from tailstack.integrations.conversion import convert
 from tailstack_service.settings import Settings
 from waiting import until
 

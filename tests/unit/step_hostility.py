@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tailstack.design import StepSelection, read_step
 from tailstack.errors import TailstackError
+from tailstack.integrations.step import StepSelection, read_step
 
 FILES = Path(__file__).parents[1] / "data" / "step" / "files.zip"
 MUTANTS = 2000

@@ -229,7 +229,7 @@ def test_rows_of_every_estimator_and_effect_are_their_scores(model: dict[str, st
     ]  # fmt: skip
     places = [place_of(DEMO, path) for path in paths]
     if effects:  # every half-width of each that there is
-        own = {name for kind in EFFECTS for section in kind.sections.values() for name in section.model_fields}
+        own = {name for kind in EFFECTS for name in kind.section.model_fields}
         places += [each for each in places_of(document) if own & set(each) and _names_a_half_width(each)]
     base = np.array([load_number(document, place) for place in places])
     rows = base + (0.01 * np.abs(base) + 0.01) * np.random.default_rng(5).random((3, len(base)))

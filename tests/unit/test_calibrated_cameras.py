@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import yaml
 
-from tailstack.design import compile_design, convert, load_design
+from tailstack.design import compile_design, load_design
 from tailstack.errors import DesignError
 from tailstack.integrations.calibration_cages import CageForm
+from tailstack.integrations.conversion import convert
 
 # Own numbers, in the form that public readers of the format expect (svgViewR's readCam, SlicerAutoscoperM's page).
 CAMERA = """\

@@ -15,19 +15,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from plain_data import DEMO, EXAMPLES, problems_of
-from tailstack.design import (
-    compile_design,
-    convert,
-    convert_file,
-    design_json_schema,
-    design_to_json,
-    design_to_yaml,
-    load_design,
-)
+from tailstack.design import compile_design, design_json_schema, design_to_json, design_to_yaml, load_design
 from tailstack.design.fiducial_files import FORMATS, FiducialList, read_fiducials, write_fiducials
 from tailstack.design.reading import DEFAULT_LIMITS, Limits
 from tailstack.design.write import Revision, revise_design
 from tailstack.errors import DesignError, LimitError
+from tailstack.integrations.conversion import convert, convert_file
 
 
 def read(text, name):

@@ -21,8 +21,10 @@ import numpy as np
 import pytest
 
 from plain_data import problems_of
-from tailstack.design import StepReading, StepSelection, convert, load_design, read_step
+from tailstack.design import load_design
 from tailstack.errors import DesignError, StepError, TailstackError
+from tailstack.integrations.conversion import convert
+from tailstack.integrations.step import StepReading, StepSelection, read_step
 from waiting import LIMIT_SECONDS
 
 MM = "#1=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));"

@@ -65,7 +65,7 @@ COORDINATE = "/fiducials/points/0/position_mm/0"
 class Subject:
     """The demo with one effect."""
 
-    def __init__(self, kind: EffectKind) -> None:
+    def __init__(self, kind: EffectKind[Any]) -> None:
         self.kind, self.data = kind, json.loads(json.dumps(PLAIN))
         assert declare(self.data, kind, np.random.default_rng(39), 1.0)
         self.design = load_design(self.data)
@@ -78,7 +78,7 @@ class Subject:
     @property
     def places(self) -> list[tuple[str | int, ...]]:
         """Where its numbers stand in the document."""
-        own = {name for section in self.kind.sections.values() for name in section.model_fields}
+        own = set(self.kind.section.model_fields)
         return [place for place in find_numbers(self.data, ()) if own & set(place)]
 
 
@@ -215,10 +215,9 @@ def meet_report(own: Subject, folder: Path) -> None:
 def meet_page(own: Subject, folder: Path) -> None:
     """The page makes its fields of the schema, and its sliders of the bounds there."""
     schema = json.dumps(json_schema("design"))
-    for section in own.kind.sections.values():
-        for name, field in section.model_fields.items():
-            assert field.description
-            assert f'"{name}"' in schema
+    for name, field in own.kind.section.model_fields.items():
+        assert field.description
+        assert f'"{name}"' in schema
 
 
 def meet_plausibility(own: Subject, folder: Path) -> None:

@@ -84,7 +84,7 @@ def test_what_is_typical_lies_in_its_domain_and_random_designs_have_all_of_it() 
         rng = np.random.default_rng([39, seed])
         document = with_typical(under(random_document(rng, 2, 8, False), "pose", "", rng), rng)
         met.update(name for place in (document, document["fiducials"], *document["views"]) for name in place)
-    assert {name for kind in EFFECTS for section in kind.sections.values() for name in section.model_fields} <= set(met)
+    assert {name for kind in EFFECTS for name in kind.section.model_fields} <= set(met)
 
 
 NUMBER = Annotated[float, Field(ge=0, le=10)]

@@ -14,10 +14,11 @@ from typing import Any
 import pytest
 
 from tailstack.cures import cure_text
-from tailstack.design import check_design, convert, load_design
+from tailstack.design import check_design, load_design
 from tailstack.design.fiducial_files import FiducialList, read_fiducials
 from tailstack.design.reading import DEFAULT_LIMITS
 from tailstack.errors import DesignError, TailstackError
+from tailstack.integrations.conversion import convert
 from tailstack.people_tables import read_people_table, split_heading
 from tailstack.studies.bench.file import read_measurements
 

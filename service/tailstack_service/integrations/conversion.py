@@ -29,9 +29,10 @@ from ..problems import RefusedAt, RequestError
 from ..rendering.tables import draw_table
 
 if TYPE_CHECKING:
-    from tailstack.design import Conversion as Made
-    from tailstack.design import Design, Limits, StepBody, StepSelection
+    from tailstack.design import Design, Limits
     from tailstack.design.fiducial_files import FiducialList
+    from tailstack.integrations.conversion import Conversion as Made
+    from tailstack.integrations.step import StepBody, StepSelection
 
     from ..operations.request import Query, RawRequest
     from ..settings import Settings
@@ -137,7 +138,7 @@ class StepOptions(Options):
 
     def select(self) -> StepSelection:
         """As the solver takes it."""
-        from tailstack.design import StepSelection
+        from tailstack.integrations.step import StepSelection
 
         return StepSelection(
             self.sphere_diameter_mm, self.sphere_tolerance_mm, self.name, self.frame, self.seats, self.pins
@@ -234,10 +235,10 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
 
     directory: what files that a design names are relative to; None: it may name none.
     """
-    from tailstack.design import convert, load_design
+    from tailstack.design import load_design
     from tailstack.design.reading import DOCUMENTS
     from tailstack.integrations.calibration_cages import CageForm
-    from tailstack.integrations.conversion import STEP_FILES
+    from tailstack.integrations.conversion import STEP_FILES, convert
 
     from ..first_design import Beads, design_of_beads
 

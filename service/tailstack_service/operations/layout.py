@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Self
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import Field
 
 from tailstack.errors import IllPosedError
-from tailstack.results import Provenance
-from tailstack.results.record import Published
 
 from .operation import LateImport, Operation
 from .options import Options
@@ -22,9 +20,7 @@ if TYPE_CHECKING:
     from tailstack.system import System
 
     from ..report.beams import Beam
-
-Point = tuple[float, float, float]
-Pixel = tuple[float, float]
+    from ..report.chapters.coordinates import ImagedPoint, Layout, PlacedPoint
 
 
 class LayoutOptions(Options):
@@ -35,70 +31,6 @@ class LayoutOptions(Options):
     @classmethod
     def of_record(cls, record: Any, **others: Any) -> Self | None:
         return super().of_record(record, scene=record.scene is not None)
-
-
-@dataclass(frozen=True, slots=True)
-class PlacedPoint:
-    """A fiducial or target by its name."""
-
-    label: str
-    """Label of the fiducial, or name of the target."""
-    position_mm: Point
-    """Nominal position in con, mm."""
-
-
-@dataclass(frozen=True, slots=True)
-class ImagedPoint:
-    """A fiducial or target in one image, without noise; a fiducial as the structure sits with its known bias."""
-
-    label: str
-    """Label of the fiducial, or name of the target."""
-    image_px: Pixel | None
-    """Its image, px; null behind the source."""
-    inside: bool
-    """Whether the image is on the detector, as far as the view states its size."""
-    used: bool = True
-    """Whether the view's estimate uses it: false for a fiducial that `views[].sees` leaves out."""
-
-
-@dataclass(frozen=True, slots=True)
-class ImagedView:
-    """One view: how it images, and what is where in its image."""
-
-    view: str
-    """Name of the view."""
-    projection: tuple[tuple[float, float, float, float], ...]
-    """3x4: nominal position of a fiducial in con (mm, 1) to (u w, v w, w), px; the known bias is in it."""
-    target_projection: tuple[tuple[float, float, float, float], ...]
-    """3x4: the same for what does not sit on the structure, such as targets."""
-    image_size_px: Pixel | None
-    """Width and height of the image, px; null where the design does not state them."""
-    margin_px: float
-    """Distance from the edge that the optimiser keeps, px."""
-    source_mm: Point
-    """The X-ray source in con, mm."""
-    fiducials: tuple[ImagedPoint, ...]
-    """Images of the fiducials."""
-    targets: tuple[ImagedPoint, ...]
-    """Images of the targets."""
-
-
-@dataclass(frozen=True, slots=True, repr=False)
-class Layout(Published):
-    """Where fiducials and targets are, in space and in every image."""
-
-    schema: Literal["tailstack/layout/1"]
-    """Name and version of this record's schema."""
-    fiducials: tuple[PlacedPoint, ...]
-    """Fiducials in the order of the design."""
-    targets: tuple[PlacedPoint, ...]
-    """Targets, regions expanded to their samples."""
-    views: tuple[ImagedView, ...]
-    """One for each view."""
-    scene: dict[str, Any] | None
-    """What reports and the web page turn in space, if it was asked for: its shape may change with the version."""
-    provenance: Provenance
-    """What was computed from what, and what it does not include."""
 
 
 def lay_out(design: Design, *, scene: bool = False) -> Layout:
@@ -113,6 +45,7 @@ def lay_out(design: Design, *, scene: bool = False) -> Layout:
     from tailstack.scoring import provenance
 
     from ..report.beams import beams_of
+    from ..report.chapters.coordinates import ImagedView, Layout
 
     system = compile_design(design)
     places = imaged_fiducials(system)
@@ -156,6 +89,8 @@ def _scene(design: Design) -> dict[str, Any]:
 
 
 def _image_points(beam: Beam, labels: Sequence[str], points: Array, used: Array) -> tuple[ImagedPoint, ...]:
+    from ..report.chapters.coordinates import ImagedPoint
+
     low, high = beam.corners_px.min(axis=0), beam.corners_px.max(axis=0)
     imaged = []
     for label, image, weight in zip(labels, beam.images(points), used, strict=True):
@@ -178,6 +113,8 @@ def _displacement(system: System) -> Array:
 
 
 def _place_points(labels: Sequence[str], points: Array) -> tuple[PlacedPoint, ...]:
+    from ..report.chapters.coordinates import PlacedPoint
+
     return tuple(PlacedPoint(label, _numbers(point)) for label, point in zip(labels, points, strict=True))
 
 
@@ -194,7 +131,7 @@ OPERATION = Operation(
     "known bias, the projections that image them, and the scene that reports and the web page turn in space.",
     title="answer of layout: fiducials and targets in space and in every image",
     options=LayoutOptions,
-    record=lambda: Layout,
+    record=LateImport("..report.chapters.coordinates", "Layout").load,
     run=lambda call: lay_out(call.design, scene=call.options.scene),
     immediate=True,
     document=LateImport("..report.chapters.coordinates", "layout_document"),

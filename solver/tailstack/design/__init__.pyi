@@ -1,11 +1,3 @@
-from ..integrations.conversion import Conversion as Conversion
-from ..integrations.conversion import convert as convert
-from ..integrations.conversion import convert_file as convert_file
-from ..integrations.step import StepBody as StepBody
-from ..integrations.step import StepContact as StepContact
-from ..integrations.step import StepReading as StepReading
-from ..integrations.step import StepSelection as StepSelection
-from ..integrations.step import read_step as read_step
 from .compile import check_design as check_design
 from .compile import compile_design as compile_design
 from .document import design_json_schema as design_json_schema

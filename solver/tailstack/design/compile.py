@@ -5,14 +5,17 @@ Presets of views are filled in, poses are read, and the rounding of written rota
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from ..effects import EFFECTS
+from ..effects.kind import Host, Setting
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import examine
+from ..fields import Record
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import (
     depths,
@@ -21,6 +24,7 @@ from ..geometry.naming import direction_name, point_name
 from ..results import Finding, ViewCheck
 from ..system import (
     DirectEffect,
+    Effect,
     Law,
     Place,
     Requirement,
@@ -35,8 +39,10 @@ from ..system import (
 from ..tolerances import coverage_of
 from .assumed import list_assumed
 from .cameras import compile_transform, compile_view, detector_distances
+from .consistency import find_pivots
 from .document import (
     Compliance,
+    DesignDocument,
     Execution,
     Fiducials,
     HandEye,
@@ -72,7 +78,7 @@ def _compile(design: Design) -> System:
     transforms = document.transforms
     if transforms.T_flange_con is None and transforms.T_tcp_flange is None:
         notes.append("no transforms are given: the tcp frame is the connector frame")
-    effects = tuple([effect for kind in EFFECTS for effect in kind.compile(document, views)])
+    effects = tuple(_effects(document, views))
     unread = [str(view) for effect in effects for place, view in effect.places if place is Place.INTRINSICS]
     if unread and not document.model.estimator.believes_intrinsics:
         notes.append(
@@ -112,6 +118,22 @@ def _compile(design: Design) -> System:
         assumed=list_assumed(design.source.data),
         title_block=None if document.document is None else document.document.model_dump(),
     )
+
+
+def _effects(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
+    """What is declared, one kind after the other, and each in the views as they stand."""
+    pivots = find_pivots(document)
+    hosts: dict[Host, list[tuple[Record, Setting]]] = {
+        "design": [(document, Setting("", views, pivots))],
+        "fiducials": [(document.fiducials, Setting("/fiducials", views, pivots))],
+        "view": [
+            (view, Setting(f"/views/{index}", (compiled,), pivots))
+            for index, (view, compiled) in enumerate(zip(document.views, views, strict=True))
+        ],
+    }
+    for kind in EFFECTS:
+        for record, setting in hosts[kind.host]:
+            yield from kind.compile(record, setting)
 
 
 # --- mounts -----------------------------------------------------------------------------------------

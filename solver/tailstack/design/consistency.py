@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from tailstack.fields import INTERFACES
-
 from ..cures import ask_label
 from ..effects import EFFECTS
+from ..effects.kind import Host
 from ..errors import Problem
+from ..fields import INTERFACES, Record
 from ..geometry.rotation import RotationForm
+from ..results import Vector3
 from ..system import ROTATIONS, TRANSLATIONS
 from .document import Box, DesignDocument, DistanceView, Interface, PresetView, TargetDocument
 from .fiducial_files import FiducialList
@@ -66,8 +67,20 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
             problems += find_unknown(f"/requirements/{index}/targets/{place}", "target", name, named)
         problems += find_duplicates(requirement.targets, f"/requirements/{index}/targets/{{}}".format, "entries")
     problems += _estimator(document)
-    problems += [problem for kind in EFFECTS for problem in kind.check(document)]
+    hosts: dict[Host, Sequence[Record]] = {
+        "design": [document],
+        "fiducials": [document.fiducials],
+        "view": document.views,
+    }
+    pivots = find_pivots(document)
+    problems += [found for kind in EFFECTS for record in hosts[kind.host] for found in kind.check(record, pivots)]
     return problems + check_optimise(document, limits.fiducials)
+
+
+def find_pivots(document: DesignDocument) -> dict[str, Vector3]:
+    """Pivots of the interfaces that are declared, con, mm."""
+    interfaces: dict[str, Interface | None] = {name: getattr(document.interfaces, name) for name in INTERFACES}
+    return {name: interface.pivot_mm for name, interface in interfaces.items() if interface is not None}
 
 
 def _estimator(document: DesignDocument) -> list[Problem]:

@@ -8,6 +8,7 @@ says what it met, why it doubts that, and what to do.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from math import asin, degrees, dist, hypot, pi
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from tailstack.fields import INTERFACES
 
 from ..effects import EFFECTS
-from ..effects.kind import Doubt, PlausibilityTest, Subject
+from ..effects.kind import Doubt, PlausibilityTest
 from ..errors import Problem
 from ..geometry.arrays import Array
 from ..geometry.camera import camera_centre, image_centre_px
@@ -69,6 +70,16 @@ LAST_SCALAR = 0.99  # of a quaternion: scalar last it is a turn by less than 16 
 _ROTATIONS = ("rx", "ry", "rz")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """What the rules look at."""
+
+    document: DesignDocument
+    fiducials_mm: Array  # (N, 3) con
+    system: System | None  # None: its views could not be compiled
+    labels: tuple[str, ...]  # of the fiducials
+
+
 def find_implausible(design: Design, system: System) -> tuple[Finding, ...]:
     """A warning for each value that is doubted, in the order of :data:`PLAUSIBILITY`."""
     subject = Subject(design.document, system.fiducials_mm, system, system.fiducial_labels)
@@ -86,7 +97,9 @@ def explain_refusal(design: Design, system: System | None = None) -> list[Proble
 def _doubt(subject: Subject) -> list[tuple[str, Doubt]]:
     """(rule, doubt), in the order of the rules."""
     doubts = [each for number in list_numbers(subject.document) for each in _doubt_range(number)]
-    doubts += [(rule.id, met) for rule in PLAUSIBILITY.values() if rule.find for met in rule.find(subject)]
+    doubts += [(rule.id, met) for rule in _RULES if rule.find for met in rule.find(subject)]
+    if (system := subject.system) is not None:
+        doubts += [(rule.id, met) for rule in _OF_EFFECTS if rule.find for met in rule.find(system)]
     order = list(PLAUSIBILITY)
     return sorted(doubts, key=lambda each: order.index(each[0]))
 
@@ -446,7 +459,7 @@ def _doubt_targets_in_beads(subject: Subject) -> Iterator[Doubt]:
             yield Doubt(f"/targets/{index}/position_mm", message, float(away.min()), radius)
 
 
-_RULES = (
+_RULES: tuple[PlausibilityTest[Subject], ...] = (
     PlausibilityTest(
         "structure-size",
         "A structure that is too small for its beads or too large for a detector",
@@ -549,6 +562,6 @@ _RULES = (
     ),
 )
 
-PLAUSIBILITY: dict[str, PlausibilityTest] = {
-    rule.id: rule for rule in (*_RULES, *(rule for kind in EFFECTS for rule in kind.doubts))
-}
+_OF_EFFECTS = tuple(rule for kind in EFFECTS for rule in kind.doubts)
+_ALL: tuple[PlausibilityTest[Any], ...] = (*_RULES, *_OF_EFFECTS)
+PLAUSIBILITY = {rule.id: rule for rule in _ALL}

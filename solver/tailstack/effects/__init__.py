@@ -13,7 +13,7 @@ from . import ball_images, detector_tilt, image_field, intrinsics, motion, tempe
 from .kind import EffectKind, Host
 
 # In the order in which seeds draw, budgets list, and records say what is not modelled: new ones come last
-EFFECTS: tuple[EffectKind, ...] = (
+EFFECTS: tuple[EffectKind[Any], ...] = (
     intrinsics.KIND,
     motion.KIND,
     image_field.KIND,
@@ -35,4 +35,4 @@ def later_fields(host: Host) -> dict[str, None]:
 
 
 def _sections(host: Host) -> list[type[Record]]:
-    return [kind.sections[host] for kind in EFFECTS if host in kind.sections]
+    return [kind.section for kind in EFFECTS if kind.host == host]

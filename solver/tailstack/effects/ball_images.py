@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal, Self, cast
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -13,11 +13,8 @@ from ..fields import Length, Record, Typical, refusal
 from ..geometry.arrays import frozen
 from ..geometry.camera import image_of
 from ..ranges import Meant
-from ..system import Act, ArrayLike, Drawn, Effect, Place, Scene, System, View, no_sources
-from .kind import Doubt, EffectKind, PlausibilityTest, Subject
-
-if TYPE_CHECKING:
-    from ..design.document import DesignDocument
+from ..system import Act, ArrayLike, Drawn, Effect, Place, Scene, System, no_sources
+from .kind import Doubt, EffectKind, PlausibilityTest, Setting
 
 SHADOW = 0.8  # share of the outline's shift that the centroid of an even ball's shadow has
 
@@ -104,21 +101,26 @@ def ball_images(radius_mm: float, share: float, views: tuple[str, ...]) -> BallE
     return BallEffect("ball_images", label, pointer, Drawn.UNIT, no_sources(1), known, radius_mm, views)
 
 
-def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
-    if (diameter := document.fiducials.diameter_mm) is not None:
-        share = SHADOW if cast(OfFiducials, document.fiducials).image_point == "shadow" else 1.0
-        yield ball_images(diameter / 2, share, tuple(view.name for view in views))
+def _compile(section: OfFiducials, setting: Setting) -> Iterator[Effect]:
+    if section.diameter_mm is not None:
+        share = SHADOW if section.image_point == "shadow" else 1.0
+        yield ball_images(section.diameter_mm / 2, share, tuple(view.name for view in setting.views))
+
+
+def _find(system: System) -> BallEffect | None:
+    return next((effect for effect in system.effects if isinstance(effect, BallEffect)), None)
 
 
 def _not_modelled(system: System) -> str:
-    declared = any(isinstance(effect, BallEffect) for effect in system.effects)
-    return "" if declared else "the shift of a large ball's centre in its image (0.05 px for 10 mm balls)"
+    return "" if _find(system) else "the shift of a large ball's centre in its image (0.05 px for 10 mm balls)"
 
 
-def _doubt_size(subject: Subject) -> Iterator[Doubt]:
-    diameter, points = subject.document.fiducials.diameter_mm, subject.fiducials_mm
+def _doubt_size(system: System) -> Iterator[Doubt]:
+    if (balls := _find(system)) is None:
+        return
+    points, diameter = system.fiducials_mm, 2 * balls.radius_mm
     gaps = np.linalg.norm(points[:, None] - points, axis=2)[np.triu_indices(len(points), 1)]
-    if diameter is not None and diameter > (nearest := float(gaps.min()) if gaps.size else np.inf):
+    if diameter > (nearest := float(gaps.min()) if gaps.size else np.inf):
         words = f"balls of {diameter:.4g} mm: two of them, {nearest:.4g} mm apart, would be in one place"
         yield Doubt("/fiducials/diameter_mm", f"{words}. Check its unit, which is mm.", diameter, nearest)
 
@@ -130,4 +132,4 @@ SIZE = PlausibilityTest(
     _doubt_size,
 )
 
-KIND = EffectKind(sections={"fiducials": OfFiducials}, compile=_compile, not_modelled=_not_modelled, doubts=(SIZE,))
+KIND = EffectKind(host="fiducials", section=OfFiducials, compile=_compile, not_modelled=_not_modelled, doubts=(SIZE,))

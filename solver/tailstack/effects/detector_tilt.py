@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Self, cast
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -17,12 +17,9 @@ from ..fields import Degrees, Record, Typical, refusal
 from ..geometry.arrays import frozen
 from ..geometry.camera import intrinsics_of
 from ..ranges import TILT_DEG
-from ..system import Act, Drawn, Effect, Place, Scene, Sources, System, View
+from ..system import Act, Drawn, Effect, Place, Scene, Sources, System
 from ..tolerances import RotationTolerance, compile_sources
-from .kind import EffectKind, name_views
-
-if TYPE_CHECKING:
-    from ..design.document import DesignDocument
+from .kind import EffectKind, Setting, name_views
 
 AXES = ("about_u", "about_v")
 LARGEST_DEG = 1.0  # a turn by a stretches the image by a^2 / 2 too, which is left out: 0.015 % at one degree
@@ -94,16 +91,15 @@ def detector_tilt(view: str, sources: Sources, known: object = (0.0, 0.0), point
     return TiltEffect(name, label, pointer, Drawn.UNIT, sources, frozen(known), view)
 
 
-def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
-    for index, view in enumerate(document.views):
-        if (declared := cast(TiltOfView, view).detector_tilt) is not None:
-            sources = compile_sources({axis: getattr(declared, axis) for axis in AXES})
-            known = np.deg2rad([declared.bias_about_u_deg, declared.bias_about_v_deg])
-            yield detector_tilt(view.name, sources, known, f"/views/{index}/detector_tilt")
+def _compile(section: TiltOfView, setting: Setting) -> Iterator[Effect]:
+    if (declared := section.detector_tilt) is not None:
+        sources = compile_sources({axis: getattr(declared, axis) for axis in AXES})
+        known = np.deg2rad([declared.bias_about_u_deg, declared.bias_about_v_deg])
+        yield detector_tilt(setting.views[0].name, sources, known, f"{setting.pointer}/detector_tilt")
 
 
 def _not_modelled(system: System) -> str:
     return name_views("a tilt of the detector", TiltEffect, system) if system.estimator.believes_intrinsics else ""
 
 
-KIND = EffectKind(sections={"view": TiltOfView}, compile=_compile, not_modelled=_not_modelled)
+KIND = EffectKind(host="view", section=TiltOfView, compile=_compile, not_modelled=_not_modelled)

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ..errors import Problem
-from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, Typical, refuse_coverage
+from ..fields import (
+    BOUNDED_WORDS,
+    COVERAGE_WORDS,
+    AnyLaw,
+    CoverageFactor,
+    HalfWidth,
+    Record,
+    Typical,
+    refusal,
+    refuse_coverage,
+)
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import image_centre_px
 from ..ranges import Meant
-from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, View
+from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System
 from ..tolerances import coverage_of
-from .kind import EffectKind, name_views
-
-if TYPE_CHECKING:
-    from ..design.document import DesignDocument
+from .kind import EffectKind, Setting, name_views
 
 
 class ImageField(Record):
@@ -60,6 +66,14 @@ class FieldOfView(Record):
         default=None,
         description="What is left of the image's distortion after its correction. Needs image_size_px. Absent: none.",
     )
+
+    @model_validator(mode="after")
+    def _sized(self) -> Self:
+        stated = any(getattr(self, name, None) is not None for name in ("preset", "image_size_px"))
+        if self.image_field is not None and not stated:
+            words = "an image field is measured from the image's centre in half diagonals, and the size is not stated"
+            raise refusal("missing-field", words, "give image_size_px: [W, H]", "image_field")
+        return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,25 +135,17 @@ def image_field(
     return FieldEffect(name, label, pointer, Drawn.UNIT, sources, none, view, centre, half_diagonal, axis, powers)
 
 
-def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
-    for index, (view, compiled) in enumerate(zip(document.views, views, strict=True)):
-        if (field := cast(FieldOfView, view).image_field) is not None:
-            assert compiled.image_size_px is not None  # _check has made sure
-            law, coverage = Law(field.distribution), coverage_of(field.distribution, field.coverage_factor)
-            pointer = f"/views/{index}/image_field"
-            yield image_field(view.name, compiled.image_size_px, field.half_widths_px, law, coverage, pointer)
-
-
-def _check(document: DesignDocument) -> Iterator[Problem]:
-    for index, view in enumerate(document.views):
-        stated = getattr(view, "preset", None) is not None or view.image_size_px is not None
-        if cast(FieldOfView, view).image_field is not None and not stated:
-            words = "an image field is measured from the image's centre in half diagonals, and the size is not stated"
-            yield Problem(f"/views/{index}/image_field", "missing-field", words, "give image_size_px: [W, H]")
+def _compile(section: FieldOfView, setting: Setting) -> Iterator[Effect]:
+    if (field := section.image_field) is not None:
+        (view,) = setting.views
+        assert view.image_size_px is not None  # the section has made sure
+        law, coverage = Law(field.distribution), coverage_of(field.distribution, field.coverage_factor)
+        pointer = f"{setting.pointer}/image_field"
+        yield image_field(view.name, view.image_size_px, field.half_widths_px, law, coverage, pointer)
 
 
 def _not_modelled(system: System) -> str:
     return name_views("image distortion that its correction leaves", FieldEffect, system)
 
 
-KIND = EffectKind(sections={"view": FieldOfView}, compile=_compile, not_modelled=_not_modelled, check=_check)
+KIND = EffectKind(host="view", section=FieldOfView, compile=_compile, not_modelled=_not_modelled)

@@ -6,7 +6,7 @@ Drawn once per unit, independently in each view.  Estimators that assume no intr
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -14,12 +14,9 @@ from pydantic import Field, model_validator
 from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, Typical, check_law
 from ..geometry.arrays import frozen
 from ..ranges import SHARE, Meant
-from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Law, Place, Sources, System, View
+from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Law, Place, Sources, System
 from ..tolerances import coverage_of
-from .kind import EffectKind, Limit, Proportional
-
-if TYPE_CHECKING:
-    from ..design.document import DesignDocument, IntrinsicsPrior
+from .kind import EffectKind, Limit, Proportional, Setting
 
 NAME = "assumed_intrinsics"
 UNITS = ("1", "px", "px")
@@ -97,8 +94,6 @@ class IntrinsicsOfView(Record):
         description="How wrong the assumed focal length and principal point are, for the estimators that believe them "
         "(pose, pose_with_prior). Absent: as wrong as intrinsics_prior says; without that, exact.",
     )
-    if TYPE_CHECKING:
-        intrinsics_prior: IntrinsicsPrior | None
 
 
 def intrinsics_error(view: str, known: object, sources: Sources, pointer: str = "") -> DirectEffect:
@@ -109,34 +104,30 @@ def intrinsics_error(view: str, known: object, sources: Sources, pointer: str = 
     )
 
 
-def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
+def _compile(section: IntrinsicsOfView, setting: Setting) -> Iterator[Effect]:
     """As declared; otherwise the prior is taken at its word."""
-    for index, view in enumerate(document.views):
-        declared = cast(IntrinsicsOfView, view)
-        error, prior = declared.intrinsics_error, declared.intrinsics_prior
-        if error is None:
-            if prior is None:
-                continue
-            error = IntrinsicsError(
-                focal=FocalError(half_width_rel=prior.focal_rel_sd, distribution="normal", coverage_factor=1.0),
-                principal_point=PrincipalPointError(
-                    half_width_px=prior.principal_point_px_sd, distribution="normal", coverage_factor=1.0
-                ),
-            )
-        focal, centre = error.focal or FocalError(), error.principal_point or PrincipalPointError()
-        widths = (focal.half_width_rel, centre.half_width_px, centre.half_width_px)
-        parts = [(k, (focal, centre, centre)[k]) for k in range(3) if widths[k]]
-        laws = tuple(Law(part.distribution or "normal") for _, part in parts)
-        sources = Sources(
-            tuple(INTRINSICS[k] for k, _ in parts),
-            laws,
-            frozen([widths[k] for k, _ in parts]),
-            frozen([coverage_of(law, part.coverage_factor) for law, (_, part) in zip(laws, parts, strict=True)]),
-            tuple(UNITS[k] for k, _ in parts),
-            frozen(np.eye(3)[:, [k for k, _ in parts]]),
+    (view,), error = setting.views, section.intrinsics_error
+    if error is None:
+        if view.intrinsics_prior is None:
+            return
+        focal_rel_sd, foot_px_sd = view.intrinsics_prior
+        error = IntrinsicsError(
+            focal=FocalError(half_width_rel=focal_rel_sd, distribution="normal", coverage_factor=1.0),
+            principal_point=PrincipalPointError(half_width_px=foot_px_sd, distribution="normal", coverage_factor=1.0),
         )
-        known, pointer = [focal.bias_rel, *centre.bias_px], f"/views/{index}/intrinsics_error"
-        yield intrinsics_error(view.name, known, sources, pointer)
+    focal, centre = error.focal or FocalError(), error.principal_point or PrincipalPointError()
+    widths = (focal.half_width_rel, centre.half_width_px, centre.half_width_px)
+    parts = [(k, (focal, centre, centre)[k]) for k in range(3) if widths[k]]
+    laws = tuple(Law(part.distribution or "normal") for _, part in parts)
+    sources = Sources(
+        tuple(INTRINSICS[k] for k, _ in parts),
+        laws,
+        frozen([widths[k] for k, _ in parts]),
+        frozen([coverage_of(law, part.coverage_factor) for law, (_, part) in zip(laws, parts, strict=True)]),
+        tuple(UNITS[k] for k, _ in parts),
+        frozen(np.eye(3)[:, [k for k, _ in parts]]),
+    )
+    yield intrinsics_error(view.name, [focal.bias_rel, *centre.bias_px], sources, f"{setting.pointer}/intrinsics_error")
 
 
 def _not_modelled(system: System) -> str:
@@ -165,7 +156,8 @@ def _limits(system: System) -> Iterator[Limit]:
 
 
 KIND = EffectKind(
-    sections={"view": IntrinsicsOfView},
+    host="view",
+    section=IntrinsicsOfView,
     compile=_compile,
     not_modelled=_not_modelled,
     limits=_limits,

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 from ..errors import Problem
 from ..fields import Record
-from ..geometry.arrays import Array
+from ..results import Vector3
 from ..system import Effect, System, View
 
-if TYPE_CHECKING:  # the document is made of the sections of these files
-    from ..design.document import DesignDocument
-
+Section = TypeVar("Section", bound=Record)
+Subject = TypeVar("Subject")
+Pivots = Mapping[str, Vector3]  # con, mm, of the interfaces that a design declares
 Host = Literal["view", "fiducials", "design"]  # the records of the document that sections can be added to
 
 
@@ -31,17 +31,16 @@ class Doubt(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Subject:
-    """What the rules look at."""
+class Setting:
+    """Where a section stands, and what effects read of the rest of a design."""
 
-    document: DesignDocument
-    fiducials_mm: Array  # (N, 3) con
-    system: System | None  # None: its views could not be compiled
-    labels: tuple[str, ...]  # of the fiducials
+    pointer: str  # to the record that holds the section
+    views: tuple[View, ...]  # the one that holds it; all of them, where none does
+    pivots_mm: Pivots
 
 
 @dataclass(frozen=True, slots=True)
-class PlausibilityTest:
+class PlausibilityTest(Generic[Subject]):
     """One rule: what it doubts, and where its numbers come from."""
 
     id: str  # stable, the rule of its findings
@@ -67,23 +66,25 @@ class Proportional(NamedTuple):
 Limit = Excess | Proportional
 
 
-def _say_nothing(subject: Any) -> Iterator[Any]:
+def _say_nothing(*_: Any) -> Iterator[Any]:
     yield from ()
 
 
 @dataclass(frozen=True, slots=True)
-class EffectKind:
+class EffectKind(Generic[Section]):
     """One effect of the table ``effects.EFFECTS``."""
 
-    sections: Mapping[Host, type[Record]]
-    """What declares it: fields with a default of None, which the records of the document take over."""
-    compile: Callable[[DesignDocument, tuple[View, ...]], Iterator[Effect]]
-    """What a document declares of it.  Order counts: seeds draw in it."""
+    host: Host
+    """The record of the document that its section is added to."""
+    section: type[Section]
+    """What declares it: fields with a default of None, which that record takes over."""
+    compile: Callable[[Section, Setting], Iterator[Effect]]
+    """What a section declares.  Order counts: seeds draw in it."""
     not_modelled: Callable[[System], str]
     """What a record says where it is not declared, or not in every view; empty: nothing."""
-    check: Callable[[DesignDocument], Iterator[Problem]] = _say_nothing
+    check: Callable[[Section, Pivots], Iterator[Problem]] = _say_nothing
     """What is refused beyond one record."""
-    doubts: tuple[PlausibilityTest, ...] = ()
+    doubts: tuple[PlausibilityTest[System], ...] = ()
     """Rules on values that are allowed and hardly ever meant."""
     limits: Callable[[System], Iterator[Limit]] = _say_nothing
     """Up to what size first order holds for it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import degrees, pi
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -12,12 +12,9 @@ from pydantic import Field
 from ..fields import Point, Record, Typical
 from ..geometry.arrays import frozen
 from ..ranges import MOTION_DEG, MOTION_MM
-from ..system import DirectEffect, Drawn, Effect, Place, Sources, System, View
+from ..system import DirectEffect, Drawn, Effect, Place, Sources, System
 from ..tolerances import Tolerances
-from .kind import EffectKind, Excess, Limit
-
-if TYPE_CHECKING:
-    from ..design.document import DesignDocument
+from .kind import EffectKind, Excess, Limit, Setting
 
 # motion between the shots, standard deviations: of the beads in all directions together (root mean square over them,
 # mm), and of the turn (rad), which nu takes for small beside the motion
@@ -69,11 +66,10 @@ def motion(
     )
 
 
-def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
-    for index, view in enumerate(document.views):
-        if (declared := cast(MotionOfView, view).motion) is not None:
-            sources, pointer = declared.tolerances.sources, f"/views/{index}/motion"
-            yield motion(view.name, declared.pivot_mm, sources, label=declared.label, pointer=pointer)
+def _compile(section: MotionOfView, setting: Setting) -> Iterator[Effect]:
+    if (declared := section.motion) is not None:
+        (view,), sources, pointer = setting.views, declared.tolerances.sources, f"{setting.pointer}/motion"
+        yield motion(view.name, declared.pivot_mm, sources, label=declared.label, pointer=pointer)
 
 
 def _not_modelled(system: System) -> str:
@@ -97,4 +93,4 @@ def _limits(system: System) -> Iterator[Limit]:
         )
 
 
-KIND = EffectKind(sections={"view": MotionOfView}, compile=_compile, not_modelled=_not_modelled, limits=_limits)
+KIND = EffectKind(host="view", section=MotionOfView, compile=_compile, not_modelled=_not_modelled, limits=_limits)

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, Self, cast
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import Problem
-from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, Point, Record, Typical, check_law
+from ..fields import (
+    BOUNDED_WORDS,
+    COVERAGE_WORDS,
+    INTERFACES,
+    AnyLaw,
+    CoverageFactor,
+    Point,
+    Record,
+    Typical,
+    check_law,
+)
 from ..geometry.arrays import frozen
 from ..ranges import Meant
-from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, View, no_sources
+from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, no_sources
 from ..tolerances import coverage_of
-from .kind import EffectKind, Limit, Proportional
-
-if TYPE_CHECKING:
-    from ..design.document import DesignDocument
-
+from .kind import EffectKind, Limit, Pivots, Proportional, Setting
 
 DIFFERENCE_K = Meant(
     "difference of temperatures",
@@ -139,16 +145,12 @@ def temperature(
     )  # fmt: skip
 
 
-def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effect]:
-    if (declared := cast(OfDesign, document).temperature) is None:
+def _compile(section: OfDesign, setting: Setting) -> Iterator[Effect]:
+    if (declared := section.temperature) is None:
         return
-    interfaces = document.interfaces
-
-    def place(given: Any, interface: Any) -> Any:
-        if given is None:
-            given = (0.0, 0.0, 0.0) if interface is None else interface.pivot_mm
-        return frozen(given)
-
+    pivots = [setting.pivots_mm.get(interface, (0.0, 0.0, 0.0)) for interface in INTERFACES]
+    stated = declared.seat_mm, declared.flange_seat_mm
+    first, second = (frozen(pivot if seat is None else seat) for seat, pivot in zip(stated, pivots, strict=True))
     sources = no_sources(1)
     if declared.half_width_k > 0:
         law = str(declared.distribution)
@@ -156,23 +158,19 @@ def _compile(document: DesignDocument, views: tuple[View, ...]) -> Iterator[Effe
         width = frozen([declared.half_width_k])
         sources = Sources(("difference",), (Law(law),), width, coverage, ("K",), frozen(np.eye(1)))
     expansions = declared.structure_expansion_um_per_m_k * 1e-6, declared.connector_expansion_um_per_m_k * 1e-6
-    seats = (
-        place(declared.seat_mm, interfaces.structure_connector),
-        place(declared.flange_seat_mm, interfaces.connector_flange),
-    )
     at_pivots = declared.seat_mm is None, declared.flange_seat_mm is None
-    yield temperature(declared.difference_k, sources, expansions, seats, at_pivots)
+    yield temperature(declared.difference_k, sources, expansions, (first, second), at_pivots)
 
 
-def _check(document: DesignDocument) -> Iterator[Problem]:
+def _check(section: OfDesign, pivots_mm: Pivots) -> Iterator[Problem]:
     """What expands does so about a seat: it is stated, or the pivot of a declared interface."""
-    if (declared := cast(OfDesign, document).temperature) is None:
+    if (declared := section.temperature) is None:
         return
     needed = [("seat_mm", declared.seat_mm, "structure_connector")]
     if declared.connector_expansion_um_per_m_k != 0:
         needed.append(("flange_seat_mm", declared.flange_seat_mm, "connector_flange"))
     for field, given, interface in needed:
-        if given is None and getattr(document.interfaces, interface) is None:
+        if given is None and interface not in pivots_mm:
             yield Problem(
                 f"/temperature/{field}",
                 "missing-field",
@@ -198,7 +196,8 @@ def _limits(system: System) -> Iterator[Limit]:
 
 
 KIND = EffectKind(
-    sections={"design": OfDesign},
+    host="design",
+    section=OfDesign,
     compile=_compile,
     not_modelled=_not_modelled,
     check=_check,

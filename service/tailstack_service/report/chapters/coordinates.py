@@ -1,17 +1,84 @@
-"""The coordinates of a layout, in space and in every image: the document of its record, which holds no picture."""
+"""The coordinates of a layout, in space and in every image: its record, and the document of that, without a picture."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any, Literal
 
+from tailstack.results import Provenance
+from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 
 from ..blocks import Document, KeyNumber, Listing, Paragraph, Section
 from .tables import closing_sections, provenance_facts
 
-if TYPE_CHECKING:
-    from ...operations.layout import ImagedPoint, ImagedView, Layout, PlacedPoint
+Point = tuple[float, float, float]
+Pixel = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedPoint:
+    """A fiducial or target by its name."""
+
+    label: str
+    """Label of the fiducial, or name of the target."""
+    position_mm: Point
+    """Nominal position in con, mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImagedPoint:
+    """A fiducial or target in one image, without noise; a fiducial as the structure sits with its known bias."""
+
+    label: str
+    """Label of the fiducial, or name of the target."""
+    image_px: Pixel | None
+    """Its image, px; null behind the source."""
+    inside: bool
+    """Whether the image is on the detector, as far as the view states its size."""
+    used: bool = True
+    """Whether the view's estimate uses it: false for a fiducial that `views[].sees` leaves out."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImagedView:
+    """One view: how it images, and what is where in its image."""
+
+    view: str
+    """Name of the view."""
+    projection: tuple[tuple[float, float, float, float], ...]
+    """3x4: nominal position of a fiducial in con (mm, 1) to (u w, v w, w), px; the known bias is in it."""
+    target_projection: tuple[tuple[float, float, float, float], ...]
+    """3x4: the same for what does not sit on the structure, such as targets."""
+    image_size_px: Pixel | None
+    """Width and height of the image, px; null where the design does not state them."""
+    margin_px: float
+    """Distance from the edge that the optimiser keeps, px."""
+    source_mm: Point
+    """The X-ray source in con, mm."""
+    fiducials: tuple[ImagedPoint, ...]
+    """Images of the fiducials."""
+    targets: tuple[ImagedPoint, ...]
+    """Images of the targets."""
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Layout(Published):
+    """Where fiducials and targets are, in space and in every image."""
+
+    schema: Literal["tailstack/layout/1"]
+    """Name and version of this record's schema."""
+    fiducials: tuple[PlacedPoint, ...]
+    """Fiducials in the order of the design."""
+    targets: tuple[PlacedPoint, ...]
+    """Targets, regions expanded to their samples."""
+    views: tuple[ImagedView, ...]
+    """One for each view."""
+    scene: dict[str, Any] | None
+    """What reports and the web page turn in space, if it was asked for: its shape may change with the version."""
+    provenance: Provenance
+    """What was computed from what, and what it does not include."""
 
 
 def layout_document(layout: Layout, sha256: str) -> Document:
