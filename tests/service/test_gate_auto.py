@@ -58,8 +58,7 @@ def test_as_many_trials_as_the_decision_needs(
     assert design.trials == CAP if most is None else design.trials <= most
     (number,) = design.numbers
     assert number.error_rate == 0.025
-    assert number.interval is not None
-    low, high = number.interval
+    low, high = number.interval_mm
     assert high is not None
     assert (high <= number.limit) == (verdict == "pass")
     assert (low > number.limit) == (verdict == "fail")
@@ -85,15 +84,13 @@ def test_a_rare_exceedance_is_decided_and_never_passed_for_want_of_trials(p95: f
     few = gate(limited(3 * p95), mode="auto", policy=policy(rules, verification={"max_trials": 2000}))
     (number,) = [entry for entry in few.designs[0].numbers if entry.rule == "exceedance"]
     if few.designs[0].basis == "Monte Carlo":
-        assert number.interval is not None
-        assert number.interval[1] is None
+        assert number.interval_mm[1] is None
         assert (few.exit_code, number.status) == (4, "inconclusive")
     tight = {"exceedance": {"limit_mm": 1.02 * first_order_quantile(0.9999), "max_probability": 0.0001}}
     few = gate(limited(3 * p95), mode="auto", policy=policy(tight, verification={"max_trials": 2000}))
     (number,) = [entry for entry in few.designs[0].numbers if entry.rule == "exceedance"]
     assert few.designs[0].basis == "Monte Carlo"
-    assert number.interval is not None
-    assert number.interval[1] is None, "2000 trials have no upper end of a 99.99 % quantile"
+    assert number.interval_mm[1] is None, "2000 trials have no upper end of a 99.99 % quantile"
     assert (few.exit_code, number.status) == (4, "inconclusive")
     for mode in ("auto", "verify"):
         failing = {"exceedance": {"limit_mm": 0.9 * first_order_quantile(0.9999), "max_probability": 0.0001}}
@@ -257,8 +254,9 @@ def test_where_first_order_is_not_trusted_monte_carlo_is_compared() -> None:
 
 def test_a_baseline_of_another_version_is_remarked_at_its_line(tmp_path: Any) -> None:
     from tailstack_service.gate.baseline import read_baseline
-    from tailstack_service.gate.judge import Gate, GateDesign
+    from tailstack_service.gate.judge import Gate
     from tailstack_service.gate.policy import read_policy
+    from tailstack_service.gate.reading import GateDesign
 
     base = plain_record(gate(limited(3 * P95)))
     base["provenance"]["tailstack_version"] = "0.0.1"

@@ -112,24 +112,23 @@ def test_a_baseline_is_found_by_whatever_name(tree: Path) -> None:
         assert of_rule(record, "not-compared") == [], folder
 
 
-def test_what_exists_is_itself_before_it_is_a_pattern(tmp_path: Path) -> None:
-    """Report 24: ``order [A7]/*.yaml`` judged the folder ``order A``."""
+def test_brackets_are_no_pattern(tmp_path: Path) -> None:
+    """Report 24: ``order [A7]/*.yaml`` judged the folder ``order A``, and a class of it was that of ``order A``."""
     write_document(tmp_path / "order [A7]" / "d[1].yaml", limited(FAILING))
     write_document(tmp_path / "order A" / "d1.yaml", limited(PASSING))
-    for name in ("order [A7]/*.yaml", "order [A7]/d[1].yaml", "order [A7]/d[[]1].yaml"):
+    for name in ("order [A7]/*.yaml", "order [A7]/d[1].yaml", "order ?A7?/d*.yaml"):
         code, record = gate_in(tmp_path, name)
         assert (code, [design.file for design in record.designs]) == (1, ["order [A7]/d[1].yaml"]), name
-    rules = write_document(tmp_path / "policy.yaml", policy("order [A7]/*", name="free", limit_mm=STRICT))
+    rules = write_document(tmp_path / "policy.yaml", policy("order ?A7?/*", name="free", limit_mm=STRICT))
     code, record = gate_in(tmp_path, "order A/d1.yaml", "--policy", rules)
     assert (code, record.designs[0].design_class) == (0, None)
     (finding,) = of_rule(record, "class-unused")
-    assert "'order [A7]/*' does not match the design judged here" in finding.message
+    assert "'order ?A7?/*' does not match the design judged here" in finding.message
     code, record = gate_in(tmp_path, "order [A7]/*", "--policy", rules)
     assert (code, record.designs[0].design_class) == (1, "free")
     (tmp_path / "order [A7]" / "d[1].yaml").unlink()
     (tmp_path / "order [A7]").rmdir()
-    code, record = gate_in(tmp_path, "order [A7]/*.yaml", "--policy", rules)
-    assert (code, record.designs[0].file) == (1, "order A/d1.yaml"), "no such folder: a pattern like others"
+    assert gate_in(tmp_path, "order [A7]/*.yaml", "--policy", rules)[0] == 2, "no such folder"
 
 
 def test_a_pattern_or_class_that_chooses_nothing_is_a_finding(tree: Path) -> None:
@@ -137,7 +136,6 @@ def test_a_pattern_or_class_that_chooses_nothing_is_a_finding(tree: Path) -> Non
     rules["classes"] += [
         {"name": "late", "files": ["*.yaml"], "rules": {"p95": {"limit_mm": 0.1}}},
         {"name": "nobody", "rules": {"p95": {"limit_mm": 0.1}}},
-        {"name": "named", "designs": ["*rev A"], "by_name": True},
     ]
     name = write_document(tree / "tree" / "policy.yaml", rules)
     accepted = write_document(
@@ -150,7 +148,6 @@ def test_a_pattern_or_class_that_chooses_nothing_is_a_finding(tree: Path) -> Non
         ("/classes/0/files/0", "warning"),
         ("/classes/1", "warning"),
         ("/classes/2", "warning"),
-        ("/classes/3/designs/0", "warning"),
     ]
     assert all(finding.file == "policy.yaml" and finding.line for finding in idle)
     assert "'relased/*' does not match the design judged here" in idle[0].message
@@ -171,7 +168,7 @@ def test_a_link_out_of_a_class_is_judged_where_the_file_is_and_said(tree: Path) 
     code, record = gate_in(tree / "tree", "released/latest.yaml", "--policy", "policy.yaml")
     assert (code, record.designs[0].file) == (0, "designs/x.yaml")
     (finding,) = of_rule(record, "class-unused")
-    assert "a link of that name leads to designs/x.yaml" in finding.message
+    assert "'released/*' does not match the design judged here" in finding.message
 
 
 def test_a_folder_that_a_pattern_names_may_be_a_link(tree: Path) -> None:
@@ -254,18 +251,17 @@ def test_without_a_repository_a_policy_elsewhere_begins_anywhere_below_what_is_c
 
 
 def test_over_http_the_names_are_sent() -> None:
-    rules = policy("released/*", "order [A7]/*")
+    rules = policy("released/*", "order ?A7?/*")
 
-    def ask(entry: dict[str, Any], **more: Any) -> int:
-        body = {"designs": [{"design": limited(PASSING), **entry}], "policy": rules, "mode": "analytic", **more}
+    def ask(entry: dict[str, Any]) -> int:
+        body = {"designs": [{"design": limited(PASSING), **entry}], "policy": rules, "mode": "analytic"}
         return judge(admit_gate(body, today=TODAY).gate).exit_code
 
     assert ask({"file": "/tmp/x.yaml"}) == 0
     assert ask({"file": "/tmp/x.yaml", "names": ["tree/released/x.yaml", "released/x.yaml"]}) == 1
     assert ask({"file": f"released/{DECOMPOSED}.yaml"}) == 1
     assert ask({"file": "order [A7]/x.yaml"}) == 1
-    assert ask({"file": "order A/x.yaml"}) == 1
-    assert ask({"file": "order A/x.yaml"}, literal=["order [A7]"]) == 0
+    assert ask({"file": "order A/x.yaml"}) == 0
 
 
 def test_a_service_says_the_same_of_the_same_names(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,6 +284,7 @@ def test_a_service_says_the_same_of_the_same_names(tree: Path, monkeypatch: pyte
 
 PARTS = ("released", "prototypes", "geprüft", "order [A7]", "order A", "a b", "Äußeres", "x")
 PATTERNS = ("{}/*", "*/{}/*", "{}/*.yaml", "*{}*", "{}/?.yaml")
+OUR_SIGNS = str.maketrans("[]", "??")
 
 
 def draw_tree(chance: random.Random, folder: Path) -> tuple[Path, list[str]]:
@@ -313,8 +310,11 @@ def draw_tree(chance: random.Random, folder: Path) -> tuple[Path, list[str]]:
         files.append(name)
     classes = []
     for index in range(chance.randrange(1, 4)):
-        texts = [chance.choice(PATTERNS).format(chance.choice(PARTS)) for _ in range(chance.randrange(1, 3))]
-        patterns = [unicodedata.normalize(chance.choice(["NFC", "NFD"]), text) for text in texts]
+        texts = [
+            chance.choice(PATTERNS).format(chance.choice(PARTS).translate(OUR_SIGNS))
+            for _ in range(chance.randrange(1, 3))
+        ]
+        patterns = [unicodedata.normalize(chance.choice(["NFC", "NFD"]), text.translate(OUR_SIGNS)) for text in texts]
         limit = chance.choice([0.2, 0.5, 1.0])
         classes.append({"name": f"class {index}", "files": patterns, "rules": {"p95": {"limit_mm": limit}}})
     place = chance.choice(["policy.yaml", "policy.yaml", "ci/policy.yaml"])

@@ -17,7 +17,6 @@ from service_scenes import limited
 
 from tailstack_service.cli.gate_files import Anchors, find_paths
 from tailstack_service.gate.file_names import match_names
-from tailstack_service.gate.judge import judge
 from tailstack_service.gate.pattern_slips import find_slip
 from tailstack_service.gate.policy import Patterns, Policy
 from tailstack_service.gate.reading import GateError
@@ -122,8 +121,8 @@ MATCHES = [
     ("a/*", "./a/x.yaml", True), ("a/*", "a//x.yaml", True), ("b/*", "a/../b/x.yaml", True),
     ("../b/*", "../b/x.yaml", True), ("../b/*", "b/x.yaml", False), ("*/b/*", "../b/x.yaml", False),
     ("../../b/*", "../b/x.yaml", False), ("*", "../x.yaml", False), ("*", "/tmp/x.yaml", False),
-    ("*x.yaml", "C:/x.yaml", False), ("A/*", "a/x.yaml", False), ("[{]a,b}/*", "{a,b}/x.yaml", True),
-    ("order [A7]/*", "order [A7]/x", False), ("sub/*", "x.yaml", False),
+    ("*x.yaml", "C:/x.yaml", False), ("A/*", "a/x.yaml", False), ("[ab]/*", "a/x.yaml", False),
+    ("order [A7]/*", "order A/x", False), ("sub/*", "x.yaml", False),
 ]  # fmt: skip
 
 
@@ -134,8 +133,7 @@ def test_what_a_pattern_matches(pattern: str, name: str, matches: bool) -> None:
 
 def test_a_pattern_that_is_a_folder_by_its_letters_is_that_folder() -> None:
     assert match_names(["x.yaml", "sub/x.yaml"], "sub/*")
-    assert not match_names(["order A/x"], "order [A7]/*", ["order [A7]"])
-    assert match_names(["order [A7]/x"], "order [A7]/*", ["order [A7]"])
+    assert match_names(["order [A7]/x"], "order [A7]/*")
 
 
 def test_a_file_called_as_a_pattern_takes_nothing_away_from_it(tmp_path: Path) -> None:
@@ -150,12 +148,6 @@ def test_a_file_called_as_a_pattern_takes_nothing_away_from_it(tmp_path: Path) -
     ]  # fmt: skip
 
 
-def test_a_design_cannot_make_a_pattern_a_name_by_its_own(tmp_path: Path) -> None:
-    write_document(tmp_path / "rev-A" / "x.yaml", limited(PASSING, name="rev-[AB]/x.yaml"))
-    rules = write_document(tmp_path / "policy.yaml", policy("rev-[AB]/*"))
-    assert gate_in(tmp_path, "rev-A/x.yaml", "--policy", rules)[1].designs[0].design_class == "lax"
-
-
 # --- what can match nothing ---------------------------------------------------------------------------------------
 
 SLIPS = {
@@ -164,9 +156,7 @@ SLIPS = {
     "@(a|b)/*": "alternatives", "!(a)/*": "begins with !", "+(a)/*": "alternatives", "a|b": "alternatives",
     "?(a|b)/*": "alternatives", " a/*": "blank", "a/* ": "blank", "\u00a0a/*": "blank", "'a/*'": "quotes",
     "^a/.*": "regular expression", "a/.*$": "regular expression", "a\\*.yaml": "backslash",
-    "[a/b]/*": "bracket that is not closed", "[ab/*": "bracket that is not closed", "[^ab]/*": "^ is a sign",
-    "[[:digit:]]/*": "no names", "[z-a]*": "backwards", "[a-Z]*": "backwards", "[released]/*": "one character",
-    "[a,b]/*": "one character", "[]/*": "no character",
+    "[ab]*.yaml": "has a bracket", "[ab/*": "has a bracket", "ab]": "has a bracket", "[[:digit:]]/*": "has a bracket",
 }  # fmt: skip
 OF_FILES = {
     "~/designs/*": "home", "~joe/designs/*": "home", "/designs/*": "absolute", "C:/designs/*": "absolute",
@@ -177,9 +167,9 @@ OF_FILES = {
 }  # fmt: skip
 SOUND = [
     "*", "**", "*.yaml", "designs/*", "**/designs/**/*.yaml", "./designs/*", "a b/*.yaml", "x (2).yaml", "x*(2).yaml",
-    "rev-[AB]*", "[!a-z]*", "[0-9][0-9]-*.y?ml", "[a-zA-Z_.-]*", "a+b.yaml", "a@b.yaml", "50%.yaml", "a,b.yaml",
-    "~x.yaml", "x~", "x!.yaml", "{a}.yaml", "#1.yaml", "geprüft/*", "[{]a,b}.yaml", "[!]]x", "[]]x", "x$.yaml",
-    "my first carrier", "Guide: rev A", "x.yaml.bak", "..hidden/*", "a..b/*", "[$]HOME/*",
+    "rev-?*", "??-*.y?ml", "a+b.yaml", "a@b.yaml", "50%.yaml", "a,b.yaml", "~x.yaml", "x~", "x!.yaml", "{a}.yaml",
+    "#1.yaml", "geprüft/*", "?a,b}.yaml", "x$.yaml", "my first carrier", "Guide: rev A", "x.yaml.bak", "..hidden/*",
+    "a..b/*", "?HOME/*",
 ]  # fmt: skip
 
 
@@ -240,7 +230,7 @@ def put(pattern: str) -> dict[str, tuple[dict[str, Any], dict[str, Any] | None, 
 
 def test_every_field_with_patterns_is_known_here() -> None:
     known = {*list_pattern_fields(Policy), *list_pattern_fields(Waivers)}
-    assert known == {*put("*"), "/classes/designs"}  # the last are names that people give, in which any sign may stand
+    assert known == {*put("*")}
 
 
 @pytest.fixture(scope="module")
@@ -296,12 +286,10 @@ def test_a_slip_on_the_command_line_is_told(tmp_path: Path, name: str) -> None:
     assert next(words for pattern, words in SLIPS.items() if words in finding.message)
 
 
-def test_what_exists_as_it_is_written_is_no_slip(tmp_path: Path) -> None:
+def test_signs_of_a_name_are_written_as_question_marks(tmp_path: Path) -> None:
     write_document(tmp_path / "{a,b}" / "[released]" / "x.yaml", limited(PASSING))
-    rules = write_document(tmp_path / "policy.yaml", policy("{a,b}/[released]/*"))
+    rules = write_document(tmp_path / "policy.yaml", policy("?a,b?/?released?/*"))
     assert gate_in(tmp_path, "{a,b}/[released]/x.yaml", "--policy", rules)[1].designs[0].design_class == "lax"
-    body = {"designs": [{"file": "{a,b}/x.yaml", "design": limited(PASSING)}], "mode": "analytic"}
-    assert judge(admit_gate({**body, "policy": policy("{a,b}/*")}, today=TODAY).gate).designs[0].design_class == "lax"
 
 
 # --- folders are looked through once ------------------------------------------------------------------------------
@@ -369,7 +357,7 @@ def test_patterns_of_the_command_line_as_people_know_them(tmp_path: Path) -> Non
         assert find_paths("a/*.yaml") == ["a/x.yaml"]
         assert find_paths("a/**/*.yaml") == ["a/b/y.yaml", "a/x.yaml"]
         assert find_paths("**/y.yaml") == ["a/b/y.yaml"]
-        assert find_paths("?/[xy].yaml") == ["a/x.yaml"]
+        assert find_paths("?/?.yaml") == ["a/x.yaml"]
         assert find_paths(f"{tmp_path}/*/b/*") == [f"{tmp_path}/a/b/y.yaml"]
         assert find_paths("a/.hid*/*") == ["a/.hidden/z.yaml"]
         assert find_paths("c/*.yaml") == find_paths("a/x.yml") == find_paths("a/x.yaml/*") == []

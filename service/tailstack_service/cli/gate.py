@@ -22,7 +22,7 @@ from ..console.flags import add_flags, fill_defaults
 from ..console.progress import Progress
 from ..environment import misses_temporary_folder, no_temporary_folder
 from ..gate.asked import GateRequest
-from ..gate.file_names import is_open, is_wild, normalise
+from ..gate.file_names import is_wild, normalise
 from ..problems import RequestError
 from .gate_files import Anchors, find_paths, follow_link, resolve, show_name
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from datetime import date
 
-    from ..gate.judge import Gate, GateDesign
-    from ..gate.reading import GateInput
+    from ..gate.judge import Gate
+    from ..gate.reading import GateDesign, GateInput
     from ..gate.records import GateRecord
     from .gate_outputs import Outputs
 
@@ -211,7 +211,7 @@ def _explain(rule: str) -> str:
 def _find_files(given: list[str]) -> dict[str, list[str]]:
     """Of each name that is not there as it is written, the files that it stands for, sorted: of a pattern those that it
     matches, of a name the one that is written in another Unicode form."""
-    absent = (name for name in given if name != "-" and (is_open(name) or not os.path.lexists(name)))
+    absent = (name for name in given if name != "-" and (is_wild(name) or not os.path.lexists(name)))
     paths_by_name = {name: find_paths(name) for name in absent}
     return {name: paths for name, paths in paths_by_name.items() if paths or is_wild(name) or _explain_slip(name)}
 
@@ -244,35 +244,22 @@ def _list_files(given: list[str], matches: dict[str, list[str]]) -> list[str]:
 
 def _read_gate(arguments: argparse.Namespace, files: list[str], anchors: Anchors) -> Gate:
     from ..gate.baseline import read_baseline
-    from ..gate.judge import Gate, choose_seed
-    from ..gate.pattern_slips import list_file_patterns, settle_patterns
+    from ..gate.pattern_slips import check_patterns, list_file_patterns
     from ..gate.policy import read_policy
+    from ..gate.request import gate_of
     from ..gate.waivers import read_waivers
 
     day = today()
     policy = _read_input(arguments.policy, read_policy) or read_policy(None)
     waivers = _read_input(arguments.waivers, partial(read_waivers, today=day))
     baseline = _read_input(arguments.baseline, read_baseline)
-    patterns = list_file_patterns(policy, waivers)
-    anchors = anchors.with_patterns(patterns)
+    anchors = anchors.with_patterns(list_file_patterns(policy, waivers))
     of_baseline = Anchors.of_documents([arguments.baseline])
-    literal, folders = anchors.find_written(patterns, files)
     designs = tuple(_read_design(name, anchors, of_baseline) for name in files)
     ascents = [anchors.count_ascent(name) for name in (arguments.policy, arguments.waivers)]
-    policy, waivers = settle_patterns(policy, waivers, designs, literal, folders=folders, ascents=ascents)
-    return Gate(
-        designs=designs,
-        policy=policy,
-        waivers=waivers,
-        baseline=baseline,
-        mode=arguments.mode,
-        seed=choose_seed(None, policy, baseline),
-        today=day,
-        fail_level=arguments.fail_level,
-        on_inconclusive=arguments.on_inconclusive,
-        max_regression_percent=arguments.max_regression_percent,
-        present=() if baseline is None else _list_present(baseline.record, files, of_baseline),
-    )
+    check_patterns(policy, waivers, designs, ascents=ascents)
+    present = () if baseline is None else _list_present(baseline.record, files, of_baseline)
+    return gate_of(arguments, designs, policy, waivers, baseline, day, present)
 
 
 def _read_input(name: str | None, read: Callable[[Path], _Input]) -> _Input | None:
@@ -301,12 +288,10 @@ def _list_present(record: GateRecord, files: list[str], anchors: Anchors) -> tup
 
 def _read_design(name: str, anchors: Anchors, of_baseline: Anchors) -> GateDesign:
     """A design, or the refusal that becomes its finding: the others are judged all the same."""
-    from ..gate.judge import GateDesign
+    from ..gate.reading import GateDesign
 
-    entry = GateDesign(
-        show_name(name), None, names=anchors.list_names(name), links=anchors.list_link_names(name),
-        earlier=(*of_baseline.list_names(name), str(resolve(name))),
-    )  # fmt: skip
+    earlier = (*of_baseline.list_names(name), str(resolve(name)))
+    entry = GateDesign(show_name(name), None, names=anchors.list_names(name), earlier=earlier)
     try:
         return replace(entry, design=read_design(follow_link(name)))
     except (DesignError, LimitError) as error:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
@@ -18,7 +18,7 @@ from itertools import product, takewhile
 from pathlib import Path
 from stat import S_ISDIR
 
-from ..gate.file_names import is_open, is_wild, list_signed_parts, normalise
+from ..gate.file_names import is_wild, normalise, write_fnmatch
 
 ROOTS = ("GITHUB_WORKSPACE", "CI_PROJECT_DIR")  # where GitHub and GitLab check the repository out
 STDIN = "<stdin>"
@@ -27,11 +27,11 @@ STDIN = "<stdin>"
 def find_paths(given: str) -> list[str]:
     """The paths that a name or a pattern of the command line stands for, sorted; none if nothing is there.
 
-    Part by part: what exists as it is written is itself, whatever signs are in it; then patterns are patterns, also
-    where a file has their name, so that no file called ``*.yaml`` hides the others; then a name is looked for in
-    another Unicode form.  Each real folder is looked through once, however many links lead to it.
+    Part by part: patterns are patterns, also where a file has their name, so that no file called ``*.yaml`` hides the
+    others; then a name is looked for in another Unicode form.  Each real folder is looked through once, however many
+    links lead to it.
     """
-    if os.path.lexists(given) and not is_open(given):
+    if os.path.lexists(given) and not is_wild(given):
         return [given]
     path = Path(given)
     paths = [path.anchor]
@@ -52,14 +52,14 @@ def find_paths(given: str) -> list[str]:
 def _find_children(folder: str, part: str) -> Iterator[str]:
     if here := os.path.lexists(os.path.join(folder, part)):
         yield os.path.join(folder, part)
-    if here and not is_open(part):
+    if here and not is_wild(part):
         return
     try:
         entries = os.listdir(folder or os.curdir)
     except OSError:  # no folder, or one that may not be read: nothing is found there
         return
     if is_wild(part):
-        hidden, wanted = part.startswith("."), normalise(part)
+        hidden, wanted = part.startswith("."), write_fnmatch(part)
         alike = [e for e in entries if hidden or not e.startswith(".") if fnmatch(normalise(e), wanted)]
     else:
         alike = [entry for entry in entries if normalise(entry) == normalise(part)]
@@ -209,14 +209,9 @@ class Anchors:
 
     def list_names(self, name: str) -> tuple[str, ...]:
         """The names of a file that patterns are held against."""
-        return (STDIN,) if name == "-" else self._name(resolve(name))
-
-    def list_link_names(self, name: str) -> tuple[str, ...]:
-        """The names that a file would have if the link by which it was given were the file; none if it is no link."""
-        lexical = Path(os.path.realpath(os.path.dirname(name))) / os.path.basename(name)
-        return () if name == "-" or lexical == resolve(name) else self._name(lexical)
-
-    def _name(self, real: Path) -> tuple[str, ...]:
+        if name == "-":
+            return (STDIN,)
+        real = resolve(name)
         root = self._find_root(real)
         if root is None:
             return ()
@@ -228,25 +223,6 @@ class Anchors:
             if inside != folder / prefix and real.is_relative_to(inside):
                 ways.append(f"{prefix.removeprefix('./')}/{os.path.relpath(real, inside)}")
         return tuple(dict.fromkeys(_make_readable(way) for way in ways))
-
-    def find_written(self, patterns: Sequence[str], names: Sequence[str]) -> tuple[frozenset[str], frozenset[str]]:
-        """Parts of patterns that are to be read as they are written, because there is such a file or folder, and
-        patterns that are a folder.
-
-        names: as they were given.
-        """
-        literals, known = set[str](), set[str]()
-        designs = [resolve(name) for name in names if name != "-"]
-        begins = dict.fromkeys([*self.folders, *(folder for real in designs for folder in self.list_folders(real))])
-        for pattern in patterns:
-            folders, signed = list(begins), list_signed_parts(pattern)
-            for part in pattern.removeprefix("./").split("/"):
-                folders = [folder / part for folder in folders if os.path.lexists(folder / part)]
-                if folders and normalise(part) in signed:
-                    literals.add(normalise(part))
-            if any(folder.is_dir() for folder in folders):
-                known.add(pattern)
-        return frozenset(literals), frozenset(known)
 
     def name_from_root(self, file: str) -> str:
         """A file, called as findings call it, from the root of its repository, as what knows only that one asks."""

@@ -52,7 +52,6 @@ def write_request(gate: Gate) -> dict[str, Any]:
     unread = [entry.file for entry in gate.designs if entry.design is None]  # they are there, if not sent
     request = {
         "designs": designs,
-        "literal": sorted(gate.policy.literal) or None,
         "mode": gate.mode,
         "seed": gate.seed,
         "today": gate.today.isoformat(),

@@ -85,12 +85,6 @@ class GateRequest(Record):
         "whose file is neither here nor judged may be one of these designs under another name.",
         examples=[["designs/other.yaml"]],
     )
-    literal: Annotated[Annotated[list[FileName], Field(max_length=1000)] | None, NO_FLAG] = Field(
-        default=None,
-        description="Parts of patterns of files, between slashes, that exist as they are written: signs in them are "
-        "no wildcards. Parts of the designs' own names are always known.",
-        examples=[["order [A7]"]],
-    )
     mode: Annotated[Mode, MODE] = Field(
         default="auto",
         description="analytic: first order, answered at once. verify: Monte Carlo for every design. auto: Monte Carlo "

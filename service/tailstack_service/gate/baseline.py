@@ -159,23 +159,6 @@ def _choose_basis(case: Case, index: int, was: GateTarget, base: GatedDesign) ->
 # --- what was asked for -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Demand:
-    """A requirement of the baseline.  What an earlier version did not record is the least that can be asked."""
-
-    name: str
-    kind: str
-    targets: tuple[str, ...]
-    words: str
-    limit_mm: float = inf
-    min_yield: float = 0.0
-    quantile: float = 0.0
-    confidence: float = 0.0
-    error: str | None = None  # None: not known
-    origin: str | None = None
-    severity: str | None = None
-
-
 def find_relaxed_limits(case: Case) -> list[Remark]:
     """Rule limit-relaxed: what the baseline held the design to, and nothing holds it to now."""
     base = case.baseline
@@ -183,7 +166,9 @@ def find_relaxed_limits(case: Case) -> list[Remark]:
         return []
     names = {target.name for target in case.targets}
     remarks = _find_lost_targets(case, base)
-    for demand in _list_demands(base):
+    for demand in base.requirements:
+        if demand.severity == "off":
+            continue
         left = [name for name in demand.targets if name in names and not _is_met(case, demand, name)]
         if left:
             remarks.append(_describe_relaxed(case, demand, left))
@@ -194,65 +179,41 @@ def _kind_of(rule: str) -> str:
     return "quantile" if rule in ("p95", "exceedance") else rule  # an exceedance is a quantile against a limit
 
 
-def _list_demands(base: GatedDesign) -> list[_Demand]:
-    """What was judged then: from the record of requirements, or from the numbers of a record that has none."""
-    if base.requirements:
-        return [
-            _Demand(
-                entry.name, _kind_of(entry.rule), entry.targets, describe_requirement(entry), entry.limit_mm,
-                entry.min_yield or 0.0, entry.quantile, entry.confidence, entry.error, entry.origin, entry.severity,
-            )
-            for entry in base.requirements
-            if entry.severity != "off"
-        ]  # fmt: skip
-    demands: dict[tuple[str, str], _Demand] = {}
-    for number in base.numbers:
-        key = (number.rule, number.requirement)
-        targets = (*(demands[key].targets if key in demands else ()), number.target)
-        named = (number.requirement, _kind_of(number.rule), targets)
-        if number.unit == "fraction":
-            words = f"{100 * number.limit:g} % of installed units"
-            demands[key] = _Demand(*named, words, min_yield=number.limit)
-        else:
-            demands[key] = _Demand(*named, f"{number.limit:g} mm", limit_mm=number.limit)
-    return list(demands.values())
-
-
-def _is_met(case: Case, demand: _Demand, target: str) -> bool:
+def _is_met(case: Case, demand: GateRequirement, target: str) -> bool:
     """Whether some requirement, whatever it is called, asks for as much at the target."""
     return any(
-        target in entry.targets and _kind_of(entry.rule) == demand.kind and not _list_less(entry, demand)
+        target in entry.targets and _kind_of(entry.rule) == _kind_of(demand.rule) and not _list_less(entry, demand)
         for entry in case.requirements
     )
 
 
-def _list_less(entry: GateRequirement, demand: _Demand) -> list[tuple[str, str]]:
+def _list_less(entry: GateRequirement, demand: GateRequirement) -> list[tuple[str, str]]:
     """In what a requirement asks for less: field of the document and words."""
     less: list[tuple[str, str]] = []
-    if demand.error not in (None, entry.error):
+    if demand.error != entry.error:
         less.append(("error", f"it is about the {entry.error} error, and was about the {demand.error} error"))
     if entry.limit_mm > demand.limit_mm * (1 + ROUNDING):
         less.append(("limit_mm", f"limit raised from {demand.limit_mm:g} to {entry.limit_mm:g} mm"))
     if entry.quantile < demand.quantile - ROUNDING:
         less.append(("quantile", f"quantile lowered from {demand.quantile:g} to {entry.quantile:g}"))
-    if (entry.min_yield or 0.0) < demand.min_yield - ROUNDING:
+    if (entry.min_yield or 0.0) < (demand.min_yield or 0.0) - ROUNDING:
         less.append(("min_yield", f"yield lowered from {demand.min_yield:g} to {entry.min_yield or 0.0:g}"))
     if entry.confidence < demand.confidence - ROUNDING:
         less.append(("confidence", f"confidence lowered from {demand.confidence:g} to {entry.confidence:g}"))
-    if _WEIGHTS.index(entry.severity) < _WEIGHTS.index(demand.severity or "note"):
-        less.append(("", f"rule {entry.rule} counts as {entry.severity}, and counted as {demand.severity or 'more'}"))
+    if _WEIGHTS.index(entry.severity) < _WEIGHTS.index(demand.severity):
+        less.append(("", f"rule {entry.rule} counts as {entry.severity}, and counted as {demand.severity}"))
     return less
 
 
-def _describe_relaxed(case: Case, demand: _Demand, targets: Sequence[str]) -> Remark:
+def _describe_relaxed(case: Case, demand: GateRequirement, targets: Sequence[str]) -> Remark:
     """What became of a requirement that is not asked for as it was."""
-    begin = f"{demand.name} ({demand.words} in the baseline)"
-    namesakes = (entry for entry in case.requirements if entry.name == demand.name)
-    namesake = next((entry for entry in namesakes if demand.origin in (None, entry.origin)), None)
+    begin = f"{demand.name} ({describe_requirement(demand)} in the baseline)"
+    same = (demand.name, demand.origin)
+    namesake = next((entry for entry in case.requirements if (entry.name, entry.origin) == same), None)
     pointer = point_at_requirement(case.design, namesake)
     if namesake is None:
         return Remark(pointer, f"{begin}: the requirement went {name_targets(targets)}")
-    if _kind_of(namesake.rule) != demand.kind:
+    if _kind_of(namesake.rule) != _kind_of(demand.rule):
         return Remark(pointer, f"{begin}: it is judged under {namesake.rule} now, which asks for something else")
     changes = _list_less(namesake, demand)
     if missing := [name for name in targets if name not in namesake.targets]:
@@ -273,9 +234,9 @@ def _find_lost_targets(case: Case, base: GatedDesign) -> list[Remark]:
         )
     moved = []
     for target in base.targets:
-        then, here = target.position_mm, now[target.name].position_mm if target.name in now else None
-        if then is not None and here is not None and dist(then, here) > SAME_PLACE_MM:
-            moved.append((target.name, dist(then, here)))
+        here = now.get(target.name)
+        if here is not None and (distance := dist(target.position_mm, here.position_mm)) > SAME_PLACE_MM:
+            moved.append((target.name, distance))
     if moved:
         farthest = max(distance for _, distance in moved)
         index = [target.name for target in case.targets].index(moved[0][0])
@@ -303,12 +264,6 @@ def find_not_compared(case: Case) -> list[Remark]:
         if score.name not in before:
             message = f"target {score.name}: the baseline has no number for it, nothing was compared"
             remarks.append(Remark(point_at_target(case, index), message, note=True))
-    if all(target.position_mm is None for target in base.targets):
-        message = (
-            "the baseline does not say what the design was asked for: limits are compared as far as its numbers know "
-            "them, quantiles, confidence and places of targets are not; write a new baseline"
-        )
-        remarks.append(Remark("", message))
     if normalise(base.file) not in {normalise(name) for name in (case.file, *case.names, *case.earlier)}:
         message = f"compared with {base.file} of the baseline, whose file is gone and which is most alike"
         remarks.append(Remark("", message, note=True))

@@ -18,7 +18,7 @@ from tailstack.results import ERRORS, Check, Score, Verification
 from tailstack.results.verdicts import is_of_all_shots
 from tailstack.verdict import decide
 
-from .policy import ClassOfName, Rules
+from .policy import Rules
 from .reading import Remark
 from .records import GatedDesign, GateNumber, GateRequirement, GateTarget, Unjudged
 
@@ -54,7 +54,6 @@ class Case:
     requirements: tuple[GateRequirement, ...]  # of the design and of the policy, judged or not
     not_judged: tuple[Unjudged, ...]
     design_class: str | None
-    class_of_name: ClassOfName | None
     compared: bool  # there is a baseline
     baseline: GatedDesign | None  # what it says of this design
     max_regression_percent: float
@@ -175,13 +174,10 @@ def _error_rate(confidence: float) -> float:
 
 
 def _make_number(requirement: GateRequirement, check: Check, rate: float | None) -> GateNumber:
-    named = (requirement.rule, requirement.name, check.target)
-    value, interval, limit = check.value_mm, check.interval_mm, check.limit_mm
-    if check.yield_fraction is None or check.min_yield is None:
-        return GateNumber(*named, "mm", value, interval, limit, check.status, rate, check.headline)
+    units = () if check.yield_fraction is None else (check.yield_fraction, check.min_yield)
     return GateNumber(
-        *named, "fraction", check.yield_fraction, None, check.min_yield, check.status, rate, check.headline,
-        value, interval, limit,
+        requirement.rule, requirement.name, check.target, check.value_mm, check.interval_mm, check.limit_mm,
+        check.status, rate, check.headline, *units,
     )  # fmt: skip
 
 
@@ -209,7 +205,7 @@ def _compare_cvar(
     for name, value, (low, high) in estimates:
         interval = (low, high if high != inf else None)
         status = decide((low, high), limit)
-        number = GateNumber("cvar", "cvar", name, "mm", value, interval, limit, status, rate, "CVaR95")
+        number = GateNumber("cvar", "cvar", name, value, interval, limit, status, rate, "CVaR95")
         why = CVAR_MISSED if verification is None and is_of_all_shots(score.verdict) else ""
         comparisons.append(LimitComparison(requirement, number, why))
     return comparisons
@@ -227,10 +223,8 @@ def is_near_limit(
         if number.status == "inconclusive":
             return True
         waived = waived_up_to(number) if number.status == "fail" else ()
-        if waived and number.unit == "fraction":
+        if waived and number.min_yield is not None:
             return True  # to first order no waiver covers a yield
-        if number.value_mm is None or number.limit_mm is None:
-            continue  # of a yield that an earlier version judged by itself
         if any(abs(number.value_mm - limit) <= band * limit for limit in (number.limit_mm, *waived)):
             return True
     return False
@@ -292,19 +286,6 @@ def find_unjudged(case: Case) -> list[Remark]:
         )
         remarks.append(Remark("/targets", message, note=True))
     return remarks
-
-
-def find_class_names(case: Case) -> list[Remark]:
-    """Rule class-by-name: the design's own name would choose a class that names do not choose."""
-    if case.class_of_name is None:
-        return []
-    judged = "the policy's rules" if case.design_class is None else f"those of class {case.design_class}"
-    message = (
-        f"the name of this design matches {case.class_of_name.pattern!r} of class {case.class_of_name.name}, which "
-        f"does not say by_name: true: it was judged by {judged}; give the class patterns of files, or by_name: true if "
-        "authors may choose"
-    )
-    return [Remark("/name", message)]
 
 
 # --- in words, and at their places -------------------------------------------------------------------

@@ -95,8 +95,8 @@ def _make_remark(case: Case, comparison: LimitComparison, hint: str) -> Remark:
     elif share := name_largest_share(case.score, number.target, comparison.requirement.error):
         message += f"; the largest share is {share}"
     bound: float | None = None  # to first order only the status of a yield is known
-    if number.interval is not None:
-        bound = number.interval[1]
+    if number.min_yield is None:
+        bound = number.interval_mm[1]
     elif case.verification is not None:
         bound = bound_yield(number.value)
     return Remark(
@@ -107,28 +107,29 @@ def _make_remark(case: Case, comparison: LimitComparison, hint: str) -> Remark:
 
 def _describe_number(comparison: LimitComparison) -> str:
     number, requirement = comparison.number, comparison.requirement
-    assert number.value_mm is not None  # or it would be of an earlier version's record
-    low, high = number.interval_mm or (number.value_mm, None)
-    decimals = count_decimals(number.limit_mm or number.value_mm, error_of(number.value_mm, (low, high)))
+    low, high = number.interval_mm
+    decimals = count_decimals(number.limit_mm, error_of(number.value_mm, (low, high)))
     ends = f"(between {length(low, decimals)} and {'an unknown end' if high is None else length(high, decimals)})"
     value_text = f"{length(number.value_mm, decimals)} mm {ends}"
     quantile = f"P{100 * requirement.quantile:g}"
-    if number.unit == "fraction":
-        value = headline_of(requirement.quantile, number.limit, ERRORS[requirement.error])
-        good = f"{in_percent(number.value, 2)} of installed units are good, {100 * number.limit:g} % required"
+    if number.yield_fraction is not None and number.min_yield is not None:
+        value = headline_of(requirement.quantile, number.min_yield, ERRORS[requirement.error])
+        good = (
+            f"{in_percent(number.yield_fraction, 2)} of installed units are good, {100 * number.min_yield:g} % required"
+        )
         return f"{value} is {value_text}, limit {number.limit_mm:g} mm: {good}"
     if number.rule == "exceedance":
-        asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit:g} mm"
+        asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit_mm:g} mm"
         return f"{asked}: {quantile} is {value_text}"
     what = "the mean of the worst 5 % (CVaR95)" if number.rule == "cvar" else quantile
-    return f"{what} of {ERRORS[requirement.error]} is {value_text}, limit {number.limit:g} mm"
+    return f"{what} of {ERRORS[requirement.error]} is {value_text}, limit {number.limit_mm:g} mm"
 
 
 def _point_at_limit(case: Case, comparison: LimitComparison) -> str:
     """The limit in the design; for a limit of the policy, the target that misses it."""
     if comparison.requirement.origin == "design":
         names = [requirement.name for requirement in case.design.document.requirements]
-        field = "min_yield" if comparison.number.unit == "fraction" else "limit_mm"
+        field = "min_yield" if comparison.number.min_yield is not None else "limit_mm"
         return f"/requirements/{names.index(comparison.requirement.name)}/{field}"
     return point_at_target(case, [target.name for target in case.score.targets].index(comparison.number.target))
 

@@ -31,8 +31,8 @@ from .case import (
     list_unjudged,
 )
 from .design_rules import find_idle_processes
-from .policy import ClassCandidate, GatePolicy, Rules, find_idle_classes, find_weak_classes
-from .reading import GateInput, Remark, make_finding, place_finding
+from .policy import GatePolicy, Rules, find_idle_classes, find_weak_classes
+from .reading import GateDesign, GateInput, Remark, make_finding, place_finding
 from .records import (
     WORST_FIRST,
     GatedDesign,
@@ -52,24 +52,6 @@ if TYPE_CHECKING:
     from tailstack.verification import Sampling
 
 Check = Verification | TailstackError | None  # a design's Monte Carlo, its refusal, or none
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GateDesign:
-    """A design handed to the gate: read, or the reason why it could not be."""
-
-    file: str  # how findings call it
-    design: Design | None
-    refusal: TailstackError | None = None
-    design_class: str | None = None  # None: the policy's patterns decide
-    names: tuple[str, ...] = ()  # of the file, that patterns see; none: ``file`` is the only one
-    links: tuple[str, ...] = ()  # names of the link by which the file was given, if it was a link
-    earlier: tuple[str, ...] = ()  # names that a baseline may have for the file, from where it lies
-
-    @property
-    def known_as(self) -> tuple[str, ...]:
-        """The names that patterns of files are held against."""
-        return self.names or (self.file,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +122,7 @@ def score_designs(gate: Gate) -> tuple[ScoredDesign, ...]:
 def rules_of(gate: Gate, entry: GateDesign) -> tuple[str | None, Rules]:
     """The class of a design that was read, and the rules that it is held to."""
     assert entry.design is not None
-    name = gate.policy.choose_class(entry.known_as, entry.design.name, entry.design_class)
+    name = gate.policy.choose_class(entry)
     return name, gate.policy.merge_rules(name)
 
 
@@ -184,10 +166,9 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
     """
     if scored.score is None or scored.limited is None or gate.mode == "analytic":
         return None
-    names = (*scored.entry.known_as, scored.limited.name)
 
     def waived_up_to(rule: str, target: str) -> Iterable[float]:
-        return list_waiver_values(gate.waivers, rule, target, names).values()
+        return list_waiver_values(gate.waivers, rule, target, scored.entry.known_as).values()
 
     policy = gate.policy.document
     if gate.mode == "auto":
@@ -323,7 +304,6 @@ def _make_case(gate: Gate, scored: ScoredDesign, check: Verification | None, pre
         requirements=requirements,
         not_judged=list_unjudged(requirements, comparisons, target_names, scored.design_class),
         design_class=scored.design_class,
-        class_of_name=gate.policy.find_class_of_name(scored.entry.known_as, design.name, scored.entry.design_class),
         compared=gate.baseline is not None,
         baseline=None if gate.baseline is None else gate.baseline.find_earlier(names, design, present),
         max_regression_percent=rules.regression.max_percent if allowed is None else allowed,
@@ -382,10 +362,10 @@ def _apply_rules(gate: Gate, case: Case, accepted: list[Acceptance]) -> list[Gat
             warn = severity == "warning" if gate.on_inconclusive is None else gate.on_inconclusive == "warn"
             severity = "warning" if warn else "error"
         for remark in rule.find(case):
-            waiver = find_waiver(gate.waivers, rule.id, remark, (*case.names, case.design.name))
+            waiver = find_waiver(gate.waivers, rule.id, remark, case.names)
             suppressed_by = None
             if waiver is not None and gate.waivers is not None:
-                accepted.append(Acceptance(waiver, remark, case.file, case.names))
+                accepted.append(Acceptance(waiver, remark))
                 suppressed_by = describe_waiver(gate.waivers, waiver)
             finding = make_finding(
                 rule.id,
@@ -417,7 +397,7 @@ def _review_inputs(
     read = [(entry, entry.entry.design) for entry in scored if entry.entry.design is not None]
     every = len(read) == len(scored)  # a design that could not be read may have what a pattern is for
     if gate.waivers is not None:
-        names = [(*entry.entry.known_as, design.name) for entry, design in read] if every else []
+        names = [entry.entry.known_as for entry in scored] if every else []
         yield from weigh(gate.waivers, review_waivers(gate.waivers, rules.waiver_wide, accepted, cases, names))
     members: dict[str | None, list[str]] = {}
     for scored_design in scored:
@@ -427,12 +407,7 @@ def _review_inputs(
         yield from weigh(gate.policy, find_idle_processes(gate.policy, held))
     yield from weigh(gate.policy, find_weak_classes(gate.policy.document, members))
     if every:
-        yield from weigh(gate.policy, find_idle_classes(gate.policy, [_list_names(entry.entry) for entry in scored]))
-
-
-def _list_names(entry: GateDesign) -> ClassCandidate:
-    assert entry.design is not None
-    return ClassCandidate(entry.file, entry.known_as, entry.design.name, entry.design_class, entry.links)
+        yield from weigh(gate.policy, find_idle_classes(gate.policy, gate.designs))
 
 
 def _refuse_unjudged(case: Case) -> TailstackError | None:

@@ -13,7 +13,7 @@ from tailstack.fields import Length, Name, Record, refusal
 from tailstack.montecarlo import FINEST_PRECISION
 
 from .file_names import match_names
-from .reading import GateInput, Given, Remark, hash_content, read_document
+from .reading import GateDesign, GateInput, Given, Remark, hash_content, read_document
 
 POLICY_SCHEMA = "tailstack/policy/1"
 
@@ -266,10 +266,6 @@ class UnusedClassRule(_WarningRule):
     """Patterns of classes, and classes, that choose no design."""
 
 
-class ClassNameRule(_ErrorRule):
-    """A design whose name matches a class that names do not choose."""
-
-
 class WideWaiverRule(_WarningRule):
     """A waiver that accepts more than anybody looked at."""
 
@@ -310,7 +306,6 @@ class Rules(Record):
     not_judged: UnjudgedRule = Field(default_factory=UnjudgedRule)
     class_relaxed: PlainRule = Field(default_factory=PlainRule)
     class_unused: UnusedClassRule = Field(default_factory=UnusedClassRule)
-    class_by_name: ClassNameRule = Field(default_factory=ClassNameRule)
     inconclusive: InconclusiveRule = Field(default_factory=InconclusiveRule)
     waiver_expired: ExpiredRule = Field(default_factory=ExpiredRule)
     waiver_unused: UnusedRule = Field(default_factory=UnusedRule)
@@ -327,17 +322,6 @@ class DesignClass(Record):
         description="Patterns of files (* and ?, * also crosses /; **/ is any depth), from the root of the repository "
         "or from a folder between that and this document.",
         examples=[["prototypes/*"]],
-    )
-    designs: Patterns | None = Field(
-        default=None,
-        description="Patterns of the designs' own names. They choose the class only with by_name: true.",
-        examples=[["*rev A*"]],
-    )
-    by_name: bool = Field(
-        default=False,
-        description="true: the patterns in designs choose this class. A design's name is what its author writes into "
-        "it, so this lets an author choose. Default false: a design whose name matches is a finding, class-by-name.",
-        examples=[True],
     )
     rules: Rules = Field(default_factory=Rules, description="What differs from the policy's rules.")
 
@@ -393,43 +377,16 @@ class Policy(Record):
 # --- which rules apply to a design -------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class ClassOfName:
-    """A class of the policy that a design's name would choose, were it allowed to."""
-
-    name: str
-    pattern: str
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class GatePolicy(GateInput):
     """A policy and where it came from."""
 
     document: Policy
 
-    def choose_class(self, files: Sequence[str], name: str, given: str | None) -> str | None:
-        """The class of a design: the one that is given, or the first whose patterns match its file; its name counts
-        only for a class that says so.
-
-        files: the names that its file has.
-        """
-        if given is not None:
-            return given
-        for entry in self.document.classes:
-            by_file = any(match_names(files, pattern, self.literal) for pattern in entry.files or ())
-            if by_file or (entry.by_name and _match_name(entry, name) is not None):
-                return entry.name
-        return None
-
-    def find_class_of_name(self, files: Sequence[str], name: str, given: str | None) -> ClassOfName | None:
-        """The class that the design's own name would choose before the one that it is in."""
-        own = self.choose_class(files, name, given)
-        for entry in self.document.classes if given is None else ():
-            if entry.name == own:
-                return None
-            if not entry.by_name and (pattern := _match_name(entry, name)) is not None:
-                return ClassOfName(entry.name, pattern)
-        return None
+    def choose_class(self, design: GateDesign) -> str | None:
+        """The class of a design: the one that is given, or the first whose patterns match its file."""
+        chosen = (entry.name for entry in self.document.classes if _is_chosen(entry, design))
+        return design.design_class or next(chosen, None)
 
     def merge_rules(self, design_class: str | None) -> Rules:
         """The rules of a class: its own fields before the policy's."""
@@ -452,8 +409,8 @@ class GatePolicy(GateInput):
         return "/rules/process-capability/processes"
 
 
-def _match_name(entry: DesignClass, name: str) -> str | None:
-    return next((pattern for pattern in entry.designs or () if match_names([name], pattern)), None)
+def _is_chosen(entry: DesignClass, design: GateDesign) -> bool:
+    return any(match_names(design.known_as, pattern) for pattern in entry.files or ())
 
 
 def read_policy(given: Given | None, *, prefix: str = "") -> GatePolicy:
@@ -506,52 +463,25 @@ def _list_weaker(rules: Rules, entry: DesignClass) -> Iterator[tuple[str, str, s
 # --- what classes do not choose -----------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class ClassCandidate:
-    """A design before the classes of a policy."""
-
-    file: str  # how findings call it
-    names: tuple[str, ...]  # of its file, that patterns see
-    name: str  # its own
-    given: str | None  # the class that the request names
-    links: tuple[str, ...] = ()  # names of the link by which it was given
-
-
-def find_idle_classes(policy: GatePolicy, designs: Sequence[ClassCandidate]) -> Iterator[tuple[str, Remark]]:
+def find_idle_classes(policy: GatePolicy, designs: Sequence[GateDesign]) -> Iterator[tuple[str, Remark]]:
     """Rule class-unused: patterns that match no design of this gate, and classes whose designs others take.
 
     A slip in a pattern would be a class, with its limits, that nobody is held to.  designs: all of the gate.
     """
-    taken = {design.file: policy.choose_class(design.names, design.name, design.given) for design in designs}
+    taken = {design.file: policy.choose_class(design) for design in designs}
+    of = "the design" if len(designs) == 1 else f"any of the {len(designs)} designs"
     for index, entry in enumerate(policy.document.classes):
-        idle = list(_list_idle_patterns(policy, entry, designs))
-        if any(design.given == entry.name for design in designs):
+        if any(design.design_class == entry.name for design in designs):
             continue
-        for field, message in idle:
-            yield "class-unused", Remark(f"/classes/{index}/{field}", f"class {entry.name}: {message}")
+        idle = [
+            number
+            for number, pattern in enumerate(entry.files or ())
+            if not any(match_names(design.known_as, pattern) for design in designs)
+        ]
+        for number in idle:
+            message = f"class {entry.name}: {(entry.files or ())[number]!r} does not match {of} judged here"
+            yield "class-unused", Remark(f"/classes/{index}/files/{number}", message)
         if not idle and entry.name not in taken.values():
-            others = [design.file for design in designs if _is_chosen(policy, entry, design)]
+            others = [design.file for design in designs if _is_chosen(entry, design)]
             why = f"{others[0]} is in class {taken[others[0]]} before it" if others else "it has no patterns of files"
             yield "class-unused", Remark(f"/classes/{index}", f"class {entry.name}: it chooses nothing here, {why}")
-
-
-def _list_idle_patterns(
-    policy: GatePolicy, entry: DesignClass, designs: Sequence[ClassCandidate]
-) -> Iterator[tuple[str, str]]:
-    """Field and words of each pattern of a class that matches no design."""
-    of = "the design" if len(designs) == 1 else f"any of the {len(designs)} designs"
-    for number, pattern in enumerate(entry.files or ()):
-        if not any(match_names(design.names, pattern, policy.literal) for design in designs):
-            message = f"{pattern!r} does not match {of} judged here"
-            linked = [design.file for design in designs if match_names(design.links, pattern, policy.literal)]
-            if linked:
-                message += f"; a link of that name leads to {linked[0]}, and files are judged where they are"
-            yield f"files/{number}", message
-    for number, pattern in enumerate(entry.designs or () if entry.by_name else ()):
-        if not any(match_names([design.name], pattern) for design in designs):
-            yield f"designs/{number}", f"{pattern!r} is not the name of {of} judged here"
-
-
-def _is_chosen(policy: GatePolicy, entry: DesignClass, design: ClassCandidate) -> bool:
-    by_file = any(match_names(design.names, pattern, policy.literal) for pattern in entry.files or ())
-    return by_file or (entry.by_name and _match_name(entry, design.name) is not None)

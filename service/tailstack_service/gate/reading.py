@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from tailstack.design import Design
 from tailstack.design.loading import read_source
 from tailstack.design.reading import DEFAULT_LIMITS, DocumentSource, show
 from tailstack.design.refusals import place, refuse
@@ -43,8 +44,23 @@ class GateInput:
     source: DocumentSource
     file: str  # how findings call it
     sha256: str
-    # parts of its patterns of files that exist as they are written (``file_names``)
-    literal: frozenset[str] = field(default=frozenset(), kw_only=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GateDesign:
+    """A design handed to the gate: read, or the reason why it could not be."""
+
+    file: str  # how findings call it
+    design: Design | None
+    refusal: TailstackError | None = None
+    design_class: str | None = None  # None: the policy's patterns decide
+    names: tuple[str, ...] = ()  # of the file, that patterns see; none: ``file`` is the only one
+    earlier: tuple[str, ...] = ()  # names that a baseline may have for the file, from where it lies
+
+    @property
+    def known_as(self) -> tuple[str, ...]:
+        """The names that patterns of files are held against."""
+        return self.names or (self.file,)
 
 
 def read_document(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -11,7 +11,7 @@ from tailstack.results import Severity, Vector3
 from tailstack.results.digits import count_decimals
 from tailstack.results.outline import Bar, Bars, Frame, Outline, frame, row_of
 from tailstack.results.record import Result
-from tailstack.results.tables import IN_DETAIL, PAPER, TERMINAL, Cell, Column, On, Table, tabulate
+from tailstack.results.tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
 from tailstack.results.verdicts import name_basis
 
 from ..rendering.sentences import error_of
@@ -58,36 +58,38 @@ class GateNumber:
     """Name of the requirement; of a limit that the policy sets, the rule's id."""
     target: str
     """Name of the target."""
-    unit: str
-    """Unit of value, interval and limit: mm, or fraction for a yield."""
-    value: float
-    """The number, in `unit`."""
-    interval: tuple[float, float | None] | None
-    """Its lower and upper end, in `unit`; null: of a yield. A null end is not known."""
-    limit: float
-    """What it was held against, in `unit`."""
+    value_mm: float
+    """What decided, mm; of a yield, what the required fraction of units keep."""
+    interval_mm: tuple[float, float | None]
+    """Its lower and upper end, mm; a null upper end is not known."""
+    limit_mm: float
+    """The limit that it was held against, mm."""
     status: Literal["pass", "fail", "inconclusive"]
     """pass: surely within the limit; fail: surely beyond; otherwise inconclusive."""
     error_rate: float | None
     """By Monte Carlo: largest probability that pass is said of a fail, or fail of a pass; null: first order."""
-    headline: str = ""
+    headline: str
     """What the value is, in words: "P95 that 90 % of units keep"."""
-    value_mm: float | None = None
-    """What decided, mm; of a yield, what the required fraction of units keep."""
-    interval_mm: tuple[float, float | None] | None = None
-    """Its lower and upper end, mm; a null upper end is not known."""
-    limit_mm: float | None = None
-    """The limit that it was held against, mm."""
+    yield_fraction: float | None = None
+    """Fraction of units that are good; null of what is no yield."""
+    min_yield: float | None = None
+    """Fraction of units that must be good; null of what is no yield."""
     margin_mm: float | None = None
     """Limit less the upper end of the interval, mm; null where that end is not known."""
 
     def __post_init__(self) -> None:
-        if self.unit == "mm":
-            for name in ("value", "interval", "limit"):
-                object.__setattr__(self, f"{name}_mm", getattr(self, name))
-        high = None if self.interval_mm is None else self.interval_mm[1]
-        margin = None if high is None or self.limit_mm is None else self.limit_mm - high
-        object.__setattr__(self, "margin_mm", margin)
+        high = self.interval_mm[1]
+        object.__setattr__(self, "margin_mm", None if high is None else self.limit_mm - high)
+
+    @property
+    def value(self) -> float:
+        """What findings and waivers are about: the yield, otherwise what decided."""
+        return self.value_mm if self.yield_fraction is None else self.yield_fraction
+
+    @property
+    def limit(self) -> float:
+        """What that was held against."""
+        return self.limit_mm if self.min_yield is None else self.min_yield
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +106,8 @@ class GateTarget:
     """Confidence interval of it, mm; null where nothing was drawn."""
     cvar95_mm: float
     """Mean of the worst 5 % of the TCP error's norm, mm."""
-    position_mm: Vector3 | None = None
-    """Position of the target, con, mm; null in records of earlier versions."""
+    position_mm: Vector3
+    """Position of the target, con, mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +183,7 @@ class GatedDesign:
     numbers: tuple[GateNumber, ...]
     """Every number that was held against a limit."""
     requirements: tuple[GateRequirement, ...] = ()
-    """What was asked for, judged or not; empty in records of earlier versions."""
+    """What was asked for, judged or not."""
     not_judged: tuple[Unjudged, ...] = ()
     """What was asked for, or targets, that nothing was held against."""
     sections: tuple[GateSection, ...] = ()
@@ -296,7 +298,7 @@ def choose_numbers(design: GatedDesign) -> list[JudgedNumber]:
     for name in dict.fromkeys(entry.requirement for entry in design.numbers):
         passing = [entry for entry in design.numbers if entry.requirement == name and entry.status == "pass"]
         if passing:
-            nearest = max(passing, key=lambda entry: (entry.value_mm or 0.0) / (entry.limit_mm or 1.0))
+            nearest = max(passing, key=lambda entry: entry.value_mm / entry.limit_mm)
             others = f" (worst of {len(passing)})" if len(passing) > 1 else ""
             rows.append(JudgedNumber(design.file, nearest, nearest.target + others))
     return rows
@@ -304,11 +306,7 @@ def choose_numbers(design: GatedDesign) -> list[JudgedNumber]:
 
 def count_number_decimals(numbers: Iterable[GateNumber]) -> int:
     """Decimals of the lengths of what was judged."""
-    asked = [
-        count_decimals(entry.limit_mm, error_of(entry.value_mm, entry.interval_mm or (0.0, None)))
-        for entry in numbers
-        if entry.limit_mm and entry.value_mm is not None
-    ]
+    asked = (count_decimals(entry.limit_mm, error_of(entry.value_mm, entry.interval_mm)) for entry in numbers)
     return max(asked, default=3)
 
 
@@ -316,15 +314,9 @@ def numbers_table(rows: Sequence[JudgedNumber]) -> Table:
     """Numbers that were held against limits; of yields the fraction of units beside them."""
     decimals = count_number_decimals(row.number for row in rows)
 
-    def end(place: int) -> Callable[[JudgedNumber], Cell]:
-        return lambda row: None if row.number.interval_mm is None else row.number.interval_mm[place]
-
-    def of_units(field: str) -> Callable[[JudgedNumber], Cell]:
-        return lambda row: getattr(row.number, field) if row.number.unit == "fraction" else None
-
     units = (
-        Column("Yield", "%", "percent", 2, IN_DETAIL, "units\nwithin, %", of=of_units("value")),
-        Column("Required", "%", "percent", 2, PAPER, of=of_units("limit")),
+        Column("Yield", "%", "percent", 2, IN_DETAIL, "units\nwithin, %", of=lambda row: row.number.yield_fraction),
+        Column("Required", "%", "percent", 2, PAPER, of=lambda row: row.number.min_yield),
     )
     columns = (
         Column("File", on=~TERMINAL, of=lambda row: row.file),
@@ -333,11 +325,11 @@ def numbers_table(rows: Sequence[JudgedNumber]) -> Table:
         Column("Rule", on=TERMINAL | On.SHEET, of=lambda row: row.number.rule),
         Column("What", on=~TERMINAL, of=lambda row: row.number.headline),
         Column("Value", "mm", "fixed", decimals, of=lambda row: row.number.value_mm),
-        Column("From", "mm", "fixed", decimals, of=end(0)),
-        Column("To", "mm", "fixed", decimals, of=end(1)),
+        Column("From", "mm", "fixed", decimals, of=lambda row: row.number.interval_mm[0]),
+        Column("To", "mm", "fixed", decimals, of=lambda row: row.number.interval_mm[1]),
         Column("Limit", "mm", "stated", decimals, of=lambda row: row.number.limit_mm),
         Column("Margin", "mm", "signed", decimals, brief="to spare\nmm", of=lambda row: row.number.margin_mm),
-        *(units if any(row.number.unit == "fraction" for row in rows) else ()),
+        *(units if any(row.number.min_yield for row in rows) else ()),
         Column("Status", kind="status", of=lambda row: row.number.status),
     )
     return tabulate("Numbers", "Numbers that were held against limits", columns, rows, most=MOST_ROWS)

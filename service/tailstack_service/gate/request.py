@@ -15,11 +15,12 @@ from tailstack.errors import DesignError, LimitError, Problem
 
 from ..problems import RefusedAt, RequestError
 from .asked import GateRequest, GateRequestDesign
-from .baseline import read_baseline
-from .judge import Gate, GateDesign, choose_seed
-from .pattern_slips import settle_patterns
-from .policy import read_policy
-from .waivers import read_waivers
+from .baseline import GateBaseline, read_baseline
+from .judge import Gate, choose_seed
+from .pattern_slips import check_patterns
+from .policy import GatePolicy, read_policy
+from .reading import GateDesign
+from .waivers import GateWaivers, read_waivers
 
 # What a service was set to admit was held to its limits at the door; here only what no setting can exceed is refused.
 WIDEST_LIMITS = replace(DEFAULT_LIMITS, document_bytes=100_000_000)
@@ -106,23 +107,19 @@ def _make_gate(request: GateRequest, limits: Limits) -> Gate:
     designs = tuple(_read_design(entry, limits) for entry in request.designs)
     # who sends names knows the folders from which they are; a file alone is from the root
     ascents = (99, 99) if any(entry.names for entry in request.designs) else None
-    policy, waivers = settle_patterns(
-        policy, waivers, designs, request.literal or (),
-        ascents=ascents, prefixes=("/policy", "/waivers"),
-    )  # fmt: skip
+    check_patterns(policy, waivers, designs, ascents=ascents, prefixes=("/policy", "/waivers"))
+    return gate_of(request, designs, policy, waivers, baseline, today, tuple(request.present or ()))
+
+
+def gate_of(
+    asked: Any, designs: tuple[GateDesign, ...], policy: GatePolicy, waivers: GateWaivers | None,
+    baseline: GateBaseline | None, today: date, present: tuple[str, ...],
+) -> Gate:  # fmt: skip
+    """The gate of what was read; ``asked``: a :class:`GateRequest`, or arguments of the same names."""
     return Gate(
-        designs=designs,
-        policy=policy,
-        waivers=waivers,
-        baseline=baseline,
-        mode=request.mode,
-        seed=choose_seed(request.seed, policy, baseline),
-        today=today,
-        fail_level=request.fail_level,
-        on_inconclusive=request.on_inconclusive,
-        max_regression_percent=request.max_regression_percent,
-        present=tuple(request.present or ()),
-    )
+        designs, policy, waivers, baseline, asked.mode, choose_seed(getattr(asked, "seed", None), policy, baseline),
+        today, asked.fail_level, asked.on_inconclusive, asked.max_regression_percent, present,
+    )  # fmt: skip
 
 
 def _read_request(data: Any, limits: Limits) -> GateRequest:

@@ -26,7 +26,7 @@ from .rules import RULES, Rule
 WAIVERS_SCHEMA = "tailstack/waivers/1"
 LONGEST_DAYS = 180
 FEWEST_LETTERS = 3  # beside wildcards and an ending, for a pattern to name something
-_WILD = re.compile(r"\[[^\]]*\]|[*?]")
+_WILD = re.compile(r"[*?]")
 _ENDING = re.compile(r"\.\w{0,5}")
 
 
@@ -49,7 +49,7 @@ class Waiver(Record):
     designs: Patterns | None = Field(
         default=None,
         description="Patterns (* and ?) of files, from the root of the repository or from a folder between that and "
-        "this document, or of designs' names. Absent: every design.",
+        "this document. Absent: every design.",
         examples=[["waived.yaml"]],
     )
     target: Name | None = Field(default=None, description="Only at this target. Absent: at all.", examples=["tip"])
@@ -150,8 +150,6 @@ class Acceptance:
 
     waiver: int
     remark: Remark
-    file: str
-    names: tuple[str, ...]  # of the file, that patterns see
 
 
 def find_waiver(waivers: GateWaivers | None, rule: str, remark: Remark, names: Sequence[str]) -> int | None:
@@ -175,14 +173,13 @@ def list_waiver_values(
         value = waiver.max_value if RULES[rule].worse == "more" else waiver.min_value
         if waiver.rule != rule or waiver.expires < waivers.today or waiver.target not in (None, target):
             continue
-        if value is not None and _names(waivers, waiver, names):
+        if value is not None and _names(waiver, names):
             values[index] = value
     return values
 
 
-def _names(waivers: GateWaivers, waiver: Waiver, names: Sequence[str]) -> bool:
-    patterns = ["*"] if waiver.designs is None else waiver.designs
-    return any(match_names(names, pattern, waivers.literal) for pattern in patterns)
+def _names(waiver: Waiver, names: Sequence[str]) -> bool:
+    return waiver.designs is None or any(match_names(names, pattern) for pattern in waiver.designs)
 
 
 def _value_of(remark: Remark) -> float | None:
@@ -209,7 +206,7 @@ def review_waivers(
 ) -> Iterator[tuple[str, Remark]]:
     """Rules waiver-expired, waiver-unused and waiver-wide.
 
-    names: of each design that is judged, those of its file and its own; empty if one could not be read.
+    names: of the file of each design that is judged; empty if one could not be read.
     """
     for index, waiver in enumerate(waivers.entries):
         at, what = f"/waivers/{index}", f"waiver of {waiver.rule} by {waiver.owner}"
@@ -223,23 +220,20 @@ def review_waivers(
         if not own:
             yield "waiver-unused", Remark(at, f"{what}: accepts nothing here")
         for number, pattern in enumerate(waiver.designs or ()):
-            if names and not any(match_names(known, pattern, waivers.literal) for known in names):
+            if names and not any(match_names(known, pattern) for known in names):
                 yield "waiver-unused", Remark(f"{at}/designs/{number}", f"{what}: {pattern!r} matches no design here")
-        wide_ones = (*_find_wide_patterns(waivers, waiver, own), *_find_wide_values(waivers, waiver, own, cases, wide))
+        wide_ones = (*_find_wide_patterns(waiver), *_find_wide_values(waiver, own, cases, wide))
         for field, words in wide_ones:
             yield "waiver-wide", Remark(at + field, f"{what}: {words}")
 
 
-def _find_wide_patterns(waivers: GateWaivers, waiver: Waiver, own: list[Acceptance]) -> Iterator[tuple[str, str]]:
-    """Field and words: what names no design, and what a design got by its own name."""
+def _find_wide_patterns(waiver: Waiver) -> Iterator[tuple[str, str]]:
+    """Field and words: what names no design."""
     if waiver.designs is None:
         yield "", "it names no design, so it accepts this of every design; name the files"
     for index, pattern in enumerate(waiver.designs or ()):
         if _is_vague(pattern):
             yield f"/designs/{index}", f"{pattern!r} names no design; name the files"
-    for file, names in dict.fromkeys((entry.file, entry.names) for entry in own):
-        if not _names(waivers, waiver, names):
-            yield "/designs", f"{file} has it by the name that the design gives itself, not by its file; name the file"
 
 
 def _is_vague(pattern: str) -> bool:
@@ -250,7 +244,7 @@ def _is_vague(pattern: str) -> bool:
 
 
 def _find_wide_values(
-    waivers: GateWaivers, waiver: Waiver, own: list[Acceptance], cases: Sequence[Case], wide: WideWaiverRule
+    waiver: Waiver, own: list[Acceptance], cases: Sequence[Case], wide: WideWaiverRule
 ) -> Iterator[tuple[str, str]]:
     """Field and words: what is far beyond the limit, and far beyond what is accepted now."""
     rule = RULES[waiver.rule]
@@ -261,7 +255,7 @@ def _find_wide_values(
     unit = f" {rule.unit}" if rule.unit in ("mm", "%", "px") else ""
     limits = [entry.remark.limit for entry in own if entry.remark.limit is not None]
     for case in cases:
-        if _names(waivers, waiver, (*case.names, case.design.name)):
+        if _names(waiver, case.names):
             numbers = [comparison.number for comparison in case.comparisons]
             limits += [n.limit for n in numbers if n.rule == rule.id and waiver.target in (None, n.target)]
     if any(_exceeds(value, limit, rule, wide.max_limit_ratio) for limit in limits):
