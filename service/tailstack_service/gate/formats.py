@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
-from xml.sax.saxutils import escape, quoteattr
+from xml.etree import ElementTree
 
 from tailstack.results.json_text import write_json
 
@@ -193,24 +193,22 @@ def render_junit(record: GateRecord) -> str:
         about.setdefault(finding.file, []).append(finding)
     suites = [(design.file, _list_cases(design, about.pop(design.file, []))) for design in record.designs]
     suites += [(file, _group_by_rule(findings)) for file, findings in about.items()]
-    total: Counter[str] = Counter()
-    lines = []
+    root = ElementTree.Element("testsuites", name="tailstack gate")
     for file, cases in suites:
-        kinds: Counter[str] = Counter()
-        body = []
-        for case in cases:
-            kind, decisive = _decide_outcome(record, case)
-            kinds[kind] += 1
-            body += _write_case(file, case, kind, decisive)
-        total += kinds
-        head = f'<testsuite name={_escape_attribute(file)} {_write_counts(kinds)} skipped="{kinds["skipped"]}">'
-        lines += [f"  {head}", *body, "  </testsuite>"]
-    head = f'<testsuites name="tailstack gate" {_write_counts(total)}>'
-    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', head, *lines, "</testsuites>"]) + "\n"
+        suite = ElementTree.SubElement(root, "testsuite", name=_as_xml(file))
+        for name, findings in cases:
+            case = ElementTree.SubElement(suite, "testcase", classname=_as_xml(file), name=_as_xml(name))
+            _tell_outcome(case, record, name, findings)
+        _count_outcomes(suite, "tests", "failures", "errors", "skipped")
+    _count_outcomes(root, "tests", "failures", "errors")
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
-def _write_counts(kinds: Counter[str]) -> str:
-    return f'tests="{kinds.total()}" failures="{kinds["failure"]}" errors="{kinds["error"]}"'
+def _count_outcomes(element: ElementTree.Element, *attributes: str) -> None:
+    tags = {"tests": "testcase", "failures": "failure", "errors": "error", "skipped": "skipped"}
+    element.attrib |= {name: str(sum(1 for _ in element.iter(tags[name]))) for name in attributes}
 
 
 def _list_cases(design: GatedDesign, findings: list[GateFinding]) -> list[_Case]:
@@ -242,9 +240,8 @@ def _group_by_rule(findings: list[GateFinding]) -> list[_Case]:
     return list(groups.items())
 
 
-def _decide_outcome(record: GateRecord, case: _Case) -> tuple[str, list[GateFinding]]:
+def _decide_outcome(record: GateRecord, name: str, findings: list[GateFinding]) -> tuple[str, list[GateFinding]]:
     """What a case comes to, and the findings that say so."""
-    name, findings = case
     if not findings and name == NOT_EVALUATED:
         return "error", []
     outcomes = (
@@ -256,33 +253,32 @@ def _decide_outcome(record: GateRecord, case: _Case) -> tuple[str, list[GateFind
     return next(((kind, decisive) for kind, decisive in outcomes if decisive), ("passed", []))
 
 
-def _write_case(suite: str, case: _Case, kind: str, decisive: list[GateFinding]) -> list[str]:
-    name, findings = case
-    head = f"    <testcase classname={_escape_attribute(suite)} name={_escape_attribute(name)}"
-    lines = []
+def _tell_outcome(case: ElementTree.Element, record: GateRecord, name: str, findings: list[GateFinding]) -> None:
+    """Elements below a case."""
+    kind, decisive = _decide_outcome(record, name, findings)
     rest = [finding for finding in findings if finding not in decisive]
     if kind == "skipped":
         reasons = [f.message if f.suppressed_by is None else f"accepted by {f.suppressed_by}" for f in decisive]
-        message = _escape_attribute("; ".join(dict.fromkeys(reasons)))
-        lines.append(f"      <skipped type={_escape_attribute(findings[0].rule)} message={message}/>")
+        message = _as_xml("; ".join(dict.fromkeys(reasons)))
+        ElementTree.SubElement(case, kind, type=findings[0].rule, message=message)
         rest = findings
     elif kind != "passed":
         rule, message = (decisive[0].rule, decisive[0].message) if decisive else (name, "see the other files")
         message += f" (and {len(decisive) - 1} more)" if len(decisive) > 1 else ""
-        opening = f"<{kind} type={_escape_attribute(rule)} message={_escape_attribute(message)}>"
-        lines.append(f"      {opening}{_write_findings(decisive)}</{kind}>")
+        told = ElementTree.SubElement(case, kind, type=rule, message=_as_xml(message))
+        told.text = _write_findings(decisive)
     if rest:
-        lines.append(f"      <system-out>{_write_findings(rest)}</system-out>")
-    return [f"{head}>", *lines, "    </testcase>"] if lines else [f"{head}/>"]
+        ElementTree.SubElement(case, "system-out").text = _write_findings(rest)
 
 
 def _write_findings(findings: list[GateFinding]) -> str:
     lines = [f"{name_place(finding)}: {finding.severity}: {finding.message}" for finding in findings]
-    return escape(_NOT_XML.sub("\ufffd", "\n".join(lines)))
+    return _NOT_XML.sub("\ufffd", "\n".join(lines))
 
 
-def _escape_attribute(text: str) -> str:
-    return quoteattr(_NOT_XML.sub("\ufffd", " ".join(text.split())))
+def _as_xml(text: str) -> str:
+    """One line that XML can hold."""
+    return _NOT_XML.sub("\ufffd", " ".join(text.split()))
 
 
 # --- github -------------------------------------------------------------------------------------------
