@@ -16,13 +16,12 @@ from family import run_python
 from tailstack import load_design, score
 from tailstack_service.report.charts import (
     draw_budgets,
-    draw_differences,
     draw_distribution,
     draw_shares,
     draw_tolerances,
 )
 from tailstack_service.report.half_widths import tolerance_curves
-from tailstack_service.report.records import Difference, ErrorDistribution
+from tailstack_service.report.records import ErrorDistribution
 
 LONG = " ".join(f"adapter{k} of the carrier on its third spigot" for k in range(5))  # two hundred letters
 SHOWN = ErrorDistribution("tip $a$", (0.0, 0.5, 1.0, 1.5), (0.5, 0.3, 0.2), (0.48, 0.31, 0.21), 5000)
@@ -49,14 +48,6 @@ def test_neither_a_home_that_cannot_be_written_nor_settings_beside_the_design_ch
     assert drawn.stderr == ""
     assert drawn.stdout == draw_distribution(SHOWN, 0.87, (0.85, 0.89), 1.0, "d")
     assert [path.name for path in tmp_path.iterdir()] == ["matplotlibrc"]
-
-
-@pytest.mark.long
-def test_the_list_of_fonts_is_kept_in_our_own_cache(tmp_path: Path) -> None:
-    run(DRAW, tmp_path, HOME=str(tmp_path / "home"))
-    made = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*"))
-    assert made[:4] == ["home", "home/.cache", "home/.cache/tailstack", "home/.cache/tailstack/matplotlib"]
-    assert all(name.startswith("home/.cache/tailstack/matplotlib") for name in made[4:])
 
 
 @pytest.mark.long
@@ -93,7 +84,6 @@ def words_of(svg: str) -> str:
 
 
 def test_a_long_name_is_whole_and_hides_nothing() -> None:
-    assert LONG in words_of(draw_differences([Difference(LONG, "Monte Carlo", 1.0, 0.9, -0.1, None, None, "smaller")]))
     design = load_design(EXAMPLES / "demo.yaml")
     target = score(design).targets[0]
     renamed = tuple(replace(entry, label=LONG) if entry.name == "hand_eye" else entry for entry in target.contributors)

@@ -299,13 +299,3 @@ def test_a_design_or_the_last_result_and_not_both(call: Any, state: Path, argume
     code, out, err = call("optimise", *arguments)
     assert (code, out) == (2, "")
     assert "give a DESIGN to optimise, or --last" in err
-
-
-def test_a_picture_of_the_last_result_shows_both_layouts(
-    call: Any, room: Path, found: Callable[[Any], Optimisation], state: Path
-) -> None:
-    path, picture = room / "demo.yaml", room / "layout.svg"
-    found(revise_design(load_design(path), Revision(half_width={("structure_connector", "rx"): 0.003})))
-    assert call("optimise", path)[0] == 0
-    assert call("optimise", "--last", "--picture", picture)[0] == 0
-    assert "<svg" in picture.read_text(encoding="utf-8")

@@ -29,8 +29,6 @@ from tailstack_service.report.charts import (
     PHONE,
     Scaled,
     draw_budgets,
-    draw_convergence,
-    draw_differences,
     draw_distribution,
     draw_errors,
     draw_scale,
@@ -41,7 +39,7 @@ from tailstack_service.report.charts import (
 )
 from tailstack_service.report.half_widths import Judgement, ToleranceCurves, tolerance_curves
 from tailstack_service.report.images import draw_images
-from tailstack_service.report.records import Convergence, ConvergencePoint, Difference, ErrorDistribution
+from tailstack_service.report.records import ErrorDistribution
 from tailstack_service.report.scene import Item, LayoutScene, scene_json, scene_of, semi_axes
 from tailstack_service.report.scene_picture import CIRCLE, draw_scene
 from tailstack_service.report.svg import WIDTH
@@ -624,10 +622,6 @@ def test_charts_of_errors_are_legible_wherever_the_limit_is(
             lines = [line for line in root.iter(f"{SVG}path") if line.attrib.get("stroke") == LIMIT_COLOUR]
             assert len(lines) == (limit is not None)
             assert all(not value[1] < numbers(line.attrib["d"])[0] < value[3] for line in lines)
-    points = tuple(
-        ConvergencePoint(2**k, 0.87, (0.87 - 1 / 2 ** (k / 2), 0.87 + 1 / 2 ** (k / 2))) for k in range(7, 16)
-    )
-    check_picture(draw_convergence(Convergence("tip", 0.95, points), limit, "c"))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -658,24 +652,13 @@ def test_budgets_side_by_side_add_as_squares() -> None:
     assert "not there" in values
 
 
-def test_errors_over_one_another_and_differences() -> None:
+def test_errors_over_one_another() -> None:
     svg = draw_errors(distribution("tip", 0.5), distribution("tip", 0.4), (0.87, 0.69), 0.8, ("old", "new"))
     root = check_picture(svg)
     words = " ".join(str(entry.text) for entry in root.iter(f"{SVG}text"))
     assert "old, P95 0.870 mm" in words
     assert "new, P95 0.690 mm" in words
     check_picture(draw_errors(distribution("tip", 0.5, False), distribution("tip", 0.4), (0.9, 0.7), None))
-    found = [
-        Difference("a", "Monte Carlo", 1.0, 0.9, -0.1, (-0.12, -0.08), 0.95, "smaller"),
-        Difference("b", "Monte Carlo", 1.0, 1.02, 0.02, (-0.01, 0.05), 0.95, "not decided"),
-        Difference("c", "first order", 1.0, 1.1, 0.1, None, None, "computed"),
-    ]
-    root = check_picture(draw_differences(found))
-    dots = {e.attrib["cy"]: float(e.attrib["cx"]) for e in root.iter(f"{SVG}circle")}
-    xs = list(dots.values())
-    (zero,) = [numbers(p.attrib["d"])[0] for p in root.iter(f"{SVG}path") if p.attrib.get("stroke-width") == "1.3"]
-    assert xs[0] < zero < xs[1] < xs[2]
-    assert (xs[2] - zero) / (zero - xs[0]) == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.long

@@ -124,7 +124,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="instead of DESIGN: the last result that -o did not write",
     )
-    parser.add_argument("--picture", metavar="FILE", help="draw the layout before and after (.svg)")
     add_flags(parser, OptimisationOptions)
 
 

@@ -26,26 +26,24 @@ if TYPE_CHECKING:
 
     from tailstack.design import Design
 
-DOCUMENTS, PICTURES, FIDUCIALS = (".yaml", ".yml", ".json"), (".svg",), (".mrk.json", ".csv", ".fcsv")
+DOCUMENTS, FIDUCIALS = (".yaml", ".yml", ".json"), (".mrk.json", ".csv", ".fcsv")
 LAST = "last-optimisation.json"
 KEPT = "tailstack/kept-optimisation/1"
 
 
 @dataclass(frozen=True, slots=True)
 class OutputFiles:
-    """Where the new design, its fiducials and the picture are to be written; None: nowhere."""
+    """Where the new design and its fiducials are to be written; None: nowhere."""
 
     design: Path | None
     fiducials: Path | None
-    picture: Path | None
 
 
 def read_output_files(arguments: argparse.Namespace) -> OutputFiles:
     """Raises RequestError for a file that cannot be written, before any work."""
     design = None if arguments.output is None else writable(arguments.output, DOCUMENTS)
-    picture = None if arguments.picture is None else writable(arguments.picture, PICTURES)
     if (name := arguments.fiducials_out) is None:
-        return OutputFiles(design, None, picture)
+        return OutputFiles(design, None)
     if not name.lower().endswith(FIDUCIALS):
         raise RequestError(
             Problem("", "unknown-format", f"{name!r} is no file of fiducials", f"known: {', '.join(FIDUCIALS)}")
@@ -56,7 +54,7 @@ def read_output_files(arguments: argparse.Namespace) -> OutputFiles:
     if not fiducials.parent.resolve().is_relative_to(design.parent.resolve()):
         detail = f"a design refers to files in or below its own folder; {name} is not below that of {design}"
         raise RequestError(Problem("", "file-refused", detail, f"--fiducials-out {design.parent / fiducials.name}"))
-    return OutputFiles(design, fiducials, picture)
+    return OutputFiles(design, fiducials)
 
 
 def refuse_unasked_points(files: OutputFiles, moves_fiducials: bool) -> None:
@@ -79,7 +77,6 @@ def refuse_unasked_points(files: OutputFiles, moves_fiducials: bool) -> None:
 
 def write_results(design: Design, result: Optimisation, files: OutputFiles) -> None:
     """Write each whole or not at all, and say so on stderr.  Raises OSError."""
-    drawn = None if files.picture is None else picture_text(design, result)
     if files.design is not None:
         text, note = design_text(design, result, files)
         if files.fiducials is not None:  # first what the design refers to
@@ -89,9 +86,6 @@ def write_results(design: Design, result: Optimisation, files: OutputFiles) -> N
             print(f"note: {note}", file=sys.stderr)
         write_document(files.design, text)
         print(f"wrote {files.design}", file=sys.stderr)
-    if files.picture is not None and drawn is not None:
-        replace_file(files.picture, drawn)
-        print(f"wrote {files.picture}", file=sys.stderr)
 
 
 def design_text(design: Design, result: Optimisation, files: OutputFiles) -> tuple[str, str]:
@@ -217,16 +211,6 @@ def _hash_of_text(text: str, result: Optimisation) -> str:
     if document.fiducials.points is not None:
         return load_design(data).sha256
     return sha256_of(document, fiducials)
-
-
-def picture_text(design: Design, result: Optimisation) -> str:
-    """The layout before and after, as SVG."""
-    from tailstack.design import load_design
-
-    from ..report.scene_picture import draw_layouts
-
-    title = f"{design.name}: layout before and after optimisation"
-    return draw_layouts(load_design(result.design), design, title)
 
 
 # --- a patch --------------------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil, inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from tailstack.design import Design, design_to_data
 from tailstack.errors import Problem
 from tailstack.montecarlo import MAX_TRIALS, PRECISION
 from tailstack.montecarlo.chain import run_indices
-from tailstack.montecarlo.estimators import interval_ranks
 from tailstack.montecarlo.plan import ChainPlan
 from tailstack.results.verdicts import decisive_check
 from tailstack.scoring import score as score_design
@@ -23,7 +21,7 @@ from ..problems import RequestError
 from .chapters.optimisation import optimise_command
 from .half_widths import allowances
 from .headline import headline_of
-from .records import Convergence, ConvergencePoint, ErrorDistribution, Report, Reproduction
+from .records import ErrorDistribution, Report, Reproduction
 
 if TYPE_CHECKING:
     from tailstack.geometry.arrays import Array
@@ -83,7 +81,6 @@ def assemble(
     scored = score_design(design)
     ready = prepare(design, sampled=verification is not None)
     pictured = _choose_targets(scored)
-    distributions, convergence = _draw(ready, pictured, verification, options)
     return Report(
         schema="tailstack/report/1",
         title=design.name,
@@ -91,8 +88,7 @@ def assemble(
         score=scored,
         verification=verification,
         optimisation=optimisation,
-        distributions=distributions,
-        convergence=convergence,
+        distributions=tuple(_draw(ready, target, verification, options) for target in pictured),
         allowances=tuple(
             entry
             for name in _judged_targets(scored, pictured)
@@ -116,32 +112,22 @@ def _judged_targets(scored: Score, pictured: list[TargetScore]) -> list[str]:
 
 
 def _draw(
-    ready: PreparedDesign, pictured: list[TargetScore], verification: Verification | None, options: ReportContents
-) -> tuple[tuple[ErrorDistribution, ...], tuple[Convergence, ...]]:
-    """What the pictures of the largest targets show: shares by bins, and how P95 settled."""
-    distributions, convergence = [], []
-    for target in pictured:
-        count = 0 if verification is None else min(verification.trials, DRAWN)
-        norms = draw_norms(ready, target.name, options.seed, count) if count else None
-        p95 = target.p95_mm if norms is None else float(np.quantile(norms, 0.95))
-        edges = np.linspace(0.0, 1.45 * max(p95, target.p95_mm, 1e-9), BINS + 1)
-        law = ready.law(target.name, "tcp")
-        beyond = [1.0, *(law.exceedance(float(edge)) for edge in edges[1:])]
-        shares = tuple(max(near - far, 0.0) for near, far in pairwise(beyond))
-        counted = None if norms is None else tuple(float(n) for n in np.histogram(norms, edges)[0] / len(norms))
-        distributions.append(
-            ErrorDistribution(
-                target.name,
-                tuple(float(edge) for edge in edges),
-                counted,
-                shares,
-                None if norms is None else len(norms),
-            )
-        )
-        if norms is not None and verification is not None:
-            confidence = next(entry.confidence for entry in verification.targets if entry.name == target.name)
-            convergence.append(Convergence(target.name, confidence, _settling(norms, confidence)))
-    return tuple(distributions), tuple(convergence)
+    ready: PreparedDesign, target: TargetScore, verification: Verification | None, options: ReportContents
+) -> ErrorDistribution:
+    """Shares of shots by bins at a target, as the check drew them and by the first-order law."""
+    count = 0 if verification is None else min(verification.trials, DRAWN)
+    norms = draw_norms(ready, target.name, options.seed, count) if count else None
+    p95 = target.p95_mm if norms is None else float(np.quantile(norms, 0.95))
+    edges = np.linspace(0.0, 1.45 * max(p95, target.p95_mm, 1e-9), BINS + 1)
+    law = ready.law(target.name, "tcp")
+    beyond = [1.0, *(law.exceedance(float(edge)) for edge in edges[1:])]
+    return ErrorDistribution(
+        target.name,
+        tuple(float(edge) for edge in edges),
+        None if norms is None else tuple(float(n) for n in np.histogram(norms, edges)[0] / len(norms)),
+        tuple(max(near - far, 0.0) for near, far in pairwise(beyond)),
+        None if norms is None else len(norms),
+    )
 
 
 def draw_norms(ready: PreparedDesign, name: str, seed: int, count: int) -> Array:
@@ -157,22 +143,6 @@ def draw_norms(ready: PreparedDesign, name: str, seed: int, count: int) -> Array
 
     at_each = [norms(ready.plans[vertex]) for vertex in ready.vertices[name, "tcp"]]
     return max(at_each, key=lambda drawn: float(np.quantile(drawn, 0.95)))
-
-
-def _settling(norms: Array, confidence: float) -> tuple[ConvergencePoint, ...]:
-    """P95 after 128, 256, ... trials.  Each interval holds by itself; they are not corrected for being many."""
-    points = []
-    for power in range(7, 40):
-        count = 2**power
-        if count > len(norms):
-            break
-        ordered = np.sort(norms[:count])
-        below, above = interval_ranks(count, 0.95, confidence)
-        interval = (float(ordered[below - 1]), float(ordered[min(above, count) - 1]))
-        if interval[1] == inf:  # of so few shots, too many have no answer
-            continue
-        points.append(ConvergencePoint(count, float(ordered[ceil(0.95 * count) - 1]), interval))
-    return tuple(points)
 
 
 def _reproduction(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isclose, log2, sqrt
+from math import isclose, sqrt
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from .half_widths import ToleranceCurve, ToleranceCurves
     from .matplotlib_svg import Chart
-    from .records import Convergence, Difference, ErrorDistribution
+    from .records import ErrorDistribution
 
 BAR_BEYOND, LAW_COLOUR = "#e8aaa5", "#a84600"
 FIRST_BAR, FIRST_LINE = "#b4bcc3", "#6b7780"  # of two designs the first
@@ -225,38 +225,6 @@ def _place_label(shown: Scaled, top: float, end: float, per_mm: float) -> tuple[
     return label, min(max(value, low + half), max(high - half, low + half)), True
 
 
-def draw_convergence(shown: Convergence, limit_mm: float | None, name: str, decimals: int = 3) -> str:
-    """P95 of the first so many trials, each with the interval that it has by itself."""
-    points = shown.points
-    low, high = min(point.interval_mm[0] for point in points), max(point.interval_mm[1] for point in points)
-    near = limit_mm if limit_mm is not None and 2 * low - high < limit_mm < 2 * high - low else None
-    if near is not None:
-        low, high = min(low, near), max(high, near)
-    pad = 0.06 * max(high - low, 1e-9)
-    places = [log2(point.trials) for point in points]
-    with open_page(name, 234) as page:
-        confidence = f"{100 * shown.confidence:g} %"
-        axes = page.axes(
-            LEFT + 10, 22, RIGHT, 190, f"trials; bars: {confidence} interval of P95, each by itself", grid="y"
-        )
-        page.say(LEFT + 4, 12, "P95, mm", ha="right", color=MUTED)
-        axes.set(xlim=(places[0] - 0.5, places[-1] + 0.5), ylim=(low - pad, high + pad))
-        axes.set_xticks(places, [f"{point.trials:,}" for point in points])
-        axes.tick_params(axis="x", length=0, pad=7)
-        values = [point.p95_mm for point in points]
-        ends = _bars(values, [point.interval_mm for point in points])
-        axes.errorbar(places, values, ends, fmt="o", color=VALUE_COLOUR, elinewidth=2, markeredgewidth=0.8)
-        if near is not None:
-            axes.axhline(near, color=LIMIT_COLOUR, linewidth=1.6, linestyle=DASHED)
-            beside(axes, (1.0, near), f"limit {near:g} mm", (0, 5), of="y", ha="right", color=LIMIT_COLOUR)
-        settled = ", ".join(
-            f"{point.p95_mm:.{decimals}f} mm after {point.trials:,}" for point in (points[0], points[-1])
-        )
-        words = f"P95 at target {shown.target} by the number of trials: {settled}; "
-        words += f"bars are {confidence} intervals, each by itself."
-        return page.svg(f"How P95 settled at target {shown.target}", words)
-
-
 def _bars(values: Sequence[float], intervals: Sequence[Interval]) -> list[list[float]]:
     """Lengths below and above values; none to an end on the wrong side, as a record that somebody changed may have."""
     pairs = list(zip(values, intervals, strict=True))
@@ -406,7 +374,6 @@ def _words(shown: ToleranceCurves, decimals: int) -> str:
 # --- two designs ----------------------------------------------------------------------------------
 
 SOURCES = 218  # width of the names of sources on the page
-AT_MOST = 12
 
 
 def draw_budgets(
@@ -502,39 +469,6 @@ def draw_errors(
         words = f"P95 is {both_p95}; {how}."
         words += "" if limit_mm is None else f" The limit is {limit_mm:g} mm."
         return page.svg(f"Errors at target {second.target}, {called[0]} and {called[1]}", words)
-
-
-def draw_differences(differences: Sequence[Difference], decimals: int = 4) -> str:
-    """Second minus first of each target's P95, with its interval where trials were drawn; left of zero is smaller."""
-    shown = differences[:AT_MOST]
-    ends = [0.0, *(end for entry in shown for end in (entry.difference_mm, *(entry.interval_mm or ())))]
-    reach = max(max(ends) - min(ends), 1e-9)
-    rows = BarRows.of([entry.target for entry in shown], 32, 26)
-    title = "P95 of the error at the tool, second minus first design, mm"
-    with open_page("differences", rows.height + 68) as page:
-        axes = rows.axes(page, SOURCES, 20, WIDTH - 24, title)
-        axes.set_xlim(min(ends) - 0.08 * reach, max(ends) + 0.08 * reach)
-        axes.axvline(0, color=INK, linewidth=1.3)
-        for middle, entry in zip(rows.middles, shown, strict=True):
-            colour = {"smaller": BETTER, "larger": LIMIT_COLOUR}.get(entry.conclusion, INK)
-            at = entry.difference_mm
-            if entry.interval_mm is not None:
-                axes.plot(
-                    entry.interval_mm,
-                    [middle] * 2,
-                    "-|",
-                    color=colour,
-                    linewidth=2.4,
-                    markersize=10,
-                    markeredgewidth=1.6,
-                )
-            axes.plot(at, middle, "o", color=colour, markersize=8, markeredgewidth=0)
-            inner = at > sum(axes.get_xlim()) / 2
-            words = f"{at:+.{decimals}f} mm".replace("-", "−")
-            beside(axes, (at, middle), words, (-2 if inner else 2, 7), size=10)
-        more = f" {len(differences) - AT_MOST} more targets are in the table." if len(differences) > AT_MOST else ""
-        listed = "; ".join(f"{entry.target} {entry.difference_mm:+.{decimals}f} mm" for entry in shown)
-        return page.svg(title, f"{listed}.{more}")
 
 
 # --- sweeps ---------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
 from tailstack.results import Verification
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length
+from tailstack.results.score import single_lines
 from tailstack.results.verdicts import check_sentence, decisive_check, urgency
 from tailstack.studies.sections import SECTIONS, SectionEstimate, estimate_by_sections, take_quantile
 from tailstack.verification import PreparedDesign, Sampling, prepare, verify_prepared
@@ -286,8 +287,6 @@ def _variances(report: Report, name: str) -> dict[str, float]:
     target = next(entry for entry in report.score.targets if entry.name == name)
     total = sum(target.covariance_mm2[k][k] for k in range(3))
     variances: dict[str, float] = {}
-    several = {line.name for line in target.contributors if line.component == "all"}
-    for line in target.contributors:
-        if line.component == "all" or line.name not in several:
-            variances[line.name] = variances.get(line.name, 0.0) + line.variance_share * total
+    for line in single_lines(target.contributors):
+        variances[line.name] = variances.get(line.name, 0.0) + line.variance_share * total
     return variances

@@ -71,17 +71,11 @@ def draw_images(design: Design, title: str, name: str = "images", before: Design
     ``before``: another design; lines lead from where its fiducials of the same label are imaged by the same views.
     Raises DesignError, IllPosedError for a design that does not compile.
     """
-    parts, words, height = images_parts(design, before)
-    return picture(name, title, words, height, parts)
-
-
-def images_parts(design: Design, before: Design | None = None, top: float = 0.0) -> tuple[list[str], str, float]:
-    """The elements of such a picture from a height of the page on, the same in words, and where they end."""
     system = compile_design(design)
     old = None if before is None else compile_design(before)
     views = [_view_image(design, system, old, index) for index in range(len(system.views))]
     parts: list[str] = []
-    column, row_height = 0, 0.0
+    column, top, row_height = 0, 0.0, 0.0
     for view in views:
         windows = _windows(view)
         if column + len(windows) > 2:
@@ -95,7 +89,7 @@ def images_parts(design: Design, before: Design | None = None, top: float = 0.0)
         column += len(windows)
     bottom = top + row_height
     parts += _legend(views, bottom + 12, old is not None)
-    return parts, _words(views, system), bottom + 38
+    return picture(name, title, _words(views, system), bottom + 38, parts)
 
 
 def _view_image(design: Design, system: System, old: System | None, index: int) -> ViewImage:

@@ -30,30 +30,6 @@ class ErrorDistribution:
 
 
 @dataclass(frozen=True, slots=True)
-class ConvergencePoint:
-    """P95 of the first so many trials, with its order-statistic interval."""
-
-    trials: int
-    """So many first trials."""
-    p95_mm: float
-    """Their P95, mm."""
-    interval_mm: tuple[float, float]
-    """Its order-statistic interval, mm."""
-
-
-@dataclass(frozen=True, slots=True)
-class Convergence:
-    """How the sampled P95 at one target settled."""
-
-    target: str
-    """Name of the target."""
-    confidence: float
-    """Confidence of each interval by itself, 0 to 1."""
-    points: tuple[ConvergencePoint, ...]
-    """P95 of ever more trials."""
-
-
-@dataclass(frozen=True, slots=True)
 class Allowance:
     """How far one half-width could go by itself, to first order, everything else as it is; and what it costs.
 
@@ -132,8 +108,6 @@ class Report(Published):
     """The optimised design; null where it was not asked for."""
     distributions: tuple[ErrorDistribution, ...]
     """TCP error at the targets with the largest P95, by bins."""
-    convergence: tuple[Convergence, ...]
-    """How the sampled P95 settled; empty where nothing was drawn."""
     allowances: tuple[Allowance, ...]
     """How far each half-width could go by itself, at the targets of `distributions` and at the one that decides."""
     design: dict[str, object]

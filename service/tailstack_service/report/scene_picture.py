@@ -1,10 +1,8 @@
-"""The scene on paper: the structure close up and the whole set-up, from the camera that the viewer begins with.
-
-One layout over another that stands by itself has what each view sees below it.
-"""
+"""The scene on paper: the structure close up and the whole set-up, from the camera that the viewer begins with."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -13,18 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tailstack.design import Design, compile_design
-from tailstack.errors import IllPosedError
 from tailstack.results.look import FONT, INK, MUTED
-from tailstack.scoring import score
 
-from .images import images_parts
-from .scene import LOOKS, Item, LayoutScene, Point3, ViewDirection, differ, scene_of
+from .scene import LOOKS, Item, LayoutScene, Point3, ViewDirection
 from .svg import (
     LABEL_COLOUR,
     LONGEST,
     MarkedPoint,
-    broken,
     in_lines,
     label_lines,
     label_places,
@@ -39,7 +32,6 @@ from .svg import (
 
 if TYPE_CHECKING:
     from tailstack.geometry.arrays import Array
-    from tailstack.system import System
 
 NEAR, FAR = (8, 26, 436, 400), (460, 26, 252, 212)  # left, top, width, height of the two panels
 PAD = 26
@@ -74,52 +66,12 @@ class FittedCamera:
 
 def draw_scene(scene: LayoutScene, name: str = "layout") -> str:
     """Both panels of a scene, with the layers that it shows at first.  The same scene gives the same text."""
-    parts, height = scene_parts(scene, name)
-    return picture(name, scene.title, f"{scene.words} {scene.note}", height, parts)
-
-
-def draw_layouts(design: Design, before: Design, title: str) -> str:
-    """A layout drawn over the one before, in space and as each view sees it, as a picture that stands by itself.
-
-    Raises DesignError, IllPosedError for a design whose layout does not determine an answer; ``before`` may be one.
-    """
-    try:
-        score_before = score(before, losses=False)
-    except IllPosedError:
-        score_before = None
-    scene = scene_of(design, score(design, losses=False), title, (before, score_before), "before")
-    change = _change(compile_design(before), compile_design(design))
-    titles = broken(title, 72)
-    parts = [text(8, 24 + 19 * k, line, size=15, weight="bold") for k, line in enumerate(titles)]
-    parts.append(text(8, 25 + 19 * len(titles), change, colour=MUTED))
-    space, foot = scene_parts(scene, "layout", top=37 + 19 * len(titles))
-    images, words, height = images_parts(design, before, top=foot + 14)
-    description = f"{change} {scene.words} {scene.note} {words}"
-    return picture("layout", title, description, height, [*parts, *space, *images]) + "\n"
-
-
-def _change(before: System, after: System) -> str:
-    """How many fiducials there are, and what became of those before, which are told by their labels."""
-    old = dict(zip(before.fiducial_labels, before.fiducials_mm, strict=True))
-    now = dict(zip(after.fiducial_labels, after.fiducials_mm, strict=True))
-    counts = {
-        "moved": sum(differ(old[label], now[label]) for label in old.keys() & now.keys()),
-        "new": len(now.keys() - old.keys()),
-        "left out": len(old.keys() - now.keys()),
-    }
-    changes = ", ".join(f"{count} {what}" for what, count in counts.items() if count) or "none moved"
-    return f"{len(old)} fiducials before, {len(now)} after: {changes}. In grey: before."
-
-
-def scene_parts(scene: LayoutScene, name: str, top: float = 0.0) -> tuple[list[str], float]:
-    """The elements of a scene's picture from a height of the page on, and where they end."""
     view = next(entry for entry in scene.cameras if entry.key == "iso")
     parts = [
-        text(NEAR[0], top + 16, "Structure, connector frame con, mm", weight="bold"),
-        text(FAR[0], top + 16, "Whole set-up, con, mm", weight="bold"),
+        text(NEAR[0], 16, "Structure, connector frame con, mm", weight="bold"),
+        text(FAR[0], 16, "Whole set-up, con, mm", weight="bold"),
     ]
-    panels = [(left, top + upper, width, height) for left, upper, width, height in (NEAR, FAR)]
-    near, far = fit(view, scene.near, panels[0]), fit(view, scene.far, panels[1], size=0.55)
+    near, far = fit(view, scene.near, NEAR), fit(view, scene.far, FAR, size=0.55)
     hidden = {layer.key for layer in scene.layers if not layer.shown}
     items = [item for item in scene.items if item.layer not in hidden]
     around = [
@@ -127,13 +79,12 @@ def scene_parts(scene: LayoutScene, name: str, top: float = 0.0) -> tuple[list[s
     ]
     parts += _panel(near, items, f"{name}-near")
     parts += _panel(far, around, f"{name}-far")
-    legend, foot = _legend(scene, [*items, *around], FAR[0] + 14, top + FAR[1] + FAR[3] + 20)
+    legend, foot = _legend(scene, [*items, *around], FAR[0] + 14, FAR[1] + FAR[3] + 20)
     parts += legend
-    y = max(top + NEAR[1] + NEAR[3] + 18.0, foot + 10)
-    for sentence in _broken(scene.note, 118):
-        parts.append(text(NEAR[0], y, sentence, colour=MUTED))
-        y += 14
-    return parts, y - 2
+    y = max(NEAR[1] + NEAR[3] + 18.0, foot + 10)
+    notes = textwrap.wrap(scene.note, 118)
+    parts += [text(NEAR[0], y + 14 * k, line, colour=MUTED) for k, line in enumerate(notes)]
+    return picture(name, scene.title, f"{scene.words} {scene.note}", y + 14 * len(notes) - 2, parts)
 
 
 def fit(
@@ -357,12 +308,3 @@ def _sample(look: str, x: float, y: float) -> str:
     ends = np.array([[x - 8, y], [x + 8, y]])
     head = _head(ends, style) if look in ("bias", "bias-before", "locator", "beam") else ""
     return f'<path d="{_path(ends)}" fill="none" {_stroke(style)}/>{head}'
-
-
-def _broken(sentence: str, width: int) -> list[str]:
-    lines = [""]
-    for word in sentence.split():
-        if len(lines[-1]) + len(word) + 1 > width:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return lines

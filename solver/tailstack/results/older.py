@@ -25,6 +25,8 @@ def in_words_of_today(data: Any) -> Any:
         read.setdefault("label", read[key].replace("_", " ").replace(":", ", ") if name not in NUMBERED else read[key])
     if isinstance(ends := read.get("worst_vertex"), list):
         read["worst_vertex"] = [_rename(end) for end in ends]
+    if "distributions" in read:
+        read.pop("convergence", None)  # of a report, which had P95 of its first trials
     if isinstance(lines := read.get("contributors"), list) and isinstance(read.get("localisation"), dict):
         _share_localisation(read, lines)
         read.setdefault("budget_p95_mm", read.get("p95_mm"))

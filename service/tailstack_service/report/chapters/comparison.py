@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from tailstack.results import Contributor, Score, TargetEstimate, TargetScore
+from tailstack.results import Score, TargetEstimate, TargetScore
 from tailstack.results.digits import in_percent, length, signed_decimal
-from tailstack.results.score import source_name
+from tailstack.results.score import single_lines, source_name
 from tailstack.results.tables import Cell, Column, On, Row, Table, tabulate
 from tailstack.results.verdicts import (
     MARGIN_NOTE,
@@ -22,7 +22,7 @@ from tailstack.results.verdicts import (
 )
 
 from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
-from ..charts import Scaled, draw_budgets, draw_differences, draw_errors, draw_scale, draw_tolerances
+from ..charts import Scaled, draw_budgets, draw_errors, draw_scale, draw_tolerances
 from ..comparing import comparison_decimals, difference_decimals
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import decided_difference, tightest_check
@@ -193,12 +193,7 @@ def _difference_blocks(comparison: Comparison) -> tuple[Block, ...]:
     }
     if len(shared) > len(comparison.differences):
         alone.append(f"Compared are the {len(comparison.differences)} targets with the largest P95 of {len(shared)}.")
-    picture = Figure(
-        "differences",
-        draw_differences(comparison.differences, fine),
-        "The same, with intervals where trials were drawn.",
-    )
-    return (picture, *blocks, *((Bullets(tuple(alone)),) if alone else ()), *_errors(comparison))
+    return (*blocks, *((Bullets(tuple(alone)),) if alone else ()), *_errors(comparison))
 
 
 def _errors(comparison: Comparison) -> Iterator[Figure]:
@@ -285,12 +280,9 @@ def _curves(comparison: Comparison, target: str) -> Iterator[Figure]:
         yield Figure("tolerances", svg, f"Target {target}: the estimated error over each half-width, both designs.")
 
 
-Key = tuple[str, str]
-
-
 def _budget_table(first: Score, second: Score, target: str, place: int, decimals: int) -> Table:
     a, b = (next(entry for entry in score.targets if entry.name == target) for score in (first, second))
-    before, after = _lines(a.contributors), _lines(b.contributors)
+    before, after = ({(e.name, e.component): e for e in single_lines(each.contributors)} for each in (a, b))
     spreads = [sum(entry.covariance_mm2[k][k] for k in range(3)) for entry in (a, b)]
     rows = []
     for key in [*after, *(key for key in before if key not in after)]:
@@ -323,16 +315,6 @@ def _budget_table(first: Score, second: Score, target: str, place: int, decimals
     )  # fmt: skip
 
 
-def _lines(contributors: tuple[Contributor, ...]) -> dict[Key, Contributor]:
-    """Lines that do not overlap, by contributor and component."""
-    single = {entry.name for entry in contributors if entry.component != "all"}
-    return {
-        (entry.name, entry.component): entry
-        for entry in contributors
-        if entry.component != "all" or entry.name not in single
-    }
-
-
 def _verdict_blocks(comparison: Comparison) -> tuple[Block, ...]:
     blocks: list[Block] = []
     for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True):
@@ -362,7 +344,7 @@ def _method(comparison: Comparison) -> tuple[Block, ...]:
     blocks: list[Block] = [Bullets((paired,))]
     for which, report in zip(TOLD, (comparison.first, comparison.second), strict=True):
         blocks.append(Paragraph(f"{which} design:"))
-        blocks += method_chapter(report, f"-{which.lower()}", f"{which} design. ")
+        blocks += method_chapter(report)
     return tuple(blocks)
 
 

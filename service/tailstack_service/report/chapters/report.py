@@ -11,7 +11,7 @@ from tailstack.results.verification import estimates_table
 
 from ...rendering.sentences import units_sentence
 from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
-from ..charts import draw_convergence, draw_distribution, draw_tolerances
+from ..charts import draw_distribution, draw_tolerances
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check
 from .layout import beads_table, layout_blocks, load_inside, score_if_determined
@@ -138,24 +138,10 @@ def judged_blocks(report: Report) -> tuple[Block, ...]:
     return tuple(blocks) or error_blocks(report.score)
 
 
-def method_chapter(report: Report, suffix: str = "", of: str = "") -> tuple[Block, ...]:
-    """First order, sampling, and how the sampled quantile settled.
-
-    suffix, of: keep names of pictures and their captions apart in one document.
-    """
-    blocks: list[Block] = [*method_blocks(report.score)]
-    if report.verification is not None:
-        blocks += sampling_blocks(report.verification)
-        limits = {target.name: target.limit_mm for target in report.score.targets}
-        for k, shown in enumerate(report.convergence):
-            if shown.points:
-                name = f"convergence-{k + 1}{suffix}"
-                svg = draw_convergence(shown, limits.get(shown.target), name, report.verification.decimals)
-                caption = (
-                    f"{of}Target {shown.target}: P95 of the first trials, each with the interval it has by itself."
-                )
-                blocks.append(Figure(name, svg, caption))
-    return tuple(blocks)
+def method_chapter(report: Report) -> tuple[Block, ...]:
+    """First order, and sampling."""
+    check = report.verification
+    return (*method_blocks(report.score), *(() if check is None else sampling_blocks(check)))
 
 
 def reproduction_blocks(report: Report) -> tuple[Block, ...]:
