@@ -144,16 +144,6 @@ def test_sampled_and_first_order_shares_are_of_one_distribution(report: Report) 
     assert p95 == pytest.approx(report.score.targets[0].p95_mm, rel=0.02)
 
 
-def test_convergence_ends_at_the_check(report: Report) -> None:
-    (shown,) = report.convergence
-    assert report.verification is not None
-    last = shown.points[-1]
-    assert [point.trials for point in shown.points] == [2**k for k in range(7, 15)]
-    assert last.interval_mm[0] < report.verification.targets[0].p95_mm < last.interval_mm[1]
-    widths = [point.interval_mm[1] - point.interval_mm[0] for point in shown.points]
-    assert widths[-1] < widths[0] / 4
-
-
 @pytest.mark.long
 def test_a_job_with_an_optimisation_gives_what_is_computed_here() -> None:
     design = small_design()
@@ -236,7 +226,7 @@ def test_html_shows_names_and_never_runs_them() -> None:
 
 
 TEMPLATES = Path(html_module.__file__).parent / "templates"
-CSS = (TEMPLATES / "report.css").read_text(encoding="utf-8")
+CSS = "".join((TEMPLATES / name).read_text(encoding="utf-8") for name in ("report.css", "screen.css"))
 
 
 def viewer() -> str:
@@ -463,7 +453,7 @@ def test_pictures_are_named_above_them(body: bytes) -> None:
     assert len(figures) > 5
     for figure in figures:
         assert figure.index("<figcaption><strong>") < figure.index("<svg")
-    for name in ("waterfall", "without", "tolerances-1", "distribution-1", "convergence-1"):
+    for name in ("waterfall", "without", "tolerances-1", "distribution-1"):
         figure = next(figure for figure in figures if f'id="figure-{name}"' in figure)
         assert "<strong>Target tip: </strong>" in figure
 

@@ -78,7 +78,9 @@ def demo() -> tuple[LayoutScene, Array]:
 
 
 def page(found: LayoutScene) -> str:
-    style = "".join((TEMPLATES / name).read_text(encoding="utf-8") for name in ("report.css", "viewer.css"))
+    style = "".join(
+        (TEMPLATES / name).read_text(encoding="utf-8") for name in ("report.css", "screen.css", "viewer.css")
+    )
     script = (TEMPLATES / "viewer.js").read_text(encoding="utf-8")
     return (
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>x</title><style>{style}</style>'

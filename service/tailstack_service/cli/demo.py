@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..http.server import running_service
     from ..logs import log_to_stderr
     from ..operations.registry import OPERATIONS
-    from ..rendering.demo import before_after_text, chapter, summary_text
+    from ..rendering.demo import chapter, summary_text
     from ..schemas import read_record
     from ..settings import default_settings
 
@@ -110,12 +110,11 @@ def run(arguments: argparse.Namespace) -> Answer:
         write_document(output / "optimised.yaml", data_to_yaml(optimised.design), tell=arguments.full)
         show("Optimised: layout and rotational tolerances", OPERATIONS["optimisation"].write(optimised))
 
-        announce("checking the better one: POST /v1/scores and /v1/verifications")
-        score_after = read_record("score", service.ask("POST", "/v1/scores", {"design": optimised.design}).content)
+        announce("checking the better one: POST /v1/verifications")
         again = {"design": optimised.design, "precision": PRECISION, "seed": 2}
         body, _ = run_job(service, "/v1/verifications", again, announce)
         after = read_record("verification", body)
-        show("Before -> after", before_after_text(score, before, score_after, after, optimised))
+        show("Before -> after", summary_text(before, after, optimised) + "\n" + OPERATIONS["verification"].write(after))
 
         announce(f"writing the report: GET {result}/report?format=html")
         save("report.html", service.ask("GET", f"{result}/report?format=html", seconds=REPORT_SECONDS).content)

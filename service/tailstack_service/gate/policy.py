@@ -39,23 +39,25 @@ def _refuse_half(rule: Record, first: str, second: str) -> None:
         raise refusal("missing-field", f"{first} and {second} go together; {missing[0]} is missing")
 
 
-class _ErrorRule(Record):
+class ErrorRule(Record):
+    """A rule whose findings are errors."""
+
     severity: Severity = Field(default="error", description=_WEIGHT, examples=["error"])
 
 
-class _WarningRule(Record):
+class WarningRule(Record):
+    """A rule whose findings are warnings."""
+
     severity: Severity = Field(default="warning", description=_WEIGHT, examples=["warning"])
 
 
-class _NoteRule(Record):
+class NoteRule(Record):
+    """A rule whose findings are notes."""
+
     severity: Severity = Field(default="note", description=_WEIGHT, examples=["note"])
 
 
-class PlainRule(_WarningRule):
-    """A rule without limits."""
-
-
-class P95Rule(_ErrorRule):
+class P95Rule(ErrorRule):
     """Quantiles: every pooled requirement of the design, and a P95 limit of the policy's own."""
 
     limit_mm: Length | None = Field(
@@ -64,7 +66,7 @@ class P95Rule(_ErrorRule):
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
 
-class CvarRule(_ErrorRule):
+class CvarRule(ErrorRule):
     """Mean of the worst 5 % of errors."""
 
     limit_mm: Length | None = Field(
@@ -73,7 +75,7 @@ class CvarRule(_ErrorRule):
     confidence: Confidence = Field(default=0.95, description=_CONFIDENCE)
 
 
-class ExceedanceRule(_ErrorRule):
+class ExceedanceRule(ErrorRule):
     """How often an error may be large."""
 
     limit_mm: Length | None = Field(default=None, description="Error that counts as large, mm.", examples=[2.5])
@@ -88,7 +90,7 @@ class ExceedanceRule(_ErrorRule):
         return self
 
 
-class YieldRule(_ErrorRule):
+class YieldRule(ErrorRule):
     """Share of installed units that are good: per-unit requirements of the design, and one of the policy's own."""
 
     limit_mm: Length | None = Field(
@@ -105,16 +107,12 @@ class YieldRule(_ErrorRule):
         return self
 
 
-class GapRule(_WarningRule):
+class GapRule(WarningRule):
     """How far first order may be from Monte Carlo."""
 
     max_percent: Percent = Field(
         default=5.0, description="Largest difference of the two P95, per cent of the verified one.", examples=[5.0]
     )
-
-
-class ConditioningRule(_WarningRule):
-    """How well the layout determines the projections and the target."""
 
 
 if TYPE_CHECKING:
@@ -123,7 +121,7 @@ else:
     Implausible = Literal[tuple(PLAUSIBILITY)]
 
 
-class PlausibilityRule(_WarningRule):
+class PlausibilityRule(WarningRule):
     """Values that are allowed and hardly ever meant."""
 
     remarks: Annotated[list[Implausible], Field(max_length=100)] | None = Field(
@@ -133,7 +131,7 @@ class PlausibilityRule(_WarningRule):
     )
 
 
-class AssumedRule(_WarningRule):
+class AssumedRule(WarningRule):
     """Values of the design that nobody stated."""
 
     max_count: Annotated[int, Field(ge=0, le=1000)] = Field(
@@ -141,13 +139,13 @@ class AssumedRule(_WarningRule):
     )
 
 
-class SpacingRule(_ErrorRule):
+class SpacingRule(ErrorRule):
     """Distance between fiducials."""
 
     min_mm: Length | None = Field(default=None, description="Smallest distance of two fiducials, mm.", examples=[8.0])
 
 
-class LossRule(_ErrorRule):
+class LossRule(ErrorRule):
     """Every limit is kept when fiducials are lost."""
 
     lost: Literal[1, 2] | None = Field(
@@ -158,7 +156,7 @@ class LossRule(_ErrorRule):
     )
 
 
-class ReliabilityRule(_ErrorRule):
+class ReliabilityRule(ErrorRule):
     """A slip of a fiducial's image is noticed before it does much."""
 
     max_effect_mm: Length | None = Field(
@@ -169,13 +167,13 @@ class ReliabilityRule(_ErrorRule):
     )
 
 
-class VisibilityRule(_WarningRule):
+class VisibilityRule(WarningRule):
     """Margin between the images of fiducials and the border of each view."""
 
     min_margin_px: Pixels = Field(default=0.0, description="Smallest distance from the border, px.", examples=[20.0])
 
 
-class OverlapRule(_WarningRule):
+class OverlapRule(WarningRule):
     """Distance between the images of two fiducials in each view."""
 
     min_px: Pixels = Field(default=10.0, description="Smallest distance of two images, px.", examples=[10.0])
@@ -204,7 +202,7 @@ class Process(Record):
         return self
 
 
-class ProcessRule(_ErrorRule):
+class ProcessRule(ErrorRule):
     """Tolerances tighter than their process can hold."""
 
     processes: Annotated[list[Process], Field(max_length=200)] = Field(
@@ -212,7 +210,7 @@ class ProcessRule(_ErrorRule):
     )
 
 
-class RegressionRule(_ErrorRule):
+class RegressionRule(ErrorRule):
     """Worse than the baseline."""
 
     max_percent: Percent = Field(
@@ -240,14 +238,6 @@ class ExpiredRule(Record):
     severity: Literal["error"] = Field(default="error", description="Always an error.", examples=["error"])
 
 
-class UnusedRule(_NoteRule):
-    """A waiver that accepts nothing."""
-
-
-class UnusedProcessRule(_NoteRule):
-    """A process whose pattern judges no tolerance."""
-
-
 class UnjudgedRule(Record):
     """A requirement that nothing was held against."""
 
@@ -258,15 +248,7 @@ class UnjudgedRule(Record):
     )
 
 
-class RelaxedRule(_ErrorRule):
-    """Asked for less than the baseline."""
-
-
-class UnusedClassRule(_WarningRule):
-    """Patterns of classes, and classes, that choose no design."""
-
-
-class WideWaiverRule(_WarningRule):
+class WideWaiverRule(WarningRule):
     """A waiver that accepts more than anybody looked at."""
 
     max_limit_ratio: Ratio = Field(
@@ -290,7 +272,7 @@ class Rules(Record):
     exceedance: ExceedanceRule = Field(default_factory=ExceedanceRule)
     per_unit_yield: YieldRule = Field(default_factory=YieldRule)
     first_order_gap: GapRule = Field(default_factory=GapRule)
-    conditioning: ConditioningRule = Field(default_factory=ConditioningRule)
+    conditioning: WarningRule = Field(default_factory=WarningRule)
     plausibility: PlausibilityRule = Field(default_factory=PlausibilityRule)
     assumed_values: AssumedRule = Field(default_factory=AssumedRule)
     fiducial_spacing: SpacingRule = Field(default_factory=SpacingRule)
@@ -299,18 +281,18 @@ class Rules(Record):
     visibility: VisibilityRule = Field(default_factory=VisibilityRule)
     overlap: OverlapRule = Field(default_factory=OverlapRule)
     process_capability: ProcessRule = Field(default_factory=ProcessRule)
-    process_unused: UnusedProcessRule = Field(default_factory=UnusedProcessRule)
+    process_unused: NoteRule = Field(default_factory=NoteRule)
     regression: RegressionRule = Field(default_factory=RegressionRule)
-    limit_relaxed: RelaxedRule = Field(default_factory=RelaxedRule)
-    not_compared: PlainRule = Field(default_factory=PlainRule)
+    limit_relaxed: ErrorRule = Field(default_factory=ErrorRule)
+    not_compared: WarningRule = Field(default_factory=WarningRule)
     not_judged: UnjudgedRule = Field(default_factory=UnjudgedRule)
-    class_relaxed: PlainRule = Field(default_factory=PlainRule)
-    class_unused: UnusedClassRule = Field(default_factory=UnusedClassRule)
+    class_relaxed: WarningRule = Field(default_factory=WarningRule)
+    class_unused: WarningRule = Field(default_factory=WarningRule)
     inconclusive: InconclusiveRule = Field(default_factory=InconclusiveRule)
     waiver_expired: ExpiredRule = Field(default_factory=ExpiredRule)
-    waiver_unused: UnusedRule = Field(default_factory=UnusedRule)
+    waiver_unused: NoteRule = Field(default_factory=NoteRule)
     waiver_wide: WideWaiverRule = Field(default_factory=WideWaiverRule)
-    model_version: PlainRule = Field(default_factory=PlainRule)
+    model_version: WarningRule = Field(default_factory=WarningRule)
 
 
 class DesignClass(Record):

@@ -6,49 +6,17 @@ from itertools import groupby
 from math import dist
 from typing import TYPE_CHECKING
 
-from tailstack.results.digits import decimal, decimals_of, number, percent
+from tailstack.results.digits import decimal, decimals_of, number
 
-from .document import write_ending
-from .sentences import ending_of
-from .tables import draw_table, paint, prose_width, visible, wrap
+from .tables import paint, prose_width, visible, wrap
 
 if TYPE_CHECKING:
-    from tailstack.results import Optimisation, Score, Verification
+    from tailstack.results import Optimisation, Verification
 
 
 def chapter(title: str) -> str:
     """A heading across the page."""
     return "\n" + paint(f"━━ {title} ".ljust(prose_width(), "━"), "bold") + "\n\n"
-
-
-def before_after_text(
-    score_before: Score, before: Verification, score_after: Score, after: Verification, result: Optimisation
-) -> str:
-    """What the optimiser changed, each side with its own Monte Carlo check."""
-    rows = []
-    for old, new, first_old, first_new in zip(
-        before.targets, after.targets, score_before.targets, score_after.targets, strict=True
-    ):
-        decimals = after.decimals
-        beyond = [percent(side.exceedance.probability if side.exceedance else None, 2) for side in (old, new)]
-        rows += [
-            (f"{old.name}: P95, estimate", "mm", decimal(first_old.p95_mm, decimals),
-             decimal(first_new.p95_mm, decimals)),
-            (f"{old.name}: P95, simulated", "mm", decimal(old.p95_mm, decimals), decimal(new.p95_mm, decimals)),
-            (f"{old.name}: between", "mm", *(f"{low:.{decimals}f} .. {high:.{decimals}f}" for low, high in
-                                                  (old.p95_interval_mm, new.p95_interval_mm))),
-            (f"{old.name}: mean error, simulated", "mm", decimal(old.mean_norm_mm, decimals),
-             decimal(new.mean_norm_mm, decimals)),
-            (f"{old.name}: shots over the limit", "%", *beyond),
-        ]  # fmt: skip
-    rows.append(("cost of what was free", "", number(result.cost_before), number(result.cost_after)))
-    rows += [
-        (f"{t.label}, half-width", t.unit, number(t.before_half_width, 3), number(t.after_half_width, 3))
-        for t in result.tolerances
-    ]
-    rows.append(("verdict", "", before.verdict.status, after.verdict.status))
-    ending = write_ending(ending_of(after.verdict, after.provenance), after.verdict.status)
-    return draw_table(("", "unit", "before", "after"), rows, left=2) + f"\n\n{ending}\n"
 
 
 def summary_text(before: Verification, after: Verification, result: Optimisation) -> str:

@@ -34,7 +34,7 @@ def html_report(document: Document, record: bytes | None) -> str:
             record=None if record is None else _inert(record),
             generator=", ".join([f"tailstack {__version__}", *_libraries(blocks)]),
             policy="" if record is None else content_policy(),
-            style=_style() if record is not None else _on_paper(),
+            style=_style() if record is not None else _source("report.css"),
             script=_source("viewer.js") if turned else "",
         )
         + "\n"
@@ -65,28 +65,9 @@ def _source(name: str) -> str:
     return (files(__package__) / "templates" / name).read_text(encoding="utf-8").strip()
 
 
-@cache
-def _on_paper() -> str:
-    """The style without what only screens look at: every rule is tried on every element of a page."""
-    rules = _source("report.css")
-    for start in ("@media screen {", "@media screen and"):
-        while (begin := rules.find(start)) >= 0:
-            rules = rules[:begin] + rules[_end_of_block(rules, begin) :]
-    return rules
-
-
-def _end_of_block(rules: str, begin: int) -> int:
-    """Behind the brace that closes the first one after ``begin``."""
-    depth = 0
-    for place in range(rules.index("{", begin), len(rules)):
-        depth += {"{": 1, "}": -1}.get(rules[place], 0)
-        if depth == 0:
-            return place + 1
-    raise ValueError("a block of the style sheet is not closed")
-
-
 def _style() -> str:
-    return f"{_source('report.css')}\n{_source('viewer.css')}"
+    """Of a screen; on paper every rule would be tried on every element of a page, so that has the first alone."""
+    return "\n".join(_source(name) for name in ("report.css", "screen.css", "viewer.css"))
 
 
 @cache

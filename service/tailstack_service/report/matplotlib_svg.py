@@ -130,7 +130,6 @@ class SvgRenderer(RendererBase):
         self.name, self.width, self.height = name, width, height
         self.parts: list[str] = []
         self._clips: dict[tuple[float, ...], str] = {}
-        self._groups: list[bool] = []
 
     def get_canvas_width_height(self) -> tuple[float, float]:
         return self.width, self.height
@@ -139,16 +138,6 @@ class SvgRenderer(RendererBase):
         size = prop.get_size_in_points()
         wide = 1.08 if prop.get_weight() == "bold" else 1.0
         return wide * CHARACTER * size * columns(s), 0.95 * size, 0.22 * size
-
-    def open_group(self, s: str, gid: str | None = None) -> None:
-        """An artist with a name of ours is a group of that class."""
-        self._groups.append(gid is not None)
-        if gid is not None:
-            self.parts.append(f'<g class="{escape(gid)}">')
-
-    def close_group(self, s: str) -> None:
-        if self._groups.pop():
-            self.parts.append("</g>")
 
     def draw_path(
         self, gc: GraphicsContextBase, path: Path, transform: Transform, rgbFace: Any = None

@@ -5,16 +5,11 @@ matplotlib is imported when the first page is made: half a second that a command
 
 from __future__ import annotations
 
-import atexit
-import os
-import sys
+import logging
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
-from shutil import rmtree
-from tempfile import mkdtemp
 from threading import Lock
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -37,33 +32,18 @@ _loading = Lock()
 
 
 def _load() -> ModuleType:
-    """Our part of matplotlib, which lists the fonts of the machine once and keeps the list in a folder."""
+    """Our part of matplotlib, which need not say that it keeps its list of fonts in a folder that goes with it."""
     with _loading:
-        own = "MPLCONFIGDIR" not in os.environ and "matplotlib" not in sys.modules
-        if own:
-            os.environ["MPLCONFIGDIR"] = str(_folder_of_fonts())
+        logger = logging.getLogger("matplotlib")
+        level = logger.level
+        logger.setLevel(logging.ERROR)
         try:
-            import matplotlib
-
-            matplotlib.get_configdir(), matplotlib.get_cachedir()  # are asked for once and then known
             return import_module(f"{__package__}.matplotlib_svg")
+        except OSError:
+            temporary_directory()  # which says what to do where there is none
+            raise
         finally:
-            if own:
-                del os.environ["MPLCONFIGDIR"]
-
-
-def _folder_of_fonts() -> Path:
-    """A folder in the user's cache; where that cannot be written, one that goes with the process."""
-    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/.cache")
-    folder = Path(base) / "tailstack" / "matplotlib"
-    if folder.is_absolute():  # otherwise there is no home
-        with suppress(OSError):
-            folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK | os.X_OK):
-            return folder
-    folder = Path(mkdtemp(prefix="tailstack-matplotlib-", dir=temporary_directory()))
-    atexit.register(rmtree, folder, ignore_errors=True)
-    return folder
+            logger.setLevel(level)
 
 
 @contextmanager
