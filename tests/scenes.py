@@ -6,6 +6,7 @@ what it changes: ``cube8_system(reading=Reading.EQ18)``, ``cios_system(views=wit
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
@@ -319,3 +320,20 @@ def _known(effect: Effect) -> Effect:
     """The effect with something known, a part of what is random where nothing is."""
     part = effect.sources.direction @ (0.3 * effect.sources.half_width)
     return effect if effect.known.any() else replace(effect, known=read_only(part))
+
+
+def taken(system: System, lost: Collection[int]) -> System:
+    """The system without these fiducials (indices), as if they had never been there."""
+    rest = [i for i in range(len(system.fiducials_mm)) if i not in lost]
+    labels = tuple(system.fiducial_labels[i] for i in rest)
+    return replace(
+        system,
+        fiducial_labels=labels,
+        fiducials_mm=read_only(system.fiducials_mm[rest]),
+        manufacturing_half_width_mm=read_only(system.manufacturing_half_width_mm[rest]),
+        views=tuple(
+            view if view.sees is None else replace(view, sees=tuple(label for label in view.sees if label in labels))
+            for view in system.views
+        ),
+        loss_probability=(),
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,20 +10,17 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plain_data import replaced
+from plain_data import DEMO, problems_of, replaced
 from tailstack.design import load_design
 from tailstack.design.document import Compliance
 from tailstack.errors import DesignError
 
-DEMO = yaml.safe_load((Path(__file__).parents[2] / "examples/demo.yaml").read_text())
 AT = ("execution", "compliance", "matrix_mm_per_n")
 C = np.array([[0.004, 0.0005, 0.0], [0.0005, 0.004, -0.0003], [0.0, -0.0003, 0.001]])
 
 
 def refused(matrix):
-    with pytest.raises(DesignError) as caught:
-        load_design(replaced(DEMO, AT, np.asarray(matrix).tolist()))
-    (problem,) = caught.value.problems
+    (problem,) = problems_of(load_design, replaced(DEMO, AT, np.asarray(matrix).tolist()), error=DesignError)
     assert problem.pointer == "/execution/compliance/matrix_mm_per_n"
     return problem
 

@@ -40,7 +40,7 @@ INPUTS = {
 
 
 def p95_mm(function: DesignFunction, values: Any, error: Any = "tcp") -> float:
-    target = function.score(values).targets[0]
+    target = function.score(values, losses=False).targets[0]
     return target.p95_mm if error == "tcp" else target.localisation.p95_mm
 
 

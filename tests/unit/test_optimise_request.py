@@ -24,6 +24,7 @@ from optimise_documents import (
     positions,
 )
 from plain_data import DEMO, EXAMPLES, problems_of
+from scenes import taken
 from tailstack import optimise, verify
 from tailstack.design import Design, design_to_data, load_design
 from tailstack.errors import DesignError
@@ -432,13 +433,7 @@ def test_every_loss_is_a_demand_with_the_covariance_of_what_is_left():
         laid = replace(problem.system, fiducials_mm=plain(problem.system.fiducials_mm))
         given = (laid, plain(estimator.projections), plain(estimator.assumed_shift_mm))
         images = image_parts_at(estimator, term, *given, plain(term.reconstructed_mm))
-        rest = [i for i, label in enumerate(problem.system.fiducial_labels) if label not in term.demand.lost]
-        system = replace(
-            problem.system,
-            fiducial_labels=tuple(problem.system.fiducial_labels[i] for i in rest),
-            fiducials_mm=problem.system.fiducials_mm[rest],
-            manufacturing_half_width_mm=problem.system.manufacturing_half_width_mm[rest],
-        )
+        system = taken(problem.system, [problem.system.fiducial_labels.index(label) for label in term.demand.lost])
         expected = image_parts(linearise(system, system.targets[0]), "tcp")
         np.testing.assert_allclose(images.noise.astype(float), expected[0], rtol=1e-9)
         np.testing.assert_allclose(images.made.astype(float), expected[1], rtol=1e-9)

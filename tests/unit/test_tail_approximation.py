@@ -80,20 +80,6 @@ def test_what_columns_add_to_cumulants_is_the_same_for_every_mean_and_covariance
         assert c3 == pytest.approx(plain[2] + by_third + rest, rel=1e-12)
 
 
-def test_symbols_and_floats_agree():
-    m, S, g = [0.3, -0.2, 0.5], [[0.4, 0.1, 0.0], [0.1, 0.3, 0.05], [0.0, 0.05, 0.2]], [0.5, 0.1, 0.0]
-    scale = casadi.SX.sym("scale")
-
-    def square(t):
-        return pearson_square(*square_cumulants([t * v for v in m], S, [[t * v for v in g]]), 2.3263478740408408)
-
-    expression = square(scale)
-    function = casadi.Function("f", [scale], [expression, casadi.gradient(expression, scale)])
-    value, slope = (float(v) for v in function(1.3))
-    assert value == pytest.approx(square(1.3), rel=1e-14)
-    assert slope == pytest.approx((square(1.3 + 1e-5) - square(1.3 - 1e-5)) / 2e-5, rel=1e-8)
-
-
 def test_no_skewness_is_the_normal_quantile():
     """|e|^2 nearly normal (bias a thousand times the noise): c1 + z sqrt(2 c2), closed form."""
     c = square_cumulants([1000.0, 0, 0], np.diag([1.0, 0, 0]))

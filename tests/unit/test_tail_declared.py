@@ -17,7 +17,6 @@ from scipy.stats import norm
 from tail_references import average
 from tailstack.errors import NotConvergedError
 from tailstack.tail.declared import (
-    GAUSSIAN_METHOD,
     LATTICE_METHOD,
     SAMPLED_METHOD,
     TRIANGULAR,
@@ -33,7 +32,7 @@ from tailstack.tail.declared import (
     linear_law,
     solve_on_axes,
 )
-from tailstack.tail.gaussian import norm_cdf, norm_mean, norm_quantile, norm_quantile_gradient
+from tailstack.tail.gaussian import norm_cdf, norm_quantile, norm_quantile_gradient
 from tailstack.tail.lattice import Accuracy, ball_integral, ball_sums, bessel_j01, build, on_principal_axes
 from tailstack.tail.sampling import edgeworth_weights, sample, sobol_points
 
@@ -88,19 +87,6 @@ def test_two_sources_by_quadrature(p):
     step = 1e-4
     slope = (law_cdf(SKEWED, result.quantile_mm + step) - law_cdf(SKEWED, result.quantile_mm - step)) / (2 * step)
     assert result.density == pytest.approx(slope, rel=1e-3, abs=1e-5)
-
-
-def test_two_sources_in_a_plane_by_quadrature():
-    """Everything in the plane x = 0.4, at an angle: the lattice is two-dimensional, the contour sees a singular S."""
-    turn = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
-    S = turn @ np.diag([0, 0.09, 0.02]) @ turn.T
-    columns = turn @ np.array([[0, 0], [0.6, 0.2], [-0.3, 0.5]])
-    law = linear_law(turn @ np.array([0.4, 0.1, -0.3]), S, columns, [UNIFORM, TRIANGULAR])
-    for p in (0.05, 0.5, 0.95):
-        result = law_quantile(law, p)
-        assert result.method == LATTICE_METHOD
-        assert average(law, lambda m, r=result.quantile_mm: norm_cdf(r, m, S)) == pytest.approx(p, abs=2e-8)
-    assert law_summary(law, 0.95).mean_norm_mm == pytest.approx(average(law, lambda m: norm_mean(m, S)), rel=1e-6)
 
 
 def test_sum_of_uniforms_on_a_line_is_irwin_hall():
@@ -169,60 +155,8 @@ def test_coarse_errors_are_stated_honestly():
         assert fine.error_mm < 1e-5
 
 
-def test_no_sources_is_the_exact_gaussian():
-    law = linear_law([0.3, 0, 0], NOISE)
-    result = law_quantile(law, 0.95)
-    assert result.method == GAUSSIAN_METHOD
-    assert result.quantile_mm == norm_quantile(0.95, law.mean, NOISE)
-    fixed = law_quantile(linear_law([3, 4, 0], np.zeros((3, 3))), 0.95)
-    assert (fixed.quantile_mm, fixed.density, fixed.error_mm) == (5.0, 0.0, 0.0)
-
-
-@pytest.mark.long
-def test_mean_and_tail_mean_by_quadrature():
-    assert law_summary(SKEWED, 0.95).mean_norm_mm == pytest.approx(
-        average(SKEWED, lambda m: norm_mean(m, SKEWED.covariance)), rel=1e-6
-    )
-    r = law_quantile(SKEWED, 0.95).quantile_mm
-    area = quad(
-        lambda x: average(SKEWED, lambda m: 1 - norm_cdf(x, m, SKEWED.covariance)), r, r + 2.5, epsabs=1e-8, limit=3
-    )[0]
-    assert law_summary(SKEWED, 0.95).cvar_mm == pytest.approx(r + area / 0.05, rel=2e-6)
-
-
 def slopes_of(law, p) -> LawGradient:
     return law_gradient(law, law_quantile(law, p), fine=False)
-
-
-def test_derivatives_against_finite_differences():
-    p, step = 0.95, 1e-3
-    slopes = slopes_of(SKEWED, p)
-
-    def quantile(mean=None, covariance=None, columns=None):
-        return law_quantile(
-            linear_law(
-                SKEWED.mean if mean is None else mean,
-                SKEWED.covariance if covariance is None else covariance,
-                SKEWED.columns if columns is None else columns,
-                SKEWED.kinds,
-            ),
-            p,
-        ).quantile_mm
-
-    for a in range(3):
-        shift = step * np.eye(3)[a]
-        slope = (quantile(mean=SKEWED.mean + shift) - quantile(mean=SKEWED.mean - shift)) / (2 * step)
-        assert slopes.by_mean[a] == pytest.approx(slope, abs=2e-4)
-    for j in range(2):
-        grow = np.ones(2)
-        grow[j] += step
-        shrink = 2 - grow
-        slope = (quantile(columns=SKEWED.columns * grow) - quantile(columns=SKEWED.columns * shrink)) / (2 * step)
-        assert slopes.by_log_column[j] == pytest.approx(slope, abs=2e-4)
-    block = np.diag([0.01, 0.02, 0.005])
-    up, down = SKEWED.covariance + step * block, SKEWED.covariance - step * block
-    slope = (quantile(covariance=up) - quantile(covariance=down)) / (2 * step)
-    assert (slopes.by_covariance * block).sum() == pytest.approx(slope, abs=2e-5)
 
 
 def test_derivatives_of_laws_off_the_lattice():
