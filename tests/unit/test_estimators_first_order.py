@@ -1,8 +1,10 @@
-"""First order of every estimator: against differences of the plain estimators, the published table, and its limits."""
+"""First order of every estimator: against differences of the plain estimators, the published table, and its limits;
+and what docs/estimators.md and docs/layouts.md say of it in numbers."""
 
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,11 +23,12 @@ from scenes import (
     with_intrinsics,
     with_noise,
 )
+from tailstack import load_design, score
 from tailstack.estimation.least_squares import estimate_views
 from tailstack.estimation.resection import project
 from tailstack.propagation.linear import covariance, estimation_of, estimator_geometry, linearise
 from tailstack.propagation.nonlinearity import least_squares_matrix_gains, matrix_gains
-from tailstack.scoring import score
+from tailstack.studies.estimators import study_estimators
 from tailstack.system import (
     Estimator,
     Reading,
@@ -65,6 +68,12 @@ def test_the_published_table_to_its_printed_digits(row):
     wrong = knowing(replace(cube, estimator=Estimator.POSE), 0.0, 0.0, bias=(0.01, 0.0, 0.0))
     bias = float(np.linalg.norm(linearise(wrong, wrong.targets[0]).tcp_bias_mm))
     assert round(bias, 3) == ORACLE["bias_if_focal_length_assumed_1pct_long_mm"][str(half)]
+    assert f"| {half} |{''.join(f' {value:.4f} |' for value in found)} {bias:.3f} |" in PAGE
+    if half == 50:
+        estimated = float(np.linalg.norm(run(wrong, wrong.targets[0], {})["tcp"]))
+        assert f"is {bias:.4f} mm off by this, and {estimated:.4f} mm by estimating" in PAGE
+        perfect = system_of(cube_fiducials(half), views=with_noise(1e-6, 0.5), estimator=Estimator.POSE)
+        assert f"Target pixels alone make {p95_mm(perfect):.3f}." in PAGE
 
 
 @pytest.mark.long(
@@ -223,3 +232,30 @@ def test_the_budget_has_a_line_for_each_assumed_intrinsic_in_its_unit():
     assert focal.label == "assumed intrinsics, view0"
     assert focal.variance_share > 0
     assert not any(name.startswith("assumed") for name, _ in lines if Estimator.DLT is cube.estimator)
+
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = " ".join((ROOT / "docs" / "estimators.md").read_text(encoding="utf-8").split())
+
+
+def test_what_knowing_is_worth_to_the_drill_guide_is_what_the_study_says() -> None:
+    study = study_estimators(load_design(ROOT / "examples" / "demo.yaml"))
+    dlt, prior = (next(case for case in study.cases if case.estimator == name) for name in ("dlt", "pose_with_prior"))
+    assert f"The drill guide goes from {dlt.p95_mm:.3f} to {prior.p95_mm:.3f} mm" in PAGE
+    assert f"Its structure of {study.extent_mm:.0f} mm could shrink to {prior.same_size_mm:.0f} mm" in PAGE
+
+
+def test_the_changelog_quotes_the_layouts_that_the_page_shows() -> None:
+    """The two statements that hold for dlt alone now, in the numbers of the last table of layouts."""
+    table = (ROOT / "docs" / "layouts.md").read_text(encoding="utf-8").partition("## 8.")[2]
+    rows, estimator = {}, ""
+    for cells in re.findall(r"^\|(.+)\|$", table, re.MULTILINE):
+        first, edge, *values = (cell.strip() for cell in cells.split("|"))
+        estimator = first or estimator
+        if edge.isdecimal():
+            rows[estimator.split("`")[1], int(edge)] = [float(re.findall(r"[\d.]+", value)[0]) for value in values]
+    changes = " ".join((ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split())
+    small = rows["dlt", 30][0], rows["pose_with_prior", 30][0]
+    assert f"a box of 30 mm goes from {small[0]:.2f} to {small[1]:.2f} mm with known intrinsics" in changes
+    optimal, _, careless, *_ = rows["pose", 100]
+    assert f"under `pose` {100 * (careless / optimal - 1):.0f} % at 100 mm" in changes

@@ -1,16 +1,22 @@
-"""Degenerate geometry: each kind is refused by name, with the direction that is not determined."""
+"""Degenerate geometry, refused by name with the direction that is missing; what a pose may be estimated from where DLT
+may not; and views that see some of the fiducials."""
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from scenes import cube_fiducials, mount, system_of, target, with_balls, with_noise
-from tailstack.errors import IllPosedError
+from plain_data import DEMO, problems_of
+from scenes import cube_fiducials, mount, read_only, system_of, target, with_balls, with_noise
+from tailstack import score
+from tailstack.design import check_design, load_design
+from tailstack.errors import DesignError, IllPosedError
 from tailstack.estimation.checks import (
     check_geometry,
     check_views,
@@ -20,18 +26,17 @@ from tailstack.estimation.checks import (
     sight,
     sines_between_rays,
 )
+from tailstack.estimation.least_squares import resect_pose
 from tailstack.estimation.resection import project
 from tailstack.geometry.camera import camera_centre
 from tailstack.geometry.rotation import rotation_xyz
-from tailstack.system import Reading
+from tailstack.system import Estimator, Reading, System, Triangulation
 
 CUBE = cube_fiducials()
 
 
 def refused(system):
-    with pytest.raises(IllPosedError) as caught:
-        check_geometry(system)
-    problem = caught.value.problems[0]
+    problem = problems_of(check_geometry, system, error=IllPosedError)[0]
     assert problem.hint  # what would cure it
     return problem
 
@@ -49,31 +54,20 @@ def test_a_good_layout_has_no_findings():
     assert check_geometry(system_of(CUBE)) == ()
 
 
-def test_too_few():
-    assert refused(system_of(CUBE[:5])).code == "too-few-fiducials"
-
-
-def test_duplicates_are_named():
-    points = CUBE.copy()
-    points[6] = points[2]
-    problem = refused(system_of(points))
-    assert problem.code == "duplicate-fiducials"
-    assert "F3 and F7" in problem.detail
-
-
-def test_one_line_is_named():
-    points = np.outer(np.linspace(-40, 40, 8), [0.6, 0.0, 0.8])
-    problem = refused(system_of(points))
-    assert problem.code == "collinear-fiducials"
-    assert "(0.600, 0.000, 0.800)" in problem.detail
-
-
 @pytest.mark.parametrize(
-    ("normal", "words"), [([0, 0, 1], "normal z"), ([1, 0, 0], "normal x"), ([0.6, 0.8, 0], "(0.600, 0.800, 0.000)")]
+    ("points", "code", "words"),
+    [
+        (CUBE[:5], "too-few-fiducials", ""),
+        (CUBE[[0, 1, 2, 3, 4, 5, 2, 7]], "duplicate-fiducials", "F3 and F7"),
+        (np.outer(np.linspace(-40, 40, 8), [0.6, 0.0, 0.8]), "collinear-fiducials", "(0.600, 0.000, 0.800)"),
+        (in_plane(9, np.array([0, 0, 1])), "coplanar-fiducials", "normal z"),
+        (in_plane(9, np.array([1, 0, 0])), "coplanar-fiducials", "normal x"),
+        (in_plane(9, np.array([0.6, 0.8, 0])), "coplanar-fiducials", "(0.600, 0.800, 0.000)"),
+    ],
 )
-def test_one_plane_is_named(normal, words):
-    problem = refused(system_of(in_plane(9, np.array(normal))))
-    assert problem.code == "coplanar-fiducials"
+def test_what_determines_no_projection_is_named_with_the_direction_that_is_missing(points, code, words):
+    problem = refused(system_of(points))
+    assert problem.code == code
     assert words in problem.detail
 
 
@@ -335,3 +329,133 @@ def test_of_balls_the_pair_is_named_that_is_nearest_to_merging():
 
 def projection_depths(points):
     return points[5] @ [0, 1, 0] + 700, points[7] @ [0, 1, 0] + 700
+
+
+def plate(half_mm: float, azimuth: float = 0.0) -> System:
+    """Nine fiducials in a plane with normal y, seen from both sides of it at this azimuth, and across at another."""
+    side = (-half_mm, 0.0, half_mm)
+    fiducials = np.array([(x, 0.0, z - 40.0) for x in side for z in side])
+    views = with_noise(0.5, azimuths_rad=(azimuth, azimuth + 1.0))
+    return system_of(fiducials, views=views, estimator=Estimator.POSE)
+
+
+def test_four_fiducials_are_enough_for_a_pose_and_three_are_not():
+    corners = cube_fiducials(50)[[0, 3, 5, 6]]
+    system = system_of(corners, views=with_noise(0.5), estimator=Estimator.POSE)
+    assert np.isfinite(score(system).targets[0].p95_mm)
+    five = cube_fiducials(50)[[0, 1, 3, 5, 6]]
+    (losses,) = score(system_of(five, views=with_noise(0.5), estimator=Estimator.POSE)).losses
+    assert losses.single.value_mm is not None  # one may be lost, two may not
+    assert losses.double is not None
+    assert "needs 4" in losses.double.reason
+    few = refused(replace(system, fiducials_mm=read_only(corners[:3]), fiducial_labels=("A", "B", "C"),
+                          manufacturing_half_width_mm=read_only(np.zeros((3, 3)))))  # fmt: skip
+    assert (few.code, few.pointer) == ("too-few-fiducials", "/fiducials")
+    assert "at least 4" in few.hint
+    assert refused(replace(system, estimator=Estimator.REPROJECTION)).code == "too-few-fiducials"
+
+
+def test_a_plane_seen_obliquely_is_enough_for_a_pose():
+    system = plate(40, 0.5)
+    assert not check_geometry(system)
+    flat = refused(replace(system, estimator=Estimator.DLT))
+    assert flat.code == "coplanar-fiducials"
+    assert "model.estimator: pose takes a flat structure" in flat.hint
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 0.1, 0.2])
+def test_a_small_plane_seen_head_on_is_refused_with_the_two_poses(azimuth):
+    """independent: noisy images of the true pose are explained as well by one that is found from the other side."""
+    system = plate(10, azimuth)
+    said = refused(system)
+    assert said.code == "ambiguous-pose"
+    assert "view0" in said.detail
+    assert "with the normal along y and along (" in said.detail
+    view, points = system.views[0], system.fiducials_mm
+    text = said.detail.split("along y and along (")[1].split(")")[0]
+    rival = np.array([float(part) for part in text.split(",")])
+    rng = np.random.default_rng(3)
+    images = project(view.projection, points) + 0.5 * rng.normal(size=(400, 9, 2))
+    axis = np.cross([0.0, 1.0, 0.0], rival)
+    sine = float(np.linalg.norm(axis))
+    turned = Rotation.from_rotvec(np.arcsin(min(sine, 1.0)) * axis / sine).as_matrix()
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = turned, points.mean(axis=0) - turned @ points.mean(axis=0)
+    other = resect_pose(points, images, replace(view, projection=view.projection @ motion))
+    here = resect_pose(points, images, view)
+    squares = [((project(p, points) - images) ** 2).sum(axis=(1, 2)) for p in (here, other)]
+    known = np.isfinite(squares[0] + squares[1])
+    assert (squares[1][known] < squares[0][known]).mean() > 0.001  # as often as the refused tolerates
+
+
+def test_weights_of_views_without_noise_are_refused():
+    views = with_noise(0.0, azimuths_rad=(0.0, 1.5))
+    said = refused(system_of(cube_fiducials(50), views=views, triangulation=Triangulation.WEIGHTED))
+    assert (said.code, said.pointer) == ("no-noise", "/views/0")
+
+
+def test_a_score_says_what_its_estimator_takes_for_exact():
+    system = system_of(cube_fiducials(50), views=with_noise(0.5))
+    exact = score(replace(system, estimator=Estimator.POSE)).provenance
+    assert exact.estimator == "pose"
+    assert any("takes for exact (view0, view1)" in line for line in exact.not_included)
+    assert not any("for exact" in line for line in score(system).provenance.not_included)
+
+
+LABELS = [point["label"] for point in DEMO["fiducials"]["points"]]
+REST = [label for label in LABELS if label != "F3"]
+
+
+def seen(*lists):
+    """The drill guide with what each of its views sees; None: everything."""
+    data = copy.deepcopy(DEMO)
+    for view, labels in zip(data["views"], lists, strict=True):
+        if labels is not None:
+            view["sees"] = labels
+    return data
+
+
+def test_a_fiducial_that_no_view_sees_is_as_good_as_left_out():
+    """brute force: the document without it."""
+    hidden = score(load_design(seen(REST, REST)))
+    data = copy.deepcopy(DEMO)
+    data["fiducials"]["points"] = [point for point in data["fiducials"]["points"] if point["label"] != "F3"]
+    without = score(load_design(data))
+    for one, other in zip(hidden.targets, without.targets, strict=True):
+        assert one.p95_mm == pytest.approx(other.p95_mm, rel=1e-9)
+    assert hidden.validity.nu == pytest.approx(without.validity.nu, rel=0.05)  # the unit of length is another
+    assert hidden.validity.layout_class == without.validity.layout_class
+    assert score(load_design(seen(LABELS, LABELS))).targets[0].p95_mm == score(load_design(DEMO)).targets[0].p95_mm
+
+
+def test_what_one_view_does_not_see_costs_less_than_what_none_sees():
+    whole, one, none = (score(load_design(seen(*each))).targets[0].p95_mm for each in
+                        ((None, None), (REST, None), (REST, REST)))  # fmt: skip
+    assert whole < one < none
+
+
+def test_a_fiducial_that_is_not_seen_may_lie_outside_the_image():
+    data = copy.deepcopy(DEMO)
+    data["fiducials"]["points"].append({"label": "far", "position_mm": [0.0, 400.0, 150.0]})
+    with pytest.raises(IllPosedError):
+        check_design(load_design(data))
+    for view in data["views"]:
+        view["sees"] = LABELS
+    _, _, views = check_design(load_design(data))
+    assert all("far" not in view.outside for view in views)
+
+
+def test_a_flat_share_of_the_structure_is_refused_where_it_is_listed():
+    data = copy.deepcopy(DEMO)
+    low = [{"label": f"P{k}", "position_mm": [10.0 * k, (k * k) % 7 * 6.0, -40.0]} for k in range(6)]
+    data["fiducials"]["points"] += low
+    data["views"][1]["sees"] = [point["label"] for point in low]
+    problem = problems_of(check_design, load_design(data), error=IllPosedError)[0]
+    assert (problem.pointer, problem.code) == ("/views/1/sees", "coplanar-fiducials")
+    assert problem.detail.startswith("view LAT: ")
+
+
+def test_their_number_does_not_change_under_a_view_that_lists_them():
+    data = seen(LABELS, None)
+    data["optimise"]["count"] = {"min": 8, "max": 10}
+    assert "count-and-sees" in [problem.code for problem in problems_of(load_design, data, error=DesignError)]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reference_chain import run
 from scenes import (
     broken_system,
     cios_system,
@@ -23,12 +24,14 @@ from scenes import (
     with_systematic,
     with_unseen,
 )
+from tailstack.errors import NotConvergedError
 from tailstack.geometry.rotation import RotationForm
 from tailstack.montecarlo.chain import draw, evaluate, evaluate_plainly, run_indices
 from tailstack.montecarlo.estimators import quantile_estimate
 from tailstack.montecarlo.lane_least_squares import LENGTHS
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.montecarlo.simulate import simulate
+from tailstack.propagation.linear import linearise
 from tailstack.system import Estimator, Law, Reading, System, Triangulation
 from tailstack.verification import verify
 
@@ -235,3 +238,46 @@ def test_a_check_says_which_engine_ran() -> None:
     assert "Gauss-Newton for the pose, eight lanes" in engines[Estimator.POSE]
     assert "Gauss-Newton for pose and intrinsics, eight lanes" in engines[Estimator.POSE_WITH_PRIOR]
     assert "Gauss-Newton for the projection, eight lanes" in engines[Estimator.REPROJECTION]
+
+
+def doubtful(system: System) -> System:
+    """The system with views that know their intrinsics to 1 % and 5 px and err by as much."""
+    return with_intrinsics(system, [0.01, 5.0, 5.0], [0.002, 1.0, -1.0], prior=(0.01, 5.0))
+
+
+@pytest.mark.parametrize("form", list(Triangulation))
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_a_trial_is_the_chain_of_its_deviates(estimator, form):
+    """independent: one trial at a time, each contributor by its name."""
+    system = doubtful(random_system(np.random.default_rng(2), fiducials=8, estimator=estimator, triangulation=form))
+    plan = compile_plan(system)
+    z = draw(plan, 5, np.arange(3))
+    found = evaluate(plan, z)
+    assert np.array_equal(found, np.moveaxis(run_indices(plan, 5, 0, 3).errors, -1, 0))
+    named = {block.contributor: block for block in linearise(system, system.targets[0]).blocks}
+    for trial in range(3):
+        inputs = {}
+        for place in plan.blocks:
+            block, values = named[place.name], z[trial, place.start : place.stop]
+            values = values[: len(block.laws)] / plan.standard_std[place.start : place.start + len(block.laws)]
+            inputs[place.name] = values * block.std
+        expected = run(system, system.targets[0], inputs)
+        np.testing.assert_allclose(found[trial, 0], [expected["tcp"], expected["localisation"]], rtol=0, atol=1e-6)
+
+
+def test_columns_of_assumed_intrinsics_come_last_and_leave_the_others_as_they_were():
+    """The same seed draws the same noise and tolerances, whatever the estimator believes."""
+    base = random_system(np.random.default_rng(2), fiducials=8)
+    plans = [compile_plan(doubtful(replace(base, estimator=each))) for each in (Estimator.DLT, Estimator.POSE)]
+    first, second = (draw(plan, 9, np.arange(16)) for plan in plans)
+    assert second.shape[1] == first.shape[1] + 6
+    np.testing.assert_array_equal(first, second[:, : first.shape[1]])
+    assert [block.name for block in plans[1].blocks[-2:]] == ["assumed_intrinsics:view0", "assumed_intrinsics:view1"]
+
+
+@pytest.mark.long
+def test_trials_without_an_estimate_are_refused_and_counted():
+    """Noise as large as the structure's image leaves poses that no step settles."""
+    far = system_of(cube_fiducials(2), views=with_noise(60.0), estimator=Estimator.POSE)
+    with pytest.raises(NotConvergedError, match="of 64 trials the estimate by pose does not converge"):
+        run_indices(compile_plan(far), 1, 0, 64)

@@ -71,9 +71,9 @@ ESTIMATORS = ("dlt", "pose", "pose_with_prior", "reprojection")
 FREE_PIVOT = [{"interface": "structure_connector", "box": {"min_mm": [-9, -9, -99], "max_mm": [9, 9, -80]}}]
 
 
-def with_effect(name: str, estimator: str = "dlt", **section: Any) -> dict[str, Any]:
+def with_effect(name: str, estimator: str = "dlt", form: str = "normalised", **section: Any) -> dict[str, Any]:
     data = document(8, **section)
-    data["model"] = {"estimator": estimator}
+    data["model"] = {"estimator": estimator, "triangulation": form}
     data["interfaces"]["structure_connector"]["bias"] = {"rz_deg": 0.5, "tx_mm": 0.3}
     for view in data["views"]:
         view["intrinsics_prior"] = {"focal_rel_sd": 0.01, "principal_point_px_sd": 5.0}
@@ -86,16 +86,19 @@ NEXT = {name: ESTIMATORS[k % len(ESTIMATORS)] for k, name in enumerate(EFFECTS)}
 
 
 @pytest.mark.parametrize(
-    ("name", "estimator"),
+    ("name", "estimator", "form"),
     [
-        pytest.param(name, estimator, marks=[] if estimator in ("dlt", NEXT[name]) else pytest.mark.long)
+        pytest.param(name, estimator, "normalised", marks=[] if estimator in ("dlt", NEXT[name]) else pytest.mark.long)
         for name in EFFECTS
         for estimator in ESTIMATORS
-    ],
+    ]
+    + [("motion", estimator, form) for estimator in ESTIMATORS for form in ("weighted", "reprojection")],
 )
-def test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout(name: str, estimator: str) -> None:
+def test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout(
+    name: str, estimator: str, form: str
+) -> None:
     """independent: the compiled linear model of the design with other positions; slopes by its differences."""
-    problem = read_task(load_design(with_effect(name, estimator, **moving(pivots=FREE_PIVOT)))).problems[0]
+    problem = read_task(load_design(with_effect(name, estimator, form, **moving(pivots=FREE_PIVOT)))).problems[0]
     (demand,) = problem.demands
     term, imaging = terms_of(problem, demand), estimator_of(problem.system)
     x = ca.SX.sym("x", 27)

@@ -143,7 +143,9 @@ for form in (Triangulation.NORMALISED, Triangulation.WEIGHTED, Triangulation.REP
     test_every_gain_equals_the_finite_difference_of_the_plain_estimator(toy, form)
 test_every_gain_of_a_matrix_equals_the_difference_of_two_estimates(toy)
 test_first_order_turns_with_the_structure_follows_units_and_does_not_feel_a_rigid_bias(toy)
-test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout("known intrinsics", "pose_and_focal")
+test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout(
+    "known intrinsics", "pose_and_focal", "normalised"
+)
 print(json.dumps(told))
 """
 
