@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import httpx
 import pytest
@@ -69,6 +70,18 @@ def client() -> Iterator[httpx.Client]:
 def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     """Runs a command in this process: exit code, stdout, stderr."""
     return commands(capsys)
+
+
+@pytest.fixture
+def refused(call: Callable[..., tuple[int, str, str]]) -> Callable[..., str]:
+    """What a command that leaves with 2 and prints nothing says of it, in one line."""
+
+    def run(*arguments: str | Path) -> str:
+        code, out, err = call(*arguments)
+        assert (code, out) == (2, ""), err
+        return " ".join(err.split())
+
+    return run
 
 
 @pytest.fixture

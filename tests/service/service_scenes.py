@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import socket
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -111,13 +112,41 @@ class Caller:
         return cast(Request, self)
 
 
+def http_answer(status: int, body: bytes) -> bytes:
+    return f"HTTP/1.1 {status} X\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n".encode() + body
+
+
+@contextmanager
+def answering(*answers: bytes | None) -> Iterator[tuple[str, list[bytes]]]:
+    """A server that reads one request after the other and says these bytes; None: it hangs up.  Gives its address, and
+    what it was told: heads, with what came along of the bodies."""
+    got: list[bytes] = []
+
+    def answer_all() -> None:
+        for answer in answers:
+            connection, _ = listener.accept()
+            with connection:
+                first, rest = read_answer(connection)
+                got.append(first + b"\r\n" + rest)
+                if answer is not None:
+                    connection.sendall(answer)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(LIMIT_SECONDS)
+        thread = threading.Thread(target=answer_all, daemon=True)
+        thread.start()
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}", got
+        thread.join(LIMIT_SECONDS)
+
+
 def read_answer(connection: socket.socket) -> tuple[bytes, bytes]:
-    """(status line, headers and body) of one response, read as far as its Content-Length says or to the end."""
+    """(first line, headers and body) of one message, read as far as its Content-Length says or to the end; a request
+    without one has no body."""
     received = b""
     while True:
         head, found, body = received.partition(b"\r\n\r\n")
         length = re.search(rb"content-length: (\d+)", head, re.IGNORECASE)
-        if found and length and len(body) >= int(length.group(1)):
+        if found and ((length and len(body) >= int(length.group(1))) or (not length and not head.startswith(b"HTTP/"))):
             break
         more = connection.recv(65536)
         if not more:

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import fmean
+from typing import Any
 
 import pytest
 
@@ -156,8 +157,6 @@ def test_the_time_left_never_rises_and_comes_true() -> None:
     assert fmean(off[0.75]) < 0.12
 
 
-def test_an_unknown_verb_is_refused_with_those_that_there_are(capsys: pytest.CaptureFixture[str]) -> None:
-    from tailstack_service.cli.main import main
+def test_an_unknown_verb_is_refused_with_those_that_there_are(refused: Any) -> None:
 
-    assert main(["warm-up", "--for", "scre"]) == 2
-    assert "there is no verb 'scre'" in capsys.readouterr().err
+    assert "there is no verb 'scre'" in refused("warm-up", "--for", "scre")

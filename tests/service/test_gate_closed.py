@@ -290,22 +290,22 @@ def test_a_file_that_cannot_be_replaced_does_not_stay(folder: Path, monkeypatch:
     assert not list(folder.glob("out.*")), "what an earlier gate wrote is no answer to this one"
 
 
-def test_an_output_that_a_pattern_matches_is_neither_written_over_nor_judged(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_output_that_a_pattern_matches_is_neither_written_over_nor_judged(folder: Path, refused: Any) -> None:
     before = (folder / "good.yaml").read_bytes()
-    assert main(["gate", "g*.yaml", "--mode", "analytic", "--format", "json=good.yaml"]) == 2
-    assert "good.yaml would overwrite a file that is read" in capsys.readouterr().err
+    assert "good.yaml would overwrite a file that is read" in refused(
+        "gate", "g*.yaml", "--mode", "analytic", "--format", "json=good.yaml"
+    )
     assert (folder / "good.yaml").read_bytes() == before
     assert main(["gate", "g*", "--policy", "policy.yaml", "--mode", "analytic", "--format", "json=gate.json"]) == 0
     assert [design.file for design in read_gate_record(folder / "gate.json").designs] == ["good.yaml"]
 
 
 @pytest.mark.parametrize("name", ["points.csv", "points.FCSV", "points.mrk.json"])
-def test_a_file_of_fiducials_is_not_written_over(folder: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+def test_a_file_of_fiducials_is_not_written_over(folder: Path, refused: Any, name: str) -> None:
     (folder / name).write_text("label,x,y,z\n", encoding="utf-8")
-    assert main(["gate", "good.yaml", "--mode", "analytic", "--format", f"json={name}"]) == 2
-    assert f"{name} would overwrite what may be a file of fiducials" in capsys.readouterr().err
+    assert f"{name} would overwrite what may be a file of fiducials" in refused(
+        "gate", "good.yaml", "--mode", "analytic", "--format", f"json={name}"
+    )
     assert (folder / name).read_text(encoding="utf-8") == "label,x,y,z\n"
 
 

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import json
-import socket
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from gate_scenes import BAD, GOOD, NEAR, STRICT, TODAY, waivers, write_documents
-from service_scenes import client_with, coplanar_design, limited
+from service_scenes import answering, client_with, coplanar_design, http_answer, limited
 
 from tailstack.design.write import data_to_yaml
 from tailstack_service.cli.main import main
 from tailstack_service.settings import Settings
-from waiting import LIMIT_SECONDS
 
 UNUSED = {"name": "seat", "tolerances": ["structure_conector.r?"], "min_half_width_deg": 0.05}
 POLICY = {**STRICT, "rules": {**STRICT["rules"], "fiducial-spacing": {"min_mm": 80.0},  # type: ignore[dict-item]
@@ -94,7 +90,7 @@ def test_a_key_is_sent_and_a_refusal_is_no_verdict(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("TAILSTACK_KEY", "tsk_secret")
-    with answering((401, json.dumps(UNAUTHENTICATED).encode())) as (at, got):
+    with answering(http_answer(401, json.dumps(UNAUTHENTICATED).encode())) as (at, got):
         assert gate("good.yaml", "--mode", "analytic", "--remote", at, "--format=json=out.json") == 2
     assert b"authorization: bearer tsk_secret" in got[0].lower()
     assert b"tsk_secret" not in (folder / "out.json").read_bytes()
@@ -106,11 +102,15 @@ RECORD_OF_ANOTHER = json.dumps({"schema": "tailstack/gate/1", "verdict": "pass",
 
 
 @pytest.mark.parametrize(
-    ("status", "body"),
-    [(200, b"<html>a proxy</html>"), (200, RECORD_OF_ANOTHER), (200, b""), (500, b"oops"), (503, b"")],
-)
-def test_an_answer_that_is_none_leaves_with_3(folder: Path, status: int, body: bytes) -> None:
-    with answering((status, body)) as (at, _):
+    "answer",
+    [
+        http_answer(200, b"<html>a proxy</html>"), http_answer(200, RECORD_OF_ANOTHER), http_answer(200, b""),
+        http_answer(500, b"oops"), http_answer(503, b""), None,
+    ],
+    ids=["a page", "a record of another", "nothing", "500", "503", "it hangs up"],
+)  # fmt: skip
+def test_an_answer_that_is_none_leaves_with_3(folder: Path, answer: bytes | None) -> None:
+    with answering(answer) as (at, _):
         assert gate("good.yaml", "--mode", "analytic", "--remote", at, "--format=json=out.json") == 3
     assert json.loads((folder / "out.json").read_text())["exit_code"] == 3
 
@@ -119,17 +119,8 @@ def test_a_record_about_other_designs_is_no_answer(folder: Path) -> None:
     assert gate("filed.yaml", "--mode", "analytic", "--format=json=other.json") == 1
     other = json.loads((folder / "other.json").read_text(encoding="utf-8"))
     other |= {"verdict": "pass", "exit_code": 0}
-    with answering((200, json.dumps(other).encode())) as (at, _):
+    with answering(http_answer(200, json.dumps(other).encode())) as (at, _):
         assert gate("good.yaml", "--mode", "analytic", "--remote", at) == 3
-
-
-def test_a_connection_that_breaks_leaves_with_3(folder: Path) -> None:
-    with answering((None, b"")) as (at, _):
-        assert gate("good.yaml", "--remote", at, "--format=json=out.json") == 3
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        port = unused.getsockname()[1]
-    assert gate("good.yaml", "--remote", f"http://127.0.0.1:{port}") == 3
 
 
 LOST = {
@@ -142,39 +133,8 @@ LOST = {
 def test_a_job_that_does_not_succeed_is_no_verdict(folder: Path, state: str, problem: Any) -> None:
     job = {"schema": "tailstack/job/1", "id": "j1", "kind": "gate", "state": "queued", "problem": None}
     ended = json.dumps({**job, "state": state, "problem": problem}).encode()
-    with answering((202, json.dumps(job).encode()), (204, b""), (200, ended)) as (at, got):
+    answers = ((202, json.dumps(job).encode()), (204, b""), (200, ended))
+    with answering(*(http_answer(*answer) for answer in answers)) as (at, got):
         assert gate("good.yaml", "--remote", at, "--format=json=out.json") == 3
     assert [head.split(b" ")[1] for head in got] == [b"/v1/gates", b"/v1/jobs/j1/events", b"/v1/jobs/j1"]
     assert json.loads((folder / "out.json").read_text())["exit_code"] == 3
-
-
-@contextmanager
-def answering(*answers: tuple[int | None, bytes]) -> Iterator[tuple[str, list[bytes]]]:
-    """A server that reads one request after the other and answers so; None: it hangs up."""
-    got: list[bytes] = []
-
-    def serve(status: int | None, body: bytes) -> None:
-        connection, _ = listener.accept()
-        with connection:
-            head = b""
-            while b"\r\n\r\n" not in head:
-                head += connection.recv(65536)
-            sizes = head.lower().split(b"content-length: ")[1:]
-            rest = head.split(b"\r\n\r\n", 1)[1]
-            while sizes and len(rest) < int(sizes[0].split(b"\r\n")[0]):
-                rest += connection.recv(65536)
-            got.append(head)
-            if status is not None:
-                start = f"HTTP/1.1 {status} X\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
-                connection.sendall(start.encode() + body)
-
-    def serve_all() -> None:
-        for answer in answers:
-            serve(*answer)
-
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        listener.settimeout(LIMIT_SECONDS)
-        thread = threading.Thread(target=serve_all, daemon=True)
-        thread.start()
-        yield f"http://127.0.0.1:{listener.getsockname()[1]}", got
-        thread.join(LIMIT_SECONDS)

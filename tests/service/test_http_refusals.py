@@ -82,6 +82,7 @@ def test_nothing_of_a_refused_request_is_kept(client: httpx.Client) -> None:
 def test_a_body_that_cannot_be_read_is_400(client: httpx.Client, path: str, body: bytes, slug: str, code: str) -> None:
     document = check_problem(client.post(path, content=body, headers=JSON), 400, slug)
     assert document["errors"][0]["code"] == code
+    assert code != "json-syntax" or document["errors"][0]["line"] == 1
 
 
 @pytest.mark.parametrize("path", POSTS)

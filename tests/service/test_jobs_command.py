@@ -7,13 +7,14 @@ import socket
 import ssl
 import threading
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
-from service_scenes import client_with, limited, small_design
+from service_scenes import answering, client_with, http_answer, limited, small_design
 
 from tailstack_service.cli.main import main
 from tailstack_service.console.remote import RemoteError, RemoteService, ServerSentEvent, read_events
@@ -21,7 +22,6 @@ from tailstack_service.jobs.store.keys import create_key
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
-from waiting import LIMIT_SECONDS
 
 QUICK = {"design": small_design(), "trials": 3000}
 
@@ -115,7 +115,11 @@ def test_unknown_jobs_and_silent_services(client: httpx.Client, capsys: pytest.C
 
 
 def test_hints_are_for_who_types_commands(
-    client: httpx.Client, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    client: httpx.Client,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    refused: Any,
 ) -> None:
     done = posted(client, "/v1/verifications", QUICK)
     assert call(client, "follow", done) == 0
@@ -141,29 +145,9 @@ def test_hints_are_for_who_types_commands(
         monkeypatch.setenv("TAILSTACK_URL", str(guarded.base_url))
         assert main(["jobs", "list", "--json"]) == 0
         assert capsys.readouterr().out == "[]\n"
-        assert main(["jobs", "cancel", "01k4z8t5r2w7x3y9v6n1m0q8pc"]) == 2
-        assert "hint: set TAILSTACK_KEY to a key with that scope" in capsys.readouterr().err
-
-
-@contextmanager
-def server(*answers: bytes) -> Iterator[tuple[str, list[bytes]]]:
-    """A server that says these bytes, one connection each, and closes."""
-    heard: list[bytes] = []
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        listening.listen()
-
-        def answer() -> None:
-            for text in answers:
-                connection, _ = listening.accept()
-                with connection:
-                    heard.append(connection.recv(65536))
-                    connection.sendall(text)
-
-        thread = threading.Thread(target=answer, daemon=True)
-        thread.start()
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}", heard
-        thread.join(timeout=LIMIT_SECONDS)
+        assert "hint: set TAILSTACK_KEY to a key with that scope" in refused(
+            "jobs", "cancel", "01k4z8t5r2w7x3y9v6n1m0q8pc"
+        )
 
 
 STREAM = b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nConnection: close\r\n\r\n"
@@ -173,7 +157,7 @@ def test_a_stream_that_breaks_is_taken_up_with_the_last_id() -> None:
     first = STREAM + b'id: 1\nevent: state\ndata: {"state": "queued"}\n\nid: 2\nevent: progress\ndata: {"cut'
     refused = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 4\r\n\r\nbusy"
     rest = STREAM + b': still here\n\nid: 2\nevent: state\ndata: {"state":\ndata: "failed"}\n\n'
-    with server(first, refused, rest) as (url, heard):
+    with answering(first, refused, rest) as (url, heard):
         events = list(RemoteService(url, key="tsk_secret").events("x"))
     assert events == [
         ServerSentEvent("1", "state", {"state": "queued"}),
@@ -187,7 +171,7 @@ def test_a_stream_that_breaks_is_taken_up_with_the_last_id() -> None:
 def test_a_key_is_not_carried_to_another_address(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TAILSTACK_KEY", "tsk_secret")
     elsewhere = b"HTTP/1.1 303 See Other\r\nLocation: http://127.0.0.1:1/x\r\nContent-Length: 0\r\n\r\n"
-    with server(elsewhere) as (url, heard):
+    with answering(elsewhere) as (url, heard):
         assert RemoteService(url).ask("GET", "/v1/jobs/x/result").status_code == 303
     assert b"Bearer tsk_secret" in heard[0]
 
@@ -196,8 +180,7 @@ def test_a_key_is_not_carried_to_another_address(monkeypatch: pytest.MonkeyPatch
     "body", [b"hello", b"[]", b'{"errors": 3}', b'{"errors": [], "type": 3, "title": "x"}', b"\xff"]
 )
 def test_answers_that_are_not_ours(body: bytes) -> None:
-    head = b"HTTP/1.1 500 X\r\nContent-Length: %d\r\n\r\n" % len(body)
-    with server(head + body) as (url, _), pytest.raises(RemoteError) as raised:
+    with answering(http_answer(500, body)) as (url, _), pytest.raises(RemoteError) as raised:
         RemoteService(url, key="").ask("GET", "/v1/jobs")
     assert (raised.value.slug, raised.value.exit_code) == ("unexpected-answer", 3)
 
@@ -205,7 +188,7 @@ def test_answers_that_are_not_ours(body: bytes) -> None:
 @pytest.mark.parametrize("body", [b"<html>Log in to this network</html>", b"", b"[]", b"{}"])
 def test_a_page_of_somebody_else_is_no_list_of_jobs(body: bytes, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments in (["list"], ["show", "x"], ["follow", "x"]):
-        with server(b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % len(body) + body) as (url, _):
+        with answering(http_answer(200, body)) as (url, _):
             assert main(["jobs", *arguments, "--url", url]) == 3
         assert "is this a tailstack?" in capsys.readouterr().err
 
@@ -219,13 +202,13 @@ def test_lines_of_a_stream() -> None:
 def test_a_service_on_this_machine_is_asked_without_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
         monkeypatch.setenv(name, "http://127.0.0.1:1")
-    with server(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}") as (url, heard):
+    with answering(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}") as (url, heard):
         assert RemoteService(url, key="").ask("GET", "/version").json() == {}
     assert heard[0].startswith(b"GET /version HTTP/1.1\r\n")
 
 
 def test_another_service_is_asked_through_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
-    with server(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}") as (url, heard):
+    with answering(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}") as (url, heard):
         monkeypatch.setenv("http_proxy", url)
         assert RemoteService("http://tailstack.invalid", key="").ask("GET", "/version").json() == {}
     assert heard[0].startswith(b"GET http://tailstack.invalid/version HTTP/1.1\r\n")
@@ -273,7 +256,7 @@ def self_signed(folder: Path) -> tuple[Path, Path]:
     ids=["nothing", "half", "mail", "tls"],
 )
 def test_answers_that_break_off_or_are_not_http_count_as_none(answer: bytes) -> None:
-    with server(answer) as (url, _), pytest.raises(RemoteError) as raised:
+    with answering(answer) as (url, _), pytest.raises(RemoteError) as raised:
         RemoteService(url, key="").ask("GET", "/v1/jobs")
     assert (raised.value.slug, raised.value.status, raised.value.exit_code) == ("unreachable", 0, 3)
     assert f"no answer from {url}: " in str(raised.value)
@@ -303,7 +286,7 @@ def test_a_stream_without_events_outlives_a_restart_of_the_service() -> None:
     refused = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 4\r\n\r\nbusy"
     rest = STREAM + b'id: 1\nevent: state\ndata: {"state": "failed"}\n\n'
     clock = TurnedClock(jumping=True)
-    with server(quiet, refused, rest) as (url, _):
+    with answering(quiet, refused, rest) as (url, _):
         events = list(RemoteService(url, key="", clock=clock).events("x", patience=0.4))  # the first pause is longer
     assert [event.id for event in events] == ["1"]
     assert clock.waits == [0.5, 1.0]
@@ -311,7 +294,7 @@ def test_a_stream_without_events_outlives_a_restart_of_the_service() -> None:
 
 def test_what_is_no_stream_of_events_is_not_asked_for_ever() -> None:
     with (
-        server(b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 5\r\n\r\nhello") as (url, _),
+        answering(b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 5\r\n\r\nhello") as (url, _),
         pytest.raises(RemoteError, match="is this a tailstack"),
     ):
         list(RemoteService(url, key="").events("x"))

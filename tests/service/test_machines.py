@@ -9,21 +9,25 @@ import stat
 import subprocess
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import httpx
+import psutil
 import pytest
 from containers import USER, contain, run_contained, surroundings
-from served import COMMAND, PATH
-from service_scenes import ROOT, ask, small_design
+from openapi_scenes import ended_job
+from served import COMMAND, PATH, served
+from service_scenes import ROOT, ask, client_of, small_design
 
 from family import die_with_parent, ended, run_process, run_python
 from tailstack.errors import MissingExtraError
 from tailstack_service import environment
 from tailstack_service.cli.doctor import CHECKS, Ailment
 from tailstack_service.cli.main import main
-from tailstack_service.environment import FolderError, state_directory
+from tailstack_service.environment import PLAIN_PROCESSES, FolderError, state_directory
+from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.report import pdf
 from tailstack_service.report.errors import PdfUnavailable
 from waiting import LIMIT_SECONDS, until
@@ -265,3 +269,35 @@ def test_a_service_of_a_user_without_name_and_home(room: Path) -> None:
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=LIMIT_SECONDS)
     assert "Traceback" not in (room / "log").read_text()
+
+
+# --- a system without what Linux has --------------------------------------------------------------
+
+
+def children_of(process: psutil.Process) -> list[psutil.Process]:
+    """All below it; none is a process that others are forked from."""
+    found = process.children(recursive=True)
+    assert not any("tailstack_service.processes.nursery" in each.cmdline() for each in found if each.is_running())
+    return [each for each in found if "tailstack_service.processes.child" in each.cmdline()]
+
+
+def lives(process: psutil.Process) -> bool:
+    with suppress(psutil.NoSuchProcess):
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    return False
+
+
+def test_without_what_linux_has_a_service_answers_computes_and_leaves_nothing(tmp_path: Path) -> None:
+    with served(tmp_path, **{PLAIN_PROCESSES: "1"}) as service:
+        process = psutil.Process(service.pid)
+        with client_of(service.url) as client:
+            score = client.post("/v1/scores", json={"design": EXAMPLE_DESIGN})
+            assert score.status_code == 200, score.text
+            body = {"design": EXAMPLE_DESIGN, "trials": 2_000, "seed": 1}
+            job = client.post("/v1/verifications", json=body)
+            assert job.status_code == 202, job.text
+            assert ended_job(client, f"/v1/jobs/{job.json()['id']}")["state"] == "succeeded"
+        computing = children_of(process)
+        assert computing
+        process.kill()
+        until(lambda: not any(map(lives, computing)), lambda: computing)

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_scenes import ROOT
+from browsing import browser, used
+from served import served
+from service_scenes import EXAMPLES, ROOT
 
 from family import run_python
 from waiting import LIMIT_SECONDS
@@ -105,3 +107,101 @@ def test_it_is_among_the_options_that_a_run_is_given(told: dict[str, Any]) -> No
     """By its default, by the flag, by the query of a YAML body, by the body in JSON."""
     assert told["codes"] == [0, 0]
     assert told["given"] == [5.0, 7.0, 8.0, 9.5]
+
+
+# --- a column -------------------------------------------------------------------------------------
+
+
+__all__ = ["browser"]
+
+BEFORE = '        Column("dP95/dh", "mm/unit", "significant", on=IN_DETAIL, of=lambda row: row.line.dp95_per_unit),\n'
+TOY = '        Column("Toyness", "toys", "fixed", 1, of=lambda row: 1000 * row.line.variance_share),\n'
+FIELD, RENAMED = "dp95_per_unit", "toy_slope"
+PROGRAM_OF_COLUMN = """
+import io, json, sys
+import openpyxl
+from pypdf import PdfReader
+from tailstack import load_design, score
+from tailstack_service.documents import to_json
+from tailstack_service.operations.rendering import render_all
+from tailstack_service.rendering.page import Page, write_on
+from tailstack_service.operations.registry import OPERATIONS
+from tailstack_service.schemas import json_schema
+
+found = score(load_design(sys.argv[1]))
+told = {"terminal": OPERATIONS["score"].write(found), "notebook": found._repr_html_()}
+with write_on(Page(160, details=True)):
+    told["details"] = OPERATIONS["score"].write(found)
+made = dict(render_all("score", to_json(found), ("html", "pdf", "xlsx")))
+told["html"] = made["html"].decode()
+told["pdf"] = "\\n".join(page.extract_text() for page in PdfReader(io.BytesIO(made["pdf"])).pages)
+sheet = openpyxl.load_workbook(io.BytesIO(made["xlsx"]))["Budget"]
+told["xlsx"] = "\\n".join(" ".join(str(cell) for cell in row) for row in sheet.iter_rows(values_only=True))
+largest = max(line.variance_share for line in found.worst_target.contributors)
+told["record"], told["schema"] = to_json(found).decode(), json.dumps(json_schema("score"))
+print(json.dumps({"told": told, "largest": 1000 * largest}))
+"""
+
+
+def copy_with_column(folder: Path) -> str:
+    """PYTHONPATH with a copy of the sources in which the column is added, to a file of which no kernel is made."""
+    shutil.copytree(ROOT / "solver" / "tailstack", folder / "tailstack", ignore=shutil.ignore_patterns("*.nb?"))
+    file = folder / "tailstack" / "results" / "score.py"
+    text = file.read_text(encoding="utf-8")
+    assert text.count(BEFORE) == 1
+    file.write_text(text.replace(BEFORE, TOY + BEFORE), encoding="utf-8")
+    return os.pathsep.join(str(place) for place in (folder, ROOT / "service"))
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], float]:
+    """What a copy with the column, and with the field renamed, shows of a score; the largest number in the column."""
+    folder = tmp_path_factory.mktemp("copy")
+    copy = copy_with_column(folder)
+    for each in (folder / "tailstack" / "results" / "score.py", folder / "tailstack" / "budget.py"):
+        text = each.read_text(encoding="utf-8")
+        assert FIELD in text
+        each.write_text(text.replace(FIELD, RENAMED), encoding="utf-8")
+    done = run_python(
+        "-c",
+        PROGRAM_OF_COLUMN,
+        str(EXAMPLES / "demo.yaml"),
+        said={"PYTHONPATH": copy},
+        timeout=5 * LIMIT_SECONDS,
+        cwd=folder,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    return found["told"], found["largest"]
+
+
+@pytest.mark.parametrize("writer", ["terminal", "details", "notebook", "html", "pdf", "xlsx"])
+def test_every_writer_has_the_column(shown: tuple[dict[str, str], float], writer: str) -> None:
+    told, largest = shown
+    words = told[writer].lower()
+    assert "toyness" in words
+    assert "toys" in words
+    assert (f"{largest:.1f}" if writer != "xlsx" else f"{largest:.4f}"[:-2]) in words
+
+
+@pytest.mark.long
+def test_the_page_has_the_column(tmp_path: Path, browser: None) -> None:
+    with served(tmp_path, PYTHONPATH=copy_with_column(tmp_path)) as service:
+        found = used(service.url, "figures", script="shown.mjs")
+    for state in ("before", "after"):
+        shown = found[state]
+        assert "Toyness toys" in [" ".join(head.split()) for head in shown["heads"]]
+        assert len(shown["rows"]) > 5
+    assert found["after"]["rows"] != found["before"]["rows"]
+    assert f"P95 {found['p95']} mm" in found["after"]["caption"]
+
+
+def test_a_field_that_is_renamed_where_it_is_declared_and_computed_is_renamed_in_what_is_published(
+    shown: tuple[dict[str, str], float],
+) -> None:
+    told, _ = shown
+    for document in ("record", "schema"):
+        assert RENAMED in told[document]
+        assert FIELD not in told[document]
+    for writer in ("details", "html"):
+        assert "dp95/dh" in told[writer].lower()

@@ -418,6 +418,15 @@ def test_an_unknown_image_size_is_said() -> None:
     assert any("not stated" in str(entry.text) for entry in root.iter(f"{SVG}text"))
 
 
+def test_images_of_a_layout_before_have_lines_to_what_moved() -> None:
+    data = json.loads(json.dumps(DEMO.source.data))
+    for entry in data["fiducials"]["points"][:4]:
+        entry["position_mm"][2] += 10
+    root = check_picture(draw_images(load_design(data), "x", before=DEMO))
+    moved = [path for path in root.iter(f"{SVG}path") if path.attrib.get("stroke-width") == "0.9"]
+    assert len(moved) == 2 * 4 + 1  # and the legend's
+
+
 # --- the quantile over each half-width ------------------------------------------------------------
 
 

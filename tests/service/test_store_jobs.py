@@ -64,21 +64,6 @@ def test_what_cannot_be_an_id_is_not_found(store: Database, job_id: str) -> None
     assert events.read_events(store, "acme", job_id, 0, 10) == []
 
 
-def test_another_tenant_sees_nothing(store: Database) -> None:
-    job = submit(store)
-    finish(store)
-    name = find(store, job).result_sha256
-    assert name is not None
-    assert results.read_result(store, "acme", name) is not None
-    assert jobs.find_job(store, "other", job.id) is None
-    assert events.read_events(store, "other", job.id, 0, 10) == []
-    assert jobs.list_page(store, "other", limit=10).jobs == ()
-    assert results.read_result(store, "other", name) is None
-    running = submit(store)
-    assert jobs.cancel_job(store, "other", running.id) is None
-    assert find(store, running).state == "queued"
-
-
 def test_equal_answers_are_kept_once_and_belong_to_whoever_has_a_job_with_them(store: Database, clock: Clock) -> None:
     mine, theirs = submit(store), submit(store, tenant="other")
     first = clock.now

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
 import json
+import re
+import shlex
 from functools import cache
 from pathlib import Path
 
 import pytest
-from service_scenes import EXAMPLES
+from service_scenes import EXAMPLES, ROOT
 
 from tailstack.results.tables import Table
-from tailstack_service.cli.main import main
+from tailstack_service.cli.main import build_parser, main
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
@@ -73,3 +76,41 @@ def test_a_study_is_computed_again_from_its_design(tmp_path: Path, capsys: pytes
     (tmp_path / "study.json").write_text(json.dumps(forged), encoding="utf-8")
     assert main(["report", "--verify", str(tmp_path / "study.json"), design]) == 1
     assert "/cases/0/p95_together_mm: recorded" in capsys.readouterr().out
+
+
+# --- their pages in docs/ -------------------------------------------------------------------------
+
+
+PAPER = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+STUDIES_PAGE = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+PAGES = PAPER + STUDIES_PAGE
+FENCED = re.findall(r"^```(\w*)\n(.*?)^```$", PAGES, flags=re.MULTILINE | re.DOTALL)
+BLOCKS = [block for kind, block in FENCED if not kind]
+COMMANDS = [
+    one.partition("|")[0].partition(" > ")[0].partition("#")[0].strip(" )")
+    for block in BLOCKS
+    for one in re.findall(r"\btailstack \w.*", block)
+]
+
+
+def test_no_block_names_a_python_of_nobody_knows_which_packages() -> None:
+    assert not re.search(r"^python ", "\n".join(BLOCKS), flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_of_the_page_is_one_and_its_files_are_there(command: str) -> None:
+    words = shlex.split(command)[1:]
+    assert isinstance(build_parser().parse_args(words), argparse.Namespace)
+    for word in words:
+        if word.startswith("examples/"):
+            assert (ROOT / word).is_file()
+
+
+def test_the_equations_are_all_there() -> None:
+    """published: the paper numbers its equations from 1 to 18."""
+    heads = " ".join(re.findall(r"^\*\*(Eqs? .*?)\*\*", PAPER, flags=re.MULTILINE))
+    numbers: set[int] = set()
+    for part in re.findall(r"\d+–\d+|\d+", heads):
+        first, _, last = part.partition("–")
+        numbers |= set(range(int(first), int(last or first) + 1))
+    assert numbers == set(range(1, 19))

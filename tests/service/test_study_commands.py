@@ -1,0 +1,432 @@
+"""``tailstack study ...``: text, JSON, figure, refusals, computed again."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import runpy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import jsonschema
+import pytest
+from service_scenes import EXAMPLES, ROOT, coplanar_design, small_design, write_json
+from test_report_figures import check_picture
+
+from optimise_documents import document, moving
+from tailstack.design import compile_design, load_design
+from tailstack.studies.coupling import choose_decimals
+from tailstack.studies.linearity import Grid, study_linearity
+from tailstack.studies.views import study_views
+from tailstack_service.cli.main import main
+from tailstack_service.rendering.document import document_text
+from tailstack_service.rendering.page import Page, write_on
+from tailstack_service.report.studies.bench import bench_document, draw_bench
+from tailstack_service.report.studies.coupling import COMPARISONS, coupling_document, draw_coupling
+from tailstack_service.report.studies.linearity import draw_linearity, linearity_csv, linearity_document
+from tailstack_service.report.studies.views import draw_views
+from tailstack_service.schemas import json_schema, record_of
+
+DEMO = str(EXAMPLES / "demo.yaml")
+SMALL = "small.json"
+QUICK = ["--trials", "8192", "--level", "2,5"]
+
+
+def printed(folder: Path, *arguments: str) -> dict:
+    """What ``tailstack study ... --json`` prints, and the figure beside it."""
+    figure, out = folder / "figure.svg", list[bytes]()
+    with pytest.MonkeyPatch.context() as capture:
+        capture.setattr("tailstack_service.cli.main._write", out.append)
+        assert main(["study", *arguments, "--json", "--figure", str(figure)]) == 0
+    return {"study": json.loads(out[0]), "figure": figure.read_text(encoding="utf-8")}
+
+
+@pytest.fixture(scope="module")
+def coupling(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    return printed(tmp_path_factory.mktemp("coupling"), "coupling", DEMO, *QUICK)
+
+
+def test_json_is_the_published_record(coupling: dict) -> None:
+    study = coupling["study"]
+    jsonschema.Draft202012Validator(json_schema("study-coupling")).validate(study)
+    assert [(case["reading"], case["installation"]) for case in study["cases"]] == [
+        ("physical", "as designed"), ("physical", "2 deg + 5 mm"), ("eq18", "as designed"), ("eq18", "2 deg + 5 mm"),
+    ]  # fmt: skip
+    assert study["trials"] == 8192
+    assert study["cases"][3]["gain"]["value"] == pytest.approx(1, abs=1e-9)
+
+
+def test_first_order_says_what_is_seen_against_the_vector_sum(coupling: dict) -> None:
+    """Monte Carlo against the law: at 2 deg + 5 mm the moved noise is smaller along the bias in one reading, and turned
+    in the other.  The sums share their deviates with what they are held against: a tenth of a per cent is seen."""
+    ratios = {
+        case["reading"]: case["against_vector_sum"] for case in coupling["study"]["cases"] if case["rotation_deg"]
+    }
+    for ratio in ratios.values():
+        assert ratio["interval"][1] - ratio["interval"][0] < 1e-3
+        assert ratio["first_order"] == pytest.approx(ratio["value"], abs=3e-4)
+    assert ratios["physical"]["first_order"] < 1 - 9e-4
+    assert ratios["eq18"]["first_order"] > 1 + 4e-4
+
+
+def test_text_fits_the_page_and_holds_every_ratio(coupling: dict) -> None:
+    study = record_of("study-coupling", coupling["study"])
+    with write_on(Page(100, details=True)):
+        text = document_text(coupling_document(study, ""))
+    assert max(map(len, text.splitlines())) <= 100
+    for case in study.cases:
+        assert f"{case.p95_together_mm:.4g}" in text
+        for _, _, which in COMPARISONS:
+            decimals = min(choose_decimals(which(case)), 3)
+            assert f"{round(100 * (which(case).value - 1), decimals) + 0.0:+.{decimals}f}" in text
+    unwrapped = " ".join(text.split())
+    assert all(case.sentence in unwrapped for case in study.cases)
+    assert all(said in unwrapped for said in study.conclusions)
+    assert "Student's t with 31 degrees of freedom" in unwrapped
+
+
+def test_what_there_is_none_of_is_told(coupling: dict) -> None:
+    study = record_of("study-coupling", coupling["study"])
+    long = "a target with a long name, " * 3
+    cases = tuple(replace(case, target=long, gain=None, noise_rms_biased_mm=None) for case in study.cases)
+    bare = replace(study, cases=cases)
+    with write_on(Page(100, details=True)):
+        text = document_text(coupling_document(bare, ""))
+    assert max(map(len, text.splitlines())) <= 100
+    assert text.count("  none  ") == len(cases)  # gains
+    assert sum(line.endswith("  -") for line in text.splitlines()) == len(cases)  # root mean squares
+    figure = draw_coupling(bare)
+    assert figure.count("no standard deviation") == len(cases)
+    assert figure.count("<circle") == (len(COMPARISONS) - 1) * len(cases)
+
+
+def test_the_figure_is_drawn_from_the_record(coupling: dict) -> None:
+    study = record_of("study-coupling", coupling["study"])
+    assert coupling["figure"] == draw_coupling(study)
+    root = ElementTree.fromstring(coupling["figure"])
+    marks = [node for node in root.iter() if node.tag.endswith("circle")]
+    assert len(marks) == len(COMPARISONS) * len(study.cases)
+    width, height = float(root.get("width", 0)), float(root.get("height", 0))
+    assert all(0 < float(mark.get("cx", -1)) < width and 0 < float(mark.get("cy", -1)) < height for mark in marks)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["coupling", DEMO, "--trials", "100"], "8192"),
+        (["coupling", DEMO, "--level", "1"], "DEG,MM"),
+        (["coupling", DEMO, "--level", "90,0"], "at most 45 deg"),
+        (["coupling", DEMO, "--level", "nan,0"], "at most 45 deg"),
+        (["coupling", DEMO, "--figure", "coupling.png"], "no known ending"),
+        (["coupling", DEMO, "--figure", "/nowhere/coupling.svg"], "cannot write"),
+        (["coupling", DEMO, "--target", "elsewhere"], "no target is called"),
+        (["coupling", DEMO, "--error", "angle"], "invalid choice"),
+        (["linearity", SMALL, "--noise", "0.3,wide"], "expected numbers with commas"),
+        (["linearity", SMALL, "--noise", "nan"], "expected numbers with commas"),
+        (["linearity", SMALL, "--noise", "0"], "noise must lie between"),
+        (["linearity", SMALL, "--noise", "0"], "--noise 0.3,1,3,10"),
+        (["linearity", SMALL, "--count", "6.5"], "expected whole numbers"),
+        (["linearity", SMALL, "--count", "400"], "count must lie between 6 and"),
+        (["linearity", SMALL, "--trials", "10"], "expected 8192 to"),
+        (["linearity", SMALL, "--target", "nobody"], "no target is called"),
+        (["linearity", SMALL, "--figure", "map.png"], "no known ending"),
+        (["views", DEMO, "--step-deg", "1"], "step_deg 2 or more"),
+        (["views", DEMO, "--cone-deg", "3"], "a step of 10 deg leaves no direction within 3 deg but the present one"),
+        (["views", DEMO, "--cone-deg", "3"], "step_deg 1"),
+        (["compare", DEMO], "--measurements"),
+        (["compare", DEMO, "--measurements", "none.csv"], "none.csv"),
+        (["compare", DEMO, "--measurements", DEMO, "--instrument-sd", "-1"], "at least 0 and at most 1000"),
+    ],
+)
+def test_what_is_not_asked_for_rightly_is_bad_input(
+    refused: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_json(tmp_path / SMALL, small_design())
+    assert said in refused("study", *arguments)
+
+
+# --- linearity ------------------------------------------------------------------------------------
+
+
+AXES = ["--noise", "0.3,4", "--rotation", "0,2", "--spread", "1,0.4,6", "--count", "8,7", "--trials", "8192"]
+
+
+@pytest.fixture(scope="module")
+def linearity(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    folder = tmp_path_factory.mktemp("linearity")
+    return printed(folder, "linearity", str(write_json(folder / "design.json", small_design())), *AXES)
+
+
+def test_json_of_linearity_is_the_published_record(linearity: dict) -> None:
+    study = linearity["study"]
+    jsonschema.Draft202012Validator(json_schema("study-linearity")).validate(study)
+    assert len(study["points"]) == 2 * 2 * 3 * 2
+    refused = [point for point in study["points"] if point["status"] == "refused"]
+    assert {point["spread"] for point in refused} == {6.0}  # six times as wide does not fit on the detector
+    good = [point for point in study["points"] if point["status"] == "ok"]
+    assert all(point["ratio_interval"][0] < point["ratio"] < point["ratio_interval"][1] for point in good)
+
+
+def test_text_has_every_point_and_its_class(linearity: dict) -> None:
+    study = record_of("study-linearity", linearity["study"])
+    with write_on(Page(details=True)):
+        text = document_text(linearity_document(study, ""))
+    assert max(map(len, text.splitlines())) <= 80
+    rows = [line.split() for line in text.splitlines() if re.match(r"[\d.]+ +[\d.]+ ", line)]
+    assert [row[:2] for row in rows] == [
+        [f"{spread:g}", f"{noise:g}"] for _ in study.counts for spread in study.spreads for noise in study.noises_px
+    ]
+    unwrapped = " ".join(text.split())
+    assert all(said in unwrapped for said in study.sentences)
+    assert "refused: " in text
+    for line in study.calibration:
+        assert f"  {line.points}  " in text
+        assert re.search(rf"{line.lowest_ratio:.3f} +{line.highest_ratio:.3f}$", text, re.MULTILINE)
+
+
+def test_many_rotations_stand_below_one_another_on_a_page_of_80_columns(tmp_path: Path) -> None:
+    design = compile_design(load_design(write_json(tmp_path / "design.json", small_design())))
+    rotations = tuple(range(0, 27, 2))
+    study = study_linearity(
+        design, Grid(noises_px=(0.5,), rotations_deg=rotations, spreads=(1.0,), counts=(8,)), trials=2**13
+    )
+    text = document_text(linearity_document(study, ""))
+    assert max(map(len, text.splitlines())) <= 80
+    heads = [line.split()[3:] for line in text.splitlines() if line.startswith("8 fiducials,")]
+    assert [float(part) for head in heads for part in head if part != "deg"] == list(rotations)
+    shown = [line.split()[2:] for line in text.splitlines() if line.startswith("1    ")]
+    values = [float(part) for row in shown for part in row if part[-1:].isdigit()]
+    assert values == pytest.approx([100 * (point.ratio - 1) for point in study.points], abs=0.51)
+    assert not any(part in ("+0.0", "-0.0", "+0.00", "-0.00", "+0", "-0") for row in shown for part in row)
+
+
+def test_csv_has_a_line_for_each_point(linearity: dict) -> None:
+    study = record_of("study-linearity", linearity["study"])
+    rows = list(csv.DictReader(io.StringIO(linearity_csv(study))))
+    assert len(rows) == len(study.points)
+    for row, point in zip(rows, study.points, strict=True):
+        assert float(row["noise_px"]) == point.noise_px
+        assert row["ratio"] == ("" if point.ratio is None else repr(point.ratio))
+        assert (row["ratio_low"] == "") == (point.ratio_interval is None)
+
+
+def test_the_map_shows_every_cell(linearity: dict) -> None:
+    study = record_of("study-linearity", linearity["study"])
+    assert linearity["figure"] == draw_linearity(study)
+    check_picture(linearity["figure"])
+    alone = replace(study, points=study.points[:1], noises_px=(0.3,), rotations_deg=(0.0,), spreads=(1.0,), counts=(8,))
+    check_picture(draw_linearity(alone))
+    refused = sum(point.status == "refused" for point in study.points)
+    assert linearity["figure"].count(">refused<") == refused
+    assert linearity["figure"].count(" %<") + linearity["figure"].count(" % ?<") >= len(study.points) - refused
+
+
+def test_a_map_of_which_every_point_is_refused_is_3(call: Any, tmp_path: Path) -> None:
+    design = write_json(tmp_path / "design.json", small_design())
+    alone = ("--spread", "6", "--noise", "0.3", "--rotation", "0", "--count", "8", "--json")
+    assert call("study", "linearity", design, *alone)[0] == 3
+
+
+def test_an_ill_posed_design_is_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "linearity", str(write_json(tmp_path / "flat.json", coplanar_design()))]) == 3
+    assert "next: tailstack validate" in capsys.readouterr().err
+
+
+# --- views ----------------------------------------------------------------------------------------
+
+
+COARSE = ["--step-deg", "30"]
+
+
+@pytest.mark.long
+def test_it_prints_a_line_for_each_map_and_what_they_say(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "views", DEMO, *COARSE, "--error", "localisation"]) == 0
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 80
+    for name in ("AP, turned", "LAT, turned", "one more like AP"):
+        assert f"\n{name} " in text
+    assert "* A third view like AP, with beam_direction" in text
+    assert "P95 of the error of the located target" in " ".join(text.split())
+
+
+@pytest.mark.long
+def test_its_record_keeps_its_schema_is_drawn_and_is_computed_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", "views", DEMO, *COARSE, "--json"]) == 0
+    printed = capsys.readouterr().out
+    record = json.loads(printed)
+    jsonschema.Draft202012Validator(json_schema("study-views")).validate(record)
+    picture = draw_views(record_of("study-views", record))
+    check_picture(picture)
+    assert [picture.count(f">{name}: P95, mm<") for name in ("AP, turned", "LAT, turned", "one more like AP")] == [
+        1,
+        1,
+        1,
+    ]
+    (tmp_path / "study.json").write_text(printed, encoding="utf-8")
+    assert main(["report", "--verify", str(tmp_path / "study.json"), DEMO]) == 0
+    assert capsys.readouterr().out.endswith("verified\n")
+
+
+def test_a_design_without_an_aimed_view_still_has_text_and_pages(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    design = str(EXAMPLES / "locators_321.yaml")
+    assert main(["study", "views", design]) == 0
+    assert "frontal is left as it is" in capsys.readouterr().out
+    assert main(["study", "views", design, "--json"]) == 0
+    (tmp_path / "study.json").write_text(capsys.readouterr().out, encoding="utf-8")
+    assert main(["report", str(tmp_path / "study.json"), "--format", "html", "-o", str(tmp_path / "pages")]) == 0
+
+
+@pytest.mark.long
+def test_a_map_with_a_direction_where_two_views_are_one_still_shows_the_others() -> None:
+    """AP turned by 24 deg looks nearly along LAT, and P95 is many times what it is elsewhere."""
+    data = document(**moving())
+    data["views"][1].pop("orientation")
+    data["views"][1]["beam_direction"] = [0.4226, 0.9063, 0.0]
+    study = study_views(load_design(data), step_deg=8, cone_deg=24)
+    picture = draw_views(study)
+    check_picture(picture)
+    shades = [float(number) for number in re.findall(r">(\d+\.\d{3})<", picture)]
+    assert max(each.p95_mm or 0.0 for each in study.views[0].directions) > 5 * study.p95_mm
+    assert len(shades) == 3 * 6
+    assert max(shades) < 2 * study.p95_mm
+
+
+# --- estimators -----------------------------------------------------------------------------------
+
+
+def test_it_prints_a_line_for_each_estimator_and_the_sentences(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "estimators", DEMO]) == 0
+    text = capsys.readouterr().out
+    for name in ("dlt", "reprojection", "pose_with_prior", "pose"):
+        assert f"\n{name} " in text
+        assert f"* {name} needs " in text
+    assert "with known intrinsics does as well as this one" in " ".join(text.split())
+
+
+def test_its_record_keeps_its_schema_and_is_computed_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "estimators", DEMO, "--trials", "1024", "--focal-rel-sd", "0.02", "--json"]) == 0
+    printed = capsys.readouterr().out
+    record = json.loads(printed)
+    jsonschema.Draft202012Validator(json_schema("study-estimators")).validate(record)
+    assert [case["simulated_p95_mm"] is not None for case in record["cases"]] == [True] * 4
+    (tmp_path / "study.json").write_text(printed, encoding="utf-8")
+    assert main(["report", "--verify", str(tmp_path / "study.json"), DEMO]) == 0
+    assert capsys.readouterr().out.endswith("verified\n")
+
+
+# --- compare --------------------------------------------------------------------------------------
+
+
+FILES = EXAMPLES / "measurements"
+
+
+def compared(capfdbinary: pytest.CaptureFixture[bytes], name: str, *options: str) -> tuple[int, dict]:
+    """Exit code and the document that --json prints."""
+    code = main(["study", "compare", DEMO, "--measurements", str(FILES / name), "--json", *options])
+    return code, json.loads(capfdbinary.readouterr().out)
+
+
+@pytest.mark.long
+def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
+    """The truth is written in the file: 0.46 deg about x at the connector on the flange."""
+    figure = tmp_path / "q.svg"
+    code, document = compared(capfdbinary, "bench_tilted_flange.csv", "--figure", str(figure))
+    assert code == 1
+    jsonschema.Draft202012Validator(json_schema("study-comparison")).validate(document)
+    assert document["verdict"] == "differs"
+    record = tmp_path / "study.json"
+    record.write_text(json.dumps(document))
+    assert main(["report", str(record), "--format", "json", "-o", str(tmp_path)]) == 1
+    named = [e for e in document["explanations"] if (e["contributor"], e["component"]) == ("connector_flange", "rx")]
+    assert named[0]["intervals"][0][0] < 0.46 < named[0]["intervals"][0][1]
+    study = record_of("study-comparison", document)
+    assert figure.read_text() == draw_bench(study)
+    root = ElementTree.fromstring(figure.read_text())
+    marks = [node for node in root.iter() if node.tag.endswith("circle")]
+    assert len(marks) == len(study.levels) + sum(len(level.quantiles) for level in study.levels)
+    eight = replace(study, levels=study.levels[:1] * 8)
+    assert "tails of the first 6 of 8 levels" in draw_bench(eight)
+    text = document_text(bench_document(study, ""))
+    assert max(map(len, text.splitlines())) <= 100
+    unwrapped = " ".join(text.split())
+    assert all(said in unwrapped for said in study.conclusions)
+    assert "connector on flange, spigot and four bolts rx" in unwrapped
+    assert unwrapped.endswith("measurements and prediction: differs")
+
+
+@pytest.mark.long
+def test_the_bench_as_designed_agrees(capsys: pytest.CaptureFixture[str]) -> None:
+    name = str(FILES / "bench_as_designed.csv")
+    assert main(["study", "compare", DEMO, "--measurements", name]) == 0
+    text = capsys.readouterr().out
+    assert "measurements and prediction: agrees" in text
+    assert "not equality" in text
+
+
+@pytest.mark.long
+def test_the_noisy_views_are_named(capfdbinary: pytest.CaptureFixture[bytes]) -> None:
+    """The truth is written in the file: twice the declared noise."""
+    code, document = compared(capfdbinary, "bench_noisy_views.csv")
+    assert code == 1
+    ((low, high),) = next(e["intervals"] for e in document["explanations"] if e["contributor"] == "image_noise")
+    assert low < 2 < high
+    assert low > 1
+
+
+@pytest.mark.long
+def test_the_paper_s_summary_is_read_and_not_tested(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["study", "compare", DEMO, "--error", "localisation", "--measurements", str(FILES / "paper_s4.csv")]
+    assert main(command) == 4
+    text = " ".join(capsys.readouterr().out.split())
+    assert "0.276 mm/px" in text
+    assert "1.09 standard deviations above the mean, where a normal law has 1.645" in text
+    assert "1.00 standard deviations above the mean" in text
+    assert "P95 over mean does not grow with the level: 1.009, 1.008" in text
+    assert "one degree of freedom" in text
+    assert "its own reference, not a measurement" in text
+
+
+def test_the_example_of_the_papers_bench_is_its_table_as_printed() -> None:
+    """published: S4, typed once more by itself."""
+    with (ROOT / "tests" / "data" / "paper_tables.csv").open(encoding="utf-8", newline="") as stream:
+        typed = {(one["row"], one["column"]): one["printed"] for one in csv.DictReader(stream) if one["table"] == "S4"}
+    text = (FILES / "paper_s4.csv").read_text(encoding="utf-8")
+    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+    names = {
+        "mean_mm": "e_3d_mean", "sd_mm": "e_3d_std", "p95_mm": "e_3d_p95", "reprojection_px": "e_reprojection_mean_px",
+    }  # fmt: skip
+    assert {(row["level"], names[k]): row[k] for row in rows for k in names} == typed
+
+
+def test_the_simulated_files_are_those_their_script_writes() -> None:
+    """Digits of a seed are part of the contract; so are the files."""
+    made = runpy.run_path(str(FILES / "make_examples.py"))["files"]()
+    assert set(made) == {path.name for path in FILES.glob("bench_*.csv")}
+    for name, text in made.items():
+        assert (FILES / name).read_text() == text, name
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("x_mm,y_mm,z_m\n1,2,3\n", "m.csv:1:1: (document): the columns have different units"),
+        ("error_mm\n1\nNaN\n3\n", "m.csv:3:1: /error_mm: error_mm is not a finite number"),
+        ("error_mm\n1\n2\n", "at least 3 are needed"),
+        ("colour\nred\n", "names no measured quantity"),
+    ],
+)
+def test_rubbish_is_bad_input(refused: Any, tmp_path: Path, content: str, said: str) -> None:
+    file = tmp_path / "m.csv"
+    file.write_text(content)
+    told = refused("study", "compare", DEMO, "--measurements", file)
+    assert said in told
+    assert "next: tailstack study compare --help" in told
