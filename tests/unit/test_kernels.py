@@ -84,7 +84,8 @@ class Checkout:
 
 def checkout(place: Path, store: Path) -> Checkout:
     made = Checkout(place, store)
-    for name in {*sources.reach("__init__.py"), *sources.reach("kernels/store.py")}:
+    reached = {*sources.reach("__init__.py"), *sources.reach("kernels/store.py")}
+    for name in {*reached, *(f"{name}i" for name in reached if (PACKAGE / f"{name}i").exists())}:
         (place / "tailstack" / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(PACKAGE / name, place / "tailstack" / name)
     for folder in ("tail", "geometry", "results"):

@@ -194,7 +194,7 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class FigureFile:
     """A chart of a record that the command draws into a file, with ``--figure``."""
 
     words: str  # what it shows
@@ -267,7 +267,7 @@ class Operation:
     # How it is typed
     command: Command | None = None  # None: DESIGN, a flag for each option, and what follows
     threads: bool = False  # --threads
-    figure: Figure | None = None  # --figure
+    figure: FigureFile | None = None  # --figure
     csv: Csv | None = None  # --csv
     target: bool = False  # --target: of which target the document and the figure are
     remote: Callable[[Call, str], Any] | None = None  # --remote URL: the record as a service computes it

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from ..console.answer import FAIL, INCONCLUSIVE, PASS
 from ..console.flags import NO_FLAG, Flag
-from .operation import Call, Figure, LateImport, Operation
+from .operation import Call, FigureFile, LateImport, Operation
 from .options import Options, Seed
 
 if TYPE_CHECKING:
@@ -108,5 +108,5 @@ OPERATION = Operation(
     document=LateImport("..report.studies.bench", "bench_document"),
     exit_code=lambda record: EXIT_CODE[record.verdict],
     threads=True,
-    figure=Figure("means and Q-Q plots", LateImport("..report.studies.bench", "draw_bench")),
+    figure=FigureFile("means and Q-Q plots", LateImport("..report.studies.bench", "draw_bench")),
 )

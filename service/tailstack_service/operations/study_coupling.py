@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field
 
 from ..console.flags import Flag
-from .operation import Call, Demand, Figure, LateImport, Operation
+from .operation import Call, Demand, FigureFile, LateImport, Operation
 from .options import Options, Seed, check_trials
 
 if TYPE_CHECKING:
@@ -105,6 +105,6 @@ OPERATION = Operation(
     document=LateImport("..report.studies.coupling", "coupling_document"),
     demand=lambda record: Demand.of_cases(record.trials, len(record.cases), "Monte Carlo of every case"),
     threads=True,
-    figure=Figure("the ratios", LateImport("..report.studies.coupling", "draw_coupling")),
+    figure=FigureFile("the ratios", LateImport("..report.studies.coupling", "draw_coupling")),
     target=True,
 )

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from ..console.answer import exit_code_of_points
 from ..console.flags import Flag
-from .operation import Call, Csv, Demand, Figure, LateImport, Operation
+from .operation import Call, Csv, Demand, FigureFile, LateImport, Operation
 from .options import Options, Seed, refuse_unknown_target, within
 
 if TYPE_CHECKING:
@@ -101,6 +101,6 @@ OPERATION = Operation(
     demand=lambda record: Demand.of_cases(record.trials, len(record.points), "Monte Carlo at every point"),
     exit_code=exit_code_of_points,
     threads=True,
-    figure=Figure("the map", LateImport("..report.studies.linearity", "draw_linearity")),
+    figure=FigureFile("the map", LateImport("..report.studies.linearity", "draw_linearity")),
     csv=Csv("point", LateImport("..report.studies.linearity", "linearity_csv")),
 )

@@ -21,7 +21,7 @@ from ..console.answer import exit_code_of_points
 from ..console.flags import Flag
 from ..environment import variable
 from ..problems import RequestError
-from .operation import Call, Csv, Demand, Figure, LateImport, Operation
+from .operation import Call, Csv, Demand, FigureFile, LateImport, Operation
 from .options import Count, MostTrials, Options, Seed, within_trials
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ OPERATION = Operation(
     document=LateImport("..report.chapters.sweep", "sweep_document"),
     exit_code=exit_code_of_points,
     demand=_demand,
-    figure=Figure(
+    figure=FigureFile(
         "P95 over one axis of several values, or two", LateImport("..report.charts", "draw_sweep"), _check_drawable
     ),
     csv=Csv("point and target", LateImport("..report.chapters.sweep", "sweep_csv")),
