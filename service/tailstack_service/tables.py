@@ -156,6 +156,12 @@ def read_number(cell: Any) -> float | None:
     return float(cell)
 
 
+def hold_numbers(header: Sequence[str], places: Sequence[int]) -> tuple[bool, ...]:
+    """Which columns of an answer hold numbers: those of the table that gave some, and P95 and the like."""
+    given = [header[place] for place in places]
+    return tuple(name in given or name.partition(":")[0].endswith("_mm") for name in header)
+
+
 def format_of(name: str) -> Format:
     """By the ending of a file's name.  Raises RequestError."""
     form = next((form for ending, form in ENDINGS.items() if name.lower().endswith(ending)), None)

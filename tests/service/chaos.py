@@ -46,11 +46,11 @@ from family import die_with_parent
 from optimise_documents import BOX, document
 from tailstack_service.jobs.store import jobs, results, tables, workers
 from tailstack_service.jobs.store.database import Database, reading
-from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
 from tailstack_service.jobs.store.schema import migrate_database, open_database
 from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.perform import perform
+from tailstack_service.problems import StoreError, StoreUnavailable
 from tailstack_service.processes.interpreter import make_command, make_environment, running_code
 from tailstack_service.processes.task import ADVANCE, Task, UnitResult
 

@@ -18,9 +18,9 @@ from store_scenes import Clock
 
 from tailstack_service.jobs.store import audit, upkeep
 from tailstack_service.jobs.store.database import Database
-from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.keys import create_key, revoke_key
 from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from waiting import until
 

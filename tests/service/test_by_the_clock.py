@@ -27,8 +27,8 @@ from tailstack_service.http.server import FIRST_PAUSE, GOOD_SECONDS, RestartedPr
 from tailstack_service.http.service import Service
 from tailstack_service.jobs.store import database
 from tailstack_service.jobs.store.database import writing
-from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
 from waiting import until, until_async

@@ -23,10 +23,9 @@ from tailstack_service.operations.content import canonical
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.operation import Call
 from tailstack_service.operations.registry import OPERATIONS
-from tailstack_service.operations.request import RawRequest
 from tailstack_service.problems import RequestError
 from tailstack_service.processes.frames import Died
-from tailstack_service.processes.task import ADVANCE, Estimated, Task, UnitResult
+from tailstack_service.processes.task import ADVANCE, Estimated, RawRequest, Task, UnitResult
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 

@@ -16,7 +16,7 @@ from tailstack_service.cli.main import main
 from tailstack_service.http.server import running_service
 from tailstack_service.jobs.store import events, jobs, results, upkeep, usage
 from tailstack_service.jobs.store.database import Database, writing
-from tailstack_service.jobs.store.errors import DamagedStore
+from tailstack_service.problems import DamagedStore
 from tailstack_service.settings import Settings
 from waiting import until
 

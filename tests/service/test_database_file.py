@@ -18,8 +18,8 @@ from served import Served, served
 from service_scenes import client_of, small_design
 
 from tailstack_service.jobs.store.database import Database, reading, writing
-from tailstack_service.jobs.store.errors import StoreError
 from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.problems import StoreError
 from waiting import LIMIT_SECONDS, until
 
 BODY = {"design": small_design(), "trials": 1000}

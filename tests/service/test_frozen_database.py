@@ -26,8 +26,8 @@ from worker_scenes import submit as submit_strange
 from tailstack_service.http import service
 from tailstack_service.jobs.store import database, jobs, schema, workers
 from tailstack_service.jobs.store.database import Database
-from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 

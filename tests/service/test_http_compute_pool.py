@@ -33,12 +33,11 @@ from tailstack_service.http import computations, compute_pool
 from tailstack_service.http.compute_pool import CallerLeft, ComputePool, FairQueue
 from tailstack_service.jobs.store import database, jobs
 from tailstack_service.operations import effort
-from tailstack_service.operations.request import RawRequest
 from tailstack_service.problems import RefusedAt, TransportError
 from tailstack_service.processes import nursery
 from tailstack_service.processes.frames import Defect, Died
 from tailstack_service.processes.nursery import ForkedProcess
-from tailstack_service.processes.task import Estimated
+from tailstack_service.processes.task import Estimated, RawRequest
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until, until_async
 

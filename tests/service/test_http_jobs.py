@@ -477,7 +477,7 @@ def test_who_waits_for_a_job_while_the_database_goes_away_is_told_of_the_job(mon
     """Not 503: whoever sent it again would have it twice."""
     from tailstack.errors import Problem
     from tailstack_service.jobs.store import jobs as stored
-    from tailstack_service.jobs.store.errors import StoreUnavailable
+    from tailstack_service.problems import StoreUnavailable
 
     def away(*_: object) -> None:
         raise StoreUnavailable(Problem("", "store-unavailable", "it stands still"))

@@ -13,8 +13,8 @@ import httpx
 import pytest
 from service_scenes import check_problem, client_with, coplanar_design, read_answer, small_design
 
-from tailstack_service.operations.request import RawRequest
 from tailstack_service.problems import CATALOGUE
+from tailstack_service.processes.task import RawRequest
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 

@@ -9,7 +9,7 @@ import pytest
 from tailstack.errors import Problem
 from tailstack_service.http import kept_designs
 from tailstack_service.http.kept_designs import CLOSING_SECONDS, FRESH_SECONDS, PAUSE_SECONDS, KeptDesigns
-from tailstack_service.jobs.store.errors import StoreUnavailable
+from tailstack_service.problems import StoreUnavailable
 from turned_clock import TurnedClock
 from waiting import until_async
 

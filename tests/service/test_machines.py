@@ -28,8 +28,8 @@ from tailstack_service.cli.doctor import CHECKS, Ailment
 from tailstack_service.cli.main import main
 from tailstack_service.environment import PLAIN_PROCESSES, FolderError, state_directory
 from tailstack_service.operations.example import EXAMPLE_DESIGN
+from tailstack_service.problems import PdfUnavailable
 from tailstack_service.report import pdf
-from tailstack_service.report.errors import PdfUnavailable
 from waiting import LIMIT_SECONDS, until
 
 DESIGN = str(ROOT / "examples" / "demo.yaml")

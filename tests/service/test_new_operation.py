@@ -62,7 +62,7 @@ def _measure(call: Call) -> Spacing:
 
 
 def _document(record: Spacing, sha256: str) -> Any:
-    from ..report.blocks import Document, KeyNumber, Paragraph
+    from ..rendering.blocks import Document, KeyNumber, Paragraph
     from ..report.chapters.tables import closing_sections, provenance_facts
 
     closest = f"{record.distances_mm[0]:.3f} mm"

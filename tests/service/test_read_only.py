@@ -15,9 +15,9 @@ from sqlalchemy.exc import OperationalError
 from family import run_process
 from tailstack_service.cli.main import main
 from tailstack_service.jobs.store.database import Database, _find_closed, connect, find_reading_mode, reading
-from tailstack_service.jobs.store.errors import StoreError
 from tailstack_service.jobs.store.keys import create_key
 from tailstack_service.jobs.store.schema import migrate_database, open_database
+from tailstack_service.problems import StoreError
 
 
 def url_of(path: Path) -> str:

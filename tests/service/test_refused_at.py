@@ -13,8 +13,9 @@ from tailstack.errors import DesignError, IllPosedError, Problem
 from tailstack_service.gate.request import admit_gate, read_gate
 from tailstack_service.http import computations
 from tailstack_service.operations.content import canonical
-from tailstack_service.operations.request import DesignReferenceUnresolved, RawRequest
+from tailstack_service.operations.request import DesignReferenceUnresolved
 from tailstack_service.problems import RefusedAt
+from tailstack_service.processes.task import RawRequest
 from tailstack_service.settings import Settings
 
 NOWHERE = "0" * 64

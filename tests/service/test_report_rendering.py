@@ -33,10 +33,10 @@ from tailstack_service.documents import to_json
 from tailstack_service.gate.judge import judge
 from tailstack_service.gate.request import admit_gate
 from tailstack_service.operations.rendering import render
+from tailstack_service.problems import PdfUnavailable
 from tailstack_service.report import html as html_module
 from tailstack_service.report.assembling import ReportContents, compute_report
 from tailstack_service.report.comparing import compute_comparison
-from tailstack_service.report.errors import PdfUnavailable
 from tailstack_service.report.records import Report
 from tailstack_service.schemas import json_schema
 from waiting import LIMIT_SECONDS

@@ -27,8 +27,8 @@ from family import die_with_parent, ended
 from tailstack_service import clock as clocks
 from tailstack_service.jobs.store import database, events, jobs, queue, results, upkeep, workers
 from tailstack_service.jobs.store.database import Database, reading, writing
-from tailstack_service.jobs.store.errors import StoreUnavailable
 from tailstack_service.jobs.store.schema import HEAD, migrate_database, open_database
+from tailstack_service.problems import StoreUnavailable
 from tailstack_service.processes.task import ADVANCE
 from waiting import LIMIT_SECONDS, until
 

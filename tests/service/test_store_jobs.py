@@ -13,8 +13,8 @@ from store_scenes import PROBLEM, Clock, claim_one, find, finish, record, split,
 
 from tailstack_service.jobs.store import events, jobs, results
 from tailstack_service.jobs.store.database import Database
-from tailstack_service.jobs.store.errors import IdempotencyConflict, QueueFull
 from tailstack_service.jobs.store.jobs import Job
+from tailstack_service.problems import IdempotencyConflict, QueueFull
 from waiting import LIMIT_SECONDS
 
 

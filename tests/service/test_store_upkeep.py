@@ -21,8 +21,8 @@ from store_scenes import Clock, claim, claim_one, find, finish, record, split, s
 from tailstack.errors import Problem
 from tailstack_service.jobs.store import designs, jobs, results, schema, tables, upkeep, usage, workers
 from tailstack_service.jobs.store.database import Database, connect, writing
-from tailstack_service.jobs.store.errors import StoreError, StoreUnavailable
 from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.problems import StoreError, StoreUnavailable
 
 DAY = 86_400.0
 

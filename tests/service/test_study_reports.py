@@ -18,7 +18,7 @@ from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
 from tailstack_service.operations.units.whole import compute_whole
-from tailstack_service.report.blocks import Paragraph
+from tailstack_service.rendering.blocks import Paragraph
 from tailstack_service.schemas import record_of
 
 STUDIES = [name for name in OPERATIONS if name.startswith("study-")]

@@ -27,8 +27,7 @@ from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.operation import Call, Operation
 from tailstack_service.operations.perform import perform
 from tailstack_service.operations.registry import OPERATIONS
-from tailstack_service.operations.request import RawRequest
-from tailstack_service.processes.task import ADVANCE, Estimated, Task
+from tailstack_service.processes.task import ADVANCE, Estimated, RawRequest, Task
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS

@@ -331,7 +331,7 @@ def test_the_database_may_go_away_while_units_are_computed(
 ) -> None:
     """Every statement fails for a while: what was computed meanwhile is recorded afterwards, by the same claims."""
     from tailstack.errors import Problem
-    from tailstack_service.jobs.store.errors import StoreUnavailable
+    from tailstack_service.problems import StoreUnavailable
 
     away = False
     rooms = {"claim": queue, "record": queue, "renew": queue, "release": queue, "report_alive": workers}

@@ -9,7 +9,7 @@ from itertools import zip_longest
 from tailstack import __version__
 
 from ..operations.rendering import render
-from ..report.errors import PdfUnavailable
+from ..problems import PdfUnavailable
 from .findings import DIFFERENT, NOT_COMPARED, SAME, AuditCheck
 from .holding import ReportFile, sheet_cells, sheet_names, unpack_streams
 

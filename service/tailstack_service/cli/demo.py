@@ -15,9 +15,9 @@ from tailstack.extras import require_extras
 from ..clock import SYSTEM_CLOCK, Clock
 from ..console.answer import Answer, exit_code_of
 from ..console.arguments import add_details
-from ..console.editors import write_document
 from ..console.files import writable_directory
 from ..console.program import program
+from ..operations.editors import write_document
 from ..rendering.jobs import advance_text
 from ..shipped import example_folder
 

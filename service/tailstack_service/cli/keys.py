@@ -60,8 +60,8 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 def _open(url: str, *, reads: bool) -> Database:
     """What only reads does not change the file; a database that nobody has made yet is made, and holds no key."""
-    from ..jobs.store.errors import StoreError
     from ..jobs.store.schema import open_database
+    from ..problems import StoreError
 
     try:
         return open_database(url, read_only=True) if reads else open_database(url, migrate=True)

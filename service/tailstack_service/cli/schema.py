@@ -9,9 +9,9 @@ from pathlib import Path
 from tailstack.errors import Problem
 
 from ..console.answer import Answer
-from ..console.editors import schema_file, schema_text
 from ..console.files import replace_file, writable
 from ..documents import DRAFTS
+from ..operations.editors import schema_file, schema_text
 from ..problems import RequestError
 
 HELP = "published JSON Schemas; without a name, their list"

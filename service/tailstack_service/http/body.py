@@ -10,8 +10,9 @@ from starlette.requests import Request
 from tailstack.errors import LimitError, Problem, TailstackError
 
 from ..environment import variable
-from ..operations.request import RawRequest, refuse_query
+from ..operations.request import refuse_query
 from ..problems import MalformedError, TransportError
+from ..processes.task import RawRequest
 from .service import service_of
 
 JSON = "application/json"

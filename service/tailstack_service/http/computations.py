@@ -24,9 +24,9 @@ from ..operations.example import EXAMPLE_DESIGN, variants
 from ..operations.operation import Call, Done, JobRequest, Operation, Reception
 from ..operations.perform import compute, plan
 from ..operations.registry import OPERATIONS
-from ..operations.request import DesignReferenceUnresolved, RawRequest, Request, read_request
+from ..operations.request import DesignReferenceUnresolved, Request
 from ..problems import RefusedAt, memory_error
-from ..processes.task import Estimated, UnitResult
+from ..processes.task import Estimated, RawRequest, UnitResult
 from ..settings import Settings
 
 
@@ -77,7 +77,7 @@ def receive(name: str, sent: RawRequest, settings: Settings) -> Reception | Esti
     operation = OPERATIONS[name]
     if operation.body is not None:
         return operation.body.receive(sent, settings)
-    request = read_request(sent, operation, settings)
+    request = operation.read(sent, settings)
     return Estimated(
         request.options.seconds(map(size_of, request.designs)), partial(_complete, operation, request, settings)
     )

@@ -18,7 +18,6 @@ from tailstack.errors import LimitError, Problem
 from ..environment import variable
 from ..jobs.store import jobs as stored
 from ..jobs.store import results
-from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.jobs import Job
 from ..jobs.store.usage import sum_cpu_seconds
 from ..operations import rendering
@@ -26,10 +25,10 @@ from ..operations.effort import reading_seconds
 from ..operations.operation import JobRequest, Operation, Pieces, Reception
 from ..operations.patches import NAMED
 from ..operations.registry import OPERATIONS
-from ..operations.request import DesignReferenceUnresolved, RawRequest
-from ..problems import TransportError
+from ..operations.request import DesignReferenceUnresolved
+from ..problems import StoreUnavailable, TransportError
 from ..processes.interpreter import running_code
-from ..processes.task import UnitResult
+from ..processes.task import RawRequest, UnitResult
 from ..tables import MEDIA_TYPES
 from . import computations
 from .answers import JSON, asks_for_job, idempotency_key, takes, wait_seconds

@@ -14,8 +14,7 @@ from tailstack.cures import find_nearest
 from tailstack.errors import Problem, TailstackError
 
 from ..documents import to_json
-from ..jobs.store.errors import DamagedStore, StoreError, StoreUnavailable
-from ..problems import ProblemDocument, TransportError, problem_document
+from ..problems import DamagedStore, ProblemDocument, StoreError, StoreUnavailable, TransportError, problem_document
 from .answers import path_of
 from .body import BodyTooLarge
 from .compute_pool import CallerLeft

@@ -18,8 +18,8 @@ from tailstack.errors import Problem, TailstackError
 from ..clock import SYSTEM_CLOCK, Clock
 from ..jobs.store import audit, database
 from ..jobs.store.database import Database
-from ..jobs.store.errors import StoreUnavailable
 from ..jobs.store.schema import open_database
+from ..problems import StoreUnavailable
 from ..settings import Settings
 from .access import Access
 from .compute_pool import ComputePool

@@ -19,9 +19,9 @@ from tailstack.results.record import Published
 
 from ..console.answer import Answer
 from ..console.arguments import read_design, read_number
-from ..console.editors import write_document
 from ..console.files import writable
 from ..console.flags import NO_FLAG, Flag, add_flags, read_flags
+from ..operations.editors import write_document
 from ..operations.effort import text_reading_seconds
 from ..operations.operation import Body, Command, ExampleBody, Operation, Reception
 from ..operations.options import Options
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from tailstack.integrations.conversion import Conversion as Made
     from tailstack.integrations.step import StepBody, StepSelection
 
-    from ..operations.request import Query, RawRequest
+    from ..processes.task import Query, RawRequest
     from ..settings import Settings
 
 F = TypeVar("F", bound=str)

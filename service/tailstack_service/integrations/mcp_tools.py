@@ -28,9 +28,10 @@ from ..operations.operation import Call, Operation
 from ..operations.patches import NAMED, PATCH
 from ..operations.registry import OPERATIONS
 from ..operations.rendering import render
-from ..operations.request import DesignReferenceUnresolved, RawRequest, Request, limits_of, read_request
+from ..operations.request import DesignReferenceUnresolved, Request, limits_of
 from ..operations.validation import Validation, validation_text
 from ..problems import RefusedAt, RequestError, problem_document
+from ..processes.task import RawRequest
 
 if TYPE_CHECKING:
     from ..settings import Settings
@@ -176,17 +177,17 @@ class Tools:
         return arguments
 
     def _read(self, operation: Operation, arguments: dict[str, Any]) -> Request:
-        """The request, checked as the service checks it.  Raises what ``read_request`` raises."""
+        """The request, checked as the service checks it.  Raises what ``Operation.read`` raises."""
         sent = RawRequest("json", write_json(arguments).encode(errors="surrogatepass"))  # which the reader then refuses
         try:
-            return read_request(sent, operation, self.settings)
+            return operation.read(sent, self.settings)
         except DesignReferenceUnresolved as unresolved:
             name = unresolved.sha256
         if name not in self._designs:
             detail = f"no design with the SHA-256 {name} was met in this session"
             hint = "give the design whole, in the field design"
             raise RequestError(Problem(f"/{NAMED}", "unknown-design", detail, hint))
-        return read_request(RawRequest("json", sent.body, (), self._designs[name]), operation, self.settings)
+        return operation.read(RawRequest("json", sent.body, (), self._designs[name]), self.settings)
 
     def _keep(self, sha256: str, data: Any) -> None:
         self._designs[sha256] = canonical(data)

@@ -20,13 +20,13 @@ from typing import IO, Any
 from tailstack.errors import TailstackError
 
 from ..clock import SYSTEM_CLOCK, Clock
+from ..problems import StoreError, StoreUnavailable
 from ..processes.frames import PERFORM
 from ..processes.interpreter import make_command, make_environment
 from ..processes.nursery import share_nursery
 from ..settings import Settings, child_environment
 from .engines.engine import start_engine
 from .store.database import Database, now, parse_url, reading
-from .store.errors import StoreError, StoreUnavailable
 from .store.schema import open_database
 from .store.upkeep import purge
 from .store.workers import WorkerEntry, list_workers

@@ -22,7 +22,7 @@ from typing import Any
 from tailstack.errors import LimitError, Problem, SourcesChangedError
 
 from ..clock import SYSTEM_CLOCK, Clock
-from ..problems import TransportError
+from ..problems import StoreError, StoreUnavailable, TransportError
 from ..processes.frames import Died, GivenBack, OutOfDate
 from ..processes.interpreter import running_code
 from ..processes.task import Outcome, Task
@@ -30,7 +30,6 @@ from ..settings import Settings
 from .engines.engine import Engine
 from .store import queue, workers
 from .store.database import Database
-from .store.errors import StoreError, StoreUnavailable
 from .store.events import render_problem
 from .store.queue import Claim
 

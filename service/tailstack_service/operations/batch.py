@@ -27,7 +27,7 @@ from ..console.progress import Progress
 from ..environment import variable
 from ..problems import RequestError
 from ..processes.task import Estimated
-from ..tables import MEDIA_TYPES, WRITERS, CsvWriter, Format, TableReader, format_of, read_table
+from ..tables import MEDIA_TYPES, WRITERS, CsvWriter, Format, TableReader, format_of, hold_numbers, read_table
 from ..unpacking import ColumnBlock
 from .content import canonical
 from .effort import score_seconds, size_of
@@ -39,9 +39,10 @@ if TYPE_CHECKING:
     from tailstack.batch import Batch
     from tailstack.design import Design
 
+    from ..processes.task import Query, RawRequest
     from ..settings import Settings
     from ..unpacking import Column
-    from .request import Query, RawRequest, Request
+    from .request import Request
 
 ColumnName = Literal[
     "p95_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "value_mm", "within_limits", "verdict"
@@ -127,12 +128,6 @@ class TableScores:
         if self.refused:
             text += f"; {self.refused:,} could not be evaluated, the column reason says why"
         return text
-
-
-def hold_numbers(header: Sequence[str], places: Sequence[int]) -> tuple[bool, ...]:
-    """Which columns of an answer hold numbers: those of the table that gave some, and P95 and the like."""
-    given = [header[place] for place in places]
-    return tuple(name in given or name.partition(":")[0].endswith("_mm") for name in header)
 
 
 def score_table(
@@ -341,10 +336,10 @@ def _open(sent: RawRequest, settings: Settings) -> _Opened:
     """
     from tailstack.design.reading import DocumentSource
 
-    from .request import DesignReferenceUnresolved, Request, load, read_request
+    from .request import DesignReferenceUnresolved, Request, load
 
     if sent.form == "json":
-        request = read_request(sent, OPERATION, settings)
+        request = OPERATION.read(sent, settings)
         return _Opened(request, None, request.options.columns, "json")
     name, given, columns = _read_query(sent.query)
     if sent.base is None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from tailstack.design import Design
 
-    from .request import RawRequest
+    from ..processes.task import RawRequest
 
 LONG = 60.0  # seconds, of what nobody can say before it is done
 # s for reading and checking a byte.  Honest JSON takes 0.3e-6, YAML 1.2e-6; what is wrong everywhere, ten times that

@@ -20,8 +20,8 @@ from .options import Options
 if TYPE_CHECKING:
     from ..gate.judge import Gate
     from ..gate.records import GateRecord
+    from ..processes.task import Query, RawRequest
     from ..settings import Settings
-    from .request import Query, RawRequest
 
 QUERY = ("mode", "seed", "fail_level", "on_inconclusive")  # what a single design as YAML can be asked with
 FILE = "design.yaml"  # what findings call such a design

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
     from ..console.answer import Answer
-    from ..processes.task import Estimated
-    from ..report.blocks import Document
+    from ..processes.task import Estimated, RawRequest
+    from ..rendering.blocks import Document
     from ..settings import Settings
-    from .request import RawRequest, Request
+    from .request import Request
 
 Progress = Callable[[float, float], None]  # done, of how much
 
@@ -284,6 +284,12 @@ class Operation:
     def answers(self) -> tuple[str, ...]:
         """Media types of an answer besides JSON, where Accept asks for them: a table comes back in any of its own."""
         return () if self.body is None or self.immediate else self.body.media
+
+    def read(self, sent: RawRequest, settings: Settings) -> Request:
+        """Designs and options of what was sent.  Raises what :func:`request.read_request` raises."""
+        from .request import read_request
+
+        return read_request(sent, self.options, tuple(self.designs), settings, yaml=self.yaml)
 
     def write(self, record: Any, *choice: Any) -> str:
         """The record as text for people, on the page that ``rendering.page.current()`` gives.

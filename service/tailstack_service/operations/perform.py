@@ -13,6 +13,8 @@ from tailstack.extras import name_missing_extra
 
 from ..problems import RefusedAt, memory_error, problem_document
 from ..processes.task import ADVANCE, Outcome, Task, UnitResult
+from .content import canonical
+from .example import EXAMPLE_DESIGN
 from .operation import More, Step
 from .registry import OPERATIONS
 
@@ -72,3 +74,13 @@ def _refusal(error: TailstackError) -> Outcome:
     from ..documents import to_json
 
     return Outcome(0.0, problem=to_json(problem_document(error, instance="")))
+
+
+def check_once() -> None:
+    """The smallest Monte Carlo check there is, as a job would do it: what it loads and compiles is there for others."""
+    options = {"trials": 1_000, "precision": None, "seed": 0, "method": "plain", "max_trials": 1_000}
+    request = canonical({"design": EXAMPLE_DESIGN, **options})
+    units: tuple[UnitResult, ...] = ()
+    while more := perform(Task("verification", request, ADVANCE, units)).more:
+        results = [(spec, perform(Task("verification", request, spec)).result or b"") for spec in more]
+        units += tuple(UnitResult(len(units) + k, *pair) for k, pair in enumerate(results))

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 
 from ..documents import from_json
-from ..report.blocks import Document
+from ..rendering.blocks import Document
 from .registry import OPERATIONS
 
 MEDIA_TYPES = {

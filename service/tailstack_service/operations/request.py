@@ -36,28 +36,15 @@ from tailstack.results.json_text import write_json
 from ..console.flags import TypedOption, list_options
 from ..environment import variable
 from ..problems import MalformedError, RefusedAt, RequestError
+from ..processes.task import Query, RawRequest
 from .content import canonical
-from .options import Options
 from .patches import NAMED, PATCH, PartialDocument, merge, read_partial
 
 if TYPE_CHECKING:
     from ..settings import Settings
-    from .operation import Operation
 
-O = TypeVar("O", bound=Options)  # noqa: E741
+O = TypeVar("O", bound=BaseModel)  # noqa: E741
 T = TypeVar("T")
-Query = Sequence[tuple[str, str]]  # names and values, in the order in which they were sent
-
-
-@dataclass(frozen=True, slots=True)
-class RawRequest:
-    """A body that has arrived, not yet looked into, and the query beside it."""
-
-    form: str  # json, yaml, or the media type of something else that the operation takes
-    body: bytes
-    query: Query = ()
-    base: bytes | None = None  # JSON of the design that the body names by its hash, when it was looked up
-    as_job: bool = False  # whoever sent it asks for a job, where it could be answered at once
 
 
 class DesignReferenceUnresolved(Exception):
@@ -103,19 +90,20 @@ class Request:
         return _place(error, self.prefixes[which], self.partial)
 
 
-def read_request(sent: RawRequest, operation: Operation, settings: Settings) -> Request:
-    """Options first, then each design.
+def read_request(
+    sent: RawRequest, kind: type[BaseModel], fields: Sequence[str], settings: Settings, *, yaml: bool
+) -> Request:
+    """Options first, then each design.  kind: of the options; fields: of the designs; yaml: it is read as well.
 
     Raises MalformedError, RequestError, LimitError, RefusedAt, DesignReferenceUnresolved.
     """
-    fields = tuple(operation.designs)
     if sent.form != "json":
-        options = _options_of_query(operation.options, sent.query)
+        options = _options_of_query(kind, sent.query)
         design = load(sent.body, settings, "")
         return Request(options, (design,), {fields[0]: design.source.data}, ("",), True)
-    body = parse_json(sent.body, settings, yaml=operation.yaml)
+    body = parse_json(sent.body, settings, yaml=yaml)
     partial = read_partial(body, fields)
-    options = read_options(operation.options, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
+    options = read_options(kind, body, fields if fields != ("design",) else ("design", NAMED, PATCH))
     if partial is not None:
         body["design"] = _apply_patch(body, partial, sent)
     designs = tuple(design_of(body, settings, field, partial) for field in fields)
@@ -148,7 +136,7 @@ def read_options(kind: type[O], data: dict[str, Any], others: Sequence[str] = ("
         raise RequestError(problems[:25]) from None
 
 
-def _translate(entry: Any, known: list[str], options: type[Options]) -> Problem:
+def _translate(entry: Any, known: list[str], options: type[BaseModel]) -> Problem:
     path, kind = entry["loc"], entry["type"]
     if kind == "extra_forbidden":
         name = str(path[-1])
@@ -172,7 +160,7 @@ def _translate(entry: Any, known: list[str], options: type[Options]) -> Problem:
     return problem
 
 
-def _example(path: tuple[str | int, ...], options: type[Options]) -> str:
+def _example(path: tuple[str | int, ...], options: type[BaseModel]) -> str:
     """The example of the field at an error's path, to be typed."""
     name = [step for step in path if isinstance(step, str)][-1]
     examples = next((field.examples for field in _fields(options, name) if field.examples), None)

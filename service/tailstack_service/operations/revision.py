@@ -16,10 +16,10 @@ from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.results import Optimisation
 from tailstack.results.json_text import write_json
 
-from ..console.editors import write_document
 from ..console.files import is_stream, replace_file, writable
 from ..environment import FolderError, state_directory
 from ..problems import RequestError
+from .editors import write_document
 
 if TYPE_CHECKING:
     import argparse

@@ -24,12 +24,10 @@ from typing import IO, Any
 
 from tailstack.kernels.process import ignore_settings_of_folder
 
-from ..operations.content import canonical
-from ..operations.example import EXAMPLE_DESIGN
-from .frames import BEGUN, OTHER_CODE, Estimate, receive, send
+from .frames import BEGUN, CHECK, OTHER_CODE, Estimate, receive, send
 from .interpreter import digest_files
 from .linux import die_with_parent, limit_memory, resident_bytes
-from .task import ADVANCE, Estimated, Task, UnitResult
+from .task import Estimated
 
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
 # for leaks that do not show as memory.
@@ -102,19 +100,7 @@ def list_warm_up_steps() -> list[tuple[Callable[[], object], tuple[str, ...]]]:
     computations whose kernels it calls (``tailstack.kernels.calls``)."""
     optimiser = "tailstack.optimisation.course"
     modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verification", optimiser, "casadi")
-    return [*((partial(import_module, name), ()) for name in modules), (check_once, ("score", "verify"))]
-
-
-def check_once() -> None:
-    """The smallest Monte Carlo check there is, as a job would do it."""
-    from ..operations.perform import perform
-
-    options = {"trials": 1_000, "precision": None, "seed": 0, "method": "plain", "max_trials": 1_000}
-    request = canonical({"design": EXAMPLE_DESIGN, **options})
-    units: tuple[UnitResult, ...] = ()
-    while more := perform(Task("verification", request, ADVANCE, units)).more:
-        results = [(spec, perform(Task("verification", request, spec)).result or b"") for spec in more]
-        units += tuple(UnitResult(len(units) + k, *pair) for k, pair in enumerate(results))
+    return [*((partial(import_module, name), ()) for name in modules), (load_function(CHECK), ("score", "verify"))]
 
 
 def load_function(name: str) -> Callable[..., Any]:

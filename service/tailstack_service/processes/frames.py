@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import IO, Any
 
 PERFORM = "tailstack_service.operations.perform:perform"  # computes the units of jobs
+CHECK = "tailstack_service.operations.perform:check_once"  # calls the kernels that nearly every task needs
 BEGUN = "begun"  # said by a computing process when it has taken up a task
 OTHER_CODE = 78  # exit code of a process that finds other sources than the one that started it
 

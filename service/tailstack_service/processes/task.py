@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+Query = Sequence[tuple[str, str]]  # names and values, in the order in which they were sent
 ADVANCE = b'{"what":"advance"}'  # the unit that looks at what is recorded and says what comes next
+
+
+@dataclass(frozen=True, slots=True)
+class RawRequest:
+    """A body that has arrived, not yet looked into, and the query beside it."""
+
+    form: str  # json, yaml, or the media type of something else that the operation takes
+    body: bytes
+    query: Query = ()
+    base: bytes | None = None  # JSON of the design that the body names by its hash, when it was looked up
+    as_job: bool = False  # whoever sent it asks for a job, where it could be answered at once
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tailstack.results.tables import On, Table
 from tailstack.results.verdicts import STATED, assumed_sentence
 
-from ..report.blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragraph
+from .blocks import Block, BlockGroup, Bullets, Document, Facts, Listing, Paragraph
 from .finding_groups import group_findings
 from .page import current
 from .tables import columns, fold, paint, prose_width, wrap, write_table

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from tailstack.design import Design, compile_design, load_design
 from tailstack.errors import Problem
 from tailstack.results import Verification
-from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length
+from tailstack.results.digits import in_percent, length
 from tailstack.results.score import single_lines
 from tailstack.results.verdicts import check_sentence, decisive_check, urgency
 from tailstack.studies.sections import SECTIONS, SectionEstimate, estimate_by_sections, take_quantile
@@ -19,7 +19,7 @@ from tailstack.verification import PreparedDesign, Sampling, prepare, verify_pre
 from ..problems import RequestError
 from .assembling import ReportContents, assemble, draw_norms, drawing_options
 from .changes import changes_of
-from .headline import decided_difference
+from .headline import comparison_decimals, decided_difference, difference_decimals
 from .records import Comparison, ComparisonHeadline, Difference, Report
 
 if TYPE_CHECKING:
@@ -219,21 +219,6 @@ def _describe_verdict(which: str, report: Report) -> str:
     more = " and ".join(f"{word[key]} {', '.join(others[key])}" for key in word if key in others)
     sentence = sentence if decisive.status != "inconclusive" else f"{which}: {sentence[:1].lower()}{sentence[1:]}"
     return f"{sentence} It also {more}." if more else sentence
-
-
-def comparison_decimals(first: Report, second: Report) -> int:
-    """Decimals of the lengths of a comparison: as many as the finer of the two answers has."""
-    judged = [report.verification or report.score for report in (first, second)]
-    largest = max(target.p95_mm for answer in judged for target in answer.targets)
-    return decimals_of([check for answer in judged for check in answer.verdict.checks], largest)
-
-
-def difference_decimals(difference: Difference, decimals: int) -> int:
-    """Decimals of a difference, which pairs of trials know better than either P95; never fewer than these have."""
-    if difference.interval_mm is None:
-        return max(decimals, count_decimals(difference.difference_mm))
-    low, high = difference.interval_mm
-    return max(decimals, count_decimals((high - low) / 2 / ESTIMATE))
 
 
 def difference_sentence(difference: Difference, decimals: int) -> str:

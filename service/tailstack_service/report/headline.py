@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from tailstack.results.digits import decimals_of, in_percent, length
+from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length
 from tailstack.results.verdicts import P95, STATED, checks_sentence, decisive_check
-from tailstack.results.verdicts import headline_of as name_headline
 
 from ..rendering.sentences import (
     bias_sentence,
@@ -20,51 +19,12 @@ from ..rendering.sentences import (
     sources_of,
     trust_sentence,
 )
+from .records import Headline
 
 if TYPE_CHECKING:
     from tailstack.results import Check, Finding, Optimisation, Score, Verdict, Verification
 
     from .records import Difference, Report
-
-
-@dataclass(frozen=True, slots=True)
-class Headline:
-    """The first page: what a project lead needs to know."""
-
-    status: Literal["pass", "fail", "inconclusive", "no requirement"]
-    """The verdict."""
-    basis: str
-    """What it rests on: first order or Monte Carlo."""
-    sentence: str
-    """The verdict with its numbers, in a sentence."""
-    requirement: str | None
-    """Requirement of the check that decides; null without requirement."""
-    target: str
-    """Target of the check that decides."""
-    quantile: float
-    """Quantile of the error's norm, 0.95 for P95."""
-    value_mm: float
-    """The value that decides, mm."""
-    interval_mm: tuple[float, float | None]
-    """Its lower and upper end, mm; a null upper end is not known."""
-    limit_mm: float | None
-    """The limit, mm; null without requirement."""
-    matters: tuple[str, ...]
-    """What matters most, at most three sentences."""
-    error: str = "tcp"
-    """Error that decides: tcp (at the tool) or localisation (of the target)."""
-    min_yield: float | None = None
-    """Fraction of units that must keep the limit; null: the risk is pooled."""
-    headline: str = ""
-    """What the value is, in words: "P95 that 90 % of units keep"."""
-    margin_mm: float | None = None
-    """Limit less the upper end of the interval, mm; null where one of them is not known."""
-
-    def __post_init__(self) -> None:
-        high = self.interval_mm[1]
-        margin = None if high is None or self.limit_mm is None else self.limit_mm - high
-        object.__setattr__(self, "headline", name_headline(self.quantile, self.min_yield))
-        object.__setattr__(self, "margin_mm", margin)
 
 
 def headline_of(score: Score, verification: Verification | None, optimisation: Optimisation | None = None) -> Headline:
@@ -190,3 +150,18 @@ def _caution(score: Score, verification: Verification | None) -> str:
         f"Estimate and simulation agree: the estimated P95 is {in_percent(abs(gap), 1)} {side} the simulated one, so "
         "what the budget says of each tolerance can be trusted."
     )
+
+
+def comparison_decimals(first: Report, second: Report) -> int:
+    """Decimals of the lengths of a comparison: as many as the finer of the two answers has."""
+    judged = [report.verification or report.score for report in (first, second)]
+    largest = max(target.p95_mm for answer in judged for target in answer.targets)
+    return decimals_of([check for answer in judged for check in answer.verdict.checks], largest)
+
+
+def difference_decimals(difference: Difference, decimals: int) -> int:
+    """Decimals of a difference, which pairs of trials know better than either P95; never fewer than these have."""
+    if difference.interval_mm is None:
+        return max(decimals, count_decimals(difference.difference_mm))
+    low, high = difference.interval_mm
+    return max(decimals, count_decimals((high - low) / 2 / ESTIMATE))

@@ -14,11 +14,11 @@ from tailstack.errors import MissingExtraError, Problem
 from tailstack.extras import install_command
 
 from ..environment import temporary_directory
-from .errors import PdfUnavailable
+from ..problems import PdfUnavailable
 from .html import html_report
 
 if TYPE_CHECKING:
-    from .blocks import Document
+    from ..rendering.blocks import Document
 
 PACKAGES = "apt install libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"
 FONTS = "apt install fonts-dejavu-core, or any other font that fontconfig finds (fc-list shows them)"

@@ -9,8 +9,47 @@ from typing import Literal
 
 from tailstack.results import Optimisation, Provenance, Score, Verification
 from tailstack.results.record import Published
+from tailstack.results.verdicts import headline_of as name_headline
 
-from .headline import Headline
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """The first page: what a project lead needs to know."""
+
+    status: Literal["pass", "fail", "inconclusive", "no requirement"]
+    """The verdict."""
+    basis: str
+    """What it rests on: first order or Monte Carlo."""
+    sentence: str
+    """The verdict with its numbers, in a sentence."""
+    requirement: str | None
+    """Requirement of the check that decides; null without requirement."""
+    target: str
+    """Target of the check that decides."""
+    quantile: float
+    """Quantile of the error's norm, 0.95 for P95."""
+    value_mm: float
+    """The value that decides, mm."""
+    interval_mm: tuple[float, float | None]
+    """Its lower and upper end, mm; a null upper end is not known."""
+    limit_mm: float | None
+    """The limit, mm; null without requirement."""
+    matters: tuple[str, ...]
+    """What matters most, at most three sentences."""
+    error: str = "tcp"
+    """Error that decides: tcp (at the tool) or localisation (of the target)."""
+    min_yield: float | None = None
+    """Fraction of units that must keep the limit; null: the risk is pooled."""
+    headline: str = ""
+    """What the value is, in words: "P95 that 90 % of units keep"."""
+    margin_mm: float | None = None
+    """Limit less the upper end of the interval, mm; null where one of them is not known."""
+
+    def __post_init__(self) -> None:
+        high = self.interval_mm[1]
+        margin = None if high is None or self.limit_mm is None else self.limit_mm - high
+        object.__setattr__(self, "headline", name_headline(self.quantile, self.min_yield))
+        object.__setattr__(self, "margin_mm", margin)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from tailstack.errors import Problem
 from tailstack.extras import name_missing_extra
 
 from ...clock import SYSTEM_CLOCK, Clock
-from .errors import BadDatabaseUrl, StoreError, StoreUnavailable
+from ...problems import BadDatabaseUrl, StoreError, StoreUnavailable
 
 ROOM_BYTES = 4 << 20  # of free disk, without which a service does not call itself ready
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT)

@@ -14,10 +14,10 @@ from sqlalchemy.engine import Connection
 
 from tailstack.errors import Problem
 
+from ...problems import IdempotencyConflict, QueueFull
 from ...processes.task import ADVANCE
 from . import tables
 from .database import AnyRow, Database, now, reading, writing
-from .errors import IdempotencyConflict, QueueFull
 from .events import end_job, write_event
 from .queue import make_unit
 from .tables import is_job_id, new_job_id, storable

@@ -20,10 +20,10 @@ from sqlalchemy.engine import Connection
 
 from tailstack.errors import LimitError, Problem
 
+from ...problems import UnitLost
 from ...processes.task import ADVANCE, Outcome, UnitResult
 from . import tables
 from .database import AnyRow, Database, now, reading, writing
-from .errors import UnitLost
 from .events import change_job, end_job, estimate_eta_seconds, render_problem
 from .results import PART, REQUEST, digest, fail_job, store_result
 from .tables import storable

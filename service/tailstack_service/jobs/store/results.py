@@ -19,9 +19,9 @@ from sqlalchemy.engine import Connection
 
 from tailstack.errors import Problem
 
+from ...problems import DamagedStore
 from . import tables
 from .database import AnyRow, Database, insert, now, reading, writing
-from .errors import DamagedStore
 from .events import end_job, render_problem
 
 log = logging.getLogger("tailstack.store")

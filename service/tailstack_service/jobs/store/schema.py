@@ -11,8 +11,8 @@ from sqlalchemy.engine import Connection
 from tailstack.errors import Problem
 
 from ...clock import SYSTEM_CLOCK, Clock
+from ...problems import StoreError
 from .database import Database, connect, parse_url, reading, writing
-from .errors import StoreError
 from .tables import metadata
 
 BASELINE = "0004"  # the oldest of migrations/versions, and so the oldest version that is brought up to date

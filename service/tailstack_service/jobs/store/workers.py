@@ -9,9 +9,9 @@ from sqlalchemy.engine import Connection
 
 from tailstack.errors import Problem
 
+from ...problems import StoreUnavailable
 from . import tables
 from .database import Database, insert, now, reading, writing
-from .errors import StoreUnavailable
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,7 @@ from tailstack.scoring import provenance
 from ...documents import to_json
 from ...problems import RefusedAt
 from ...processes.task import UnitResult
-from ...tables import WRITERS, read_number
-from ..batch import hold_numbers
+from ...tables import WRITERS, hold_numbers, read_number
 from ..content import canonical, loaded_design
 from ..operation import Done, More, Step
 from .parts import plan_spans

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tailstack.results.tables import EVERYWHERE, LONG_TABLE, PAPER, TERMINAL, Column, Row, Table
 
-from ..blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
+from ...rendering.blocks import Bullets, Document, KeyNumber, Paragraph, Section, group
 from .tables import closing_sections, provenance_facts
 
 if TYPE_CHECKING:

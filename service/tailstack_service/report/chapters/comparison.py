@@ -21,11 +21,10 @@ from tailstack.results.verdicts import (
     name_basis,
 )
 
-from ..blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
+from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, tone_of
 from ..charts import Scaled, draw_budgets, draw_errors, draw_scale, draw_tolerances
-from ..comparing import comparison_decimals, difference_decimals
 from ..half_widths import judgement_of, tolerance_curves
-from ..headline import decided_difference, tightest_check
+from ..headline import comparison_decimals, decided_difference, difference_decimals, tightest_check
 from .layout import layout_blocks, load_inside
 from .optimisation import design_listing
 from .report import method_chapter

@@ -10,7 +10,7 @@ from tailstack.results import Provenance
 from tailstack.results.record import Published
 from tailstack.results.tables import LONG_TABLE, PAPER, Column, Table, tabulate
 
-from ..blocks import Document, KeyNumber, Listing, Paragraph, Section
+from ...rendering.blocks import Document, KeyNumber, Listing, Paragraph, Section
 from .tables import closing_sections, provenance_facts
 
 Point = tuple[float, float, float]

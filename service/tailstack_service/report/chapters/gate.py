@@ -13,8 +13,8 @@ from ...gate.records import (
     split_findings,
     unjudged_table,
 )
+from ...rendering.blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
 from ...rendering.tables import spell_count
-from ..blocks import Block, Bullets, Document, Facts, KeyNumber, Listing, Paragraph, Section, tone_of
 from .tables import closing_sections
 
 MOST_FILES = 20  # in a command

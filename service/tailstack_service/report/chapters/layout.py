@@ -8,7 +8,7 @@ from tailstack.results import Score
 from tailstack.results.tables import LONG_TABLE, Column, Row, Table
 from tailstack.scoring import score
 
-from ..blocks import Block, Figure
+from ...rendering.blocks import Block, Figure
 from ..images import draw_images
 from ..scene import scene_json, scene_of
 from ..scene_picture import draw_scene

@@ -25,9 +25,7 @@ from tailstack.results.tables import IN_DETAIL, PAPER, Column, On, Table, tabula
 from tailstack.results.verdicts import decided_by, requirements_table
 from tailstack.results.verification import estimates_table
 
-from ...rendering.sentences import decision_sentence, ending_of
-from ...rendering.tables import spell_count
-from ..blocks import (
+from ...rendering.blocks import (
     Block,
     BlockGroup,
     Bullets,
@@ -41,6 +39,8 @@ from ..blocks import (
     say,
     tone_of,
 )
+from ...rendering.sentences import decision_sentence, ending_of
+from ...rendering.tables import spell_count
 from .layout import Known, layout_blocks, score_if_determined
 from .tables import closing_sections, provenance_facts, verdict_blocks
 from .verification import sampling_blocks

@@ -9,8 +9,8 @@ from tailstack.results.score import targets_table, views_table
 from tailstack.results.verdicts import checks_table, findings_table, requirements_table
 from tailstack.results.verification import estimates_table
 
+from ...rendering.blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ...rendering.sentences import units_sentence
-from ..blocks import Block, Bullets, Document, Facts, Figure, Listing, Paragraph, Section, tone_of
 from ..charts import draw_distribution, draw_tolerances
 from ..half_widths import judgement_of, tolerance_curves
 from ..headline import tightest_check

@@ -14,19 +14,7 @@ from tailstack.results.score import budget_table, source_name, targets_table, vi
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill
 from tailstack.results.verdicts import P95, decisive_check, is_of_all_shots, name_basis, requirements_table
 
-from ...rendering.sentences import (
-    LOCATED,
-    bias_sentence,
-    decision_sentence,
-    ending_of,
-    losses_sentence,
-    margin_sentence,
-    sources_of,
-    trust_sentence,
-    units_sentence,
-    views_sentence,
-)
-from ..blocks import (
+from ...rendering.blocks import (
     Block,
     BlockGroup,
     Bullets,
@@ -41,13 +29,24 @@ from ..blocks import (
     say,
     tone_of,
 )
+from ...rendering.sentences import (
+    LOCATED,
+    bias_sentence,
+    decision_sentence,
+    ending_of,
+    losses_sentence,
+    margin_sentence,
+    sources_of,
+    trust_sentence,
+    units_sentence,
+    views_sentence,
+)
 from ..charts import PHONE, Scaled, draw_scale, draw_shares, draw_without
 from ..headline import headline_of
 from .tables import budget_with_slack, closing_sections, provenance_facts, verdict_blocks
 
 if TYPE_CHECKING:
-    from ..headline import Headline
-    from ..records import Allowance
+    from ..records import Allowance, Headline
 
 LISTED = 4  # tolerances in a sentence
 MOST_LOSSES, MOST_SLIPS = 3, 8  # without details

@@ -10,9 +10,9 @@ from tailstack.results.sweep import Sweep, SweepPoint, SweepTarget, points_table
 from tailstack.results.tables import PAPER, TERMINAL
 
 from ...problems import RequestError
+from ...rendering.blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
 from ...rendering.rows import csv_text, list_reasons, plain_text
 from ...rendering.tables import spell_count
-from ..blocks import Bullets, Document, Facts, Figure, KeyNumber, Listing, Paragraph, Section, group, say
 from ..charts import draw_sweep, refuse_undrawable
 from .tables import closing_sections, provenance_facts
 

@@ -10,7 +10,7 @@ from tailstack.results.score import BudgetLine, budget_table
 from tailstack.results.tables import PAPER, Cell, Column, On, Table, tabulate
 from tailstack.results.verdicts import assumed_sentence, checks_table, findings_table
 
-from ..blocks import Block, Bullets, Facts, Section
+from ...rendering.blocks import Block, Bullets, Facts, Section
 
 if TYPE_CHECKING:
     from tailstack.results import Provenance, TargetScore, Verdict

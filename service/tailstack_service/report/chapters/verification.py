@@ -11,8 +11,7 @@ from tailstack.results.tables import IN_DETAIL, PAPER, On
 from tailstack.results.verdicts import requirements_table
 from tailstack.results.verification import estimates_table
 
-from ...rendering.sentences import LOCATED, decision_sentence, ending_of
-from ..blocks import (
+from ...rendering.blocks import (
     Block,
     Bullets,
     Document,
@@ -26,6 +25,7 @@ from ..blocks import (
     say,
     tone_of,
 )
+from ...rendering.sentences import LOCATED, decision_sentence, ending_of
 from ..charts import Scaled, draw_scale
 from ..headline import checked_headline
 from .score import headline_figure, key_numbers

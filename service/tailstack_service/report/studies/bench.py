@@ -15,9 +15,9 @@ from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Cel
 from tailstack.results.verdicts import findings_table
 from tailstack.studies.bench.compare import StudyComparison, write_interval
 
+from ...rendering.blocks import Block, Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
 from ...rendering.sentences import trust_sentence
 from ...rendering.tables import visible
-from ..blocks import Block, Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
 from ..charts import RING
 from ..page import beside, titled_page
 from ..svg import broken

@@ -12,7 +12,7 @@ from tailstack.results.look import BLUE, INK, MUTED, VERMILION
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, LONG_TABLE, PAPER, Column, On, Row, Table, fill, tabulate
 from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, choose_decimals, write_percent
 
-from ..blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section
+from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section
 from ..page import beside, titled_page
 from ..svg import broken
 from .study import compose_study

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from tailstack.results.tables import Column, On, Table, tabulate
 
-from ..blocks import Bullets, Document, KeyNumber, Paragraph, Section
+from ...rendering.blocks import Bullets, Document, KeyNumber, Paragraph, Section
 from .study import compose_study
 
 if TYPE_CHECKING:

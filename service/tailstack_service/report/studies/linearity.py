@@ -11,9 +11,9 @@ from tailstack.results.look import FAINT, INK, MUTED
 from tailstack.results.tables import IN_DETAIL, LONG_TABLE, PAPER, TERMINAL, Cell, Column, On, Row, Table, tabulate
 from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within
 
+from ...rendering.blocks import Document, Facts, KeyNumber, Paragraph, Section
 from ...rendering.rows import csv_text, list_reasons
 from ...rendering.tables import visible
-from ..blocks import Document, Facts, KeyNumber, Paragraph, Section
 from ..page import draw_cells, titled_page
 from .study import compose_study
 

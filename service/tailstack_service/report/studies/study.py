@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from tailstack.results.tables import IN_DETAIL
 
-from ..blocks import Block, Bullets, Document, Figure, KeyNumber, Listing, Paragraph, Section, Tone
+from ...rendering.blocks import Block, Bullets, Document, Figure, KeyNumber, Listing, Paragraph, Section, Tone
 from ..chapters.tables import closing_sections, provenance_facts
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from tailstack.results.look import MUTED, VERMILION
 from tailstack.results.tables import LONG_TABLE, PAPER, TERMINAL, Column, On, Table, tabulate
 from tailstack.studies.views import StudyViews, ViewMap, maps_of
 
+from ...rendering.blocks import Document, KeyNumber, Paragraph, Section
 from ...rendering.tables import shorten
-from ..blocks import Document, KeyNumber, Paragraph, Section
 from ..charts import shade
 from ..page import titled_page
 from .study import compose_study

@@ -13,9 +13,9 @@ from typing import Any
 
 from tailstack.results.json_text import write_json
 
+from ..console.files import is_stream, replace_file
+from ..console.progress import say
 from ..documents import published_schema
-from .files import is_stream, replace_file
-from .progress import say
 
 HEAD = "# yaml-language-server: $schema="
 _HEAD_LINE = re.compile(r"^# yaml-language-server:.*\n", re.MULTILINE)
