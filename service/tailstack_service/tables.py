@@ -298,11 +298,11 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         first = enumerate(sheet.iter_rows(max_row=PREVIEW, max_col=MOST_COLUMNS + 1, values_only=True), 1)
         held = [TextLine(line, "", ["" if cell is None else str(cell).strip() for cell in row]) for line, row in first]
         others = [each.title for each in book.worksheets[1:] if _holds_something(each)]
-        if not any(each.filled for each in held):
+        if not any(each.filled_cells for each in held):
             hint = f"the table is on the first sheet: move {others[0]!r} there" if others else "its first row has names"
             detail = f"sheet {sheet.title!r} begins empty"
             raise RequestError(Problem("", "empty-document", detail, hint, bounds.file, 1))
-        line, titles = find_header([each for each in held if each.filled])
+        line, titles = find_header([each for each in held if each.filled_cells])
         header, at = tuple(line.cells), line.number
         while not header[-1]:
             header = header[:-1]
@@ -313,7 +313,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         counts.leave_out("title", title.number)
     remarks = [f"sheet {sheet.title!r} was read, and not {', '.join(map(repr, others))}"] if others else []
 
-    def filled() -> Iterator[tuple[int, Column]]:
+    def skip_empty() -> Iterator[tuple[int, Column]]:
         """Each row and its line; empty ones are left out, and counted where more come below them."""
         empty = 0  # the first of the empty rows above this one; 0: there is none
         for line, row in rows:
@@ -351,7 +351,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
 
     def blocks() -> Iterator[ColumnBlock]:
         with reading():
-            filled_rows = filled()
+            filled_rows = skip_empty()
             while block := list(islice(filled_rows, BLOCK)):
                 lines, cells = zip(*block, strict=True)
                 yield ColumnBlock(lines, tuple(zip(*cells, strict=True)))

@@ -313,7 +313,7 @@ class TextLine:
     cells: list[str]
 
     @property
-    def filled(self) -> int:
+    def filled_cells(self) -> int:
         return sum(1 for cell in self.cells if cell)
 
 
@@ -403,7 +403,7 @@ def _open_table(
         if number < header.number and text.count(delimiter) == header.text.count(delimiter) > 0:
             titles.append(split(number, text))
     for title in titles:
-        if title.filled >= max(2, sum(map(bool, header.cells))) and any(map(looks_like_number, title.cells)):
+        if title.filled_cells >= max(2, sum(map(bool, header.cells))) and any(map(looks_like_number, title.cells)):
             detail = f"a row stands above the header (line {header.number}): {quote(title.text)}"
             raise refuse("csv-header", detail, "put it below, or delete it", title.number)
         counts.leave_out("remark" if title.text.lstrip().startswith("#") else "title", title.number)
@@ -481,10 +481,10 @@ def find_header(
     at = 0
     while (
         at + 1 < len(contents)
-        and contents[at].filled == 1
-        and contents[at + 1].filled >= 1
+        and contents[at].filled_cells == 1
+        and contents[at + 1].filled_cells >= 1
         and not any(map(looks_like_number, contents[at + 1].cells))
-        and max(line.filled for line in contents[at + 1 :]) > 1
+        and max(line.filled_cells for line in contents[at + 1 :]) > 1
     ):
         at += 1
     return contents[at], contents[:at]

@@ -140,7 +140,7 @@ def test_processes_share_the_work_and_record_each_unit_once(store: Database, tmp
         for _, said in (one, two):  # both have their share
             assert next(line for line in said if line.strip()) == "held\n"
         (tmp_path / "go").touch()
-        until(lambda: all(find_id(store, job_id).finished for job_id in requests))
+        until(lambda: all(find_id(store, job_id).is_over for job_id in requests))
         (tmp_path / "enough").touch()
         lines = [[line for line in said.read().split("\n") if line] for _, said in (one, two)]
     assert all(lines)
@@ -178,7 +178,7 @@ def test_a_worker_killed_at_any_moment_loses_nothing(store: Database, clock: Clo
             process.wait(LIMIT_SECONDS)
     check_sound(store)
     with worker_process(store, "last", tmp_path):  # which takes up what the killed ones had
-        until(lambda: all(find_id(store, job_id).finished for job_id in requests))
+        until(lambda: all(find_id(store, job_id).is_over for job_id in requests))
     for job_id, request in requests.items():
         assert answer_of(store, find_id(store, job_id)) == expected_answer(request)
     check_sound(store)

@@ -201,7 +201,7 @@ class Play:
             job = find(self.store, self.jobs[job_id][0])
             assert job.generation == model.generation
             assert job.units_done == model.done
-            assert job.finished == (model.state != "unfinished")
+            assert job.is_over == (model.state != "unfinished")
 
 
 @pytest.mark.long

@@ -186,7 +186,7 @@ def test_cancelling_takes_effect_at_once_and_once(store: Database, clock: Clock)
     clock.advance(2)
     cancelled = jobs.cancel_job(store, "acme", job.id)
     assert cancelled == find(store, job)
-    assert (cancelled.state, cancelled.finished_at, cancelled.finished) == ("cancelled", clock.now, True)
+    assert (cancelled.state, cancelled.finished_at, cancelled.is_over) == ("cancelled", clock.now, True)
     assert not record(store, held, result=b"late")
     assert jobs.cancel_job(store, "acme", job.id) == cancelled
     assert told(store, job)[-1] == (cancelled.last_event, "state", {"state": "cancelled"})

@@ -159,7 +159,7 @@ def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_anothe
         before.setattr("tailstack_service.processes.nursery.digest_code", lambda: "of the files that were here")
         with working(db, expected=SourcesChangedError) as (worker, _):
             until(lambda: worker._failure is not None)
-    assert not job(db, submitted).finished
+    assert not job(db, submitted).is_over
     with working(db):
         assert finished(db, submitted).state == "succeeded"
 
@@ -197,7 +197,7 @@ def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogC
         until(lambda: computes(caplog, note, 1))
         pass_a_beat(clock)
         clock.until_waits(BEAT)
-        assert not job(db, submitted).finished
+        assert not job(db, submitted).is_over
         pass_a_beat(clock)
         ended = finished(db, submitted)
         until(lambda: not engine._children.seconds())
@@ -246,7 +246,7 @@ def test_an_upgrade_computes_anew_and_says_so(db: Database, tmp_path: Path) -> N
     submitted = submit(db, asked)
     with working(db, worker_processes=1, lease_seconds=600.0):
         until(lambda: job(db, submitted).units_done >= 2)
-    assert not job(db, submitted).finished
+    assert not job(db, submitted).is_over
     (tmp_path / "go").touch()
     with working(db, solver_version="2.0"):
         ended = finished(db, submitted)

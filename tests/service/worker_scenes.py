@@ -56,7 +56,7 @@ def job(db: Database, submitted: Job) -> Job:
 
 def finished(db: Database, submitted: Job) -> Job:
     """The job once it has ended."""
-    until(lambda: job(db, submitted).finished, lambda: job(db, submitted))
+    until(lambda: job(db, submitted).is_over, lambda: job(db, submitted))
     return job(db, submitted)
 
 

@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> Answer:
 
     def announce(text: str) -> None:
         if arguments.full:
-            print(f"[{progress.elapsed:5.1f} s] {text}", file=sys.stderr, flush=True)
+            print(f"[{progress.elapsed_seconds:5.1f} s] {text}", file=sys.stderr, flush=True)
         else:
             progress.report(0, 0, text)
 

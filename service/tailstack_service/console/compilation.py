@@ -79,17 +79,17 @@ class CompilationProgress(Progress):
 
     def begin(self, call: KernelCall) -> None:
         """One of them is being compiled."""
-        self._under_way[call] = self.elapsed
+        self._under_way[call] = self.elapsed_seconds
 
     def note(self, call: KernelCall) -> None:
         """One of them is compiled."""
         self._count += 1
         self._seconds_done += call.seconds
-        self._busy += self.elapsed - self._under_way.pop(call)
+        self._busy += self.elapsed_seconds - self._under_way.pop(call)
 
     def _seconds_left(self) -> float:
         pace = (LEARNT_SECONDS + self._seconds_done) / (LEARNT_SECONDS / CAUTION + self._busy)
-        now, left = self.elapsed, self._total - self._seconds_done
+        now, left = self.elapsed_seconds, self._total - self._seconds_done
         for call, since in self._under_way.items():
             left -= min(0.9 * call.seconds, pace * (now - since))
         left /= pace * self._processes
@@ -125,7 +125,7 @@ def _compile(calls: Sequence[KernelCall]) -> None:
     count = min(usable_cores(), len(calls))
     with CompilationProgress(calls, count, reason) as progress:
         threads = [
-            threading.Thread(target=_feed, args=(waiting, environment, progress), daemon=True) for _ in range(count)
+            threading.Thread(target=_drive, args=(waiting, environment, progress), daemon=True) for _ in range(count)
         ]
         for thread in threads:
             thread.start()
@@ -133,7 +133,7 @@ def _compile(calls: Sequence[KernelCall]) -> None:
             thread.join()
 
 
-def _feed(waiting: SimpleQueue[KernelCall], environment: dict[str, str], progress: CompilationProgress) -> None:
+def _drive(waiting: SimpleQueue[KernelCall], environment: dict[str, str], progress: CompilationProgress) -> None:
     """One process, for as long as there are calls.  What is left when it breaks down is compiled where it is called."""
     from tailstack.kernels.calls import EVERY
 

@@ -59,8 +59,8 @@ class Progress:
         self._shown = False
 
     @property
-    def elapsed(self) -> float:
-        """Seconds since the beginning."""
+    def elapsed_seconds(self) -> float:
+        """Since the beginning."""
         return self.clock.monotonic() - self._begun
 
     def report(self, done: float, total: float, detail: str = "") -> None:
@@ -70,7 +70,7 @@ class Progress:
         self._left = lambda _elapsed: None
         if not 0 < self.fraction < 1:
             return
-        now = self.elapsed
+        now = self.elapsed_seconds
         if self._first is None:
             self._first = now, self.fraction
         then, before = self._first
@@ -84,16 +84,16 @@ class Progress:
 
     def begin_step(self) -> None:
         """What is reported from now on is of a step, by its own pace; how long the others take nobody knows."""
-        self._step_begun, self._first, self._of_step = self.elapsed, None, " of this step"
+        self._step_begun, self._first, self._of_step = self.elapsed_seconds, None, " of this step"
 
     def seconds_left(self) -> float | None:
         """As it stands now; None if nobody knows."""
-        seconds = self._left(self.elapsed)
+        seconds = self._left(self.elapsed_seconds)
         return None if seconds is None else max(seconds, 0.0)
 
     def line(self) -> str:
         """One line of progress as it stands."""
-        parts = [f"{self.what}: {self.elapsed:.0f} s"]
+        parts = [f"{self.what}: {self.elapsed_seconds:.0f} s"]
         left = self.seconds_left()
         if left is not None:
             parts.append(f"{100 * self.fraction:.0f} %, about {max(left, 1):.0f} s left{self._of_step}")

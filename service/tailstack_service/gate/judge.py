@@ -435,7 +435,7 @@ def report_refusal(entry: GateDesign, refusal: TailstackError) -> list[GateFindi
     """A refusal as findings: one for each of its problems."""
     rule = "invalid-design" if refusal.exit_code == 2 else "not-evaluated"
     if entry.design is not None:
-        source = entry.design.source.placed()
+        source = entry.design.source.with_places()
         return [make_finding(rule, "error", entry.file, place(problem, source)) for problem in refusal.problems]
     # what is wrong may stand in the file of the fiducials
     return [make_finding(rule, "error", problem.file or entry.file, problem) for problem in refusal.problems]

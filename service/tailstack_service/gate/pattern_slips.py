@@ -142,7 +142,7 @@ def check_patterns(
                 detail = f"the pattern {entry.pattern!r} {slip.words}"
                 problems.append(Problem(entry.pointer, "bad-pattern", detail, slip.cure))
         if problems and document is not None:
-            source = document.source.placed()
+            source = document.source.with_places()
             raise GateError(add_prefix(tuple(place(problem, source) for problem in problems), prefix))
 
 

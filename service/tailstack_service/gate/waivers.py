@@ -111,7 +111,7 @@ def read_waivers(given: Given, today: date, *, prefix: str = "") -> GateWaivers:
     source, document = read_document(given, Waivers, WAIVERS_SCHEMA, prefix, "the rules: tailstack schema waivers")
     problems = [problem for k, waiver in enumerate(document.waivers) for problem in _check_waiver(waiver, k, today)]
     if problems:
-        placed = source.placed()
+        placed = source.with_places()
         raise GateError(add_prefix(tuple(place(problem, placed) for problem in problems), prefix))
     content = document.model_dump(mode="json", by_alias=True)
     return GateWaivers(source, source.file or "waivers", hash_content(content), tuple(document.waivers), today)

@@ -61,7 +61,7 @@ async def get_events(request: Request, service: TheService) -> Response:
     """
     after = _last_event_id(request)
     job = await find_job(request)
-    if job.finished and job.last_event <= after:
+    if job.is_over and job.last_event <= after:
         return Response(b"", 204)
     if (seat := service.seat(job.tenant)) != "seated":
         raise _seat_error(service, seat)

@@ -79,7 +79,7 @@ def retry_after(eta: float | None = None) -> dict[str, str]:
 
 def accepted_response(job: Job, **headers: str) -> Response:
     """202 with the record of a job."""
-    waiting = {} if job.finished else retry_after()
+    waiting = {} if job.is_over else retry_after()
     return record_response(job_document(job, place=place), 202, {**REVALIDATE, **waiting, **headers})
 
 
@@ -111,7 +111,7 @@ async def get_job(request: Request) -> Response:
     job, eta = await service_of(request).storage.run(_with_eta, request.state.caller.tenant, job_id)
     if job is None:
         raise not_found_error("job", job_id)
-    waiting = {} if job.finished else retry_after(eta)
+    waiting = {} if job.is_over else retry_after(eta)
     return tagged_response(request, to_json(job_document(job, eta, place)), JSON, {**REVALIDATE, **waiting})
 
 
@@ -254,7 +254,7 @@ def failure_response(request: Request, job: Job, *, bare_design: bool = False) -
         return document_response(
             replace(document, instance=path_of(request), request_id=request.state.request_id, errors=errors)
         )
-    if job.finished:
+    if job.is_over:
         raise TransportError("cancelled", Problem("", "cancelled", "the job was cancelled; it has no result"))
     detail = f"the job is {job.state}: {job.units_done} of about {job.units_expected} units are done"
     hint = f"ask again later, or follow /v1/jobs/{job.id}/events"

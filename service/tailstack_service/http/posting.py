@@ -217,7 +217,7 @@ async def _await_end(request: Request, service: Service, job: Job, seconds: floa
         return job
     try:
         deadline, look = service.clock.monotonic() + seconds, FIRST_LOOK
-        while not job.finished and (left := deadline - service.clock.monotonic()) > 0 and not service.stopping.is_set():
+        while not job.is_over and (left := deadline - service.clock.monotonic()) > 0 and not service.stopping.is_set():
             await service.clock.sleep_async(min(look, left))
             if await request.is_disconnected():
                 break

@@ -219,7 +219,7 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
         else:
             with write_in_place(arguments.output) as file:
                 _write(scores, file, target, arguments.threads, progress)
-        pace = f"; {scores.rows / max(progress.elapsed, 1e-9):,.0f} rows/s" if sys.stderr.isatty() else ""
+        pace = f"; {scores.rows / max(progress.elapsed_seconds, 1e-9):,.0f} rows/s" if sys.stderr.isatty() else ""
     print(scores.summary() + pace, file=sys.stderr)
     for remark in scores.table.describe():
         print(f"note: {remark}", file=sys.stderr)

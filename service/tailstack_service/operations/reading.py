@@ -70,7 +70,7 @@ def result_of(source: DocumentSource, schema: str, file: str) -> ReadResult:
         raise RequestError([_in_file(_of_result(problem, schema), file) for problem in refused.problems]) from None
     stray = next(chain(_strays(data, plain(record), ""), _gaps(data, "")), None)
     if stray is not None:
-        raise RequestError(_in_file(place(_of_result(stray, schema), source.placed()), file))
+        raise RequestError(_in_file(place(_of_result(stray, schema), source.with_places()), file))
     try:
         return ReadResult(kind, record, to_json(record))
     except ValueError as error:

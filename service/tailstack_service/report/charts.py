@@ -505,7 +505,7 @@ def draw_sweep(sweep: Sweep, name: str = "sweep") -> str:
 
 
 def _axis_name(axis: SweepAxis) -> str:
-    return printable(axis.called + (f", {axis.unit}" if axis.unit else ""), LONGEST)
+    return printable(axis.label + (f", {axis.unit}" if axis.unit else ""), LONGEST)
 
 
 def _how(sweep: Sweep) -> str:

@@ -284,7 +284,7 @@ def check_design(design: Design) -> tuple[System, tuple[Finding, ...], tuple[Vie
 
 def _explain(design: Design, error: DesignError | IllPosedError, system: System | None) -> DesignError | IllPosedError:
     """The refusal with its places in the document; that of a geometry with what the numbers may have been meant as."""
-    source, problems = design.source.placed(), list(error.problems)
+    source, problems = design.source.with_places(), list(error.problems)
     if isinstance(error, IllPosedError):
         scene = WrittenPoints.of(design.document, design.fiducials.labels, np.array(design.fiducials.positions_mm))
         problems = [*explain_places(design.document, scene, problems), *_name_left_out(design)]

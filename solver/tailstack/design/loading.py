@@ -201,7 +201,7 @@ def holds_points(data: Any) -> bool:
 def _refuse_all(problems: list[Problem], source: DocumentSource, limits: Limits) -> None:
     if not problems:
         return
-    source = source.placed()
+    source = source.with_places()
     placed = [place(problem, source) for problem in problems[: limits.problems]]
     if all(problem.code == "too-many" for problem in problems):
         raise LimitError(placed)

@@ -82,7 +82,7 @@ class DocumentSource:
     place: TextPosition | None = None
     json_text: str | None = None  # JSON is located only when an error asks for it
 
-    def placed(self) -> DocumentSource:
+    def with_places(self) -> DocumentSource:
         """The same source with places, if its text can be located; ask before locating several paths."""
         if self.place is not None or self.json_text is None:
             return self
@@ -93,7 +93,7 @@ class DocumentSource:
 
     def locate(self, path: Iterable[str | int], *, key: bool = False) -> tuple[int | None, int | None]:
         """Line and column of a path, (None, None) when the document did not come as text."""
-        place = self.placed().place
+        place = self.with_places().place
         if place is None:
             return None, None
         position = place.find(path, key=key)

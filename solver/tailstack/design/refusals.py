@@ -74,7 +74,7 @@ def refuse(
     problems = _merge([_cure_limits(problem, source.data) for problem in translated])
     added = {edit.path for problem in problems for edit in problem.fix}
     problems = [each for each in problems if each.code != "missing-field" or each.pointer not in added]
-    source = source.placed()
+    source = source.with_places()
     dropped = len(problems) - limits.problems
     problems = [place(problem, source) for problem in problems[: limits.problems]]
     if dropped > 0:

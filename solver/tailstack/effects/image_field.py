@@ -68,7 +68,7 @@ class FieldOfView(Record):
     )
 
     @model_validator(mode="after")
-    def _sized(self) -> Self:
+    def _needs_a_size(self) -> Self:
         stated = any(getattr(self, name, None) is not None for name in ("preset", "image_size_px"))
         if self.image_field is not None and not stated:
             words = "an image field is measured from the image's centre in half diagonals, and the size is not stated"

@@ -180,17 +180,17 @@ def _check(section: OfDesign, pivots_mm: Pivots) -> Iterator[Problem]:
 
 
 def _not_modelled(system: System) -> str:
-    return "" if _declared(system) else "thermal expansion"
+    return "" if _find(system) else "thermal expansion"
 
 
-def _declared(system: System) -> list[ThermalEffect]:
+def _find(system: System) -> list[ThermalEffect]:
     return [effect for effect in system.effects if isinstance(effect, ThermalEffect)]
 
 
 def _limits(system: System) -> Iterator[Limit]:
     """How much the structure grows or shrinks at most: it errs by as much."""
     growth = [
-        abs(heat.structure_per_k) * (abs(heat.known[0]) + heat.sources.half_width.sum()) for heat in _declared(system)
+        abs(heat.structure_per_k) * (abs(heat.known[0]) + heat.sources.half_width.sum()) for heat in _find(system)
     ]
     yield Proportional("growth by temperature of {:.2g} %", max(growth, default=0.0))
 

@@ -309,7 +309,7 @@ def solve(unknowns, work):
 
 
 @lane_jit
-def turned(scale, c0, c1, c2, x0, x1, x2):
+def turn_vector(scale, c0, c1, c2, x0, x1, x2):
     """A vector turned by ``1 + scale ([c]x + [c]x [c]x)``, scale = 2 / (1 + c'c): Cayley's rotation, exactly one."""
     k0, k1, k2 = fma(c1, x2, -(c2 * x1)), fma(c2, x0, -(c0 * x2)), fma(c0, x1, -(c1 * x0))
     return (
@@ -326,9 +326,9 @@ def turn(pose, work):
     half, one = splat(0.5), splat(1.0)
     c0, c1, c2 = half * load(work, _G + 24), half * load(work, _G + 32), half * load(work, _G + 40)
     scale = splat(2.0) / fma(c0, c0, fma(c1, c1, fma(c2, c2, one)))
-    r00, r10, r20 = turned(scale, c0, c1, c2, r00, r10, r20)
-    r01, r11, r21 = turned(scale, c0, c1, c2, r01, r11, r21)
-    r02, r12, r22 = turned(scale, c0, c1, c2, r02, r12, r22)
+    r00, r10, r20 = turn_vector(scale, c0, c1, c2, r00, r10, r20)
+    r01, r11, r21 = turn_vector(scale, c0, c1, c2, r01, r11, r21)
+    r02, r12, r22 = turn_vector(scale, c0, c1, c2, r02, r12, r22)
     d0, d1, d2 = d0 + load(work, _G), d1 + load(work, _G + 8), d2 + load(work, _G + 16)
     return r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2
 

@@ -44,7 +44,7 @@ class Evaluation:
     density: float  # of the error's norm there, 1/mm
     relative_error: float  # numerical error of exact_mm, relative
     mean_mm: Array  # (3,) at the worst vertex
-    signs: Array  # (B,) ends of the bounded sources, in the order of ``DemandTerms.bounded``
+    signs: Array  # (B,) ends of the bounded sources, in the order of ``DemandTerms.at_ends``
     images: ImageParts
     model: LinearModel
 
@@ -80,7 +80,7 @@ def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     model = at_ends(linearise(system, terms.demand.target), terms.demand.ends)
     exact = exact_quantile(model, terms.demand)
     sources = (*terms.sources, *terms.common)
-    keys = [(sources[b].contributor, sources[b].index) for b in terms.bounded]
+    keys = [(sources[b].contributor, sources[b].index) for b in terms.at_ends]
     return Evaluation(
         exact_mm=exact.value_mm,
         limit_mm=requirement.limit_mm,
@@ -174,7 +174,7 @@ def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     quantile = law_quantile(law, p)
     slopes = law_gradient(law, quantile)
     gains = terms.gains.at(mechanics_of(problem, choice))
-    ends = {index: evaluation.signs[b] for b, index in enumerate(terms.bounded)}
+    ends = {index: evaluation.signs[b] for b, index in enumerate(terms.at_ends)}
     widths = np.zeros(len(problem.half_widths))
     for index, source in enumerate(terms.sources):
         if source.free is None:
@@ -373,7 +373,7 @@ def error_moments(
 ) -> ErrorMoments:
     """Moments at one target.
 
-    half_width (K,) native units; signs (B,): the end at which each of ``terms.bounded`` stands.  All but the terms may
+    half_width (K,) native units; signs (B,): the end at which each of ``terms.at_ends`` stands.  All but the terms may
     be symbols.
     """
     bias = terms.bias.at(mechanics)
@@ -384,7 +384,7 @@ def error_moments(
         (per_unit, law): [] for per_unit in (True, False) for law in (Law.UNIFORM, Law.TRIANGULAR)
     }
     fixed = {True: np.zeros((3, 3)), False: np.zeros((3, 3))}
-    ends = {index: signs[b] for b, index in enumerate(terms.bounded)}
+    ends = {index: signs[b] for b, index in enumerate(terms.at_ends)}
     for index, source in enumerate((*terms.sources, *terms.common)):
         gain = plain(gains[index]) if gains[index].dtype != object else gains[index]
         if source.free is None and source.half_width == 0:

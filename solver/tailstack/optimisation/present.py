@@ -120,16 +120,16 @@ def _pay_for(problem: PlacementProblem, half_width: Array) -> Array:
 
     least, limit = np.maximum(half_width, problem.lower), inf if problem.cost_limit is None else problem.cost_limit
 
-    def loosened(log_factor: float) -> Array:
+    def loosen(log_factor: float) -> Array:
         return np.asarray(np.minimum(least * np.exp(log_factor), problem.upper))
 
     def excess(log_factor: float) -> float:
-        return float(np.log(problem.cost(loosened(log_factor)) / limit))
+        return float(np.log(problem.cost(loosen(log_factor)) / limit))
 
     if limit == inf or not len(least) or excess(0.0) <= 0:
-        return loosened(0.0)
+        return loosen(0.0)
     most = float(np.log(problem.upper / least).max())
-    return loosened(most if excess(most) >= 0 else float(brentq(excess, 0.0, most, xtol=1e-12)) + 1e-11)
+    return loosen(most if excess(most) >= 0 else float(brentq(excess, 0.0, most, xtol=1e-12)) + 1e-11)
 
 
 def _outside_bounds(problem: PlacementProblem, here: Choice, inside: Choice) -> Iterator[str]:

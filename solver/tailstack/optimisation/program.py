@@ -278,7 +278,7 @@ def _make_symbols(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> 
         tau=ca.SX.sym("tau", spacings),
         s=ca.SX.sym("s"),
         limits=ca.SX.sym("limits", len(terms)),
-        signs=ca.SX.sym("signs", len(terms[0].bounded), len(terms)),
+        signs=ca.SX.sym("signs", len(terms[0].at_ends), len(terms)),
         corrections=ca.SX.sym("corrections", 1 + count_seen(problem, terms[0]), len(terms)),
         least=ca.SX.sym("least"),
     )

@@ -163,7 +163,7 @@ class DemandTerms:
     kept: Array  # (N,) 0 of a fiducial that is lost, otherwise 1
 
     @property
-    def bounded(self) -> tuple[int, ...]:
+    def at_ends(self) -> tuple[int, ...]:
         """Indices of the sources, the common ones last, that stand at one of their ends: bounded, and free or of some
         size."""
         return tuple(

@@ -85,7 +85,7 @@ def tighten(
         check = _check_optimum(search, optimum, design, settings, attempt, trials, control)
         reached = max(optimum.ratios) if problem.objective == "quantile" else optimum.cost
         control.report(settings.stage, attempt + 1, MAX_TIGHTENING, reached)
-        if check.passed:
+        if check.passes:
             return VerifiedOptimum(search, optimum, design, check.verification, attempt, survived=check.survived)
         if problem.objective == "quantile":
             raise _explain_miss(optimum, check.checks, problem)
@@ -130,7 +130,7 @@ def check_present(
     design = revise(request, problem, here.choice) if here.moved else request.design
     trials = trials_of(request, search, settings)
     check = _check_optimum(search, optimum, design, settings, MAX_TIGHTENING, trials, control)
-    if not check.passed:
+    if not check.passes:
         return None
     search = replace(search, stopped=f"{search.stopped}, and none was better than the design as it stood")
     return VerifiedOptimum(search, optimum, design, check.verification, 0, survived=check.survived, kept=True)
@@ -145,13 +145,13 @@ class OptimumCheck:
     survived: SurvivedLoss | None
 
     @property
-    def passed(self) -> bool:
+    def passes(self) -> bool:
         return all(check.status == "pass" for check in self.checks.values())
 
     @property
     def is_open(self) -> bool:
         """Whether more trials may decide what these did not."""
-        return not self.passed and all(check.status != "fail" for check in self.checks.values())
+        return not self.passes and all(check.status != "fail" for check in self.checks.values())
 
 
 def _check_optimum(

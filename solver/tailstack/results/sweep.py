@@ -36,7 +36,7 @@ class SweepAxis:
     """
 
     @property
-    def called(self) -> str:
+    def label(self) -> str:
         """What to call it: its name, or the pointer where there is none."""
         return self.name or self.pointer
 
@@ -193,7 +193,7 @@ class Sweep(Result):
             curves = [read(name, {}, name) for name in names]
             title = "P95 at " + (f"target {names[0]}" if len(names) == 1 else "each target")
         axis = self.axes[across]
-        across_words = axis.called + (f", {axis.unit}" if axis.unit else "")
+        across_words = axis.label + (f", {axis.unit}" if axis.unit else "")
         return Curves(title, across_words, "P95, mm", axis.values, tuple(curves), tuple(self.limits()))
 
 

@@ -48,7 +48,7 @@ class Job:
     last_event: int
 
     @property
-    def finished(self) -> bool:
+    def is_over(self) -> bool:
         return self.state not in tables.UNFINISHED
 
 
@@ -215,7 +215,7 @@ def cancel_job(db: Database, tenant: str, job_id: str) -> Job | None:
         return None
     with writing(db) as connection:
         job = _select_job(connection, tenant, job_id, lock=True)
-        if job is None or job.finished:
+        if job is None or job.is_over:
             return job
         end_job(connection, job, now(db, connection), "cancelled")
         return _select_job(connection, tenant, job_id)

@@ -215,7 +215,7 @@ def _change_blocks(comparison: Comparison) -> tuple[Block, ...]:
     if not comparison.changes:
         return (Paragraph("Nothing: the two documents say the same."),)
     rows = [
-        Row((entry.name, entry.unit, _stated(entry.first), _stated(entry.second), entry.kind, entry.pointer))
+        Row((entry.name, entry.unit, _show_value(entry.first), _show_value(entry.second), entry.kind, entry.pointer))
         for entry in comparison.changes
     ]
     columns = (
@@ -228,7 +228,7 @@ def _change_blocks(comparison: Comparison) -> tuple[Block, ...]:
     return (Table("Changes", "Fields of the design document that differ", columns, tuple(rows), note),)
 
 
-def _stated(value: str | None) -> Cell:
+def _show_value(value: str | None) -> Cell:
     """What a document says, as JSON: a number is one, and what is not there is a dash."""
     if value is None:
         return "–"

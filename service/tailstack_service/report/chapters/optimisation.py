@@ -216,7 +216,7 @@ def _requirements_table(optimisation: Optimisation, now: Known | None, before: K
     checks = optimisation.certificate.verification.verdict.checks
     decimals = max((count_decimals(check.limit_mm) for check in checks), default=3)  # of an estimate
 
-    def estimated(known: Known | None) -> Callable[[tuple[Check, int]], float | None]:
+    def look_up(known: Known | None) -> Callable[[tuple[Check, int]], float | None]:
         of = (
             {}
             if known is None
@@ -227,8 +227,8 @@ def _requirements_table(optimisation: Optimisation, now: Known | None, before: K
     columns = (
         Column("Requirement", brief="by estimate,\nrequirement", of=lambda row: row[0].requirement),
         Column("Target", of=lambda row: row[0].target),
-        Column("Before", "mm", "fixed", decimals, of=estimated(before)),
-        Column("After", "mm", "fixed", decimals, of=estimated(now)),
+        Column("Before", "mm", "fixed", decimals, of=look_up(before)),
+        Column("After", "mm", "fixed", decimals, of=look_up(now)),
         Column("Limit", "mm", "stated", decimals, of=lambda row: row[0].limit_mm),
     )
     return tabulate("Before and after", "Requirements by estimate, before and after", columns, decided_by(checks))

@@ -36,7 +36,7 @@ def sweep_document(sweep: Sweep, sha256: str) -> Document:
     each = "estimated" if scored else f"simulated with seed {sweep.seed}"
     how = "by estimate" if scored else "by Monte Carlo"
     listed = Bullets(tuple(f"{_place(sweep, point.values)}: {point.reason}" for point in refused[:20]))
-    axes = ", ".join(f"{axis.called} ({len(axis.values)} values)" for axis in sweep.axes)
+    axes = ", ".join(f"{axis.label} ({len(axis.values)} values)" for axis in sweep.axes)
     return Document(
         kind="Sweep",
         title=sweep.provenance.design_name,
@@ -80,7 +80,7 @@ def _axes(sweep: Sweep) -> Facts:
     pairs = []
     for letter, axis in zip(sweep.letters, sweep.axes, strict=True):
         now = "varies" if axis.base is None else f"{axis.base:g} {axis.unit}".strip()
-        pairs.append((letter, f"{axis.called}: {spell_count(len(axis.values), 'value')}; now {now}"))
+        pairs.append((letter, f"{axis.label}: {spell_count(len(axis.values), 'value')}; now {now}"))
     return Facts("Axes", tuple(pairs))
 
 
@@ -164,7 +164,7 @@ def _figure(sweep: Sweep) -> tuple[Figure, ...]:
         refuse_undrawable([axis.values for axis in sweep.axes])
     except RequestError:
         return ()
-    pointers = " and ".join(axis.called for axis in sweep.axes)
+    pointers = " and ".join(axis.label for axis in sweep.axes)
     return (Figure("curve", partial(draw_sweep, sweep, "curve"), f"P95 of the TCP error over {pointers}."),)
 
 

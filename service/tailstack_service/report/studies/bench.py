@@ -61,10 +61,10 @@ def bench_document(study: StudyComparison, sha256: str) -> Document:
         figure=("bench", partial(draw_bench, study), "Mean error by level beside what such benches would give."),
         sections=(
             Section("Notes", notes, on=TERMINAL),
-            Section("Means and spreads", (levels_table(study), *_filled(axes_table(study)))),
+            Section("Means and spreads", (levels_table(study), *_unless_empty(axes_table(study)))),
             Section("Findings", (findings_table(study.findings),) if study.findings else (), on=PAPER),
-            Section("Tests", _filled(tests_table(study.levels)), on=IN_DETAIL),
-            Section("The largest errors", _filled(tails_table(study.levels)), on=IN_DETAIL),
+            Section("Tests", _unless_empty(tests_table(study.levels)), on=IN_DETAIL),
+            Section("The largest errors", _unless_empty(tails_table(study.levels)), on=IN_DETAIL),
             Section("What would explain it", explained, on=TERMINAL | On.PAGE),
             Section("What would explain it", (explanations_table(study),) if study.explanations else (), on=On.SHEET),
             Section(
@@ -84,7 +84,7 @@ def bench_document(study: StudyComparison, sha256: str) -> Document:
     return replace(composed, findings=study.findings)
 
 
-def _filled(table: Table) -> tuple[Table, ...]:
+def _unless_empty(table: Table) -> tuple[Table, ...]:
     return (table,) if table.rows else ()
 
 
