@@ -8,7 +8,7 @@ quantile 1 - p at that limit.  Only CVaR is held against its limit here.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import inf
 
 from tailstack.design import Design, design_to_data, load_design
@@ -35,7 +35,6 @@ class LimitComparison:
 
     requirement: GateRequirement
     number: GateNumber
-    open_because: str = ""  # why first order has no upper end of it, where it has one of others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +161,9 @@ def compare_numbers(
             rate = None if verification is None else _error_rate(own)
             if doubted:
                 check = replace(check, interval_mm=UNKNOWN, status="inconclusive")
-            comparisons.append(LimitComparison(requirement, _make_number(requirement, check, rate), check.open_because))
+            known = {field.name: getattr(check, field.name) for field in fields(Check)}
+            number = GateNumber(**(known | {"requirement": requirement.name}), rule=requirement.rule, error_rate=rate)
+            comparisons.append(LimitComparison(requirement, number))
     for requirement in requirements.values():
         if requirement.rule == "cvar" and requirement.severity != "off":
             comparisons += _compare_cvar(score, verification, requirement, looks)
@@ -171,14 +172,6 @@ def compare_numbers(
 
 def _error_rate(confidence: float) -> float:
     return round((1 - confidence) / 2, 12)
-
-
-def _make_number(requirement: GateRequirement, check: Check, rate: float | None) -> GateNumber:
-    units = () if check.yield_fraction is None else (check.yield_fraction, check.min_yield)
-    return GateNumber(
-        requirement.rule, requirement.name, check.target, check.value_mm, check.interval_mm, check.limit_mm,
-        check.status, rate, check.headline, *units,
-    )  # fmt: skip
 
 
 def _compare_cvar(
@@ -205,9 +198,12 @@ def _compare_cvar(
     for name, value, (low, high) in estimates:
         interval = (low, high if high != inf else None)
         status = decide((low, high), limit)
-        number = GateNumber("cvar", "cvar", name, value, interval, limit, status, rate, "CVaR95")
         why = CVAR_MISSED if verification is None and is_of_all_shots(score.verdict) else ""
-        comparisons.append(LimitComparison(requirement, number, why))
+        number = GateNumber(
+            "cvar", name, "tcp", "pooled", requirement.quantile, value, interval, limit, None, None, status,
+            open_because=why, rule="cvar", error_rate=rate,
+        )  # fmt: skip
+        comparisons.append(LimitComparison(requirement, number))
     return comparisons
 
 

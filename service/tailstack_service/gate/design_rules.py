@@ -42,7 +42,7 @@ def find_open_questions(case: Case) -> list[Remark]:
     remarks = []
     for comparison in case.comparisons:
         if comparison.number.status == "inconclusive":
-            why = comparison.open_because or doubt_first_order(case.score) or "too close to say by estimate"
+            why = comparison.number.open_because or doubt_first_order(case.score) or "too close to say by estimate"
             hint = f"{why}; gate with --mode auto or verify"
             if case.verification is not None:
                 hint = (

@@ -135,6 +135,6 @@ def make_finding(
     """A finding that says what a problem says, with its hint, where the problem stands."""
     message = problem.detail + (f" — {problem.hint}" if problem.hint else "")
     return GateFinding(
-        rule, severity, file, problem.line, problem.column, problem.pointer, message,  # type: ignore[arg-type]
-        value, limit, suppressed_by,
+        rule, severity, message, problem.pointer, value, limit,  # type: ignore[arg-type]
+        file, problem.line, problem.column, suppressed_by,
     )  # fmt: skip

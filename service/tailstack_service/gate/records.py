@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from tailstack.design import Design
-from tailstack.results import Severity, Vector3
-from tailstack.results.digits import count_decimals
+from tailstack.results import Vector3
+from tailstack.results.digits import decimals_of
 from tailstack.results.outline import Bar, Bars, Frame, Outline, frame, row_of
 from tailstack.results.record import Result
-from tailstack.results.tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
-from tailstack.results.verdicts import name_basis
+from tailstack.results.tables import PAPER, TERMINAL, Column, On, Table, tabulate
+from tailstack.results.verdicts import Check, Finding, check_columns, decided_by, name_basis
 
-from ..rendering.sentences import error_of
 from .asked import Fold, Level, Mode
 
 GateVerdict = Literal["pass", "fail", "inconclusive", "not evaluated"]
@@ -23,63 +22,32 @@ Basis = Literal["first order", "Monte Carlo", "none"]
 
 
 @dataclass(frozen=True, slots=True)
-class GateFinding:
-    """One remark, at the place of the offending value."""
+class GateFinding(Finding):
+    """A finding at the place of the offending value, with its severity under the policy: `tailstack gate --explain`."""
 
-    rule: str
-    """Stable id of the rule, see `tailstack gate --explain ID`."""
-    severity: Severity
-    """Severity under the policy."""
-    file: str
+    file: str = ""
     """Name given with the design; of the policy, waivers or baseline where it is about them."""
-    line: int | None
+    line: int | None = None
     """Line in the file, from 1; null where the document did not come as text."""
-    column: int | None
+    column: int | None = None
     """Column in the line, from 1; null where the document did not come as text."""
-    pointer: str
-    """JSON pointer (RFC 6901) into the file's document."""
-    message: str
-    """The finding, in a sentence."""
-    value: float | None
-    """The number it rests on, in the unit that the message says; null without one."""
-    limit: float | None
-    """What that was held against, in the same unit; null without one."""
-    suppressed_by: str | None
+    suppressed_by: str | None = None
     """The waiver that accepts it, so that it does not count; otherwise null."""
 
 
 @dataclass(frozen=True, slots=True)
-class GateNumber:
-    """One number that was held against a limit."""
+class GateNumber(Check):
+    """A check of the solver, and the rule that judged it: one number that was held against a limit."""
 
-    rule: str
-    """Id of the rule that judged it."""
-    requirement: str
-    """Name of the requirement; of a limit that the policy sets, the rule's id."""
-    target: str
-    """Name of the target."""
-    value_mm: float
-    """What decided, mm; of a yield, what the required fraction of units keep."""
-    interval_mm: tuple[float, float | None]
-    """Its lower and upper end, mm; a null upper end is not known."""
-    limit_mm: float
-    """The limit that it was held against, mm."""
-    status: Literal["pass", "fail", "inconclusive"]
-    """pass: surely within the limit; fail: surely beyond; otherwise inconclusive."""
-    error_rate: float | None
+    rule: str = ""
+    """Id of the rule; its requirement is called after it where the policy sets the limit."""
+    error_rate: float | None = None
     """By Monte Carlo: largest probability that pass is said of a fail, or fail of a pass; null: first order."""
-    headline: str
-    """What the value is, in words: "P95 that 90 % of units keep"."""
-    yield_fraction: float | None = None
-    """Fraction of units that are good; null of what is no yield."""
-    min_yield: float | None = None
-    """Fraction of units that must be good; null of what is no yield."""
-    margin_mm: float | None = None
-    """Limit less the upper end of the interval, mm; null where that end is not known."""
 
     def __post_init__(self) -> None:
-        high = self.interval_mm[1]
-        object.__setattr__(self, "margin_mm", None if high is None else self.limit_mm - high)
+        Check.__post_init__(self)
+        if self.rule == "cvar":
+            object.__setattr__(self, "headline", "CVaR95")
 
     @property
     def value(self) -> float:
@@ -271,7 +239,7 @@ MOST_ROWS = 200  # of a page
 
 def designs_table(record: GateRecord) -> Table:
     """Every design with its verdict."""
-    decimals = max((count_number_decimals(design.numbers) for design in record.designs), default=3)
+    decimals = decimals_of([number for design in record.designs for number in design.numbers])
     columns = (
         Column("File", of=lambda design: design.file),
         Column("Design", of=lambda design: design.name),
@@ -288,49 +256,29 @@ class JudgedNumber(NamedTuple):
     """What a row of a table of numbers is about."""
 
     file: str
-    number: GateNumber
-    target: str
+    check: GateNumber
+    targets: int = 1  # that pass; this one is nearest to its limit
 
 
 def choose_numbers(design: GatedDesign) -> list[JudgedNumber]:
     """Everything that does not pass; of what passes, for each requirement the target nearest to its limit."""
-    rows = [JudgedNumber(design.file, entry, entry.target) for entry in design.numbers if entry.status != "pass"]
-    for name in dict.fromkeys(entry.requirement for entry in design.numbers):
-        passing = [entry for entry in design.numbers if entry.requirement == name and entry.status == "pass"]
-        if passing:
-            nearest = max(passing, key=lambda entry: entry.value_mm / entry.limit_mm)
-            others = f" (worst of {len(passing)})" if len(passing) > 1 else ""
-            rows.append(JudgedNumber(design.file, nearest, nearest.target + others))
-    return rows
-
-
-def count_number_decimals(numbers: Iterable[GateNumber]) -> int:
-    """Decimals of the lengths of what was judged."""
-    asked = (count_decimals(entry.limit_mm, error_of(entry.value_mm, entry.interval_mm)) for entry in numbers)
-    return max(asked, default=3)
+    passing = decided_by([number for number in design.numbers if number.status == "pass"])
+    return [
+        *(JudgedNumber(design.file, number) for number in design.numbers if number.status != "pass"),
+        *(JudgedNumber(design.file, number, count) for number, count in passing),
+    ]
 
 
 def numbers_table(rows: Sequence[JudgedNumber]) -> Table:
     """Numbers that were held against limits; of yields the fraction of units beside them."""
-    decimals = count_number_decimals(row.number for row in rows)
-
-    units = (
-        Column("Yield", "%", "percent", 2, IN_DETAIL, "units\nwithin, %", of=lambda row: row.number.yield_fraction),
-        Column("Required", "%", "percent", 2, PAPER, of=lambda row: row.number.min_yield),
-    )
+    requirement, target, _, _, *values = check_columns([row.check for row in rows])
     columns = (
         Column("File", on=~TERMINAL, of=lambda row: row.file),
-        Column("Requirement", brief="require-\nment", of=lambda row: row.number.requirement),
-        Column("Target", of=lambda row: row.target),
-        Column("Rule", on=TERMINAL | On.SHEET, of=lambda row: row.number.rule),
-        Column("What", on=~TERMINAL, of=lambda row: row.number.headline),
-        Column("Value", "mm", "fixed", decimals, of=lambda row: row.number.value_mm),
-        Column("From", "mm", "fixed", decimals, of=lambda row: row.number.interval_mm[0]),
-        Column("To", "mm", "fixed", decimals, of=lambda row: row.number.interval_mm[1]),
-        Column("Limit", "mm", "stated", decimals, of=lambda row: row.number.limit_mm),
-        Column("Margin", "mm", "signed", decimals, brief="to spare\nmm", of=lambda row: row.number.margin_mm),
-        *(units if any(row.number.min_yield for row in rows) else ()),
-        Column("Status", kind="status", of=lambda row: row.number.status),
+        requirement,
+        target,
+        Column("Rule", on=TERMINAL | On.SHEET, of=lambda row: row.check.rule),
+        Column("What", on=~TERMINAL, of=lambda row: row.check.headline),
+        *values,
     )
     return tabulate("Numbers", "Numbers that were held against limits", columns, rows, most=MOST_ROWS)
 

@@ -88,7 +88,7 @@ def _list_designs(record: GateRecord) -> str:
     blocks = []
     for design in record.designs:
         basis = "" if design.basis == "none" else name_basis(design.basis)
-        basis += f", {MISSED}" if any(MISSED in number.headline for number in design.numbers) else ""
+        basis += f", {MISSED}" if any(number.missed for number in design.numbers) else ""
         basis += f", {design.trials:,} trials" if design.trials is not None else ""
         kind = f" [{design.design_class}]" if design.design_class else ""
         verdict = paint(design.verdict, _ROLE.get(design.verdict, "fail"))

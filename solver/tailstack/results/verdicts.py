@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 from .digits import decimals_of, in_percent, length
 from .tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
@@ -223,6 +223,7 @@ def assumed_sentence(assumed: Sequence[str]) -> str:
 # --- what decides, in words -------------------------------------------------------------------------------
 
 _ORDER = {"fail": 0, "inconclusive": 1, "pass": 2}
+_Checked = TypeVar("_Checked", bound=Check)
 
 
 def urgency(check: Check) -> tuple[int, float]:
@@ -235,7 +236,7 @@ def decisive_check(checks: Sequence[Check]) -> Check | None:
     return min(checks, key=urgency, default=None)
 
 
-def decided_by(checks: Sequence[Check]) -> list[tuple[Check, int]]:
+def decided_by(checks: Sequence[_Checked]) -> list[tuple[_Checked, int]]:
     """For each requirement the check that decides it, and at how many targets it is checked; failures first."""
     names = dict.fromkeys(check.requirement for check in checks)
     own = [[check for check in checks if check.requirement == name] for name in names]

@@ -29,7 +29,7 @@ def gate_document(record: GateRecord, sha256: str) -> Document:
     tables: list[Block] = [findings_table("Findings", "Findings that count", counted)] if counted else []
     if accepted:
         tables.append(findings_table("Accepted", "Findings that a waiver accepts", accepted))
-    numbers = [JudgedNumber(design.file, entry, entry.target) for design in record.designs for entry in design.numbers]
+    numbers = [JudgedNumber(design.file, entry) for design in record.designs for entry in design.numbers]
     designs = [designs_table(record), numbers_table(numbers)]
     if any(design.not_judged for design in record.designs):
         designs.append(unjudged_table(record))
