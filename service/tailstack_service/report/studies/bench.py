@@ -15,7 +15,7 @@ from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Cel
 from tailstack.results.verdicts import findings_table
 from tailstack.studies.bench.compare import StudyComparison, write_interval
 
-from ...rendering.blocks import Block, Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
+from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section, Tone
 from ...rendering.sentences import trust_sentence
 from ...rendering.tables import visible
 from ..charts import RING
@@ -39,8 +39,6 @@ def bench_document(study: StudyComparison, sha256: str) -> Document:
     file, benches = study.file, max((level.benches for level in study.levels), default=0)
     held = f"against {benches:,} simulated benches, seed {study.seed}" if benches else "beside the prediction"
     notes = (Facts("Notes", tuple(("note", note) for note in file.notes)),) if file.notes else ()
-    factors, values = factors_table(study), values_table(study)
-    explained: tuple[Block, ...] = tuple(table for table in (factors, values) if table.rows)
     of = {level.spread.of for level in study.levels if level.spread is not None}
     spread = "root of the trace of the covariance" if of == {"vectors"} else "standard deviation of the error norm"
 
@@ -65,8 +63,7 @@ def bench_document(study: StudyComparison, sha256: str) -> Document:
             Section("Findings", (findings_table(study.findings),) if study.findings else (), on=PAPER),
             Section("Tests", _unless_empty(tests_table(study.levels)), on=IN_DETAIL),
             Section("The largest errors", _unless_empty(tails_table(study.levels)), on=IN_DETAIL),
-            Section("What would explain it", explained, on=TERMINAL | On.PAGE),
-            Section("What would explain it", (explanations_table(study),) if study.explanations else (), on=On.SHEET),
+            Section("What would explain it", _unless_empty(explanations_table(study))),
             Section(
                 "Trust", (Paragraph(f"How good the prediction is: {trust_sentence(study.validity)}."),), on=On.PLAIN
             ),
@@ -224,56 +221,36 @@ def _name(study: StudyComparison) -> Callable[[Explanation], str]:
     return lambda explanation: (f"{explanation.target}: " if several else "") + source_name(explanation)
 
 
-def factors_table(study: StudyComparison) -> Table:
-    """How many times its declared size each contributor would plausibly have."""
+def explanations_table(study: StudyComparison) -> Table:
+    """How many times as declared each contributor alone would plausibly be; at which fixed value a component explains a
+    mean that differs."""
+    differing = {level.target for level in study.levels if any(t.differs and t.test == "mean" for t in level.tests)}
+
+    def write_plausible(explanation: Explanation) -> str:
+        if explanation.kind == "factor" or not explanation.intervals:
+            return f"× {write_interval(explanation)}" if explanation.intervals else "none"
+        return f"{write_interval(explanation)} {explanation.unit}"
+
+    def write_declared(explanation: Explanation) -> str | None:
+        if explanation.kind == "factor" or explanation.declared is None:
+            return None
+        return f"{number(explanation.declared, 3)} {explanation.unit}"
+
     columns = (
         Column("Contributor", of=_name(study)),
-        Column("Plausible factor", kind="fixed", of=write_interval),
-        Column("Held against", kind="fixed", of=lambda explanation: explanation.explains),
+        Column("Plausible", kind="fixed", of=write_plausible),
+        Column("Declared", kind="fixed", brief="declared\n", of=write_declared),
+        Column("Held against", on=IN_DETAIL, of=lambda explanation: explanation.explains),
     )
-    chosen = [explanation for explanation in study.explanations if explanation.kind == "factor"]
-    caption = "One contributor alone: how many times its declared size is plausible (95 %), all else as declared"
-    return tabulate("Factors", caption, columns, chosen)
-
-
-def values_table(study: StudyComparison) -> Table:
-    """Fixed values of components, where a mean differs."""
-    wanted = {level.target for level in study.levels if any(t.differs and t.test == "mean" for t in level.tests)}
-    columns = (
-        Column("Component", of=_name(study)),
-        Column("Plausible value", kind="fixed",
-               of=lambda explanation: write_interval(explanation)
-               + (f" {explanation.unit}" if explanation.intervals else "")),
-        Column("Declared half-width", kind="fixed", brief="declared\nhalf-width",
-               of=lambda explanation: None if explanation.declared is None
-               else f"{number(explanation.declared, 3)} {explanation.unit}"),
-        Column("Half-widths", kind="fixed", digits=1, brief="half-\nwidths",
-               of=lambda explanation: abs(explanation.most_plausible) / explanation.declared
-               if explanation.declared and explanation.most_plausible is not None else None),
-    )  # fmt: skip
-    chosen = [
+    rows = [
         explanation
         for explanation in study.explanations
-        if explanation.kind == "value" and explanation.target in wanted
+        if explanation.kind == "factor" or explanation.target in differing
     ]
-    return tabulate("Values", "One component alone, at a fixed value that explains the mean (95 %)", columns, chosen)
-
-
-def explanations_table(study: StudyComparison) -> Table:
-    """How large one contributor alone would have to be."""
-    columns = (
-        Column("Contributor", of=lambda explanation: explanation.contributor),
-        Column("Component", of=lambda explanation: explanation.component),
-        Column("Kind", of=lambda explanation: explanation.kind),
-        Column("Unit", of=lambda explanation: explanation.unit),
-        Column("Declared", kind="significant", of=lambda explanation: explanation.declared),
-        Column("Most plausible", kind="significant", of=lambda explanation: explanation.most_plausible),
-        Column(
-            "95 % intervals",
-            of=lambda explanation: "; ".join(f"{low:.4g} to {high:.4g}" for low, high in explanation.intervals),
-        ),
+    caption = (
+        "One contributor (× as declared) or component (fixed) alone, all else as declared: what is plausible (95 %)"
     )
-    return tabulate("Explanations", "How large one contributor alone would have to be", columns, study.explanations)
+    return tabulate("Explanations", caption, columns, rows)
 
 
 # --- its chart ----------------------------------------------------------------------------------------------

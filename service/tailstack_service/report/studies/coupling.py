@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from tailstack.results import ERRORS
 from tailstack.results.digits import count_decimals, percent
 from tailstack.results.look import BLUE, INK, MUTED, VERMILION
-from tailstack.results.tables import EVERYWHERE, IN_DETAIL, LONG_TABLE, PAPER, Column, On, Row, Table, fill, tabulate
-from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling, choose_decimals, write_percent
+from tailstack.results.tables import EVERYWHERE, IN_DETAIL, LONG_TABLE, PAPER, Column, On, Table, fill
+from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling
 
-from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section
+from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section, group
 from ..page import beside, titled_page
 from ..svg import broken
 from .study import compose_study
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SIMULATED = 0.003  # a quarter of a million trials know P95 so well
-MOST_DECIMALS = 3  # of a ratio in per cent; the spreadsheet and --json have all
 READINGS = {
     "physical": "the structure really moves, and its images with it",
     "eq18": "the coordinates that are assumed move, the images do not",
@@ -72,13 +71,9 @@ def coupling_document(study: StudyCoupling, sha256: str, target: str | None = No
             Section("P95 of the parts and together", (parts_table(study, shown, more),)),
             Section(
                 "Ratios",
-                (
-                    comparisons_table(study, shown),
-                    Bullets(tuple(case.sentence for case in shown)),
-                ),
-                on=On.DETAIL | On.PAGE,
+                (ratios_table(study, shown), group(Bullets(tuple(case.sentence for case in shown)), on=~On.SHEET)),
+                on=On.DETAIL | PAPER,
             ),
-            Section("Every ratio", (ratios_table(study),), on=PAPER),
         ),
         command=f"tailstack study coupling design.yaml {options} --error {study.error} --trials {study.trials} --seed "
         f"{study.seed} --json",
@@ -121,39 +116,6 @@ def parts_table(study: StudyCoupling, shown: Sequence[CouplingCase], more: str) 
     return Table("Parts", caption, columns, rows, most=LONG_TABLE)
 
 
-def comparisons_table(study: StudyCoupling, cases: Sequence[CouplingCase]) -> Table:
-    """Ratios as per cent above or below one; below them what first order says."""
-    columns = (
-        Column("Installation error", brief="installation\nerror"),
-        Column("Reading"),
-        *(
-            Column(
-                name.capitalize() if name[0] == "n" else name, "%", "fixed", brief=name.replace(" over ", " over\n", 1)
-            )
-            for name, _, _ in COMPARISONS
-        ),
-    )
-    rows = []
-    for case in cases:
-        ratios = [which(case) for _, _, which in COMPARISONS]
-        rows.append(Row((case.installation, case.reading, *(_write_half_width(ratio) for ratio in ratios))))
-        rows.append(Row(("first order", "", *(_write_prediction(ratio) for ratio in ratios)), 1))
-    half = f"half of the {percent(study.confidence, 0)} % interval (each by itself)"
-    caption = f"Ratios as per cent above or below one, ± {half}"
-    return Table("Comparisons", caption, columns, tuple(rows), most=LONG_TABLE)
-
-
-def _write_half_width(ratio: Ratio | None) -> str:
-    if ratio is None:
-        return "none"
-    decimals = min(choose_decimals(ratio), MOST_DECIMALS)
-    return f"{write_percent(ratio, decimals)[:-2]} ± {50 * (ratio.interval[1] - ratio.interval[0]):.{decimals}f}"
-
-
-def _write_prediction(ratio: Ratio | None) -> str:
-    return "" if ratio is None or ratio.first_order is None else f"{round(100 * (ratio.first_order - 1), 2) + 0.0:+.2f}"
-
-
 class _Compared(NamedTuple):
     """A ratio of a case."""
 
@@ -162,26 +124,26 @@ class _Compared(NamedTuple):
     ratio: Ratio
 
 
-def ratios_table(study: StudyCoupling) -> Table:
-    """Every ratio with its interval."""
+def ratios_table(study: StudyCoupling, shown: Sequence[CouplingCase]) -> Table:
+    """Every ratio with its interval; a terminal has the cases of one target."""
     columns = (
-        Column("Target", of=lambda row: row.case.target),
+        Column("Target", on=PAPER, of=lambda row: row.case.target),
         Column("Installation error", of=lambda row: row.case.installation),
         Column("Reading", of=lambda row: row.case.reading),
-        Column("Ratio of", of=lambda row: row.name),
+        Column("Ratio of", brief="ratio of\n", of=lambda row: row.name),
         Column("Value", kind="fixed", digits=4, of=lambda row: row.ratio.value),
         Column("From", kind="fixed", digits=4, of=lambda row: row.ratio.interval[0]),
         Column("To", kind="fixed", digits=4, of=lambda row: row.ratio.interval[1]),
         Column("Estimate", kind="fixed", digits=4, of=lambda row: row.ratio.first_order),
     )
-    compared = [
-        _Compared(case, name, ratio)
+    rows = tuple(
+        fill(columns, _Compared(case, name, ratio), on=EVERYWHERE if case in shown else PAPER)
         for case in study.cases
         for name, _, which in COMPARISONS
         if (ratio := which(case)) is not None
-    ]
-    caption = f"Each with its {100 * study.confidence:g} % interval by itself"
-    return tabulate("Ratios", caption, columns, compared, most=LONG_TABLE)
+    )
+    caption = f"Ratios, each with its {100 * study.confidence:g} % interval by itself"
+    return Table("Ratios", caption, columns, rows, most=LONG_TABLE)
 
 
 NAMES, PANEL, ROW = 178, 186, 26
