@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tailstack.design import Design, design_to_data
-from tailstack.errors import Problem
 from tailstack.montecarlo import MAX_TRIALS, PRECISION
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import ChainPlan
@@ -17,7 +16,6 @@ from tailstack.results.verdicts import decisive_check
 from tailstack.scoring import score as score_design
 from tailstack.verification import PreparedDesign, prepare
 
-from ..problems import RequestError
 from .chapters.optimisation import optimise_command
 from .half_widths import allowances
 from .headline import headline_of
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
     from tailstack.montecarlo.simulate import Progress
     from tailstack.results import Optimisation, Score, TargetScore, Verification
 
-PARTS = ("score", "verification", "optimisation")
 DEFAULT_PARTS = ("score", "verification")
 BINS = 36
 DRAWN = 2**17  # trials that the pictures are drawn from: the first of the check's own
@@ -38,7 +35,7 @@ PICTURED = 3  # targets, largest P95 first: a region may have hundreds
 
 @dataclass(frozen=True, slots=True)
 class ReportContents:
-    """What a report holds and how its numbers are drawn.  Raises RequestError for what does not go together."""
+    """What a report holds and how its numbers are drawn."""
 
     parts: tuple[str, ...] = DEFAULT_PARTS
     trials: int | None = None
@@ -46,15 +43,6 @@ class ReportContents:
     seed: int = 0
     max_trials: int = MAX_TRIALS
     starts: int | None = None  # of the optimiser; None: as many as the design says
-
-    def __post_init__(self) -> None:
-        for index, part in enumerate(self.parts):
-            if part not in PARTS:
-                detail = f"a report has the parts {', '.join(PARTS)}; got {part!r}"
-                raise RequestError(Problem(f"/parts/{index}", "unknown-value", detail))
-        if self.trials is not None and self.precision is not None:
-            detail = "both trials and precision were given"
-            raise RequestError(Problem("/precision", "trials-and-precision", detail, "give one of them"))
 
 
 def compute_report(design: Design, options: ReportContents, *, progress: Progress | None = None) -> Report:
@@ -183,7 +171,7 @@ def drawing_options(options: ReportContents) -> str:
 
 
 def options_of(request: dict[str, Any]) -> ReportContents:
-    """The options of a job's request, or of the reproduction of a record.  Raises RequestError."""
+    """The options of a job's request, or of the reproduction of a record."""
     return ReportContents(
         parts=tuple(request.get("parts") or DEFAULT_PARTS),
         trials=request.get("trials"),

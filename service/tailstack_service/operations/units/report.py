@@ -7,7 +7,6 @@ from typing import Any
 from tailstack.results import Optimisation, Verification
 
 from ...documents import from_json, to_json
-from ...problems import RefusedAt, RequestError
 from ...processes.task import UnitResult
 from ..content import design_of
 from ..operation import Done, Step
@@ -22,10 +21,7 @@ def plan(request: dict[str, Any], results: tuple[UnitResult, ...]) -> Step:
     """More units for the parts that are not finished, or the report."""
     from ...report.assembling import assemble, options_of
 
-    try:
-        options = options_of(request)
-    except RequestError as error:
-        raise RefusedAt.place(error) from None
+    options = options_of(request)
     records: dict[str, Any] = {}
     parts = Parts(results)
     for part in options.parts:
