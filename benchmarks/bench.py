@@ -7,7 +7,6 @@ file for each release stands in benchmarks/history/, and docs/images/make_histor
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
@@ -210,52 +209,3 @@ def write_history(rows: list[tuple[str, Row]]) -> str:
 def must_fail(rows: list[Row]) -> bool:
     """Whether a must is missed where others did not load the machine."""
     return any(row.missed and not row.loaded for row in rows)
-
-
-def main() -> int:
-    from measurements import MEASUREMENTS
-
-    width = max(map(len, MEASUREMENTS))
-    described = "\n".join(
-        f"  {name:{width}}  {what}"
-        for name, measurement in MEASUREMENTS.items()
-        for what in [target.what for target in measurement.targets] or ["figures for people"]
-    )
-    parser = argparse.ArgumentParser(
-        prog="./run bench", description=__doc__, epilog=f"rows by name:\n{described}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
-    parser.add_argument("names", nargs="*", metavar="NAME", help="what to measure, default all")
-    parser.add_argument("--strict", action="store_true", help="exit 1 when a must is missed in a row without the mark")
-    parser.add_argument("--save", type=Path, metavar="FILE", help="write what was measured there, as JSON")
-    arguments = parser.parse_args()
-    unknown = [name for name in arguments.names if name not in MEASUREMENTS]
-    if unknown:
-        parser.error(f"nothing is called {', '.join(unknown)}; choose from {', '.join(MEASUREMENTS)}")
-    print(f"tailstack benchmarks · Python {platform.python_version()} · {os.cpu_count()} cores · {platform.machine()}")
-    print(f"{'what':78} {'measured':>12} {'must':>8} {'aim':>8} {'foreign':>7}  verdict")
-    named: list[tuple[str, Row]] = []
-    for name, measurement in MEASUREMENTS.items():
-        if arguments.names and name not in arguments.names:
-            continue
-        findings = measurement.measure()
-        for row in measurement.rows(findings):
-            named.append((name, row))
-            print(write_row(row))
-        for figure in findings.figures:
-            print(f"    {figure.what:74} {figure.value:10.4g} {figure.unit}".rstrip())
-        if not measurement.targets:
-            print(f"    {'foreign load of these':74} {100 * findings.foreign:10.0f} %")
-        sys.stdout.flush()
-    rows = [row for _, row in named]
-    missed = [row for row in rows if row.missed]
-    print(f"{len(missed)} of {sum(row.target.must is not None for row in rows)} musts missed, "
-          f"{sum(row.loaded for row in missed)} of them under foreign load; "
-          f"{sum(row.value is None for row in rows)} rows not built")  # fmt: skip
-    if arguments.save:
-        arguments.save.write_text(write_history(named), encoding="utf-8")
-    return 1 if arguments.strict and must_fail(rows) else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

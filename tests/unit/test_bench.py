@@ -150,6 +150,6 @@ def test_the_operations_of_a_trial_are_counted_in_the_kernel_itself(bench: Modul
 def call(*arguments: str) -> subprocess.CompletedProcess[str]:
     """The command without its environment of its own."""
     return subprocess.run(
-        [sys.executable, str(BENCHMARKS / "bench.py"), *arguments], capture_output=True, text=True, check=False,
+        [sys.executable, str(BENCHMARKS / "measurements.py"), *arguments], capture_output=True, text=True, check=False,
         timeout=LIMIT_SECONDS,
     )  # fmt: skip

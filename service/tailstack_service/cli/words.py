@@ -48,13 +48,12 @@ def run(arguments: argparse.Namespace) -> Answer:
 
 
 def _find(words: list[GlossaryTerm], name: str) -> GlossaryTerm:
-    from difflib import get_close_matches
+    from tailstack.cures import ask_label
 
     terms = {word.term.lower(): word for word in words}
     if name.lower() in terms:
         return terms[name.lower()]
-    near = [terms[term].term for term in get_close_matches(name.lower(), terms, 3)]
-    hint = f"did you mean {' or '.join(near)}?" if near else "tailstack words --all lists what there is"
+    hint = ask_label(name, [word.term for word in words], "tailstack words --all lists what there is")
     raise RequestError(Problem("", "unknown-word", f"the glossary has no word {name!r}", hint))
 
 

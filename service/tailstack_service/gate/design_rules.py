@@ -15,6 +15,7 @@ from tailstack.fields import INTERFACES
 from tailstack.results import ERRORS, Score, headline_of
 from tailstack.results.digits import count_decimals, in_percent, length
 from tailstack.results.verdicts import assumed_sentence
+from tailstack.system import ROTATIONS, TRANSLATIONS
 from tailstack.tolerances import Tolerances
 
 from ..rendering.sentences import error_of, leading_bias_mm, sources_of, trust_sentence
@@ -25,7 +26,6 @@ from .reading import Remark
 WEAKNESSES = ("flat-structure", "weak-resection", "small-parallax")  # findings of a score
 IMPLAUSIBLE = get_args(Implausible)
 MOST_PAIRS = 10
-_COMPONENTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
 def find_failures(case: Case, rule: str) -> list[Remark]:
@@ -359,7 +359,7 @@ def list_tolerances(design: Design) -> list[Tolerance]:
 
 
 def _list_components(tolerances: Tolerances, name: str, at: str) -> Iterator[Tolerance]:
-    for component in _COMPONENTS:
+    for component in (*ROTATIONS, *TRANSLATIONS):
         entry = getattr(tolerances, component)
         unit = "deg" if component.startswith("r") else "mm"
         field = f"half_width_{unit}"

@@ -25,6 +25,7 @@ from ..ranges import (
     AnySize,
     Meant,
 )
+from ..system import ROTATIONS
 
 InterfaceName = Literal["structure_connector", "connector_flange"]
 FREE_DEG = replace(SEAT_DEG, what="half-width that is free", most=5.0, high="wider than anybody leaves a seat")
@@ -264,7 +265,7 @@ class FreeTolerance(Record):
     @property
     def unit(self) -> Literal["deg", "mm"]:
         """What its half-width is given in."""
-        return "deg" if self.component in ("rx", "ry", "rz") else "mm"
+        return "deg" if self.component in ROTATIONS else "mm"
 
     @model_validator(mode="after")
     def _complete(self) -> FreeTolerance:

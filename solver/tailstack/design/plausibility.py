@@ -24,7 +24,7 @@ from ..geometry.arrays import Array
 from ..geometry.camera import camera_centre, image_centre_px
 from ..ranges import SLIPS, Meant, Number, list_numbers
 from ..results import Finding
-from ..system import System
+from ..system import ROTATIONS, System
 from ..tolerances import Bias
 from ..units import OTHER_LENGTHS
 from .cameras import find_detector
@@ -66,8 +66,6 @@ SAME_WIDTH = 0.01  # relative, of two detectors
 TURNS = sorted({k * pi / n for n in (4, 6) for k in range(1, 2 * n + 1)})
 SAME_TURN = 6e-4  # relative: 1.57 is nearer to a quarter turn
 LAST_SCALAR = 0.99  # of a quaternion: scalar last it is a turn by less than 16 degrees, scalar first nearly half a turn
-
-_ROTATIONS = ("rx", "ry", "rz")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -327,7 +325,7 @@ def _list_angles(document: DesignDocument) -> Iterator[tuple[str, float]]:
     for at, pose in _list_poses(document):
         yield from ((f"{at}/rotation_deg/{axis}", angle) for axis, angle in enumerate(pose.rotation_deg or ()))
     for at, bias in _list_biases(document):
-        yield from ((f"{at}/{axis}_deg", getattr(bias, f"{axis}_deg")) for axis in _ROTATIONS)
+        yield from ((f"{at}/{axis}_deg", getattr(bias, f"{axis}_deg")) for axis in ROTATIONS)
 
 
 def _doubt_quaternions(subject: Subject) -> Iterator[Doubt]:
@@ -381,7 +379,7 @@ def _doubt_lever_arms(subject: Subject) -> Iterator[Doubt]:
         (name, interface)
         for name, interface in _list_interfaces(subject.document)
         if interface.tolerances is not None
-        and any((entry := getattr(interface.tolerances, axis)) and entry.half_width_deg > 0 for axis in _ROTATIONS)
+        and any((entry := getattr(interface.tolerances, axis)) and entry.half_width_deg > 0 for axis in ROTATIONS)
     ]
     for target in subject.document.targets:
         for name, interface in turning:

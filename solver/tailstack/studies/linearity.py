@@ -34,7 +34,7 @@ from ..results import Interval, Provenance
 from ..results.record import Published
 from ..results.verdicts import P95
 from ..scoring import FRAMES, checked_system, provenance, score
-from ..system import DirectEffect, Law, Sources, System
+from ..system import ROTATIONS, DirectEffect, Law, Sources, System
 from ..tail.declared import law_quantile
 from ..tail.gaussian import norm_quantile
 
@@ -386,7 +386,7 @@ def _turn(mount: DirectEffect, rotation_deg: float) -> DirectEffect:
     shifts[:3] = 0.0
     turns = 3 if rotation_deg > 0 else 0
     sources = Sources(
-        names=("rx", "ry", "rz")[:turns] + tuple(old.names[j] for j in remaining),
+        names=ROTATIONS[:turns] + tuple(old.names[j] for j in remaining),
         laws=(Law.NORMAL,) * turns + tuple(old.laws[j] for j in remaining),
         half_width=np.concatenate([np.full(turns, radians(rotation_deg)), old.half_width[remaining]]),
         coverage_factor=np.concatenate([np.ones(turns), old.coverage_factor[remaining]]),
