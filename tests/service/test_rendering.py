@@ -22,8 +22,8 @@ from tailstack.results.optimisation import changes_table, moved_table
 from tailstack.results.score import group
 from tailstack.results.verdicts import requirements_table
 from tailstack.scoring import score
+from tailstack_service.cli.demo import summary_text
 from tailstack_service.operations.registry import OPERATIONS
-from tailstack_service.rendering.demo import summary_text
 from tailstack_service.rendering.document import findings_text
 from tailstack_service.rendering.page import WIDTH, Page, write_on
 from tailstack_service.rendering.tables import columns, draw_table, fold, visible, wrap, write_table

@@ -12,8 +12,7 @@ from tailstack.results.tables import IN_DETAIL, LONG_TABLE, PAPER, TERMINAL, Cel
 from tailstack.studies.linearity import LinearityPoint, StudyLinearity, Within
 
 from ...rendering.blocks import Document, Facts, KeyNumber, Paragraph, Section
-from ...rendering.rows import csv_text, list_reasons
-from ...rendering.tables import visible
+from ...rendering.tables import csv_text, list_reasons, visible
 from ..page import draw_cells, titled_page
 from .study import compose_study
 
