@@ -59,12 +59,11 @@ _ROTATIONS = {  # how a rotation is written
     "wxyz": ("quaternion wxyz", "quat wxyz", "q wxyz", "quaternion scalar first", "wxyz"),
     "xyzw": ("quaternion xyzw", "quat xyzw", "q xyzw", "quaternion scalar last", "xyzw"),
     "quaternion": ("quaternion", "quat", "quaternions", "q"),
-    "vector": ("rotation vector", "rotvec", "rotationvector", "rvec", "rodrigues", "axis angle",
-               "axisangle"),
+    "vector": ("rotation vector", "rotvec", "rotationvector", "rvec", "rodrigues", "axis angle", "axisangle"),
     "rpy": ("roll pitch yaw", "rpy", "euler rpy"),
     "ypr": ("yaw pitch roll", "ypr", "euler zyx", "zyx", "kuka abc"),
     "euler": ("euler angles", "euler", "eulers", "euler xyz"),
-}  # fmt: skip
+}
 _FILLERS = {"value", "values", "number", "the", "of", "in", "to", "matrix"}
 _TURNS = ("un", "non", "in", "im", "ab", "re", "de", "dis", "anti", "semi")  # beginnings that make another word of one
 LAW_SIGMAS = {"uniform": sqrt(3), "triangular": sqrt(6)}  # standard deviations in a half-width

@@ -57,9 +57,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--remote", metavar="URL", help="let a running service judge, with the key in TAILSTACK_KEY; same answer"
     )
     parser.add_argument(
-        "--changed", action="store_true",
+        "--changed",
+        action="store_true",
         help="DESIGN are the files that a commit changes: judge the designs among them, and those that hang on them",
-    )  # fmt: skip
+    )
     add_details(parser)
     parser.add_argument(
         "--explain",

@@ -86,10 +86,11 @@ QUESTIONS = (
 )  # fmt: skip
 # Asked for, and needed, where the preset's source does not state them
 LENGTHS = {
-    "source_isocentre_mm": Question("--source-isocentre-mm", "X", "distance from source to isocentre, mm",
-                                    number(POSITIVE), 700.0),
+    "source_isocentre_mm": Question(
+        "--source-isocentre-mm", "X", "distance from source to isocentre, mm", number(POSITIVE), 700.0
+    ),
     "pixel_mm": Question("--pixel-mm", "X", "pixel pitch of the detector, mm", number(POSITIVE), 0.3),
-}  # fmt: skip
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -53,11 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_flags(parser, ReportOptions)
     parser.add_argument("--starts", type=whole(1, 10_000), metavar="N", help="of a design: starts of the optimiser")
     parser.add_argument(
-        "--verify", action="store_true",
+        "--verify",
+        action="store_true",
         help="RESULT is a report or result in any format: compute its hash, pages and numbers again and compare; of a "
         "result without its design give the design as well; --max-trials and --starts then bound what is computed "
         "(default 100000000 and 256)",
-    )  # fmt: skip
+    )
     parser.add_argument("--fast", action="store_true", help="with --verify: without Monte Carlo and optimiser")
 
 

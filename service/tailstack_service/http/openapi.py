@@ -250,9 +250,10 @@ def _file(media: str, example: str | None) -> dict[str, Any]:
 
 
 REPORT = {  # headers of one
-    "Content_Disposition": "ContentDisposition", "Content_Security_Policy": "ContentSecurityPolicy",
+    "Content_Disposition": "ContentDisposition",
+    "Content_Security_Policy": "ContentSecurityPolicy",
     "X_Content_Type_Options": "ContentTypeOptions",
-}  # fmt: skip
+}
 REPORT_FORMS: dict[str, Any] = {  # JSON first: programs that generate clients take what comes first
     JSON: {"schema": {"type": "object"}},
     MEDIA_TYPES["html"]: {"schema": {"type": "string"}},
@@ -451,18 +452,20 @@ def _schemas(records: Sequence[type]) -> dict[str, Any]:
 
 
 PATCH_SCHEMA = {
-    "type": "object", "additionalProperties": True,
+    "type": "object",
+    "additionalProperties": True,
     "description": "What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null removes a "
     "field, lists are replaced whole.",
-}  # fmt: skip
+}
 PARTS = {
     NAMED: {
-        "type": "string", "pattern": "^[0-9a-f]{64}$",
+        "type": "string",
+        "pattern": "^[0-9a-f]{64}$",
         "description": "Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its "
         "answer). 404 `unknown-design` where it is no longer kept.",
     },
     PATCH: {**reference("schemas", "DesignPatch"), "description": "What is changed in that design first."},
-}  # fmt: skip
+}
 
 
 def _request_schema(operation: Operation) -> dict[str, Any]:

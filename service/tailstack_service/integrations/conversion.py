@@ -100,13 +100,14 @@ SEATS = Flag("cylinders or coordinate systems that hold along their axis", metav
 PINS = Flag(
     "cylinders or coordinate systems that hold across their axis; with --seats they are the six locators of the "
     "structure",
-    metavar="PATTERN", heading=STEP,
-)  # fmt: skip
+    metavar="PATTERN",
+    heading=STEP,
+)
 XMALAB = Flag(
     "the .csv that is read, or else written, is a frame specification in this unit; a .ref beside one that is read is "
     "read too; a .txt that is read is a camera (MayaCam 2.0) that was calibrated with a cage in this unit",
     heading=CAGE,
-)  # fmt: skip
+)
 VIEW = Flag("name of the view that a camera becomes (default that of its file)", metavar="NAME", heading=CAGE)
 
 
@@ -120,13 +121,15 @@ class StepOptions(Options):
         0.01, description="STEP only: how far a diameter may be from sphere_diameter_mm, mm."
     )
     name: Annotated[Pattern | None, NAME] = Field(
-        None, description="STEP only: pattern of the name of a ball: its own, or that of its part or instance.",
+        None,
+        description="STEP only: pattern of the name of a ball: its own, or that of its part or instance.",
         examples=["BEAD*"],
-    )  # fmt: skip
+    )
     frame: Annotated[Pattern | None, FRAME] = Field(
-        None, description="STEP only: name of the coordinate system, part or instance whose frame becomes con.",
+        None,
+        description="STEP only: name of the coordinate system, part or instance whose frame becomes con.",
         examples=["CONNECTOR"],
-    )  # fmt: skip
+    )
     seats: Annotated[Pattern | None, SEATS] = Field(
         None, description="STEP only: pattern of the names of cylinders and coordinate systems that hold the structure "
         "along their axis; with pins they become its six locators.", examples=["REST*"],
@@ -149,10 +152,11 @@ class FileOptions(StepOptions):
     """What the files themselves do not say."""
 
     xmalab: Annotated[Literal["mm", "cm"] | None, XMALAB] = Field(
-        None, description="CSV: it is a frame specification of XMALab, with numbers in this unit: the content, "
+        None,
+        description="CSV: it is a frame specification of XMALab, with numbers in this unit: the content, "
         "or, if that is no CSV, what is made of it. txt: the unit of the cage that the camera was calibrated with.",
         examples=["cm"],
-    )  # fmt: skip
+    )
     view: Annotated[Name | None, VIEW] = Field(
         None, description="txt only: name of the view that the camera becomes, in place of the one of its name in "
         f"base. Absent: {UNNAMED_VIEW}.", examples=["cam1"],
@@ -391,8 +395,9 @@ def _file_options(query: Query) -> FileOptions:
 
     schema = FileOptions.model_json_schema()["properties"]
     given = {name: single(query, name) for name in schema}
-    return read_options(FileOptions, {name: from_text(text, schema[name]) for name, text in given.items()
-                                      if text is not None}, ())  # fmt: skip
+    return read_options(
+        FileOptions, {name: from_text(text, schema[name]) for name, text in given.items() if text is not None}, ()
+    )
 
 
 def _format(query: Query, name: str, known: tuple[F, ...]) -> F | None:

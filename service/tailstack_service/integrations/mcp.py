@@ -33,9 +33,10 @@ PAUSE_SECONDS, SEND_SECONDS = 0.2, 10.0  # between two notifications of progress
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--folder", metavar="DIR",
+        "--folder",
+        metavar="DIR",
         help="the only place where designs are read and designs and reports are written (default: no files)",
-    )  # fmt: skip
+    )
 
 
 def run(arguments: argparse.Namespace) -> Answer:

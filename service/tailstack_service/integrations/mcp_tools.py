@@ -79,11 +79,12 @@ def input_schema(tool: str, with_folder: bool) -> dict[str, Any]:
             "description": "The design document (tailstack/design/1), as an object or as its text in YAML or JSON.",
         },
         NAMED: {
-            "type": "string", "pattern": "^[0-9a-f]{64}$",
+            "type": "string",
+            "pattern": "^[0-9a-f]{64}$",
             "description": "Instead of design: the SHA-256 of one that an earlier answer was about.",
         },
         PATCH: {"type": "object", "description": "What is changed in that design first: a JSON merge patch."},
-    }  # fmt: skip
+    }
     if with_folder:
         properties["file"] = {"type": "string", "description": "Instead of design: a design in the folder."}
         if tool in SAVED:

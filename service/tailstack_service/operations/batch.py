@@ -53,8 +53,9 @@ TABLE = "a table of designs"  # heading of flags
 COLUMNS = Flag(
     "what is added: p95_mm, mean_norm_mm, bias_norm_mm, localisation_p95_mm, value_mm (of each requirement), "
     "within_limits, verdict (much slower); default the first three and within_limits",
-    metavar="A,B", heading=TABLE,
-)  # fmt: skip
+    metavar="A,B",
+    heading=TABLE,
+)
 
 
 class BatchOptions(Options):

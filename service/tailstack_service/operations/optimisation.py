@@ -116,9 +116,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_design(parser, optional=True)
     parser.add_argument("-o", "--output", metavar="NEW", help="write the new design here (.yaml or .json)")
     parser.add_argument(
-        "--fiducials-out", metavar="FILE",
+        "--fiducials-out",
+        metavar="FILE",
         help="with -o: write the new fiducials beside it (.mrk.json, .csv or .fcsv), to which the new design refers",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--last",
         action="store_true",

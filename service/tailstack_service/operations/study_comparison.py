@@ -36,8 +36,9 @@ MEASUREMENTS = "level,error_mm\nL0,0.31\nL0,0.28\nL0,0.35\nL0,0.30\n"
 MEASURED = Flag("what was measured (.csv)", metavar="FILE", of_file=True)
 INSTRUMENT = Flag(
     "standard deviation of the measuring instrument, mm per coordinate (default 0: taken as exact)",
-    name="instrument-sd", metavar="MM",
-)  # fmt: skip
+    name="instrument-sd",
+    metavar="MM",
+)
 
 
 class ComparisonStudyOptions(Options):

@@ -63,9 +63,7 @@ class Chart:
         self, left: float, top: float, right: float, bottom: float, x: str = "", y: str = "", grid: str = "both"
     ) -> Axes:
         """A pair of axes in a rectangle of the page, with their titles and round ticks.  ``grid``: both, x or y."""
-        place = (
-            left / self.width, 1 - bottom / self.height, (right - left) / self.width, (bottom - top) / self.height
-        )  # fmt: skip
+        place = (left / self.width, 1 - bottom / self.height, (right - left) / self.width, (bottom - top) / self.height)
         axes = self.figure.add_axes(place)
         axes.xaxis.set_major_locator(MaxNLocator(max(int((right - left) / 55), 1), steps=[1, 2, 5, 10]))
         axes.yaxis.set_major_locator(MaxNLocator(max(int((bottom - top) / 32), 1), steps=[1, 2, 5, 10]))
@@ -139,9 +137,7 @@ class SvgRenderer(RendererBase):
         wide = 1.08 if prop.get_weight() == "bold" else 1.0
         return wide * CHARACTER * size * columns(s), 0.95 * size, 0.22 * size
 
-    def draw_path(
-        self, gc: GraphicsContextBase, path: Path, transform: Transform, rgbFace: Any = None
-    ) -> None:  # fmt: skip
+    def draw_path(self, gc: GraphicsContextBase, path: Path, transform: Transform, rgbFace: Any = None) -> None:
         """A path, circle or rectangle."""
         flipped = transform + matplotlib.transforms.Affine2D().scale(1, -1).translate(0, self.height)
         outline = path.cleaned(transform=flipped, remove_nans=True, curves=True)

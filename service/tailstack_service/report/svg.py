@@ -29,7 +29,7 @@ LONGEST = 300  # letters of a name
 
 def picture(
     name: str, title: str, words: str, height: float, parts: list[str], width: float = WIDTH, drawn_by: str = ""
-) -> str:  # fmt: skip
+) -> str:
     """One SVG that says in words what it shows.
 
     name: kebab-case, unique on the page.  drawn_by: a library and its version, of which the bytes depend.

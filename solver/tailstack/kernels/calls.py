@@ -81,7 +81,7 @@ _TABLE = {
         0.4 optimisation.starts.apart_from_copies  f3 f3 Spacing(f f)
         0.3 optimisation.starts.keeps_distance  f2 i1 f2 f3 Spacing(f f)
     """,
-}  # fmt: skip
+}
 COMPUTATIONS = tuple(_TABLE)
 _SCALARS = {"f": types.float64, "i": types.int64, "u": types.uint64, "b": types.boolean}
 

@@ -250,9 +250,10 @@ def _costs(optimisation: Optimisation) -> Iterator[BlockGroup]:
     if optimisation.survived is not None:
         yield say("if fiducials are lost", survived_sentence(optimisation.survived))
     for word, decision in (
-        ("a view more", optimisation.view_offer), ("views", optimisation.aimed),
+        ("a view more", optimisation.view_offer),
+        ("views", optimisation.aimed),
         ("places of the fiducials", optimisation.placement_value),
-    ):  # fmt: skip
+    ):
         if decision is not None:
             yield say(word, decision.sentence)
 

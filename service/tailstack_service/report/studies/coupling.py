@@ -62,9 +62,7 @@ def coupling_document(study: StudyCoupling, sha256: str, target: str | None = No
             KeyNumber("Installation alone", f"{designed.p95_installation_mm:.3f} mm", "P95"),
             KeyNumber("Noise alone", f"{designed.p95_noise_mm:.3f} mm", "P95"),
         ),
-        figure=(
-            "coupling", partial(draw_coupling, study), "P95 of both together against the parts, with intervals."
-        ),
+        figure=("coupling", partial(draw_coupling, study), "P95 of both together against the parts, with intervals."),
         sections=(
             Section("Parts", (Facts("Parts", (("installation", study.installation), ("noise", study.noise))),)),
             Section("Readings", (Facts("Readings", tuple(READINGS.items())),), on=IN_DETAIL),
@@ -77,10 +75,8 @@ def coupling_document(study: StudyCoupling, sha256: str, target: str | None = No
         ),
         command=f"tailstack study coupling design.yaml {options} --error {study.error} --trials {study.trials} --seed "
         f"{study.seed} --json",
-        about=(
-            Paragraph(f"Intervals: {study.interval_method}. First order: {study.validity.statement}."),
-        ),
-    )  # fmt: skip
+        about=(Paragraph(f"Intervals: {study.interval_method}. First order: {study.validity.statement}."),),
+    )
 
 
 def cases_of(study: StudyCoupling, target: str | None) -> tuple[CouplingCase, ...]:

@@ -51,7 +51,8 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
             KeyNumber("Promises broken", f"{broken:,}", "by the whole interval"),
         ),
         figure=(
-            "linearity", partial(draw_linearity, study),
+            "linearity",
+            partial(draw_linearity, study),
             "Estimated P95 over the simulated one: where it is within 1, 5 and 20 %.",
         ),
         sections=(
@@ -67,7 +68,7 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
         command=f"tailstack study linearity design.yaml {options} --error {study.error} --trials {study.trials} --seed "
         f"{study.seed} --json",
         about=(Paragraph(f"Intervals: {study.interval_method}."),),
-    )  # fmt: skip
+    )
 
 
 def points_by_place(study: StudyLinearity) -> dict[tuple[float, float, float, int], LinearityPoint]:

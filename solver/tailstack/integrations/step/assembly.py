@@ -116,8 +116,9 @@ class Assembly(Shapes):
     def _relation(self, instance: Instance) -> tuple[Reference, Reference, Any]:
         """Both representations of a relationship with a transformation, and the transformation."""
         file, number = self.file, instance.number
-        first, second = (reference_of(file, each, number)
-                         for each in file.part(instance, "REPRESENTATION_RELATIONSHIP", 4)[2:])  # fmt: skip
+        first, second = (
+            reference_of(file, each, number) for each in file.part(instance, "REPRESENTATION_RELATIONSHIP", 4)[2:]
+        )
         return first, second, file.part(instance, _TRANSFORMED, 1)[0]
 
     def _read_occurrences(self) -> None:

@@ -230,8 +230,9 @@ class Part21:
                 self.schemas = tuple(text.decode("latin-1") for text in re.findall(rb"'([^']{0,200})'", section[0]))
             in_data = word == b"DATA" or (in_data and word != b"ENDSEC")
             ended = word == b"END-ISO-10303-21"
-        return tuple(np.frombuffer(part, dtype=np.int64) if part else np.zeros(0, np.int64)
-                     for part in (numbers, starts, ends))  # type: ignore[return-value]  # fmt: skip
+        return tuple(
+            np.frombuffer(part, dtype=np.int64) if part else np.zeros(0, np.int64) for part in (numbers, starts, ends)
+        )  # type: ignore[return-value]
 
     def _list(self, match: re.Match[bytes], number: int) -> None:
         keyword = match[2]
