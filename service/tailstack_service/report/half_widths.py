@@ -162,15 +162,6 @@ def _curve(model: LinearModel, line: BudgetEntry, judgement: Judgement, now: flo
 # --- how far each may go --------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Priced:
-    """What the optimise section says of one half-width, in the unit of the document."""
-
-    cost: float | None
-    smallest: float
-    largest: float
-
-
 def allowances(
     design: Design, system: System, model: LinearModel, target: str, checks: tuple[Check, ...]
 ) -> tuple[Allowance, ...]:
@@ -184,7 +175,7 @@ def allowances(
     for line in lines_with_one_half_width(model):
         width, unit = half_width_of(line)
         status, ratio = ("no requirement", None) if tightest is None else _ratio(model, line, judgement_of(tightest))
-        price = priced.get((line.block.contributor, line.component))
+        cost, smallest, largest = priced.get((line.block.contributor, line.component), (None, None, None))
         entries.append(
             Allowance(
                 target=target,
@@ -196,9 +187,9 @@ def allowances(
                 status=status,
                 at_limit=None if ratio is None else width * ratio,
                 slack=None if ratio is None else width * (ratio - 1),
-                cost=None if price is None else price.cost,
-                smallest=None if price is None else price.smallest,
-                largest=None if price is None else price.largest,
+                cost=cost,
+                smallest=smallest,
+                largest=largest,
                 label=line.block.label,
             )
         )
@@ -225,8 +216,9 @@ def _ratio(model: LinearModel, line: BudgetEntry, judgement: Judgement) -> tuple
     return "spare", judgement.factor_at_limit(model, line, 1.0, high)
 
 
-def prices(design: Design, system: System) -> dict[tuple[str, str], Priced]:
-    """By contributor and component: half-widths that the optimise section sets free; none without such a section."""
+def prices(design: Design, system: System) -> dict[tuple[str, str], tuple[float | None, float, float]]:
+    """Cost, smallest and largest of the half-widths that the optimise section sets free, in the unit of the document,
+    by contributor and component; none without such a section."""
     if design.document.optimise is None:
         return {}
     from tailstack.optimisation.prices import cost_of
@@ -240,7 +232,6 @@ def prices(design: Design, system: System) -> dict[tuple[str, str], Priced]:
         place = sources.names.index(free.component)
         shown = degrees if sources.units[place] == "rad" else float
         cost = cost_of(free.price, float(sources.half_width[place]))
-        priced[free.contributor, free.component] = Priced(
-            cost if np.isfinite(cost) else None, shown(free.minimum), shown(free.maximum)
-        )
+        known = cost if np.isfinite(cost) else None
+        priced[free.contributor, free.component] = known, shown(free.minimum), shown(free.maximum)
     return priced

@@ -317,18 +317,15 @@ def _image_axes(beam: Beam) -> tuple[Array, Array]:
 
 def _remarks(view: ViewImage) -> list[str]:
     """What is wrong in an image, in sentences."""
-    remarks = []
-    if view.close:
-        named = [f"{view.labels[i]}–{view.labels[j]}" for i, j in view.close[:MOST_PAIRS]]
-        more = len(view.close) - len(named)
-        listed = ", ".join(named) + (f" and {more} more" if more > 0 else "")
-        remarks.append(f"closer than {view.spacing_px:.3g} px: {listed}")
-    if view.outside:
-        named = [view.labels[k] for k in sorted(view.outside)[:MOST_PAIRS]]
-        more = len(view.outside) - len(named)
-        listed = ", ".join(named) + (f" and {more} more" if more > 0 else "")
-        remarks.append(f"not on the detector: {listed}")
-    return remarks
+    close = [f"{view.labels[i]}–{view.labels[j]}" for i, j in view.close]
+    outside = [view.labels[k] for k in sorted(view.outside)]
+    remarks = ((f"closer than {view.spacing_px:.3g} px", close), ("not on the detector", outside))
+    return [f"{words}: {_list_first(names)}" for words, names in remarks if names]
+
+
+def _list_first(names: Sequence[str]) -> str:
+    more = len(names) - MOST_PAIRS
+    return ", ".join(names[:MOST_PAIRS]) + (f" and {more} more" if more > 0 else "")
 
 
 def _legend(seen: Sequence[ViewImage], y: float, compared: bool) -> list[str]:

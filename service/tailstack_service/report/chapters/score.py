@@ -328,7 +328,7 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
         alone = [entry for entry in of_target if entry.status == "too wide"]
         if alone:
             listed = "; ".join(
-                f"{allowance_name(entry)} to ± {entry.at_limit:.3g} {entry.unit}" for entry in alone[:LISTED]
+                f"{source_name(entry)} to ± {entry.at_limit:.3g} {entry.unit}" for entry in alone[:LISTED]
             )
             sentences.append(
                 f"Any one of these alone brings {of_target[0].requirement} to its limit: {listed}{_more(alone)}."
@@ -342,7 +342,7 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
         spare.sort(key=lambda entry: (entry.slack or 0.0) / entry.half_width)
         if spare:
             listed = "; ".join(
-                f"{allowance_name(entry)} from ± {entry.half_width:.3g} to {entry.at_limit:.3g} {entry.unit}"
+                f"{source_name(entry)} from ± {entry.half_width:.3g} to {entry.at_limit:.3g} {entry.unit}"
                 for entry in spare[:LISTED]
             )
             asked = spare[0].requirement
@@ -360,13 +360,8 @@ def _more(entries: Sequence[Allowance]) -> str:
 def _at_bound(entry: Allowance) -> str:
     for word, bound in (("smallest", entry.smallest), ("largest", entry.largest)):
         if bound is not None and abs(entry.half_width - bound) <= AT_BOUND * bound:
-            return f"{allowance_name(entry)} at its {word}, {bound:g} {entry.unit}"
+            return f"{source_name(entry)} at its {word}, {bound:g} {entry.unit}"
     return ""
-
-
-def allowance_name(entry: Allowance) -> str:
-    """A half-width as the budget calls it."""
-    return source_name(entry)
 
 
 def method_blocks(score: Score) -> tuple[Block, ...]:
