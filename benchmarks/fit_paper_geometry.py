@@ -31,7 +31,7 @@ from tailstack.montecarlo.estimators import quantile_estimate
 from tailstack.montecarlo.simulate import simulate
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.system import Law, Reading, System, Target, View, execution_of, mount, no_sources
-from tailstack.tail.gaussian import norm_mean, norm_pdf, norm_quantile
+from tailstack.tail.gaussian import norm_gradient_jit, norm_mean, norm_quantile
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples" / "paper"))
 from tables import MM, PRINTED, TRIALS, apply_setting, list_printed
@@ -95,7 +95,7 @@ def predictions(system: System) -> tuple[np.ndarray, np.ndarray]:
         m, s = known[cell.setting]
         if cell.quantity == "p95":
             value = norm_quantile(0.95, m, s)
-            error = sqrt(0.95 * 0.05 / TRIALS) / norm_pdf(value, m, s) if cell.setting.noise_px > 0 else 0.0
+            error = sqrt(0.95 * 0.05 / TRIALS) / norm_gradient_jit(m, s, 0.95)[1] if cell.setting.noise_px > 0 else 0.0
         elif cell.quantity == "mean":
             value = norm_mean(m, s)
             error = sqrt(max(np.trace(s) + m @ m - value**2, 0.0) / TRIALS)

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from laws import linear_law
 from plain_data import EXAMPLES
 from tailstack import DesignError, OutOfRangeError, load_design, score
 from tailstack.design_function import DesignFunction
-from tailstack.tail.declared import column_gradient, law_gradient, law_quantile, linear_law
+from tailstack.tail.declared import column_gradient, law_gradient, law_quantile
 
 DEMO = load_design(EXAMPLES / "demo.yaml")
 P95_ERROR_MM = 2e-8  # numerical error of the score itself

@@ -12,6 +12,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import chi
 
+from laws import linear_law
 from plain_data import DEMO, REMOVED, replaced
 from scenes import (
     cios_system,
@@ -38,7 +39,7 @@ from tailstack.propagation.linear import chain_of, linearise, linearise_all, lin
 from tailstack.results.verdicts import MISSED, checks_sentence, is_of_all_shots
 from tailstack.scoring import score_errors
 from tailstack.system import Estimator, Law, Requirement
-from tailstack.tail.declared import TRIANGULAR, MixedLaw, law_quantile, linear_law
+from tailstack.tail.declared import TRIANGULAR, MixedLaw, law_quantile
 
 
 def brute_force(system, lost, error="tcp", quantile=0.95):

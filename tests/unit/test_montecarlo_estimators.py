@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from laws import linear_law
 from scenes import cios_system, cube8_system, installation, mount, random_system, read_only, target, with_noise
 from tailstack.errors import OutOfRangeError
 from tailstack.montecarlo.chain import draw, evaluate
@@ -20,7 +21,7 @@ from tailstack.montecarlo.simulate import ErrorSample, Run, Samples, Simulation,
 from tailstack.montecarlo.stopping import Goal, precision_looks, simulate_to_precision
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law, System
-from tailstack.tail.declared import law_exceedance, law_quantile, linear_law
+from tailstack.tail.declared import law_exceedance, law_quantile
 
 ORACLES = Path(__file__).parents[1] / "data" / "oracles"
 

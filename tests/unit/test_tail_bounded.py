@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from laws import linear_law
 from tailstack.errors import LimitError
 from tailstack.tail import sampling
 from tailstack.tail.bounded import worst_case
 from tailstack.tail.bounds import bounds
-from tailstack.tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile, linear_law
+from tailstack.tail.declared import SAMPLED_METHOD, LinearLaw, law_quantile
 
 S = np.array([[0.04, 0.01, -0.02], [0.01, 0.09, 0.03], [-0.02, 0.03, 0.16]])
 BOUNDED = np.array([[0.3, 0.0, -0.1, 0.2], [0.1, 0.2, 0.3, -0.1], [0.0, -0.25, 0.1, 0.05]])

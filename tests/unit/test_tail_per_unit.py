@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from laws import linear_law
 from tailstack.tail import per_unit
-from tailstack.tail.declared import UNIFORM, LinearLaw, law_cdf, law_quantile, linear_law
+from tailstack.tail.declared import UNIFORM, LinearLaw, law_cdf, law_quantile
 from tailstack.tail.gaussian import norm_quantile
 from tailstack.tail.per_unit import (
     average_at,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from laws import linear_law
 from scenes import random_system
 from tail_references import average
 from tailstack.budget import budget, lines_of
@@ -24,7 +25,6 @@ from tailstack.tail.declared import (
     law_gradient,
     law_quantile,
     law_summary,
-    linear_law,
 )
 from tailstack.tail.gaussian import norm_cdf, norm_cvar, norm_mean, norm_quantile, norm_sf
 from tailstack.tail.lattice import LOG_SINC, along_line, fold_small, higher_orders, in_plane, on_principal_axes, sines

@@ -22,23 +22,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import LimitError, Problem
 from ..geometry.arrays import Array
-from .declared import LawQuantile, LinearLaw, lattice_columns, law_cdf, law_quantile
+from .declared import SAMPLED_METHOD, LawQuantile, LinearLaw, lattice_columns, law_cdf, law_quantile
 from .gaussian import norm_quantiles, probability_iv
-from .lattice import Accuracy, balls, build, on_principal_axes
 from .sampling import sample
 
 MOST_BOUNDED = 12
 NEAR = 0.01  # of the quantile: what first order, at its best, claims to know
 MOST_TOGETHER = 4  # vertices that are told apart by sampling
-_ACCURACY = Accuracy(threshold=1e-7, aliasing=1e-8, largest_box=2e5)
-# So many vertices are asked one by one; of more than many those that cannot be the worst are left out first; without a
-# lattice for all of them they are asked from one sample, good to the slack.
-_FEW, _MANY, _LOG2_POINTS, _SLACK = 4, 64, 9, 2e-4
-_TOGETHER = 2**20  # phases of halves of vertices at lattice points that are in memory at a time
+# Where a sampled law has more vertices than a few they are asked from one sample, good to the slack; the probability of
+# a lattice is good to the other slack where it is not asked for as exactly as can be.
+_FEW, _LOG2_POINTS, _SAMPLED_SLACK, _COARSE_SLACK = 4, 9, 2e-4, 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +81,7 @@ def worst_case(law: LinearLaw, bounded: Array, p: float) -> WorstVertex:
     if law.columns.any():
         solved = {best}
         while len(means) > 1:
-            probability, slack = _probabilities(law, means, quantile.quantile_mm, p)
+            probability, slack = _probabilities(law, means, quantile, p)
             probability[list(solved)] = np.inf
             worst = int(np.argmin(probability))
             if probability[worst] >= p - slack:
@@ -124,51 +120,18 @@ def indistinguishable(law: LinearLaw, bounded: Array, p: float, worst: tuple[int
     return tuple(tuple(row) for row in full.tolist())
 
 
-def _probabilities(law: LinearLaw, means: Array, r: float, p: float) -> tuple[Array, float]:
-    """(P(|e| <= r) of the law at each of the means (n, 3), 1 where it is at least p for sure; how far they may be off).
-
-    The probabilities are (n,); the means are those of the first n vertices, a power of two.
-    """
-    out = np.ones(len(means))
-    open_vertices = np.arange(len(means))
-    if len(means) > _MANY:
-        # |m + xi| <= |m| + |xi|: a vertex nearer to 0 than r by the p-quantile of |xi| keeps p
-        own = law_quantile(replace(law, mean=np.zeros(3)), p, fine=False)
-        open_vertices = np.flatnonzero(np.linalg.norm(means, axis=1) + own.quantile_mm + 4 * own.error_mm > r)
-    if open_vertices.size > _FEW or len(means) <= _MANY:
-        values = _on_one_lattice(law, means, open_vertices, r)
-        if values is not None:
-            out[open_vertices] = values
-            return out, 0.0
-    if open_vertices.size <= _FEW:
-        out[open_vertices] = [law_cdf(replace(law, mean=mean), r) for mean in means[open_vertices]]
-        return out, 0.0
-    points = sample(law.mean, law.covariance, lattice_columns(law)[0], _LOG2_POINTS)
-    out[open_vertices] = [points.shift(mean - law.mean).probability(r) for mean in means[open_vertices]]
-    return out, _SLACK
-
-
-def _on_one_lattice(law: LinearLaw, means: Array, chosen: NDArray[np.intp], r: float) -> Array | None:
-    """P(|e| <= r) of the law at chosen ones (s,) of the means (n, 3) of the first n vertices; None: the lattice is too
-    large, or the law lies in a plane.
-
-    Only cos(k'm) differs between them, and ``cos(a + b) = cos a cos b - sin a sin b``, a of one half of the bounded
-    columns and b of the other, makes all of them one product of matrices.
-    """
-    frame = on_principal_axes(np.zeros(3), law.covariance, lattice_columns(law)[0])
-    if frame.dimension < 3:
-        return None
-    lattice = build(r, frame._replace(away=np.abs(means[chosen] @ frame.axes).max(axis=0)), _ACCURACY, True)
-    if lattice.volume == 0.0:
-        return None
-    terms = lattice.w * balls(r, lattice.t)
-    half = len(means).bit_length() // 2
-    ends, row = np.unique(chosen >> half, return_inverse=True)  # of the other half: their signs are the higher bits
-    starts, column = np.unique(chosen & ((1 << half) - 1), return_inverse=True)
-    first = means[starts] @ frame.axes  # the other half at +1
-    second = (means[ends << half] - means[0]) @ frame.axes
-    out = np.zeros((len(ends), len(starts)))
-    for part in np.array_split(np.arange(terms.size), 1 + (len(ends) + len(starts)) * terms.size // _TOGETHER):
-        a, b = first @ lattice.k[part].T, second @ lattice.k[part].T
-        out += (np.cos(b) * terms[part]) @ np.cos(a).T - (np.sin(b) * terms[part]) @ np.sin(a).T
-    return out[row, column]
+def _probabilities(law: LinearLaw, means: Array, worst: LawQuantile, p: float) -> tuple[Array, float]:
+    """(P(|e| <= the worst quantile so far) at each of the means (n, 3), (n,), 1 where it is at least p for sure; how
+    far they may be off)."""
+    r, out = worst.quantile_mm, np.ones(len(means))
+    # |m + xi| <= |m| + |xi|: a vertex nearer to 0 than r by the p-quantile of |xi| keeps p
+    own = law_quantile(replace(law, mean=np.zeros(3)), p, fine=False)
+    open_vertices = np.flatnonzero(np.linalg.norm(means, axis=1) + own.quantile_mm + 4 * own.error_mm > r)
+    if worst.method == SAMPLED_METHOD and open_vertices.size > _FEW:
+        points = sample(law.mean, law.covariance, lattice_columns(law)[0], _LOG2_POINTS)
+        out[open_vertices] = [points.shift(mean - law.mean).probability(r) for mean in means[open_vertices]]
+        return out, _SAMPLED_SLACK
+    out[open_vertices] = [law_cdf(replace(law, mean=mean), r, fine=False) for mean in means[open_vertices]]
+    near = np.flatnonzero(out < p + _COARSE_SLACK)
+    out[near] = [law_cdf(replace(law, mean=mean), r) for mean in means[near]]
+    return out, 0.0

@@ -17,7 +17,7 @@ from math import inf, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..errors import NotConvergedError, Problem
 from ..geometry.arrays import Array
@@ -50,7 +50,7 @@ from .lattice import (
     sum_of_products,
 )
 from .sampling import Sample, sample
-from .spectrum import law_iv, principal_axes
+from .spectrum import principal_axes
 
 UNIFORM, TRIANGULAR = 0, 1
 _VARIANCES = np.array([1 / 3, 1 / 6])
@@ -85,27 +85,6 @@ class LinearLaw:
     def total_covariance(self) -> Array:
         """(3, 3) mm^2, bounded sources included."""
         return np.asarray(self.covariance + (self.columns * _VARIANCES[self.kinds]) @ self.columns.T)
-
-
-def linear_law(
-    mean: ArrayLike, covariance: ArrayLike, columns: ArrayLike | None = None, kinds: ArrayLike | None = None
-) -> LinearLaw:
-    """A checked :class:`LinearLaw`; columns (3, k) mm and kinds (k,) default to none and to uniform.
-
-    Raises ValueError for wrong shapes, values that are not finite, or a covariance that is not one.
-    """
-    mean, covariance = law_iv(mean, covariance)
-    columns = np.zeros((3, 0)) if columns is None else np.asarray(columns, dtype=np.float64)
-    if columns.ndim != 2 or columns.shape[0] != 3:
-        raise ValueError(f"columns must have shape (3, k), got {columns.shape}")
-    if not np.isfinite(columns).all():
-        raise ValueError("columns must be finite")
-    kind_array = np.zeros(columns.shape[1], dtype=np.int64) if kinds is None else np.asarray(kinds, dtype=np.int64)
-    if kind_array.shape != (columns.shape[1],):
-        raise ValueError(f"kinds must have shape ({columns.shape[1]},), got {kind_array.shape}")
-    if not np.isin(kind_array, (UNIFORM, TRIANGULAR)).all():
-        raise ValueError(f"kinds are {UNIFORM} (uniform) or {TRIANGULAR} (triangular), got {kind_array.tolist()}")
-    return LinearLaw(mean, covariance, np.ascontiguousarray(columns), kind_array)
 
 
 def lattice_columns(law: LinearLaw) -> tuple[Array, NDArray[np.int64]]:

@@ -201,13 +201,6 @@ def norm_sf(r: float, mean: Array, covariance: Array) -> float:
     return _law_at(r, mean, covariance)[1]
 
 
-def norm_pdf(r: float, mean: Array, covariance: Array) -> float:
-    """Density of |e| at r >= 0 mm, in 1/mm.  Raises ValueError, also for a zero covariance, which has none."""
-    if not np.any(covariance):
-        raise ValueError("a law with zero covariance has no density")
-    return _law_at(r, mean, covariance)[2]
-
-
 def norm_quantile(p: float, mean: Array, covariance: Array) -> float:
     """The r, mm, with P(|e| <= r) = p.  mean (3,) mm, covariance (3, 3) mm^2.  Raises ValueError."""
     mean, covariance = law_iv(mean, covariance)
@@ -255,19 +248,6 @@ def _mean_below(r: float, l: Array, m: Array) -> float:  # noqa: E741
 
     edge = min(sqrt(float((m[l == 0.0] ** 2).sum())), r)
     return float(quad(lambda rho: law_on_axes(l, m, rho)[0], edge, r, epsabs=0.0, epsrel=1e-11, limit=200)[0])
-
-
-def norm_quantile_gradient(p: float, mean: Array, covariance: Array) -> tuple[float, Array, Array]:
-    """(r, dr/dm (3,), dr/dS (3, 3) symmetric, 1/mm) at the p-quantile r, mm.
-
-    For symmetric dS, dr = sum_ij dr_dS[i, j] dS[i, j].  Raises ValueError, also for a zero covariance: |m| + O(sqrt(S))
-    has no derivative by S there.
-    """
-    mean, covariance = law_iv(mean, covariance)
-    if not np.any(covariance):
-        raise ValueError("the quantile has no derivative by the covariance where the covariance is zero")
-    r, _, dm, ds = norm_gradient_jit(mean, covariance, probability_iv(p))
-    return sound(r, "the gradient", mean, covariance), dm, ds
 
 
 @kernel()

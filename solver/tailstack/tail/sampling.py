@@ -10,7 +10,7 @@ The line must cross the sphere.  So it is that of the deviate which moves |e| mo
 Gaussian part where that is steeper.  (A law of 45 mm normal along x and some 0.3 mm of everything else has its quantile
 where the sphere is a plane across x: lines along y touch it nowhere, and its density there would be read as 0.)
 
-Columns that are many and small are drawn as one Gaussian, and what that changes is measured and stated.
+Beyond the 32 longest, columns are drawn as one Gaussian, and what that can change is part of the error.
 """
 
 from __future__ import annotations
@@ -28,9 +28,7 @@ from ..geometry.arrays import Array
 from .spectrum import principal_axes
 
 RANDOMISATIONS = 16
-# What taking small columns as Gaussian may change a probability by (less than sampling), with 2^12 points and fewer.
-FOLDED, FOLDED_COARSE, FINE = 1e-5, 1e-4, 12
-MOST_EXPLICIT = 32  # columns that are sampled; beyond, more are taken as Gaussian and the error says so
+MOST_EXPLICIT = 32  # columns that are sampled; of more, the shortest are taken as Gaussian
 _SEED = 20240229
 _NORMAL_END = 9.0  # standard deviations: a normal deviate is beyond with a probability of 2e-19
 _ROUNDING = 1e-11  # relative: a sample that is no wider has no law; its bracket alone is 1e-12 wide
@@ -77,7 +75,6 @@ class Sample:
     axis: int | None  # otherwise which axis is: t is standard normal
     explicit: NDArray[np.bool_]  # (all,) columns that are sampled or integrated; the others are in the Gaussian part
     folded: float  # bound of what taking those as Gaussian changes a probability by
-    edgeworth: Array  # (n,) weights whose mean inside a set is that change to first order; (0,) where the bound will do
 
     @cached_property
     def _nearest(self) -> tuple[Array, Array]:
@@ -167,22 +164,7 @@ class Sample:
                     "one tolerance is out of all proportion to the others: see that it is what you mean",
                 )
             )
-        return r, density, hypot(_block_error(self.shares(r)), self.folded_error(r)) / density
-
-    def folded_error(self, r: float) -> float:
-        """What taking small columns as Gaussian changes P(|e| <= r) by.
-
-        Its bound, or where that is not small enough the first term of Edgeworth's series as measured, its standard
-        error, and the size of the terms behind it.
-        """
-        if not len(self.edgeworth):
-            return self.folded
-        inside = self.shares(r)
-        if self.axis is not None:  # the weights know all deviates, the integrated one too: as it was drawn
-            enters, leaves, _ = self.crossings(r)
-            inside = np.where((enters < self.z[:, self.axis]) & (self.z[:, self.axis] < leaves), 1.0, 0.0)
-        change = inside * self.edgeworth
-        return abs(float(change.mean())) + _block_error(change) + self.folded**2
+        return r, density, hypot(_block_error(self.shares(r)), self.folded) / density
 
     def gradient(self, r: float, h: Array) -> tuple[Array, Array, Array]:
         """(dr by the mean (3,), by the Gaussian covariance (3, 3), by the logarithm of each column's length (K,)).
@@ -222,8 +204,7 @@ class Sample:
 
 def sample(mean: Array, covariance: Array, h: Array, log2_count: int) -> Sample:
     """16 x 2^log2_count points of the law.  h: (K, 3) uniform columns, K >= 1."""
-    budget = FOLDED if log2_count >= FINE else FOLDED_COARSE
-    folded, explicit, bound = fold_many(covariance, h, budget, MOST_EXPLICIT)
+    folded, explicit, bound = _fold(covariance, h)
     columns = h[explicit]
     variances, _, axes = principal_axes(mean, folded)
     rank = int((variances > 0).sum())
@@ -236,55 +217,26 @@ def sample(mean: Array, covariance: Array, h: Array, log2_count: int) -> Sample:
         axis = int(np.argmax(by_axis))
     rest = np.delete(columns, column, axis=0) if axis is None else columns
     z, u = sobol_points(rank, rest.shape[0], log2_count)
-    weights = edgeworth_weights(z, root, h[~explicit]) if bound > budget else np.zeros(0)
     if axis is None:
         x = mean + z @ root + u @ rest
-        return Sample(x, columns[column], z, root, u, rest, column, None, explicit, bound, weights)
+        return Sample(x, columns[column], z, root, u, rest, column, None, explicit, bound)
     others = np.arange(rank) != axis
     x = mean + z[:, others] @ root[others] + u @ rest
-    return Sample(x, root[axis], z, root, u, rest, None, axis, explicit, bound, weights)
+    return Sample(x, root[axis], z, root, u, rest, None, axis, explicit, bound)
 
 
-def edgeworth_weights(z: Array, root: Array, small: Array) -> Array:
-    """(n,) ``1/24 sum_j -2/15 ((g_j'z)^4 - 6 g_j'g_j (g_j'z)^2 + 3 (g_j'g_j)^2)``, g_j: column j on the deviates.
-
-    z (n, k): the deviates; root (k, 3): of the Gaussian part; small (s, 3): the columns in it.  The fourth cumulant of
-    a uniform column h is -2/15 h^4, and a Gaussian density's fourth derivative along it is that Hermite polynomial
-    times the density.
-    """
-    g = small @ root.T / (root**2).sum(axis=1)
-    size = (g**2).sum(axis=1)
-    parts = []
-    for deviates in np.array_split(z, RANDOMISATIONS):  # the products of all points at once would fill the memory
-        square = (deviates @ g.T) ** 2
-        parts.append((square * (square - 6.0 * size) + 3.0 * size**2).sum(axis=1))
-    return np.concatenate(parts) * (-2.0 / 15.0 / 24.0)
-
-
-def fold_many(S: Array, h: Array, budget: float, most: int) -> tuple[Array, NDArray[np.bool_], float]:
-    """(S with the variance of small columns (3, 3), which columns are left (K,), what that changes a probability by).
+def _fold(S: Array, h: Array) -> tuple[Array, NDArray[np.bool_], float]:
+    """(S with the variance of the shortest columns (3, 3), which are left (K,), what that may change a probability by).
 
     A uniform column with ``rho^2 = h'G^-1 h``, G the covariance of S and of all columns taken in, changes the
     distribution function of any projection by less than ``3.1e-3 rho^4``: the first term of Edgeworth's series,
-    ``k4 / 24`` times 0.55, the largest of (x^3 - 3x) phi(x), with ``k4 = -2/15 rho^4``.  Columns are taken in, the
-    shortest first, while the sum stays below the budget, and beyond it until ``most`` are left; the longest is always
-    left.
+    ``k4 / 24`` times 0.55, the largest of (x^3 - 3x) phi(x), with ``k4 = -2/15 rho^4``.
     """
-    order = np.argsort((h**2).sum(axis=1), kind="stable")
-
-    def taken(count: int) -> tuple[Array, float]:
-        small = h[order[:count]]
-        folded = S + small.T @ small / 3.0
-        variances, _, axes = principal_axes(np.zeros(3), folded)
-        rank = int((variances > 0).sum())
-        rho2 = ((small @ axes[:, :rank]) ** 2 / variances[:rank]).sum(axis=1)
-        return folded, 3.1e-3 * float((rho2**2).sum())
-
-    least = max(len(h) - most, 0)
-    for count in np.unique(np.linspace(least, len(h) - 1, 32).astype(int))[::-1]:
-        folded, doubt = taken(int(count))
-        if doubt <= budget:
-            break
-    explicit = np.ones(len(h), dtype=bool)
-    explicit[order[:count]] = False
-    return folded, explicit, doubt
+    explicit = np.zeros(len(h), dtype=bool)
+    explicit[np.argsort((h**2).sum(axis=1), kind="stable")[-MOST_EXPLICIT:]] = True
+    small = h[~explicit]
+    folded = S + small.T @ small / 3.0
+    variances, _, axes = principal_axes(np.zeros(3), folded)
+    rank = int((variances > 0).sum())
+    rho2 = ((small @ axes[:, :rank]) ** 2 / variances[:rank]).sum(axis=1)
+    return folded, explicit, 3.1e-3 * float((rho2**2).sum())
