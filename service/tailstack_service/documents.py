@@ -15,7 +15,6 @@ from typing import Any, Literal, TypeVar, get_args
 from pydantic import ConfigDict, TypeAdapter
 
 from tailstack.results.json_text import write_json
-from tailstack.results.older import in_words_of_today
 
 R = TypeVar("R")
 
@@ -58,7 +57,7 @@ def to_json(record: Any) -> bytes:
 
 
 def from_json(kind: type[R], content: bytes) -> R:
-    """The record that :func:`to_json` of this version or an older one wrote.
+    """The record that :func:`to_json` wrote.
 
     Raises ValueError, of which pydantic's ValidationError is one.
     """
@@ -67,7 +66,7 @@ def from_json(kind: type[R], content: bytes) -> R:
 
 def from_plain(kind: type[R], data: Any) -> R:
     """The record given as plain data.  Raises pydantic's ValidationError."""
-    record: R = _adapter(kind).validate_python(in_words_of_today(data))
+    record: R = _adapter(kind).validate_python(data)
     return record
 
 

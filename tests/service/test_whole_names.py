@@ -15,16 +15,12 @@ from tailstack.design import load_design
 from tailstack.scoring import score
 from tailstack.sweeping import read_axes, sweep
 from tailstack.verification import verify
-from tailstack_service.audit import audit
-from tailstack_service.audit.verify import values
-from tailstack_service.documents import plain, to_json
+from tailstack_service.documents import to_json
 from tailstack_service.operations.registry import OPERATIONS
-from tailstack_service.operations.rendering import render
 from tailstack_service.operations.validation import validate, validation_text
 from tailstack_service.rendering.jobs import jobs_text
 from tailstack_service.rendering.page import WIDTH
 from tailstack_service.report.assembling import compute_report, options_of
-from tailstack_service.schemas import record_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -141,7 +137,6 @@ def test_names_in_wide_letters_are_whole_too(named: dict[str, Any]) -> None:
 # --- names of interfaces --------------------------------------------------------------------------
 
 
-OLDER = ROOT / "tests" / "data" / "older" / "report.json"  # as written when interfaces were numbered
 SEAT, FLANGE = "structure_connector", "connector_flange"
 LABEL = {SEAT: "carrier on connector, two dowel pins", FLANGE: "connector on flange, spigot and four bolts"}
 
@@ -191,44 +186,3 @@ def test_people_read_the_name_of_the_design_and_the_label() -> None:
     assert f"{FLANGE}: " in text
     for word in " ".join(LABEL.values()).split():
         assert word in text
-
-
-@pytest.mark.long
-def test_a_report_of_an_older_version_is_read_rendered_and_verified() -> None:
-    """recorded: the example of POST /v1/reports as a service answered it when budgets said interface_1."""
-    content = OLDER.read_bytes()
-    assert content.count(b"interface_1") >= 7
-    record = record_of("report", json.loads(content))
-    names = {line.name for target in record.score.targets for line in target.contributors}
-    assert {SEAT, FLANGE} < names
-    assert not {"interface_1", "interface_2"} & names
-    page = render("report", content, "html").decode()
-    assert page.count("interface_1") == content.count(b"interface_1")  # in the record that the page holds, nowhere else
-    assert f"{SEAT} rx" in page
-    found = audit(content, "report.json", fast=True)
-    assert found.questions[0].what == "record"
-    # Names are understood: what differs from today's score are numbers, each by as much as CHANGELOG.md says.
-    apart = [pair for pair in values(plain(record.score), plain(score(load_design(record.design)))) if not pair.close]
-    for pair in apart:
-        if (
-            "/provenance/" in pair.pointer
-            or "/losses" in pair.pointer
-            or pair.pointer == "/validity/statement"  # words, which say today what they promise
-            or pair.pointer
-            in ("/validity/nu_turns", "/validity/nu_bias", "/validity/nu_range")  # which that record does not hold
-            or pair.pointer.endswith(("law_error_mm", "standard_error_mm", "position_tcp_mm"))
-        ):
-            continue
-        by = 0.01 if "/per_unit/" in pair.pointer else 1e-4
-        assert pair.computed == pytest.approx(pair.recorded, rel=by), pair.words
-
-
-def test_worst_ends_of_an_older_version_are_named_as_today() -> None:
-    """A user's own words are left as they are, also where they look like an old name."""
-    record = plain(score(load_design(ROOT / "examples" / "demo.yaml")))
-    target = json.loads(json.dumps(record["targets"][0]))
-    target["name"] = "interface_1"
-    target["worst_vertex"] = ["interface_1.rz=+0.1 deg", "interface_2.tx=-0.05 mm"]
-    found = record_of("score", {**record, "targets": [target]}).targets[0]
-    assert found.name == "interface_1"
-    assert found.worst_vertex == (f"{SEAT}.rz=+0.1 deg", f"{FLANGE}.tx=-0.05 mm")

@@ -15,7 +15,6 @@ from tailstack.design.loading import read_source
 from tailstack.design.reading import DocumentSource, show
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import DesignError, LimitError, Problem
-from tailstack.results.older import in_words_of_today
 
 from ..documents import from_plain, plain, to_json
 from ..gate.reading import LIMITS
@@ -62,13 +61,12 @@ def result_of(source: DocumentSource, schema: str, file: str) -> ReadResult:
             f"results: {', '.join(list_reported_names())}",
         )
         raise RequestError(_in_file(place(problem, source), file))
-    data = in_words_of_today(source.data)
     try:
         record: Any = from_plain(OPERATIONS[kind].record(), source.data)
     except ValidationError as error:
         refused = refuse(error, source, LIMITS, BaseModel)
         raise RequestError([_in_file(_of_result(problem, schema), file) for problem in refused.problems]) from None
-    stray = next(chain(_strays(data, plain(record), ""), _gaps(data, "")), None)
+    stray = next(chain(_strays(source.data, plain(record), ""), _gaps(source.data, "")), None)
     if stray is not None:
         raise RequestError(_in_file(place(_of_result(stray, schema), source.with_places()), file))
     try:

@@ -271,54 +271,6 @@ def plain_data(value: Any, limits: Limits) -> Any:
 
     Raises DesignError for other types and keys, LimitError for nesting (cycles included), size and long keys.
     """
-    try:
-        return _quick_copy(value, limits)
-    except _Unusual:
-        return _careful_copy(value, limits)
-
-
-class _Unusual(Exception):
-    """Something to look at value by value, most likely to refuse it."""
-
-
-def _quick_copy(value: Any, limits: Limits) -> Any:
-    """A copy of data of JSON's own types within the limits.  Raises _Unusual for anything else."""
-    count = 1
-    keys: list[str] = []
-    texts: list[str] = []
-
-    def copy(item: Any, depth: int) -> Any:
-        nonlocal count
-        kind = type(item)
-        if kind is FrozenMapping or kind is FrozenList:  # of a design: plain already, and shared
-            return item
-        if kind is dict or kind is list or kind is tuple:
-            count += len(item)
-            if depth >= limits.depth or count > limits.nodes:
-                raise _Unusual
-            if kind is dict:
-                keys.extend(item)
-                return {key: v + 0.0 if type(v) is float else copy(v, depth + 1) for key, v in item.items()}
-            return [v + 0.0 if type(v) is float else copy(v, depth + 1) for v in item]
-        if kind is str:
-            texts.append(item)
-        elif not (item is None or kind is bool or kind is float or (kind is int and item.bit_length() <= 64)):
-            raise _Unusual
-        return item
-
-    copied = copy(value, 0)
-    try:
-        "".join(keys).encode()
-        "".join(texts).encode()
-    except (TypeError, UnicodeEncodeError):
-        raise _Unusual from None
-    if keys and max(map(len, keys)) > LONGEST_KEY:
-        raise _Unusual
-    return copied
-
-
-def _careful_copy(value: Any, limits: Limits) -> Any:
-    """:func:`plain_data` value by value, each with its path."""
     count = 0
 
     def copy(item: Any, path: str, depth: int) -> Any:
@@ -328,6 +280,10 @@ def _careful_copy(value: Any, limits: Limits) -> Any:
             raise LimitError(size_problem(limits, None, None))
         if isinstance(item, np.generic | np.ndarray):
             item = plain_array(item, path)
+        if type(item) is float:
+            return item + 0.0
+        if isinstance(item, FrozenMapping | FrozenList):  # of a design: plain already
+            return item
         if isinstance(item, Mapping):
             for key in item:
                 if not isinstance(key, str):
@@ -345,8 +301,6 @@ def _careful_copy(value: Any, limits: Limits) -> Any:
             return _vast(item)
         if isinstance(item, str):
             _refuse_surrogates(item, path, None)
-        if type(item) is float:
-            return item + 0.0
         if item is None or type(item) in (str, int, bool, Vast):
             return item
         raise DesignError(

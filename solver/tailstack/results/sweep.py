@@ -31,9 +31,7 @@ class SweepAxis:
     values: tuple[float, ...]
     """Values that were put there, in `unit`."""
     name: str = ""
-    """The same place by names, as people write it: interfaces.structure_connector.locators.A3.half_width_mm; empty in
-    records of older versions.
-    """
+    """The same place by names, as people write it: interfaces.structure_connector.locators.A3.half_width_mm."""
 
     @property
     def label(self) -> str:
