@@ -246,8 +246,8 @@ def _check_view(share: Share, sight: Sight, radius_mm: float | None) -> ViewChec
 # --- fiducials --------------------------------------------------------------------------------------
 
 
-def _refuse(pointer: str, code: str, detail: str, hint: str) -> Problem:
-    return Problem(pointer, code, detail, hint)
+def _refuse(pointer: str, code: str, detail: str, hint: str) -> IllPosedError:
+    return IllPosedError(Problem(pointer, code, detail, hint))
 
 
 def _spread(share: Share, fewest: int, unknowns: str) -> tuple[Array, Array, Array]:
@@ -255,35 +255,29 @@ def _spread(share: Share, fewest: int, unknowns: str) -> tuple[Array, Array, Arr
     of them, two in one place, and all on a line."""
     pointer, who, labels, points = share
     if len(points) < fewest:
-        raise IllPosedError(
-            _refuse(
-                pointer,
-                "too-few-fiducials",
-                f"{who}{unknowns}; {len(points)} fiducials arrived",
-                f"use at least {fewest}; 8 or more give a margin",
-            )
+        raise _refuse(
+            pointer,
+            "too-few-fiducials",
+            f"{who}{unknowns}; {len(points)} fiducials arrived",
+            f"use at least {fewest}; 8 or more give a margin",
         )
     first, second, distance = closest_two(points)
     if distance < TOUCHING_MM:
-        raise IllPosedError(
-            _refuse(
-                pointer,
-                "duplicate-fiducials",
-                f"{who}{labels[first]} and {labels[second]} are at the same place ({distance:.2g} mm apart)",
-                "move or remove one of them",
-            )
+        raise _refuse(
+            pointer,
+            "duplicate-fiducials",
+            f"{who}{labels[first]} and {labels[second]} are at the same place ({distance:.2g} mm apart)",
+            "move or remove one of them",
         )
     centred = points - points.mean(axis=0)
     _, values, axes = np.linalg.svd(centred, full_matrices=False)
     if values[1] < COLLINEAR * values[0]:
-        raise IllPosedError(
-            _refuse(
-                pointer,
-                "collinear-fiducials",
-                f"{who}the fiducials lie on one line along {direction_name(axes[0])}: nothing is known about turning "
-                "about it, nor across it",
-                "spread them in three dimensions",
-            )
+        raise _refuse(
+            pointer,
+            "collinear-fiducials",
+            f"{who}the fiducials lie on one line along {direction_name(axes[0])}: nothing is known about turning "
+            "about it, nor across it",
+            "spread them in three dimensions",
         )
     return values, axes, np.ptp(centred @ axes.T, axis=0)
 
@@ -299,15 +293,13 @@ def _check_poses(system: System, seen: Sequence[Share]) -> None:
     for share, view in zip(seen, system.views, strict=True):
         rival = find_rival(share.points, view)
         if rival is not None:
-            raise IllPosedError(
-                _refuse(
-                    share.pointer,
-                    "ambiguous-pose",
-                    f"view {view.name} sees the flat structure {degrees(rival.tilt_rad):.0f} degrees off its normal, "
-                    f"and two poses explain its images: with the normal along {direction_name(rival.normal)} and along "
-                    f"{direction_name(rival.rival_normal)}, {rival.apart:.1f} standard deviations of the noise apart",
-                    "lift fiducials off the plane, turn the view by some ten degrees, or make the structure larger",
-                )
+            raise _refuse(
+                share.pointer,
+                "ambiguous-pose",
+                f"view {view.name} sees the flat structure {degrees(rival.tilt_rad):.0f} degrees off its normal, "
+                f"and two poses explain its images: with the normal along {direction_name(rival.normal)} and along "
+                f"{direction_name(rival.rival_normal)}, {rival.apart:.1f} standard deviations of the noise apart",
+                "lift fiducials off the plane, turn the view by some ten degrees, or make the structure larger",
             )
 
 
@@ -317,7 +309,7 @@ def _check_noise(system: System) -> None:
         quiet = not (view.fiducial_noise_px or view.target_noise_px)
         if quiet and system.triangulation.traits.weighing is Weighing.BY_NOISE:
             detail = f"the weighted triangulation divides by the noise of each view, and view {view.name} states none"
-            raise IllPosedError(_refuse(f"/views/{index}", "no-noise", detail, "state the noise of the images"))
+            raise _refuse(f"/views/{index}", "no-noise", detail, "state the noise of the images")
 
 
 def _check_fiducials(share: Share, fewest: int) -> list[Finding]:
@@ -326,15 +318,13 @@ def _check_fiducials(share: Share, fewest: int) -> list[Finding]:
         share, fewest, "a projection has 11 unknowns and a fiducial gives 2 equations"
     )
     if values[2] < COPLANAR * values[0]:
-        raise IllPosedError(
-            _refuse(
-                pointer,
-                "coplanar-fiducials",
-                f"{who}the fiducials lie in one plane with normal {direction_name(axes[2])} (thickness "
-                f"{thickness:.2g} mm): no view can tell depth along {direction_name(axes[2])} from its focal length",
-                f"lift at least two fiducials off the plane, along {direction_name(axes[2])}; the more the better; "
-                "where the intrinsics are known, model.estimator: pose takes a flat structure",
-            )
+        raise _refuse(
+            pointer,
+            "coplanar-fiducials",
+            f"{who}the fiducials lie in one plane with normal {direction_name(axes[2])} (thickness "
+            f"{thickness:.2g} mm): no view can tell depth along {direction_name(axes[2])} from its focal length",
+            f"lift at least two fiducials off the plane, along {direction_name(axes[2])}; the more the better; "
+            "where the intrinsics are known, model.estimator: pose takes a flat structure",
         )
     if thickness < FLAT * width:
         return [
@@ -367,7 +357,7 @@ def _check_visibility(
         if behind:
             listed = ", ".join(behind[:6]) + (f" and {len(behind) - 6} more" if len(behind) > 6 else "")
             problems.append(
-                _refuse(
+                Problem(
                     pointer,
                     "behind-source",
                     f"the source of view {view.name} cannot image what lies behind it, by up to "
@@ -411,7 +401,7 @@ def _outside(
 ) -> list[Problem]:
     view, images, margin = sight.view, sight.images, sight.margin
     return [
-        _refuse(
+        Problem(
             pointer,
             "outside-view",
             f"{_name_of(system, labels, index)} is imaged at ({images[index, 0]:.0f}, {images[index, 1]:.0f}) px, "
@@ -443,16 +433,14 @@ def _check_resection(seen: Sequence[Share], sights: Sequence[Sight]) -> list[Fin
         change = np.linalg.solve(image_frame, right[10].reshape(3, 4) @ object_frame)
         motion = f"the source of view {view.name} may slide along {_slide(estimate, change)}"
         if strength < SINGULAR:
-            raise IllPosedError(
-                _refuse(
-                    share.pointer,
-                    "singular-resection",
-                    f"{_why(share)}: {motion}, its focal length and principal point following, without changing "
-                    "the image of any fiducial",
-                    "move two or more fiducials off the plane of the others, or add fiducials"
-                    if _odd_one_out(nominal) is not None
-                    else "move or add a fiducial off the curve",
-                )
+            raise _refuse(
+                share.pointer,
+                "singular-resection",
+                f"{_why(share)}: {motion}, its focal length and principal point following, without changing "
+                "the image of any fiducial",
+                "move two or more fiducials off the plane of the others, or add fiducials"
+                if _odd_one_out(nominal) is not None
+                else "move or add a fiducial off the curve",
             )
         findings.append(
             Finding(
@@ -513,24 +501,20 @@ def _check_triangulation(system: System) -> list[Finding]:
             to_structure = float(np.linalg.norm(centres - system.fiducials_mm.mean(axis=0), axis=1).min())
             along = direction_name(rays[0])
             if spread < NO_PARALLAX * to_structure:
-                raise IllPosedError(
-                    _refuse(
-                        "/views",
-                        "same-source",
-                        f"the sources of views {names} coincide: nothing is known of target {target.name} along "
-                        f"{along}, the ray to it",
-                        "take a second view from another side; 60 to 120 degrees between views is best",
-                    )
+                raise _refuse(
+                    "/views",
+                    "same-source",
+                    f"the sources of views {names} coincide: nothing is known of target {target.name} along "
+                    f"{along}, the ray to it",
+                    "take a second view from another side; 60 to 120 degrees between views is best",
                 )
             near = reach.min() < 10 * spread
             reason = "lies on the line through the sources" if near else "is so far that the rays to it are parallel"
-            raise IllPosedError(
-                _refuse(
-                    "/targets",
-                    "target-on-baseline" if near else "target-too-far",
-                    f"target {target.name} {reason} (views {names}): nothing is known of it along {along}",
-                    "turn one view out of that line" if near else "bring the target nearer or the views apart",
-                )
+            raise _refuse(
+                "/targets",
+                "target-on-baseline" if near else "target-too-far",
+                f"target {target.name} {reason} (views {names}): nothing is known of it along {along}",
+                "turn one view out of that line" if near else "bring the target nearer or the views apart",
             )
         findings.append(
             Finding(

@@ -68,12 +68,10 @@ def _upper_text(program: Program, t: int, row: ConstraintRow) -> str:
 
 
 def _minimum(problem: PlacementProblem, kind: str) -> str:
-    return {
-        "spacing": f" at {problem.min_spacing_mm:g} mm",
-        "projected_spacing": f" at {problem.min_projected_spacing_px:g} px",
-        "target_clearance": f" at {problem.target_clearance_px:g} px",
-        "field": f" (margin {problem.image_margin_px:g} px)",
-    }.get(kind, "")
+    if kind == "field":
+        return f" (margin {problem.image_margin_px:g} px)"
+    _, unit, size = problem.distances.get(kind, ("", "", 0.0))
+    return f" at {size:g} {unit}" if unit else ""
 
 
 def _at_bound(program: Program, point: Point, index: int) -> int:
@@ -219,11 +217,7 @@ def _price_widths(program: Program, point: Point, objective: float, add: Add) ->
 
 def _spacings(program: Program, point: Point, objective: float, add: Add) -> None:
     problem, rows = program.problem, point.row_multipliers
-    for kind, (name, unit, size) in {
-        "spacing": ("min_spacing_mm", "mm", problem.min_spacing_mm),
-        "projected_spacing": ("min_projected_spacing_px", "px", problem.min_projected_spacing_px),
-        "target_clearance": ("target_clearance_px", "px", problem.target_clearance_px),
-    }.items():
+    for kind, (name, unit, size) in problem.distances.items():
         total = sum(float(m) for m, row in zip(rows, program.rows, strict=True) if row.kind == kind)
         if size > 0:
             phrase = f"{{step}} {unit} more {name.rsplit('_', 1)[0].replace('_', ' ')}"

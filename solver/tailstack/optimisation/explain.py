@@ -158,14 +158,9 @@ def _room(program: Program, point: Point) -> list[str]:
             if half > 0:
                 face = f"moving the {'upper' if multiplier > 0 else 'lower'} {'xyz'[k]} face of {place.pointer} out"
                 add(f"{face} by {{step}} mm", abs(multiplier) / half / 2, 2 * half)
-    sizes = {
-        "spacing": ("min_spacing_mm", problem.min_spacing_mm, "mm"),
-        "projected_spacing": ("min_projected_spacing_px", problem.min_projected_spacing_px, "px"),
-        "target_clearance": ("target_clearance_px", problem.target_clearance_px, "px"),
-    }
     for row, multiplier in zip(program.rows, point.row_multipliers, strict=True):
-        if row.kind in sizes:
-            field, size, unit = sizes[row.kind]
+        if row.kind in problem.distances:
+            field, unit, size = problem.distances[row.kind]
             add(f"taking {{step}} {unit} off {field}", abs(float(multiplier)) / size, size)
     told = []
     for what, (part, room) in sorted(relief.items(), key=lambda item: -item[1][0])[:2]:
@@ -251,13 +246,8 @@ def relax_rules(program: Program, points: list[tuple[Point, Parameters]]) -> Rel
 
 def _in_its_unit(problem: PlacementProblem, kind: str, slack: float) -> str:
     """A rule as relaxed."""
-    sizes = {
-        "spacing": ("min_spacing_mm", problem.min_spacing_mm),
-        "projected_spacing": ("min_projected_spacing_px", problem.min_projected_spacing_px),
-        "target_clearance": ("target_clearance_px", problem.target_clearance_px),
-    }
-    if kind in sizes:
-        field, size = sizes[kind]
+    if kind in problem.distances:
+        field, _, size = problem.distances[kind]
         return f"{field} {at_most(size * max(1 - slack, 0.0) ** 0.5 * (1 - INTERIOR))} instead of {size:g}"
     if kind == "image_gap":
         return f"shadows at {max(1 - slack, 0.0) ** 0.5:.0%} of the distance that the fiducials' diameter asks for"

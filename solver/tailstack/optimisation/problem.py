@@ -153,6 +153,15 @@ class PlacementProblem:
         return tuple(sorted(i for place in self.places for i in place.fiducials))
 
     @property
+    def distances(self) -> dict[str, tuple[str, str, float]]:
+        """By the kind of a rule that asks for a distance: its field, the unit, and how far."""
+        return {
+            "spacing": ("min_spacing_mm", "mm", self.min_spacing_mm),
+            "projected_spacing": ("min_projected_spacing_px", "px", self.min_projected_spacing_px),
+            "target_clearance": ("target_clearance_px", "px", self.target_clearance_px),
+        }
+
+    @property
     def demands(self) -> tuple[QuantileConstraint, ...]:
         """Every requirement at every target it names, in the order of the system; then what must hold after every
         loss."""
