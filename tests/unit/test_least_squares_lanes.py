@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -109,21 +110,20 @@ def difference(system: System, trials: int) -> tuple[float, int]:
     return float(gap.max()), outcome.redone
 
 
-STRETCHED = {"reading": Reading.EQ18, "rotation_form": RotationForm.SMALL_ANGLE}
 PRIORS = {
     "loose-prior": by(Estimator.POSE_WITH_PRIOR, mistaken(random_scene(3)), LOOSE),
     "tight-prior": by(Estimator.POSE_WITH_PRIOR, mistaken(random_scene(8)), TIGHT),
     "loose-prior-square-pixels": by(Estimator.POSE_WITH_PRIOR, sheared(scene()), LOOSE),
 }
-# Fewer fiducials than unknowns; a triangulation that is not proven in every second trial; a displacement that is not
-# rigid, which those who believe intrinsics refuse; a cube of 10 mm whose intrinsics are free, of which rounding and the
+# Fewer fiducials than unknowns; a triangulation that is not proven in every second trial; displacements that are not
+# rigid, which the plain form computes where a pose is sought; a cube of 10 mm whose intrinsics are free, of which rounding and the
 # plain form's rest at 1e-9 px leave eight digits
 LEFT_OUT = {
     ("reprojection", "four-fiducials"),
     ("reprojection", "far-target"),
-    ("pose_with_prior", "turned-small-angle"),
     ("pose_with_prior", "far-mistaken"),
     ("reprojection", "far-mistaken"),
+    *product(("pose", "pose_with_prior"), ("small-angle", "turned-small-angle")),
 }
 
 
@@ -152,25 +152,14 @@ def test_a_trial_by_least_squares_is_that_of_the_plain_form(system: System) -> N
         scene(views=with_noise(0.5, azimuths_rad=(0.0, 0.8, 1.6))),
         mistaken(random_scene(9)),
         with_unseen(random_scene(6), 2, ("F1", "F5")),
-        mistaken(random_scene(4, **STRETCHED)),
     ],
-    ids=["three-views", "random", "some-seen", "stretched"],
+    ids=["three-views", "random", "some-seen"],
 )
 def test_every_triangulation_of_every_estimator_is_that_of_the_plain_form(
     system: System, estimator: Estimator, triangulation: Triangulation
 ) -> None:
     """independent: singular value decompositions, of rows multiplied by NumPy's Cholesky factors, or QR."""
     gap, redone = difference(by(estimator, replace(system, triangulation=triangulation)), 128)
-    assert redone == 0
-    assert gap < 1e-9
-
-
-@pytest.mark.parametrize("estimator", [Estimator.POSE, Estimator.POSE_WITH_PRIOR, Estimator.REPROJECTION])
-def test_a_stretched_structure_of_which_a_view_sees_a_part_is_triangulated_in_the_frame_of_all(
-    estimator: Estimator,
-) -> None:
-    """independent: the plain form; the first view alone used to decide how long coordinates count (5e-9)."""
-    gap, redone = difference(by(estimator, with_unseen(random_scene(4, **STRETCHED), 0, ("F2",))), 512)
     assert redone == 0
     assert gap < 1e-9
 
@@ -210,7 +199,7 @@ def test_digits_of_least_squares_are_those_written_down() -> None:
 
     The random rotations come from LAPACK's QR, whose last bit is another one in NumPy's wheel for Python 3.12.
     """
-    random = random_scene(3, **STRETCHED)
+    random = random_scene(3)
     exact = {name: np.round(getattr(random, name), 12) for name in ("T_flange_con", "T_tcp_flange")}
     digest = sha256()
     systems = [scene(), scene(reading=Reading.EQ18), scene(views=with_noise(0.3, azimuths_rad=(0.0, 0.8, 1.6)))]
@@ -221,7 +210,7 @@ def test_digits_of_least_squares_are_those_written_down() -> None:
         outcome = run_indices(compile_plan(system), 5, 0, 4096, reprojection=True)
         digest.update(outcome.errors.tobytes())
         digest.update(outcome.reprojection.tobytes())
-    assert digest.hexdigest() == "484866745bc2adae7074859391f7fa0011e16dedf34bffffc1b119c21f85cab8"
+    assert digest.hexdigest() == "de6be26a8d114adc5270bf49d8b90dcf748cb630ce051ce290f9ac881958e01c"
 
 
 def test_every_estimator_by_least_squares_has_its_lanes() -> None:

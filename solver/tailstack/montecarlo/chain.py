@@ -2,7 +2,8 @@
 
 The same chain by the plain estimators of ``tailstack.estimation`` (singular value decompositions, Gauss-Newton steps)
 is for flagged trials, where no reduction is exact or steps do not converge: NumPy, batched over trials, about a
-hundred times slower than the kernel and without its conditions.
+hundred times slower than the kernel and without its conditions.  So are all trials in which small angles stretch what
+an estimator takes for rigid.
 
 Where a design says how often fiducials are missed, the shots of a run are sorted by which of them are: those of one
 pattern run together, by a plan whose views do not see them.
@@ -105,8 +106,10 @@ def draw_losses(plan: ChainPlan, seed: int, indices: NDArray[np.int64]) -> NDArr
 def _run(
     plan: ChainPlan, keys: NDArray[np.uint64], trials: NDArray[np.int64], given: Array, reprojection: bool
 ) -> Results:
-    """The kernel's results."""
+    """The kernel's results; of what it does not follow every trial is flagged."""
     n = len(trials)
+    if not plan.runs_in_lanes:
+        return Results(np.empty(6 * len(plan.system.targets) * n), np.ones(n), np.empty(n if reprojection else 0))
     results = Results(np.empty(6 * len(plan.system.targets) * n), np.empty(n), np.empty(n if reprojection else 0))
     draws = Draws(keys, trials // plan.shots_per_unit, trials, given)
     run_trials(plan.tables, draws, results, _allocate_scratch(int(scratch_size(plan.tables.counts))))

@@ -85,7 +85,6 @@ from .tables import (
     PUBLISHED,
     SEAT,
     SHIFTING,
-    SMALL_ANGLE,
     TARGETS,
     UNKNOWNS,
     VIEWS,
@@ -183,13 +182,10 @@ def triangulate(tables, target, estimates, z):
 
 @lane_jit
 def triangulate_in_metric(tables, target, estimates, z, metric):
-    """The same for the length ``y'K y + 2 g'y + h`` of (y, 1) instead of ``y'y + 1``.
-
-    metric: the upper triangle of K by rows (6), g (3), h.
-    """
+    """The same for the length ``k y'y + 2 g'y + h`` of (y, 1) instead of ``y'y + 1``; metric: k, g (3), h."""
     one, zero = splat(1.0), splat(0.0)
     m00, m01, m02, m11, m12, m22, b0, b1, b2, c = normal_matrix(tables, target, estimates, z)
-    k00, k01, k02, k11, k12, k22, g0, g1, g2, h = metric
+    k, g0, g1, g2, h = metric
     f = factor3(m00, m01, m02, m11, m12, m22)
     y0, y1, y2 = solve3(f, -b0, -b1, -b2)
     active = one > zero
@@ -199,24 +195,15 @@ def triangulate_in_metric(tables, target, estimates, z, metric):
         e1 = fma(m01, y0, fma(m11, y1, fma(m12, y2, b1)))
         e2 = fma(m02, y0, fma(m12, y1, fma(m22, y2, b2)))
         e3 = fma(b0, y0, fma(b1, y1, fma(b2, y2, c)))
-        q0 = fma(k00, y0, fma(k01, y1, fma(k02, y2, g0)))
-        q1 = fma(k01, y0, fma(k11, y1, fma(k12, y2, g1)))
-        q2 = fma(k02, y0, fma(k12, y1, fma(k22, y2, g2)))
+        q0, q1, q2 = fma(k, y0, g0), fma(k, y1, g1), fma(k, y2, g2)
         q3 = fma(g0, y0, fma(g1, y1, fma(g2, y2, h)))
         norm2 = fma(q0, y0, fma(q1, y1, fma(q2, y2, q3)))
         eigenvalue = fma(e0, y0, fma(e1, y1, fma(e2, y2, e3))) / norm2
         if step == 0:
             # A Rayleigh quotient is not below the smallest eigenvalue; if M - tau K is positive definite no other lies
             # below tau.  Rounding makes the quotient of the last step a little larger than that of the first.
-            tau = eigenvalue + splat(1e-9) * (m00 + m11 + m22) / (k00 + k11 + k22)
-            f = factor3(
-                fma(-tau, k00, m00),
-                fma(-tau, k01, m01),
-                fma(-tau, k02, m02),
-                fma(-tau, k11, m11),
-                fma(-tau, k12, m12),
-                fma(-tau, k22, m22),
-            )
+            tau = eigenvalue + splat(1e-9) * (m00 + m11 + m22) / (k + k + k)
+            f = factor3(fma(-tau, k, m00), m01, m02, fma(-tau, k, m11), m12, fma(-tau, k, m22))
         x0, x1, x2 = solve3(f, fma(-eigenvalue, q0, e0), fma(-eigenvalue, q1, e1), fma(-eigenvalue, q2, e2))
         y0, y1, y2 = select(active, y0 - x0, y0), select(active, y1 - x1, y1), select(active, y2 - x2, y2)
         size = absolute(x0) + absolute(x1) + absolute(x2)
@@ -257,66 +244,29 @@ def fit_images(tables, target, estimates, z, y0, y1, y2):
 
 
 @lane_jit
-def assumed_metric(tables, pose):
-    """(metric of resection, metric of triangulation) where the estimator assumes coordinates that ``I + [w]x`` moved.
+def point_metric(tables, pose):
+    """Metric of :func:`triangulate_in_metric`, of con mm.
 
-    In the object frame w is turned, and ``R'R = (1 + w'w) I - w w'``.  With the mean squares D / N of the fiducials the
-    squared scale of Hartley's frame of what is assumed, over that of the object frame, is
-    ``kappa = 3 / (3 (1 + w'w) - sum w_k^2 D_k / N)``.
+    A point is ``X = R (E y + c - p) + p + t``, the second and third with Eq 18 only, and its homogeneous length
+    ``|X|^2 + 1``: k the square of the unit of y, ``g = E'R'c'``, ``h = c'c' + 1``, c' the centroid as it is assumed.
     """
-    into, n = tables.into_frame, tables.counts[FIDUCIALS]
-    d0, d1, d2 = 0.0, 0.0, 0.0  # of all fiducials, whatever the views see
-    for i in range(n):
-        y = tables.nominal[i]
-        d0, d1, d2 = d0 + y[0] * y[0], d1 + y[1] * y[1], d2 + y[2] * y[2]
-    share = 1.0 / n
-    inverse = splat(1.0 / tables.object_scale[0])
-    w0, w1, w2 = load(pose, 56), load(pose, 16), load(pose, 24)
-    t0 = inverse * dot3(splat(into[0]), splat(into[1]), splat(into[2]), w0, w1, w2)
-    t1 = inverse * dot3(splat(into[3]), splat(into[4]), splat(into[5]), w0, w1, w2)
-    t2 = inverse * dot3(splat(into[6]), splat(into[7]), splat(into[8]), w0, w1, w2)
-    one, three = splat(1.0), splat(3.0)
-    stretch = fma(t0, t0, fma(t1, t1, fma(t2, t2, one)))
-    narrowed = dot3(splat(d0 * share), splat(d1 * share), splat(d2 * share), t0 * t0, t1 * t1, t2 * t2)
-    kappa = three / (three * stretch - narrowed)
-    return (one / (kappa * stretch), t0, t1, t2), kappa
-
-
-@lane_jit
-def point_metric(tables, pose, assumed, kappa):
-    """Metric of :func:`triangulate_in_metric`: of Hartley's frame of what the estimator assumes, or of con mm.
-
-    In con mm a point is ``X = R (E y + c - p) + p + t``, the second and third with Eq 18 only, and its homogeneous
-    length ``|X|^2 + 1``: ``K = E'R'R E``, ``g = E'R'c'``, ``h = c'c' + 1``, c' the centroid as it is assumed.
-    """
-    one, zero = splat(1.0), splat(0.0)
-    _, w0, w1, w2 = assumed
-    stretch = fma(w0, w0, fma(w1, w1, fma(w2, w2, one)))
-    if tables.counts[PUBLISHED] == 0:
-        scale = kappa
-        g0, g1, g2, h = zero, zero, zero, one
+    one = splat(1.0)
+    c0, c1, c2 = splat(tables.centre[0]), splat(tables.centre[1]), splat(tables.centre[2])
+    if tables.counts[EQ18] != 0 and moves(tables.counts, SEAT):
+        p0, p1, p2 = splat(tables.pivots[SEAT, 0]), splat(tables.pivots[SEAT, 1]), splat(tables.pivots[SEAT, 2])
+        m0, m1, m2 = rotate(pose, SEAT, c0 - p0, c1 - p1, c2 - p2)
+        m0, m1, m2 = m0 + p0 + load(pose, 72), m1 + p1 + load(pose, 80), m2 + p2 + load(pose, 88)
+        h = fma(m0, m0, fma(m1, m1, fma(m2, m2, one)))
+        c0 = dot3(load(pose, 0), load(pose, 24), load(pose, 48), m0, m1, m2)
+        c1 = dot3(load(pose, 8), load(pose, 32), load(pose, 56), m0, m1, m2)
+        c2 = dot3(load(pose, 16), load(pose, 40), load(pose, 64), m0, m1, m2)
     else:
-        scale = splat(tables.object_scale[1])
-        c0, c1, c2 = splat(tables.centre[0]), splat(tables.centre[1]), splat(tables.centre[2])
-        if tables.counts[EQ18] != 0 and moves(tables.counts, SEAT):
-            p0, p1, p2 = splat(tables.pivots[SEAT, 0]), splat(tables.pivots[SEAT, 1]), splat(tables.pivots[SEAT, 2])
-            m0, m1, m2 = rotate(pose, SEAT, c0 - p0, c1 - p1, c2 - p2)
-            m0, m1, m2 = m0 + p0 + load(pose, 72), m1 + p1 + load(pose, 80), m2 + p2 + load(pose, 88)
-            h = fma(m0, m0, fma(m1, m1, fma(m2, m2, one)))
-            c0 = dot3(load(pose, 0), load(pose, 24), load(pose, 48), m0, m1, m2)
-            c1 = dot3(load(pose, 8), load(pose, 32), load(pose, 56), m0, m1, m2)
-            c2 = dot3(load(pose, 16), load(pose, 40), load(pose, 64), m0, m1, m2)
-        else:
-            h = fma(c0, c0, fma(c1, c1, fma(c2, c2, one)))
-        e = tables.out_of_frame
-        g0 = dot3(splat(e[0]), splat(e[3]), splat(e[6]), c0, c1, c2)
-        g1 = dot3(splat(e[1]), splat(e[4]), splat(e[7]), c0, c1, c2)
-        g2 = dot3(splat(e[2]), splat(e[5]), splat(e[8]), c0, c1, c2)
-    return (
-        scale * fma(-w0, w0, stretch), scale * (-w0 * w1), scale * (-w0 * w2),
-        scale * fma(-w1, w1, stretch), scale * (-w1 * w2), scale * fma(-w2, w2, stretch),
-        g0, g1, g2, h,
-    )  # fmt: skip
+        h = fma(c0, c0, fma(c1, c1, fma(c2, c2, one)))
+    e = tables.out_of_frame
+    g0 = dot3(splat(e[0]), splat(e[3]), splat(e[6]), c0, c1, c2)
+    g1 = dot3(splat(e[1]), splat(e[4]), splat(e[7]), c0, c1, c2)
+    g2 = dot3(splat(e[2]), splat(e[5]), splat(e[8]), c0, c1, c2)
+    return splat(tables.object_scale[1]), g0, g1, g2, h
 
 
 @lane_jit
@@ -370,33 +320,22 @@ def run_chain(tables, z, points, images, estimates, pose, results, work, want_re
         place_points(tables, z, points)
     good = splat(1.0) > splat(0.0)
     squares, images_used = splat(0.0), 0.0
-    # Eq 18 with small angles: the coordinates that the estimator assumes have been stretched, not only turned
-    stretched = tables.counts[EQ18] != 0 and tables.counts[SMALL_ANGLE] != 0 and moves(tables.counts, SEAT)
-    zero, one = splat(0.0), splat(1.0)
-    assumed, kappa = (one, zero, zero, zero), one
-    if stretched:
-        assumed, kappa = assumed_metric(tables, pose)
     for view in range(views):
         projection = true_projection(tables, view, pose)
         image_fiducials(tables, view, points, projection, images, z)
         estimate = estimates[112 * view : 112 * view + 112]
         if tables.counts[UNKNOWNS] != 0:
-            good = good & resect_by_least_squares(tables, view, assumed, images, projection, z, estimate, work)
-        elif stretched:
-            # What carries an estimate from the frame of its view to the object frame knows no metric
-            own = resect(tables, view, assumed, images, estimate)
-            good = good & own & (splat(1.0 * tables.counts[HIDDEN]) < one)
+            good = good & resect_by_least_squares(tables, view, images, projection, z, estimate, work)
         else:
-            good = good & resect(tables, view, None, images, estimate)
+            good = good & resect(tables, view, images, estimate)
             if tables.counts[HIDDEN] != 0:
                 carry_to_object_frame(tables, view, estimate)
         images_used += tables.diagonal[view, 3]
         if want_reprojection:
             squares = squares + squared_reprojection(tables, view, images, estimate)
     for target in range(targets):
-        if stretched or tables.counts[PUBLISHED] != 0:
-            metric = point_metric(tables, pose, assumed, kappa)
-            y0, y1, y2, proven = triangulate_in_metric(tables, target, estimates, z, metric)
+        if tables.counts[PUBLISHED] != 0:
+            y0, y1, y2, proven = triangulate_in_metric(tables, target, estimates, z, point_metric(tables, pose))
         else:
             y0, y1, y2, proven = triangulate(tables, target, estimates, z)
         good = good & proven

@@ -37,7 +37,7 @@ Arguments below, lanes unless said:
   one text with n at run time takes half as long again;
 - ``work``: scratch of ``WORK`` vectors: slopes of u and of v by the unknowns (11 each), g or the step (11), H (n x n,
   by rows, the upper triangle);
-- ``tables``, ``images``, ``estimate``: as in ``kernel``; ``assumed``: as ``metric`` in ``lane_resection``.
+- ``tables``, ``images``, ``estimate``: as in ``kernel``.
 """
 
 # mypy: ignore-errors
@@ -45,9 +45,8 @@ from __future__ import annotations
 
 from numba import literal_unroll
 
-from .lane_resection import in_metric
-from .lanes import any_lane, dot3, fma, lane_jit, load, select, splat, square_root, store
-from .tables import EQ18, FIDUCIALS, SMALL_ANGLE, UNKNOWNS, VIEWS, intrinsics_slot
+from .lanes import any_lane, dot3, fma, lane_jit, load, select, splat, store
+from .tables import FIDUCIALS, UNKNOWNS, VIEWS, intrinsics_slot
 
 LEFT_PX = 1e-11
 MAX_STEPS = 16
@@ -81,12 +80,14 @@ def assumed_camera(tables, view, z):
 
 @lane_jit
 def pose_at_start(tables, view, projection, camera):
-    """Pose in the rows of :func:`lane_motion.true_projection`; where small angles have stretched it, the rows made
-    orthogonal one after another.  The origin of the object frame is shifted to where the assumed camera images it as
-    the true one does, and as large: a principal point that is wrong by 50 px would otherwise be a step of 50 px."""
+    """Pose in the rows of :func:`lane_motion.true_projection`, which are those of a rotation.
+
+    The origin of the object frame is shifted to where the assumed camera images it as the true one does, and as large:
+    a principal point that is wrong by 50 px would otherwise be a step of 50 px.
+    """
     k = tables.intrinsics[view]
     (u0, u1, u2, u3), (v0, v1, v2, v3), (r20, r21, r22, d2) = projection
-    one, size = splat(1.0), splat(tables.object_scale[0])
+    size = splat(tables.object_scale[0])
     r20, r21, r22, d2 = size * r20, size * r21, size * r22, size * d2
     point_u, point_v, skew = splat(k[3]), splat(k[4]), splat(k[1])
     focal_u, focal_v = splat(1.0 / k[0]), splat(1.0 / k[2])
@@ -97,41 +98,7 @@ def pose_at_start(tables, view, projection, camera):
     r02 = focal_u * fma(-skew, r12, fma(-point_u, r22, size * u2))
     d0 = focal_u * fma(-skew, d1, fma(-camera[3], d2, size * u3))
     d2 = camera[2] / splat(k[2]) * d2
-    if tables.counts[SMALL_ANGLE] == 0:
-        return r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2
-    length = one / square_root(dot3(r20, r21, r22, r20, r21, r22))
-    r20, r21, r22 = length * r20, length * r21, length * r22
-    along = dot3(r10, r11, r12, r20, r21, r22)
-    r10, r11, r12 = fma(-along, r20, r10), fma(-along, r21, r11), fma(-along, r22, r12)
-    length = one / square_root(dot3(r10, r11, r12, r10, r11, r12))
-    r10, r11, r12 = length * r10, length * r11, length * r12
-    along = dot3(r00, r01, r02, r20, r21, r22)
-    r00, r01, r02 = fma(-along, r20, r00), fma(-along, r21, r01), fma(-along, r22, r02)
-    along = dot3(r00, r01, r02, r10, r11, r12)
-    r00, r01, r02 = fma(-along, r10, r00), fma(-along, r11, r01), fma(-along, r12, r02)
-    length = one / square_root(dot3(r00, r01, r02, r00, r01, r02))
-    return length * r00, length * r01, length * r02, r10, r11, r12, r20, r21, r22, d0, d1, d2
-
-
-@lane_jit
-def stretch(pose, assumed):
-    """The pose R to start from, for coordinates S y: ``M = R (S'S)^(1/2) = R (q - t t' / (1 + q))``, q^2 = 1 + t't.
-
-    It is a rotation times S, S being a rotation times this root.
-    """
-    r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2 = pose
-    _, t0, t1, t2 = assumed
-    one = splat(1.0)
-    q = square_root(fma(t0, t0, fma(t1, t1, fma(t2, t2, one))))
-    less = -(one / (one + q))
-    a0, a1 = less * dot3(r00, r01, r02, t0, t1, t2), less * dot3(r10, r11, r12, t0, t1, t2)
-    a2 = less * dot3(r20, r21, r22, t0, t1, t2)
-    return (
-        fma(a0, t0, q * r00), fma(a0, t1, q * r01), fma(a0, t2, q * r02),
-        fma(a1, t0, q * r10), fma(a1, t1, q * r11), fma(a1, t2, q * r12),
-        fma(a2, t0, q * r20), fma(a2, t1, q * r21), fma(a2, t2, q * r22),
-        d0, d1, d2,
-    )  # fmt: skip
+    return r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2
 
 
 @lane_jit
@@ -407,7 +374,7 @@ def refine(tables, view, images, unknowns, camera, pose, work):
 
 
 @lane_jit
-def resect_by_least_squares(tables, view, assumed, images, projection, z, estimate, work):
+def resect_by_least_squares(tables, view, images, projection, z, estimate, work):
     """One view into ``estimate``, rows and all as of ``lane_resection.resect``, in the object frame.
 
     projection: rows of :func:`lane_motion.true_projection`.  Images count from the principal point, which stands where
@@ -421,8 +388,6 @@ def resect_by_least_squares(tables, view, assumed, images, projection, z, estima
     else:
         camera = assumed_camera(tables, view, z)
         pose = pose_at_start(tables, view, projection, camera)
-        if tables.counts[EQ18] != 0 and tables.counts[SMALL_ANGLE] != 0:
-            pose = stretch(pose, assumed)
     start, good = pose[11], one < zero
     for unknowns in literal_unroll(LENGTHS):
         if n == len(unknowns):
@@ -432,7 +397,6 @@ def resect_by_least_squares(tables, view, assumed, images, projection, z, estima
     inverse = one / d2
     focal_u, skew, focal_v = inverse * focal_u, inverse * skew, inverse * focal_v
     r20, r21, r22 = inverse * r20, inverse * r21, inverse * r22
-    b0, b1, b2 = in_metric(assumed, r20, r21, r22)
     store(estimate, 0, r20)
     store(estimate, 8, r21)
     store(estimate, 16, r22)
@@ -444,7 +408,7 @@ def resect_by_least_squares(tables, view, assumed, images, projection, z, estima
     store(estimate, 64, focal_v * r11)
     store(estimate, 72, focal_v * r12)
     store(estimate, 80, focal_v * d1)
-    store(estimate, 88, one / dot3(r20, r21, r22, b0, b1, b2))
+    store(estimate, 88, one / dot3(r20, r21, r22, r20, r21, r22))
     store(estimate, 96, point_u)
     store(estimate, 104, point_v)
     # far away no image moves any more, whatever the pose: rest there is no estimate

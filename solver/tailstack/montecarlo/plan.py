@@ -57,6 +57,7 @@ from .tables import (
     MOUNTS,
     MOVING,
     PUBLISHED,
+    SEAT,
     SHIFTING,
     SHOT,
     SMALL_ANGLE,
@@ -67,6 +68,7 @@ from .tables import (
     beads_slot,
     images_slot,
     intrinsics_slot,
+    moves,
     shot_slot,
 )
 
@@ -107,6 +109,17 @@ class ChainPlan:
     def dimension(self) -> int:
         """Number of deviates in a trial (columns of z)."""
         return int(self.tables.counts[DEVIATES])
+
+    @property
+    def runs_in_lanes(self) -> bool:
+        """Whether the kernel follows.
+
+        Not where small angles, which turn nothing rigidly, act on what an estimator assumes (Eq 18), or takes for a
+        pose.
+        """
+        counts = self.tables.counts
+        stretched = counts[EQ18] != 0 and moves(counts, SEAT)
+        return counts[SMALL_ANGLE] == 0 or not (stretched or 0 < counts[UNKNOWNS] < 11)
 
     def columns_of(self, name: str) -> slice:
         """Where the deviates of a block stand; empty where it has none."""
