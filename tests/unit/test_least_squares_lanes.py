@@ -116,8 +116,8 @@ PRIORS = {
     "loose-prior-square-pixels": by(Estimator.POSE_WITH_PRIOR, sheared(scene()), LOOSE),
 }
 # Fewer fiducials than unknowns; a triangulation that is not proven in every second trial; displacements that are not
-# rigid, which the plain form computes where a pose is sought; a cube of 10 mm whose intrinsics are free, of which rounding and the
-# plain form's rest at 1e-9 px leave eight digits
+# rigid, which the plain form computes where a pose is sought; a cube of 10 mm whose intrinsics are free, of which
+# rounding and the plain form's rest at 1e-9 px leave eight digits
 LEFT_OUT = {
     ("reprojection", "four-fiducials"),
     ("reprojection", "far-target"),
