@@ -19,7 +19,7 @@ from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.regions import BoxRegion
 from tailstack.optimisation.terms import DemandTerms, estimator_of, mechanics_of, terms_of
 from tailstack.propagation.linear import linearise
-from tailstack.propagation.noise import Estimation, noise_gains
+from tailstack.propagation.noise import Estimation, noise_gains, room_for_gains
 from tailstack.system import Law
 
 FEASIBLE = 1e-6  # relative (mm on the box): by how much an answer may miss a limit or a rule
@@ -122,10 +122,10 @@ def quantile_mm(problem: PlacementProblem, term: DemandTerms, layout: Array, hal
 def image_covariance(layout, projections, target, to_error, fiducial_px, target_px):
     """(3, 3) mm^2 of image noise in the frame of the error."""
     views, count = projections.shape[0], layout.shape[0]
-    fiducial, aim = np.zeros((views, count, 3, 2)), np.zeros((views, 3, 2))
-    made, told, weights = np.zeros((views, count, 3, 3)), np.zeros((views, 3, 3)), np.zeros((views, 2, 2))
+    gains = room_for_gains(layout, np.zeros((views, 2, 2)))
     dlt = Estimation(0, 0, np.zeros((views, 3)), np.zeros((views, 2)))
-    noise_gains(projections, layout, np.ones((views, count)), dlt, target, fiducial, aim, made, told, weights)
+    noise_gains(projections, layout, np.ones((views, count)), dlt, target, gains)
+    fiducial, aim = gains.fiducial, gains.target
     total = np.zeros((3, 3))
     for v in range(views):
         for r in range(3):

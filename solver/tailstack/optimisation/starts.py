@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 from ..kernels.store import kernel
-from ..propagation.noise import Estimation, noise_gains
+from ..propagation.noise import Estimation, PointGains, noise_gains, room_for_gains
 from .problem import PlacementProblem
 from .regions import (
     BoxRegion,
@@ -354,28 +354,16 @@ gains_or_infinity = register_jitable(noise_gains)
 
 
 @kernel(nogil=True)
-def mean_square(points: Array, model: ExchangeModel, work: tuple[Array, Array, Array, Array, Array]) -> float:
+def mean_square(points: Array, model: ExchangeModel, gains: PointGains) -> float:
     """Largest over the demands of E|e|^2, mm^2; inf where the layout is singular.
 
-    points: (N, 3) mm as the estimator assumes them; work: arrays for the gains (V, N, 3, 2), (V, 3, 2), (V, N, 3, 3),
-    (V, 3, 3), and for weights (V, 2, 2), overwritten.
+    points: (N, 3) mm as the estimator assumes them; gains: overwritten.
     """
-    fiducial, target_gain, manufacturing, intrinsics, row_weights = work
+    fiducial, _, manufacturing, intrinsics, _ = gains
     views = model.projections.shape[0]
     worst = 0.0
     for t in range(model.reconstructed.shape[0]):
-        gains_or_infinity(
-            model.projections,
-            points,
-            model.weights,
-            model.estimation,
-            model.reconstructed[t],
-            fiducial,
-            target_gain,
-            manufacturing,
-            intrinsics,
-            row_weights,
-        )
+        gains_or_infinity(model.projections, points, model.weights, model.estimation, model.reconstructed[t], gains)
         total = model.constant[t]
         for i in range(points.shape[0]):
             for r in range(3):
@@ -476,15 +464,8 @@ def exchange(
     """Move each group (P, G) of the points (N, 3), mm, assumed, to its best candidate in place; returns the mean square
     reached, mm^2.  At most so many sweeps over all groups.
     """
-    views, count = model.projections.shape[0], points.shape[0]
-    work = (
-        np.zeros((views, count, 3, 2)),
-        np.zeros((views, 3, 2)),
-        np.zeros((views, count, 3, 3)),
-        np.zeros((views, 3, 3)),
-        np.zeros((views, 2, 2)),
-    )
-    best = mean_square(points, model, work)
+    gains = room_for_gains(points, np.zeros((model.projections.shape[0], 2, 2)))
+    best = mean_square(points, model, gains)
     for _ in range(sweeps):
         improved = False
         for p in range(groups.shape[0]):
@@ -494,7 +475,7 @@ def exchange(
                 if not keeps_distance(points, group, candidates.points[c], model.projections, spacing):
                     continue
                 points[group] = candidates.points[c]
-                value = mean_square(points, model, work)
+                value = mean_square(points, model, gains)
                 if value < best * (1 - 1e-9):
                     best = value
                     best_points = candidates.points[c].copy()

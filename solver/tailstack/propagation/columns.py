@@ -14,7 +14,7 @@ from numba.extending import register_jitable
 
 from ..kernels.store import kernel
 from ..system import ArrayLike
-from .noise import eliminate_for, gains_after, room_for
+from .noise import eliminate_for, gains_after, room_for, room_for_gains
 
 
 class Imaging(NamedTuple):
@@ -77,22 +77,10 @@ def assemble_after(
     row_weights: ArrayLike,
 ) -> None:
     """:func:`assemble`, which see, with what ``noise.eliminate_for`` filled: it is the same for all targets."""
-    views, count, kind = weights.shape[0], imaging.points.shape[0], imaging.points.dtype
-    fiducial, target = np.zeros((views, count, 3, 2), kind), np.zeros((views, 3, 2), kind)
-    manufacturing, intrinsics = np.zeros((views, count, 3, 3), kind), np.zeros((views, 3, 3), kind)
-    gains_after(
-        eliminated,
-        imaging.projections,
-        imaging.points,
-        weights,
-        imaging.estimation,
-        aim,
-        fiducial,
-        target,
-        manufacturing,
-        intrinsics,
-        row_weights,
-    )
+    views, count = weights.shape[0], imaging.points.shape[0]
+    gains = room_for_gains(imaging.points, row_weights)
+    gains_after(eliminated, imaging.projections, imaging.points, weights, imaging.estimation, aim, gains)
+    fiducial, target, manufacturing, intrinsics, _ = gains
     per_error, width = imaging.per_error, 2 * count + 2
     for k in range(3):
         n = 0

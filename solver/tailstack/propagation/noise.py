@@ -458,6 +458,32 @@ def weigh_rows(weighing: int, gains: ArrayLike, noise: ArrayLike, depth: ArrayLi
         out[1, 0] = -covariance[1, 0] / det
 
 
+class PointGains(NamedTuple):
+    """Gains of the triangulated point, in the frame of the fiducials, by every random image-side input."""
+
+    fiducial: ArrayLike  # (V, N, 3, 2) mm per px of image noise of fiducial i in view v
+    target: ArrayLike  # (V, 3, 2) mm per px of the target's image noise
+    # (V, N, 3, 3) mm per mm of m_i *through view v*.  The error is one and shared, so the gain of m_i is the sum over
+    # v; adding the squares per view instead is the block-diagonal covariance of Eq 16, which drops Cov(A_1, A_2).
+    manufacturing: ArrayLike
+    # (V, 3, 3) mm per unit of error of a view's assumed intrinsics (``system.INTRINSICS``), 0 where none are believed
+    intrinsics: ArrayLike
+    row_weights: ArrayLike  # (V, 2, 2) the weight of each view's rows in triangulation
+
+
+@register_jitable
+def room_for_gains(points: ArrayLike, row_weights: ArrayLike) -> ArrayLike:
+    """``PointGains`` of points (N, 3) and weights of V views, to be filled."""
+    views, count, kind = row_weights.shape[0], points.shape[0], points.dtype
+    return PointGains(
+        np.zeros((views, count, 3, 2), kind),
+        np.zeros((views, 3, 2), kind),
+        np.zeros((views, count, 3, 3), kind),
+        np.zeros((views, 3, 3), kind),
+        row_weights,
+    )
+
+
 @register_jitable
 def noise_gains(
     projections: ArrayLike,
@@ -465,42 +491,17 @@ def noise_gains(
     weights: ArrayLike,
     estimation: ArrayLike,
     target: ArrayLike,
-    fiducial: ArrayLike,
-    target_gain: ArrayLike,
-    manufacturing: ArrayLike,
-    intrinsics: ArrayLike,
-    row_weights: ArrayLike,
+    gains: ArrayLike,
 ) -> None:
-    """Gains of the triangulated point, in the frame of ``points``, by every random image-side input.
+    """Fills ``gains``, a ``PointGains``.
 
     projections (V, 3, 4) mm -> px with |p3| = 1: the *effective* ones, ``P_v T_err1`` in the physical reading;
     points (N, 3) nominal fiducials, mm; weights (V, N): 1 where a view's estimate uses a fiducial, 0 where it does
-    not; estimation: see ``Estimation``; target (3,) the noise-free reconstructed point, mm.  Fills
-
-    - fiducial (V, N, 3, 2): mm per px of image noise of fiducial i in view v;
-    - target_gain (V, 3, 2): mm per px of the target's image noise;
-    - manufacturing (V, N, 3, 3): mm per mm of m_i *through view v*.  The error is one and shared, so
-      the gain of m_i is the sum over v; adding the squares per view instead is the block-diagonal
-      covariance of Eq 16, which drops Cov(A_1, A_2);
-    - intrinsics (V, 3, 3): mm per unit of error of a view's assumed intrinsics (``system.INTRINSICS``), 0 where the
-      estimator believes none;
-    - row_weights (V, 2, 2): the weight of each view's rows in triangulation.
+    not; estimation: see ``Estimation``; target (3,) the noise-free reconstructed point, mm.
     """
     eliminated = room_for(projections.shape[0], points)
     eliminate_for(estimation, projections, points, weights, eliminated)
-    gains_after(
-        eliminated,
-        projections,
-        points,
-        weights,
-        estimation,
-        target,
-        fiducial,
-        target_gain,
-        manufacturing,
-        intrinsics,
-        row_weights,
-    )
+    gains_after(eliminated, projections, points, weights, estimation, target, gains)
 
 
 @register_jitable
@@ -511,14 +512,11 @@ def gains_after(
     weights: ArrayLike,
     estimation: ArrayLike,
     target: ArrayLike,
-    fiducial: ArrayLike,
-    target_gain: ArrayLike,
-    manufacturing: ArrayLike,
-    intrinsics: ArrayLike,
-    row_weights: ArrayLike,
+    gains: ArrayLike,
 ) -> None:
     """:func:`noise_gains`, which see, with what ``eliminate`` filled for each view, if the estimator is DLT: it is the
     same for all targets."""
+    fiducial, target_gain, manufacturing, intrinsics, row_weights = gains
     views = projections.shape[0]
     count = points.shape[0]
     residual = np.zeros((views, count, 2, 2), points.dtype)
