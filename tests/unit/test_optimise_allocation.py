@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from math import exp, sqrt
 from pathlib import Path
 from typing import Any
@@ -257,7 +258,9 @@ def test_bracket_holds_the_optimum_of_the_exact_law():
     """independent: normal tolerances on two axes, exact P95 by the Gaussian law, its optimum by a scan of the ratio."""
     noise, gains, per = 0.01 * np.eye(3), np.array([[25.0, 0, 0], [0, 10.0, 3.0]]), np.full(2, 0.5)
     for p in (0.9, 0.95, 0.99):
-        least, attained = gaussian_bracket(noise, gains, [reciprocal()] * 2, per, 1.0, lower=0, upper=np.inf, p=p)
+        least, attained = gaussian_bracket(
+            partial(allocate, noise, gains, [reciprocal()] * 2, per, lower=0, upper=np.inf, p=p), np.ones(1), p
+        )
         best = np.inf
         for ratio in np.geomspace(0.1, 10, 60):
             low, high = 0.0, 1.0
@@ -289,13 +292,13 @@ CURVES = {
 }
 
 
-def _arguments(problem: PlacementProblem) -> tuple[Array, Array, list[Price], Array, float]:
-    """Noise, gains, prices, standard deviation per half-width and limit, as the allocation takes them."""
+def _arguments(problem: PlacementProblem) -> tuple[Array, Array, list[Price], Array]:
+    """Noise, gains, prices and standard deviation per half-width, as the allocation takes them."""
     (demand,) = problem.demands
     noise = image_covariance_by_score(problem, problem.system.fiducials_mm)
     per = np.array([value for _, value in free_laws(problem)])
     prices = [free.price for free in problem.half_widths]
-    return noise, terms_of(problem, demand).free_gain.T, prices, per, demand.requirement.limit_mm
+    return noise, terms_of(problem, demand).free_gain.T, prices, per
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -304,14 +307,15 @@ def test_the_exact_optimum_lies_in_the_convex_bracket(name: str, limit_mm: float
     """independent: two solvers, two formulations; normal laws and no bias, where the bracket is one."""
     problem = fixed_layout(oracle_problem(8, limit_mm, law=Law.NORMAL), cube_fiducials())
     problem = at_prices(problem, *[CURVES[name]] * 6)
-    arguments = _arguments(problem)
-    low, high = gaussian_bracket(*arguments, lower=problem.lower, upper=problem.upper)
+    noise, gains, prices, per = _arguments(problem)
+    convex = partial(allocate, noise, gains, prices, per, lower=problem.lower, upper=problem.upper)
+    limits_mm = np.array([limit_mm])
+    low, high = gaussian_bracket(convex, limits_mm, 0.95)
     solution = solve_placement(problem)
     assert low * (1 - 1e-6) <= solution.cost <= high * (1 + 1e-6)
     assert high / low < 1.05  # the bracket says something
-    convex = allocate(*arguments, lower=problem.lower, upper=problem.upper)
-    levers = np.linalg.norm(arguments[1], axis=1) > 1  # without one, an exponential cost is flat out to the bound
-    np.testing.assert_allclose(solution.choice.half_width[levers], convex.half_width[levers], rtol=0.05)
+    levers = np.linalg.norm(gains, axis=1) > 1  # without one, an exponential cost is flat out to the bound
+    np.testing.assert_allclose(solution.choice.half_width[levers], convex(limits_mm).half_width[levers], rtol=0.05)
 
 
 def random_prices(rng, k, most):

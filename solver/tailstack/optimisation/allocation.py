@@ -29,7 +29,7 @@ may be held, and each quantile may carry an offset that stands for its exact law
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import exp, sqrt
@@ -179,26 +179,14 @@ def allocate(
     return result
 
 
-def gaussian_bracket(
-    noise: Array,
-    gains: Array,
-    prices: Sequence[Price],
-    std_per_half_width: Array,
-    limits_mm: Array | float,
-    *,
-    lower: Array | float,
-    upper: Array | float,
-    p: float = 0.95,
-) -> tuple[float, float]:
+def gaussian_bracket(allocate: Callable[[Array], Allocation], limits_mm: Array, p: float) -> tuple[float, float]:
     """(least, attained) cost around the optimum under the exact law, for normal tolerances without bias.
 
-    As :func:`allocate`.  The bound divided by :func:`frobenius_excess` is nowhere above the exact squared quantile
-    (checked, not proven), so its optimum is not dearer than the true one; the bound's own optimum meets the limit.
+    ``allocate``: the allocation within limits (t,).  The bound divided by :func:`frobenius_excess` is nowhere above the
+    exact squared quantile (checked, not proven), so its optimum is not dearer than the true one; the bound's own
+    optimum meets the limit.
     """
-    relaxed = np.asarray(limits_mm, dtype=np.float64) * sqrt(frobenius_excess(p))
-    least = allocate(noise, gains, prices, std_per_half_width, relaxed, lower=lower, upper=upper, p=p)
-    attained = allocate(noise, gains, prices, std_per_half_width, limits_mm, lower=lower, upper=upper, p=p)
-    return least.lower_bound_cost, attained.cost
+    return allocate(limits_mm * sqrt(frobenius_excess(p))).lower_bound_cost, allocate(limits_mm).cost
 
 
 def _case(

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from math import floor, log10, radians
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..errors import InfeasibleError, NotConvergedError
 from ..results import Relaxation, ShadowPrice
 from ..results.digits import at_least, at_most
 from ..system import Law
-from .allocation import gaussian_bracket
+from .allocation import allocate, gaussian_bracket
 from .exact_law import error_moments, evaluate_demand
 from .grades import Optimum
 from .prices import part_that_holds, slope_of
@@ -332,13 +333,15 @@ def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple
         noise.append((fixed.unit + fixed.shot).astype(float))
         gains.append(term.free_gain.T)
         limits.append(term.demand.requirement.limit_mm)
-    return gaussian_bracket(
+    p = search.terms[0].demand.requirement.quantile
+    within = partial(
+        allocate,
         np.array(noise),
         np.array(gains),
         [free.price for free in problem.half_widths],
         np.array([per for _, per in free_laws(problem)]),
-        np.array(limits),
         lower=problem.lower,
         upper=problem.upper,
-        p=search.terms[0].demand.requirement.quantile,
+        p=p,
     )
+    return gaussian_bracket(within, np.array(limits), p)
