@@ -14,9 +14,11 @@ from scenes import cube_fiducials, mount, random_system, read_only, system_of, w
 from tailstack.design.compile import torsor_from_locators
 from tailstack.geometry.arrays import Array
 from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem
+from tailstack.optimisation.placement import PlacementSolution, settle
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import Choice, FreeSpacing, PivotVariable, apply_choice
 from tailstack.optimisation.regions import BoxRegion
+from tailstack.optimisation.search import search
 from tailstack.propagation.linear import linearise
 from tailstack.scoring import score
 from tailstack.system import DirectEffect, Law, Requirement, Sources
@@ -31,6 +33,12 @@ LOCATORS_MM = np.array(
     [[-40, -40, -95], [40, -40, -95], [0, 45, -95], [-40, -50, -80], [40, -50, -80], [-50, 0, -80]], dtype=float
 )
 NORMALS = np.array([[0, 0, 1]] * 3 + [[0, 1, 0]] * 2 + [[1, 0, 0]], dtype=float)
+
+
+def solve_placement(problem: PlacementProblem, **options: Any) -> PlacementSolution:
+    """Best of 8 local optima, its exact quantiles just below the limits; options: of ``search``."""
+    found = search(problem, **options)
+    return settle(found, np.ones(len(found.terms)))
 
 
 def requirement(limit_mm: float, **changes: Any) -> Requirement:

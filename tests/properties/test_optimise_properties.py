@@ -18,11 +18,12 @@ from optimise_scenes import (
     places_in_box,
     requirement,
     score_mm,
+    solve_placement,
 )
 from scenes import TORSOR, cube_fiducials, mount, random_rigid, read_only, target
 from tailstack.geometry.arrays import Array
-from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
-from tailstack.optimisation.placement import settle
+from tailstack.optimisation import PlacementProblem
+from tailstack.optimisation.placement import PlacementSolution, settle
 from tailstack.optimisation.prices import reciprocal
 from tailstack.optimisation.problem import FreeFiducial, FreeHalfWidth
 from tailstack.optimisation.program import build_program

@@ -12,9 +12,9 @@ import pytest
 from door_pages import run_page
 from service_scenes import EXAMPLES, ROOT
 
+from optimise_scenes import solve_placement
 from tailstack import load_design, score
 from tailstack.design import Design
-from tailstack.optimisation import solve_placement
 from tailstack.optimisation.task import read_task
 
 FOLDER = ROOT / "examples" / "integrations" / "openmdao"

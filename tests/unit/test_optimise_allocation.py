@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from optimise_scenes import at_prices, fixed_layout, image_covariance_by_score, oracle_problem
+from optimise_scenes import at_prices, fixed_layout, image_covariance_by_score, oracle_problem, solve_placement
 from scenes import cube_fiducials
 from tailstack import InfeasibleError
 from tailstack.geometry.arrays import Array
-from tailstack.optimisation import PlacementProblem, allocation, solve_placement
+from tailstack.optimisation import PlacementProblem, allocation
 from tailstack.optimisation.allocation import (
     allocate,
     frobenius_constant,

@@ -12,13 +12,14 @@ import pytest
 from scipy.spatial.distance import pdist
 
 from optimise_documents import document, moving, normal, optimised
+from optimise_scenes import solve_placement
 from plain_data import problems_of
 from tailstack import load_design, score
 from tailstack.contributors import error_law
 from tailstack.design import compile_design
 from tailstack.errors import DesignError, IllPosedError
 from tailstack.geometry.arrays import Array
-from tailstack.optimisation import PlacementProblem, solve_placement
+from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.exact_law import correction_at, evaluate_demand, image_parts
 from tailstack.optimisation.problem import apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, build_program

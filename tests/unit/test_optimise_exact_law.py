@@ -18,13 +18,14 @@ from optimise_scenes import (
     places_in_box,
     requirement,
     score_mm,
+    solve_placement,
 )
 from scenes import cube_fiducials, mount, with_noise
 from tailstack.contributors import declared_law
 from tailstack.geometry.arrays import Array
-from tailstack.optimisation import PlacementProblem, PlacementSolution, solve_placement
+from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.exact_law import Evaluation, closed_form_at, correction_at, evaluate_demand
-from tailstack.optimisation.placement import settle
+from tailstack.optimisation.placement import PlacementSolution, settle
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, build_program, kkt_residual
 from tailstack.optimisation.search import search

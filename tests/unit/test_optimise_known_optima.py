@@ -29,14 +29,16 @@ from optimise_scenes import (
     score_mm,
     seat,
     silent_problem,
+    solve_placement,
 )
 from scenes import cube_fiducials, mount, target, with_noise
 from tailstack.contributors import declared_law
 from tailstack.design.compile import torsor_from_locators
 from tailstack.geometry.arrays import Array
-from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem, PlacementSolution, solve_placement
+from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem
 from tailstack.optimisation.certificate import name_binding, price_bounds
 from tailstack.optimisation.exact_law import closed_form_mm
+from tailstack.optimisation.placement import PlacementSolution
 from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut

@@ -10,12 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimise_scenes import BOX_MM, fixed_layout, free_rotations, oracle_problem, places_in_box, requirement, score_mm
+from optimise_scenes import (
+    BOX_MM,
+    fixed_layout,
+    free_rotations,
+    oracle_problem,
+    places_in_box,
+    requirement,
+    score_mm,
+    solve_placement,
+)
 from plain_data import DEMO, REMOVED, problems_of, replaced
 from scenes import cube_fiducials, mount, read_only, target, with_noise
 from tailstack import load_design, optimise
 from tailstack.errors import DesignError, InfeasibleError, NotConvergedError, Problem, TailstackError
-from tailstack.optimisation import PlacementProblem, solve_placement, tightening
+from tailstack.optimisation import PlacementProblem, tightening
 from tailstack.optimisation.contradictions import refuse_contradictions
 from tailstack.optimisation.prices import PricedGrade, of_grades
 from tailstack.optimisation.problem import Choice, FreeFiducial, FreeSpacing, PivotVariable, present_choice

@@ -22,11 +22,12 @@ from optimise_scenes import (
     places_in_box,
     requirement,
     seat,
+    solve_placement,
 )
 from scenes import cube_fiducials
-from tailstack.optimisation import FreeHalfWidth, PlacementProblem, PlacementSolution, solve_placement
+from tailstack.optimisation import FreeHalfWidth, PlacementProblem
 from tailstack.optimisation.certificate import name_binding, price_bounds
-from tailstack.optimisation.placement import settle
+from tailstack.optimisation.placement import PlacementSolution, settle
 from tailstack.optimisation.prices import reciprocal
 from tailstack.optimisation.program import build_program
 from tailstack.optimisation.search import Search

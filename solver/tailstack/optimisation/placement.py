@@ -14,13 +14,10 @@ from .problem import Choice, PlacementProblem
 from .program import Parameters, Point, Program, kkt_residual, solve
 from .search import (
     Iterate,
-    Progress,
     Search,
-    Stop,
     evaluate_demands,
     largest_within,
     least_quantile,
-    search,
     start_at,
     with_demands,
     worst_ratio,
@@ -54,24 +51,6 @@ class PlacementSolution:
     def worst_ratio(self) -> float:
         """Largest exact quantile over its limit."""
         return max(self.ratios)
-
-
-def solve_placement(
-    problem: PlacementProblem,
-    *,
-    starts: int = 8,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Progress | None = None,
-    stop: Stop | None = None,
-) -> PlacementSolution:
-    """Best of ``starts`` local optima, its exact quantiles just below the limits of the requirements.
-
-    Raises InfeasibleError (with the smallest quantile attainable), NotConvergedError, IllPosedError.  The
-    same seed gives the same answer; start k depends on (seed, k) alone.
-    """
-    result = search(problem, starts=starts, seed=seed, threads=threads, progress=progress, stop=stop)
-    return settle(result, np.ones(len(result.terms)))
 
 
 def settle(search: Search, aims: Array, start: PlacementSolution | None = None) -> PlacementSolution:
