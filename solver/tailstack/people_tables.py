@@ -234,6 +234,11 @@ def describe_marked_row(text: str) -> tuple[str, str]:
 # --- bytes to lines ---------------------------------------------------------------------------------------
 
 
+def encoding_of(content: bytes) -> str:
+    """By its mark UTF-8, UTF-16 or UTF-32; UTF-8 without one."""
+    return next((codec for mark, codec in _MARKS if content.startswith(mark)), "utf-8")
+
+
 def find_encoding(stream: IO[bytes], name: str | None, error: type[TailstackError]) -> tuple[str, str, int]:
     """The encoding of a text, what to call it if it had to be guessed, and how many lines there are.
 
@@ -246,7 +251,7 @@ def find_encoding(stream: IO[bytes], name: str | None, error: type[TailstackErro
     begin = stream.tell()
     first = stream.read(4)
     stream.seek(begin)
-    encoding = next((codec for mark, codec in _MARKS if first.startswith(mark)), "utf-8")
+    encoding = encoding_of(first)
     if first.startswith(b"PK\x03\x04"):
         hint = "save the sheet with the table as CSV UTF-8"
         raise error(Problem("", "not-text", "this is a workbook or another archive, not a text", hint, name))

@@ -21,7 +21,6 @@ design has one hash.  Adding 0.0 takes it away.
 
 from __future__ import annotations
 
-import codecs
 import json
 import os
 import re
@@ -37,6 +36,7 @@ import yaml
 
 from ..cures import find_nearest
 from ..errors import DesignError, LimitError, Problem
+from ..people_tables import encoding_of
 from ..results.json_text import find_repeated, write_json
 from .frozen_data import FrozenList, FrozenMapping
 from .numbers import plain_array
@@ -60,15 +60,6 @@ __all__ = [
 Format = Literal["auto", "yaml", "json"]
 DOCUMENTS = (".yaml", ".yml", ".json")  # how files of documents end
 
-
-_BOMS = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF32_LE, "utf-32"),  # before UTF-16 LE, whose mark it begins with
-    (codecs.BOM_UTF32_BE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
-_MARKS = tuple(mark for mark, _ in _BOMS)
 _NESTING = frozenset({dict, list})
 
 
@@ -185,8 +176,7 @@ def refuse_foreign(content: bytes, name: str | None) -> None:
 
 def decode(content: bytes, name: str | None) -> str:
     """Strict UTF-8, or UTF-16/32 with a byte order mark.  Raises DesignError."""
-    marked = content.startswith(_MARKS)
-    encoding = next(codec for mark, codec in _BOMS if content.startswith(mark)) if marked else "utf-8"
+    encoding = encoding_of(content)
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:
