@@ -25,7 +25,6 @@ from .problem import (
     count_ends,
     for_people,
     in_words,
-    label_of,
     present_choice,
 )
 from .regions import (
@@ -53,9 +52,7 @@ DENSEST_DISCS = pi / sqrt(12)  # Thue (Fejes Toth 1940)
 
 def refuse_contradictions(problem: PlacementProblem) -> None:
     """Raise DesignError with every contradiction that can be shown without solving."""
-    problems = (_bounds(problem) or _curves(problem)) + _mechanics(problem)
-    if not problems:
-        problems = _objective(problem)
+    problems = _curves(problem) or _objective(problem)
     count = len(problem.system.fiducial_labels)
     if problem.places and count > MOST_FIDUCIALS:
         detail = (
@@ -136,23 +133,6 @@ def _ends(problem: PlacementProblem) -> list[Problem]:
     ]
 
 
-def _bounds(problem: PlacementProblem) -> list[Problem]:
-    problems = []
-    for k, free in enumerate(problem.half_widths):
-        if not 0 < free.minimum <= free.maximum:
-            (low, unit), (high, _) = for_people(problem, k, free.minimum), for_people(problem, k, free.maximum)
-            problems.append(
-                Problem(
-                    free.pointer,
-                    "bounds-crossed",
-                    f"the smallest half-width of {in_words(problem, k)} must be above zero and not above the largest; "
-                    f"got {low:.6g} and {high:.6g} {unit}",
-                    "give a smallest half-width above zero and below the largest",
-                )
-            )
-    return problems
-
-
 def _curves(problem: PlacementProblem) -> list[Problem]:
     """Exponential costs that are too small for a number before their half-width is at its largest."""
     problems: dict[str, Problem] = {}
@@ -176,32 +156,8 @@ def _curves(problem: PlacementProblem) -> list[Problem]:
     return list(problems.values())
 
 
-def _mechanics(problem: PlacementProblem) -> list[Problem]:
-    """Bounds of pivots and locator spacings."""
-    problems = []
-    for pivot in problem.pivots:
-        name = label_of(problem, pivot.contributor)
-        for k, axis in enumerate("xyz"):
-            low, high = float(pivot.low_mm[k]), float(pivot.high_mm[k])
-            if low > high:
-                detail = f"the box of the pivot of {name} is empty along {axis}: {low:g} > {high:g} mm"
-                problems.append(Problem(pivot.pointer, "empty-box", detail, "swap the two numbers"))
-    for spacing in problem.spacings:
-        if not 0 < spacing.minimum <= spacing.maximum:
-            problems.append(
-                Problem(
-                    spacing.pointer,
-                    "bounds-crossed",
-                    f"the smallest factor on the locator spacing of {label_of(problem, spacing.contributor)} must be "
-                    f"above zero and not above the largest; got {spacing.minimum:g} and {spacing.maximum:g}",
-                    "give a smallest factor above zero and below the largest",
-                )
-            )
-    return problems
-
-
 def _objective(problem: PlacementProblem) -> list[Problem]:
-    """Whether the bounds of the half-widths, which are in order, leave the objective anything to do."""
+    """Whether the bounds of the half-widths leave the objective anything to do."""
     if problem.objective == "scaling":
         return _scaling(problem)
     if problem.objective != "quantile" or not problem.half_widths:
@@ -288,8 +244,7 @@ def refuse_regions(problem: PlacementProblem, estimator: EstimationTerms) -> lis
     for k in range(len(regions)):
         place = problem.places[which.index(k)]
         problems += (
-            _empty(place)
-            or _behind(problem, estimator, place)
+            _behind(problem, estimator, place)
             or _field(problem, estimator, place)
             or _refuse_kept_out(problem, place)
             or _asymmetric(problem, place)
@@ -300,26 +255,6 @@ def refuse_regions(problem: PlacementProblem, estimator: EstimationTerms) -> lis
 
 def _word(region: Shape) -> str:
     return {BoxRegion: "box", Cylinder: "cylinder", Ball: "ball"}[type(region)]
-
-
-def _empty(place: FreeFiducial) -> list[Problem]:
-    region = place.region
-    if isinstance(region, BoxRegion):
-        if (region.low_mm <= region.high_mm).all():
-            return []
-        axis = int(np.argmax(region.low_mm > region.high_mm))
-        detail = (
-            f"the lowest corner is above the highest along {'xyz'[axis]}: {region.low_mm[axis]:g} > "
-            f"{region.high_mm[axis]:g} mm"
-        )
-        return [Problem(place.pointer, "empty-box", detail, "swap the two numbers")]
-    if isinstance(region, Cylinder) and region.height_mm < 0:
-        detail = f"the height of the cylinder is negative: {region.height_mm:g} mm"
-        return [Problem(place.pointer, "empty-region", detail, "turn the axis round and give a positive height")]
-    if region.inner_radius_mm <= region.radius_mm:
-        return []
-    detail = f"the inner radius is above the outer: {region.inner_radius_mm:g} > {region.radius_mm:g} mm"
-    return [Problem(place.pointer, "empty-region", detail, "make inner_radius_mm the smaller one")]
 
 
 def _behind(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFiducial) -> list[Problem]:
