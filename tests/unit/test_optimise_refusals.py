@@ -108,7 +108,6 @@ HALF_TUBE = Cylinder(BASE_MM, UP, 100.0, 50.0, 45.0)
         (_in(TOO_SMALL), "/optimise/min_spacing_mm", "does-not-fit"),
         ({"min_projected_spacing_px": 600.0}, "/optimise/min_projected_spacing_px", "does-not-fit"),
         ({"places": (), "half_widths": ()}, "/optimise", "nothing-free"),
-        ({"objective": "quantile"}, "/optimise/cost_limit", "missing-field"),
         ({"objective": "quantile", "cost_limit": 114.0}, "/optimise/cost_limit", "cost-out-of-reach"),
     ],
 )  # fmt: skip
