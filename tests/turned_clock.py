@@ -47,10 +47,6 @@ class TurnedClock(Clock):
         """The same, to so many seconds after the clock was made."""
         self.turn(seconds - self.passed)
 
-    def set_back(self, seconds: float) -> None:
-        """Let it be earlier in the day, as an operator does; nobody who waits notices."""
-        self.now -= seconds
-
     def until_waits(self, seconds: float) -> None:
         """Until somebody waits for just so many seconds."""
         until(self._waits_for(seconds), self._say)

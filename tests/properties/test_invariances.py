@@ -152,20 +152,6 @@ def test_order_of_fiducials_and_of_views_does_not_matter(seed):
     assert score(other).targets[0].p95_mm == pytest.approx(score(system).targets[0].p95_mm, rel=1e-7)
 
 
-@few
-@given(seeds, st.integers(1, 3))
-def test_one_seed_is_one_answer_for_any_threads(seed, threads):
-    from tailstack.montecarlo.simulate import simulate
-
-    system = well_posed(seed)
-    one = simulate(system, trials=20_000, seed=seed, threads=1)
-    two = simulate(system, trials=20_000, seed=seed, threads=threads)
-    for a, b in zip(one.errors, two.errors, strict=True):
-        assert np.array_equal(a.tail, b.tail)
-        assert np.array_equal(a.mean, b.mean)
-        assert np.array_equal(a.scatter, b.scatter)
-
-
 @pytest.mark.long
 @few
 @given(seeds, st.floats(1.01, 3.0))

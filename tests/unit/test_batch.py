@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from plain_data import EXAMPLES, problems_of, replaced
 from random_designs import random_design
 from tailstack import load_design, score, score_batch
 from tailstack.batch import COLUMNS, COMPILED, IN_FULL, Batch
@@ -20,7 +21,6 @@ from tailstack.errors import TailstackError
 from tailstack.sweeping import SweepError
 from typical import declare_all
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMO = load_design(EXAMPLES / "demo.yaml")
 NOISE, BEAD = "/views/0/fiducial_noise_px", "/fiducials/points/2/position_mm/1"
 CLOSE = 1e-12
@@ -38,16 +38,9 @@ def of_normal_laws(document: dict[str, Any]) -> dict[str, Any]:
     return changed
 
 
-def of_bounded_seat(document: dict[str, Any]) -> dict[str, Any]:
-    """The document with one tolerance of the second seat bounded."""
-    changed = copy.deepcopy(document)
-    changed["interfaces"]["connector_flange"]["tolerances"]["tz"]["distribution"] = "bounded"
-    return changed
-
-
 NORMAL = load_design(of_normal_laws(DEMO.source.data))
 POSE = load_design({**NORMAL.source.data, "model": {"estimator": "pose"}})
-BOUNDED = load_design(of_bounded_seat(DEMO.source.data))
+BOUNDED = DEMO.with_value("interfaces.connector_flange.tolerances.tz.distribution", "bounded")
 PIVOT = "/interfaces/connector_flange/pivot_mm/2"
 
 
@@ -62,12 +55,8 @@ def places_of(node: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...
 
 def written(document: dict[str, Any], places: list[tuple[Any, ...]], values: list[float]) -> dict[str, Any]:
     """The document with these numbers, by plain assignment."""
-    document = copy.deepcopy(document)
     for place, value in zip(places, values, strict=True):
-        node = document
-        for step in place[:-1]:
-            node = node[step]
-        node[place[-1]] = value
+        document = replaced(document, place, value)
     return document
 
 
@@ -333,8 +322,6 @@ def test_beads_that_stand_in_a_file_have_places(tmp_path: Path) -> None:
     ],
 )
 def test_refusals_of_a_table_name_what_is_wrong(table: Any, columns: list[str], pointer: str, said: str) -> None:
-    with pytest.raises(SweepError) as refused:
-        score_batch(DEMO, table, columns=columns)
-    [problem] = refused.value.problems
+    [problem] = problems_of(score_batch, DEMO, table, columns=columns, error=SweepError)
     assert problem.pointer.startswith(pointer)
     assert said in problem.detail + problem.hint

@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from family import die_with_parent, ended
+from family import die_with_parent, ended, run_process
 from scenes import system_of
 from tailstack import __version__
 from tailstack.montecarlo.chain import run_indices
@@ -149,7 +149,4 @@ def test_the_operations_of_a_trial_are_counted_in_the_kernel_itself(bench: Modul
 
 def call(*arguments: str) -> subprocess.CompletedProcess[str]:
     """The command without its environment of its own."""
-    return subprocess.run(
-        [sys.executable, str(BENCHMARKS / "measurements.py"), *arguments], capture_output=True, text=True, check=False,
-        timeout=LIMIT_SECONDS,
-    )  # fmt: skip
+    return run_process(sys.executable, BENCHMARKS / "measurements.py", *arguments, env=None)

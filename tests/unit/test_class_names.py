@@ -1,12 +1,20 @@
-"""One class name, one class: whoever reads ``Table`` need not look which of five is meant."""
+"""What the sources are held to as text: one class name, one class; and a place more in the chain is named by the type
+checker to all who treat places differently."""
 
 from __future__ import annotations
 
+import ast
 import re
+import shutil
+import sys
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
+
+from family import run_process
+from waiting import LIMIT_SECONDS
 
 ROOT = Path(__file__).parents[2]
 CLASS = re.compile(r" *class (\w+)[(:\[]")  # by lines: to parse all sources takes seconds
@@ -40,3 +48,59 @@ def test_no_class_name_is_defined_twice():
 def test_exceptions_are_still_needed():
     places = classes_by_name()
     assert [name for name in BOTH_PUBLISHED if len(places[name]) < 2] == []
+
+
+SOLVER = ROOT / "solver" / "tailstack"
+LAST = "    TOOL = 8 "
+
+
+@cache
+def trees() -> dict[str, ast.Module]:
+    """The files that name a place."""
+    texts = {path.relative_to(SOLVER).as_posix(): path.read_text(encoding="utf-8") for path in SOLVER.rglob("*.py")}
+    return {name: ast.parse(text) for name, text in texts.items() if "Place." in text}
+
+
+@cache
+def consumers() -> dict[str, list[ast.Match]]:
+    """The matches on a place, by file."""
+    found = {
+        name: [
+            node
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Match) and any("Place." in ast.unparse(case.pattern) for case in node.cases)
+        ]
+        for name, tree in trees().items()
+    }
+    return {name: matches for name, matches in found.items() if matches}
+
+
+def test_every_match_on_a_place_ends_in_assert_never() -> None:
+    assert {"system.py", "propagation/linear.py", "propagation/systematic.py", "montecarlo/plan.py"} <= set(consumers())
+    for name, matches in consumers().items():
+        for node in matches:
+            last = node.cases[-1]
+            assert "assert_never(" in ast.unparse(last), (name, node.lineno)
+
+
+def test_no_place_is_compared_by_its_number() -> None:
+    for name, tree in trees().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Compare) and "Place." in ast.unparse(node):
+                assert all(isinstance(each, ast.Is | ast.IsNot) for each in node.ops), (name, node.lineno)
+
+
+@pytest.mark.long
+def test_the_type_checker_names_whoever_does_not_know_a_tenth_place(tmp_path: Path) -> None:
+    shutil.copytree(SOLVER, tmp_path / "solver" / "tailstack", ignore=shutil.ignore_patterns("__pycache__"))
+    system = tmp_path / "solver" / "tailstack" / "system.py"
+    text = system.read_text(encoding="utf-8")
+    assert text.count(LAST) == 1
+    system.write_text(text.replace(LAST, f"    DETECTOR = 9  # of the detector itself\n{LAST}"), encoding="utf-8")
+    files = [f"solver/tailstack/{name}" for name in consumers()]
+    config = ("--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(tmp_path / "cache"))
+    command = (sys.executable, "-m", "mypy", *config, "--follow-imports", "silent", *files)
+    done = run_process(*command, cwd=tmp_path, env=None, timeout=5 * LIMIT_SECONDS)
+    assert done.returncode == 1, done.stderr
+    named = re.findall(r"^solver/tailstack/(\S+?):\d+: error: .*assert_never", done.stdout, re.MULTILINE)
+    assert sorted(named) == sorted(name for name, matches in consumers().items() for _ in matches), done.stdout

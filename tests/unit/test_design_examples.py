@@ -1,4 +1,5 @@
-"""Every example loads, compiles and follows the schema; the hash is of all that a design says, and of no other."""
+"""Every example loads, compiles and follows the schema; the hash is of all that a design says, and of no other; and the
+schema alone is enough to write a design, and refuses what the reader refuses."""
 
 from __future__ import annotations
 
@@ -11,8 +12,9 @@ import jsonschema
 import numpy as np
 import pytest
 import yaml
+from test_design_refusals import CASES
 
-from plain_data import DEMO, EXAMPLES, problems_of, replaced
+from plain_data import DEMO, EXAMPLES, REMOVED, problems_of, replaced
 from scenes import effect_named
 from tailstack import score, verify
 from tailstack.design import (
@@ -41,7 +43,7 @@ def test_example_compiles_and_its_geometry_holds(path):
 
 @pytest.mark.parametrize("path", DESIGNS, ids=lambda path: path.stem)
 def test_example_follows_the_published_schema(path):
-    jsonschema.Draft202012Validator(design_json_schema()).validate(yaml.safe_load(path.read_text()))
+    VALIDATOR.validate(yaml.safe_load(path.read_text()))
 
 
 def test_demo_is_what_its_comments_say():
@@ -182,3 +184,85 @@ def test_sections_that_are_left_out_are_those_that_hold_nothing():
     left_out = load_design(bare)
     assert left_out.document == written.document
     assert left_out.sha256 == written.sha256 == hash_of_all(left_out)
+
+
+SCHEMA = design_json_schema()
+VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
+
+
+def records():
+    yield "design", SCHEMA
+    yield from SCHEMA["$defs"].items()
+
+
+def test_schema_is_a_schema_without_null():
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    assert "null" not in str(SCHEMA)
+
+
+@pytest.mark.parametrize(("name", "record"), [pair for pair in records() if "properties" in pair[1]])
+def test_every_field_is_described_and_every_plain_one_has_an_example(name, record):
+    assert record["additionalProperties"] is False
+    assert record.get("description")
+    for field, spec in record["properties"].items():
+        assert spec.get("description"), f"{name}.{field} has no description"
+        plain = spec.get("type") in ("number", "integer", "string") or "prefixItems" in spec
+        assert not plain or spec.get("examples"), f"{name}.{field} has no example"
+
+
+@pytest.mark.parametrize(("name", "record"), [pair for pair in records() if "properties" in pair[1]])
+def test_examples_in_the_schema_are_valid(name, record):
+    for field, spec in record["properties"].items():
+        for example in spec.get("examples", ()):
+            validator = VALIDATOR.evolve(schema={**spec, "$defs": SCHEMA["$defs"]})
+            assert validator.is_valid(example), f"{name}.{field}: {example!r}"
+
+
+# A design written from the schema alone: each required field with its own first example.
+def minimal(record):
+    made = {}
+    for field in record.get("required", ()):
+        spec = record["properties"][field]
+        made[field] = spec["examples"][0] if "examples" in spec else None
+    return made
+
+
+def test_a_design_made_from_the_schema_alone():
+    definitions = SCHEMA["$defs"]
+    preset = {**minimal(definitions["PresetView"]), "source_isocentre_mm": 700.0}
+    points = [[x, y, z] for x in (-40, 40) for y in (-38, 42) for z in (-80, 0)]
+    design = {
+        **minimal(SCHEMA),
+        "views": [
+            {**preset, "orientation": "AP"},
+            {**preset, "name": "LAT", "orientation": "LAT"},
+        ],
+        "fiducials": {"points": [{"position_mm": point} for point in points]},
+        "targets": [{**minimal(definitions["TargetDocument"]), "position_mm": [0.0, 0.0, 70.0]}],
+        "requirements": [minimal(definitions["RequirementDocument"])],
+    }
+    VALIDATOR.validate(design)
+    system, _, _ = check_design(load_design(design))
+    assert system.requirements[0].limit_mm == 2.0
+
+
+# What the reader refuses by structure alone is refused by the schema; what it refuses by its meaning may be valid there
+STRUCTURE = {
+    "unknown-field", "wrong-type", "unknown-value", "one-of", "view-geometry", "too-short", "too-long",
+    "unsupported-schema",
+}  # fmt: skip
+BOTH_REFUSE = [(path, value) for path, value, _, code, *_ in CASES if code in STRUCTURE] + [
+    (("views", 0, "fiducial_noise_px"), -0.3),
+    (("views", 0, "preset"), "none"),
+    (("views", 0, "projection"), [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]),
+    (("targets",), []),
+    (("interfaces", "structure_connector", "tolerances", "rx", "distribution"), REMOVED),
+]
+
+
+@pytest.mark.parametrize(("path", "value"), BOTH_REFUSE)
+def test_schema_and_reader_refuse_the_same(path, value):
+    data = replaced(DEMO, path, value)
+    assert VALIDATOR.is_valid(DEMO)
+    assert not VALIDATOR.is_valid(data)
+    problems_of(load_design, data, error=DesignError)

@@ -64,19 +64,17 @@ def test_variants_are_read_and_what_labels_hold_separates_no_cells(name, text, l
     assert (found.labels[0], found.positions_mm[0]) == (label, first_mm)
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0), ("um", 0.001)])
-def test_csv_units_are_in_the_header(unit, factor):
-    found = read(f"label,x_{unit},y_{unit},z_{unit}\nA,1,2,-3\n", "b.csv")
-    assert found.positions_mm == ((factor, 2 * factor, -3 * factor),)
-    assert bool(found.notes) == (factor != 1.0)
-
-
 @pytest.mark.parametrize(
     ("text", "code", "line"),
     [
         ("1,2,3\n4,5,6\n", "csv-header", 1),
         ("label,x,y,z\nA,1,2,3\n", "csv-header", 1),
         ("label,x_mm,y_mm,z_inch\nA,1,2,3\n", "csv-header", 1),
+        ("label,x [inch],y [inch],z [inch]\nA,1,2,3\n", "csv-header", 1),
+        ("label,x [mm,y [mm,z [mm\nA,1,2,3\n", "csv-header", 1),
+        ("label,x,y,z\n,mm,cm,mm\nA,1,2,3\n", "csv-header", 2),
+        ("label,x_mm,y,z\n,cm,mm,mm\nA,1,2,3\n", "csv-header", 2),  # header and row contradict each other
+        ("label,x,x [mm],y_mm,z_mm\nA,1,1,2,3\n", "csv-header", 1),
         ("label,x_mm,y_cm,z_mm\nA,1,2,3\n", "csv-header", 1),
         ("label,colour,x_mm,y_mm,z_mm\nA,1,2,3,4\n", "csv-header", 1),
         ("label,x_mm,y_mm,z_mm\nA,1,2\n", "csv-row", 2),
@@ -92,6 +90,26 @@ def test_csv_units_are_in_the_header(unit, factor):
 def test_csv_refusals(text, code, line):
     problem = refused(text, "b.csv")
     assert (problem.code, problem.line) == (code, line)
+
+
+HEADERS = [
+    "label,X [mm],Y [mm],Z [mm]\nA,1,2,3\n",
+    "Label,X(mm),Y(mm),Z(mm)\nA,1,2,3\n",
+    "label,x,y,z\n,mm,mm,mm\nA,1,2,3\n",
+    "label;x;y;z\n-;[mm];[mm];[mm]\nA;1;2;3\n",
+    "name\tx/mm\ty/mm\tz/mm\nA\t1\t2\t3\n",
+    "label,x mm,y mm,z mm\nA,1,2,3\n",
+    "label,x_mm,y_mm,z_mm\nA,1,2,3\n",
+    "label,z [cm],y [cm],x [cm]\nA,.3,.2,.1\n",
+    "label,x [\N{GREEK SMALL LETTER MU}m],y [\N{MICRO SIGN}m],z [um]\nA,1000,2000,3000\n".replace("[um]", "[µm]"),
+]
+
+
+@pytest.mark.parametrize("text", HEADERS)
+def test_headers_of_csv_as_people_write_them(text):
+    found = read(text, "b.csv")
+    assert found.labels == ("A",)
+    assert found.positions_mm[0] == pytest.approx((1, 2, 3))
 
 
 ROWS = "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\nn1,1,2,3,0,0,0,1,1,1,0,A,,\n"

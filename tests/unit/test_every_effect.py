@@ -6,6 +6,7 @@ no list of names in them.
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from dataclasses import fields, replace
@@ -14,23 +15,28 @@ from typing import Annotated
 
 import numpy as np
 import pytest
+import yaml
 from pydantic import Field
 
+from plain_data import DEMO, EXAMPLES, replaced
 from random_designs import random_document, under
 from random_designs import with_effects as with_typical
 from scenes import every_effect, with_effects
+from tailstack import load_design, score, verify
 from tailstack.effects import EFFECTS
 from tailstack.fields import INTERFACES, Typical
 from tailstack.montecarlo.chain import draw, evaluate
 from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import linearise
 from tailstack.results import Score
-from tailstack.scoring import score
 from tailstack.studies.bench.levels import draw_time, share_draws
 from tailstack.studies.coupling import name_sources, remove_biases, study_coupling
 from tailstack.studies.linearity import Grid, study_linearity
 from tailstack.system import Drawn, Law, Sources, System, View, no_sources
+from tailstack_service.documents import from_json, to_json
+from tailstack_service.gate.design_rules import name_largest_share
 from tailstack_service.rendering.sentences import shares_of
+from tailstack_service.report.headline import headline_of
 from typical import draw_value
 
 # What is no source of error, known or random: what is seen, from where, where to, and how it is computed.
@@ -202,3 +208,46 @@ def test_shares_of_localisation_are_of_the_error_that_each_source_makes(scene: S
         alone[:, block.start : block.stop] = z[:, block.start : block.stop]
         variance = float(np.trace(np.cov(evaluate(plan, alone)[:, 0, 1].T)))
         assert by_source.get(block.name, 0.0) == pytest.approx(variance / total, rel=0.12, abs=1e-4), block.name
+
+
+@pytest.fixture(scope="module")
+def scored() -> Score:
+    return score(load_design(DEMO))
+
+
+def test_a_missed_limit_on_localisation_is_not_blamed_on_the_flange(scored: Score) -> None:
+    """The flange has the largest share of the error at the tool, and none of the error of localisation."""
+    assert name_largest_share(scored, "tip", "tcp").startswith("connector on flange, spigot and four bolts, 59 %")
+    assert name_largest_share(scored, "tip", "localisation").startswith("carrier on connector, two dowel pins, ")
+    navigation = {"name": "navigation", "error": "localisation", "quantile": 0.99, "limit_mm": 0.3, "targets": "all"}
+    asked = [DEMO["requirements"][0] | {"limit_mm": 3.0}, navigation]
+    design = load_design(replaced(DEMO, ("requirements",), asked))
+    said = " ".join(headline_of(score(design), verify(design, trials=8192)).matters)
+    assert "The largest source of error of the located target tip is carrier on connector, two dowel pins: " in said
+    assert "spigot" not in said
+
+
+def test_a_connector_that_grows_has_the_share_of_localisation_of_its_structure() -> None:
+    """independent: with nothing behind the structure, where no connector grows either, the error at the tool is that of
+    localisation.  The connector's own growth moves the tool, and took its share of localisation along."""
+    document = yaml.safe_load((EXAMPLES / "gallery/operating_theatre.yaml").read_text())
+    whole = score(load_design(document), losses=False)
+    document["interfaces"]["connector_flange"].pop("tolerances")
+    document.pop("execution")
+    document["temperature"]["connector_expansion_um_per_m_k"] = 0
+    bare = score(load_design(document), losses=False).targets[0]
+    expected = {(line.name, line.component): line.variance_share for line in bare.contributors}
+    shares = {(line.name, line.component): share for line, share in shares_of(whole.targets[0], "localisation")}
+    assert sum(shares.values()) == pytest.approx(1, abs=1e-9)
+    assert shares == pytest.approx({key: expected[key] for key in shares}, abs=1e-9)
+    assert shares["temperature", "difference"] > 1e-6
+
+
+def test_a_result_without_shares_of_localisation_is_read_by_the_rigid_rule(scored: Score) -> None:
+    old = json.loads(to_json(scored))
+    for target in old["targets"]:
+        for line in target["contributors"]:
+            del line["localisation_share"]
+    read = from_json(Score, json.dumps(old).encode())
+    for one, other in zip(read.targets[0].contributors, scored.targets[0].contributors, strict=True):
+        assert one.localisation_share == pytest.approx(other.localisation_share, abs=1e-9)

@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from pydantic import BaseModel, ValidationError
 from scipy import constants
 from scipy.spatial.transform import Rotation
 
+from cure_walk import refused
+from plain_data import EXAMPLES, problems_of
 from records import examples_with, fields_of, records_below, words_of
 from tailstack.cures import ask_meant
 from tailstack.design import load_design
 from tailstack.design.document import DesignDocument
-from tailstack.design.reading import DEFAULT_LIMITS, DocumentSource
-from tailstack.design.refusals import refuse
 from tailstack.errors import DesignError, Problem
 from tailstack.field_names import NOTHING, cure_name, read_name
 
@@ -49,14 +48,6 @@ COMPOUND = {"n": "per_n", "k": "per_m_k", "mm": "mm_per"}
 
 def scaled(value: Any, factor: float) -> Any:
     return [scaled(each, factor) for each in value] if isinstance(value, list) else factor * value
-
-
-def refused(record: type[BaseModel], data: dict[str, Any]) -> tuple[Problem, ...]:
-    try:
-        record.model_validate(data)
-    except ValidationError as error:
-        return refuse(error, DocumentSource(data, None, None), DEFAULT_LIMITS, record).problems
-    return ()
 
 
 def obey(problem: Problem, data: dict[str, Any]) -> dict[str, Any]:
@@ -291,15 +282,11 @@ def test_another_law_is_told_what_comes_nearest() -> None:
     assert ask_meant("Gaussian", laws) == ask_meant("normal distribution", laws) == "did you mean normal?"
 
 
-def test_a_design_with_noise_in_mm_is_cured_by_its_pixels(tmp_path: Any) -> None:
+def test_a_design_with_noise_in_mm_is_cured_by_its_pixels() -> None:
     """The view's own pitch, of its preset; the required field is not told an example of another size beside it."""
-    from pathlib import Path
-
-    text = (Path(__file__).parents[2] / "examples" / "demo.yaml").read_text()
+    text = (EXAMPLES / "demo.yaml").read_text()
     slipped = text.replace("fiducial_noise_px: 0.3 ", "fiducial_noise_mm: 0.0582 ", 1)
-    with pytest.raises(DesignError) as caught:
-        load_design(slipped)
-    (problem,) = caught.value.problems
+    (problem,) = problems_of(load_design, slipped, error=DesignError)
     assert problem.hint.endswith("divide by pixel_mm, 0.194: fiducial_noise_px: 0.3")
     cure = problem.hint.rpartition(": fiducial")[2]
     mended = slipped.replace("fiducial_noise_mm: 0.0582", f"fiducial{cure}")

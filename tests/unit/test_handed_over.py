@@ -21,11 +21,12 @@ import pandas as pd  # type: ignore[import-untyped]
 import pyarrow as pa
 import pytest
 
+from plain_data import EXAMPLES, problems_of
 from tailstack import DesignFunction, load_design, score, score_batch, sweep
 from tailstack.errors import DesignError, Problem, TailstackError
 
 ROOT = Path(__file__).parents[2]
-DEMO = load_design(ROOT / "examples" / "demo.yaml")
+DEMO = load_design(EXAMPLES / "demo.yaml")
 NOISE = "views.*.fiducial_noise_px"
 
 
@@ -101,18 +102,14 @@ def test_what_is_no_number_is_refused_at_every_door(kind: str, door: str) -> Non
         values = [object(), object()]
     else:
         values = NO_NUMBERS[kind]()
-    with pytest.raises(TailstackError) as refused:
-        DOORS[door](values)
-    problem = refused.value.problems[0]
+    problem = problems_of(DOORS[door], values)[0]
     assert problem.code in ("wrong-type", "unsupported-value", "out-of-range", "bad-key"), problem
     assert "got " in problem.detail or "too large" in problem.detail
 
 
 @pytest.mark.parametrize("door", ["score_batch", "sweep", "design_at"])
 def test_a_refusal_names_the_element_and_what_to_do(door: str) -> None:
-    with pytest.raises(TailstackError) as refused:
-        DOORS[door](np.ma.array([0.1, 5.0], mask=[False, True]))
-    problem = refused.value.problems[0]
+    problem = problems_of(DOORS[door], np.ma.array([0.1, 5.0], mask=[False, True]))[0]
     assert problem.pointer.endswith("/1")
     assert "missing value" in problem.detail
     assert "leave out" in problem.hint
@@ -211,9 +208,7 @@ def refuse() -> None:
 def test_a_refusal_crosses_a_process_pool() -> None:
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool, pytest.raises(DesignError) as refused:
         pool.submit(refuse).result()
-    with pytest.raises(DesignError) as here:
-        refuse()
-    assert refused.value.problems == here.value.problems
+    assert refused.value.problems == problems_of(refuse)
 
 
 # --- designs -----------------------------------------------------------------------------------------------

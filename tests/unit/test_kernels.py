@@ -1,16 +1,21 @@
 """Compiled kernels are those of the sources, versions and processor at hand: real processes, two checkouts, one store.
 
 A checkout here is a copy of the package with two small modules put in: ``tail/caller.py`` compiles a kernel that calls
-one of ``tail/callee.py`` and multiplies by a constant of ``geometry/factor.py``, which holds no kernel at all.
+one of ``tail/callee.py`` and multiplies by a constant of ``geometry/factor.py``, which holds no kernel at all.  Which
+sources a kernel reaches is held to Python's own parser, the table of kernels compiled ahead to what computations call.
 """
 
 from __future__ import annotations
 
+import ast
+import importlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -19,8 +24,8 @@ from typing import Any
 
 import pytest
 
-from family import die_with_parent, ended
-from tailstack.kernels import processor, sources, store
+from family import die_with_parent, ended, run_process
+from tailstack.kernels import calls, processor, sources, store
 from waiting import LIMIT_SECONDS
 
 PACKAGE = sources.ROOT
@@ -69,10 +74,7 @@ class Checkout:
         given = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CACHE")}
         given |= {"PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self.store), **variables}
         given["PYTHONDONTWRITEBYTECODE"] = "1"  # Python takes a change within a second and of one length for none
-        command = [sys.executable, "-c", program]
-        return subprocess.run(
-            command, cwd=self.root, env=given, capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
-        )
+        return run_process(sys.executable, "-c", program, cwd=self.root, env=given)
 
     def ask(self, before: str = "", **variables: str) -> dict[str, Any]:
         """The number that the kernel comes to, and how many kernels were loaded and compiled for it."""
@@ -317,3 +319,183 @@ def test_processes_that_compile_at_once_leave_whole_files(tmp_path: Path) -> Non
     assert done.stdout.splitlines()[-1] == "30.0 30.0 (10+10j)\n0".splitlines()[-1], done.stderr
     assert not list(made.store.glob(".*"))
     assert len(list(made.store.iterdir())) == 6
+
+
+def module_of(file: str) -> list[str]:
+    parts = ["tailstack", *file.removesuffix(".py").split("/")]
+    return parts[:-1] if parts[-1] == "__init__" else parts
+
+
+def files_imported(file: str) -> set[str]:
+    """independent: every import statement outside of functions, by the syntax tree; a name may be a module."""
+    found: set[str] = set()
+    waiting: list[ast.AST] = [ast.parse((PACKAGE / file).read_text(encoding="utf-8"))]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.ImportFrom):
+            here = module_of(file) if file.endswith("__init__.py") else module_of(file)[:-1]
+            base = here[: len(here) - node.level + 1] if node.level else []
+            module = [*base, *(node.module.split(".") if node.module else [])]
+            found |= {".".join([*module, alias.name]) for alias in node.names} | {".".join(module)}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) and not _for_types_only(node):
+            waiting += ast.iter_child_nodes(node)
+    files = {file for file in sources.SOURCES if ".".join(module_of(file)) in found}
+    return files - {file}
+
+
+def _for_types_only(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+
+
+@pytest.mark.parametrize("file", sorted(sources.SOURCES))
+def test_every_import_is_seen(file: str) -> None:
+    assert files_imported(file) <= sources.imports_of(file)
+
+
+def test_every_source_is_there() -> None:
+    there = {path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py") if "__pycache__" not in path.parts}
+    assert set(sources.SOURCES) == there
+
+
+def test_every_kernel_is_kept_by_its_sources() -> None:
+    """numba's own cache is nowhere in use, and numba still asks ours."""
+    for file, source in sources.SOURCES.items():
+        assert b"cache=True" not in source.content, file
+        assert b"enable_caching" not in source.content, file
+    files = store.files_with_kernels()
+    decorated = re.compile(rb"^@(kernel|lane_jit|lane_entry)\b", re.MULTILINE)
+    assert {file for file, source in sources.SOURCES.items() if decorated.search(source.content)} <= set(files)
+    for file in files:
+        importlib.import_module(".".join(module_of(file)))
+    assert len(store.KERNELS) > 50
+    assert {name.rpartition(".")[0].replace(".", "/") + ".py" for name in store.KERNELS} <= set(files)
+    assert all(isinstance(one._cache, store.KernelStore) for one in store.KERNELS.values())
+
+
+def test_a_kernel_that_was_called_came_from_the_store_or_went_there() -> None:
+    import numpy as np
+
+    from tailstack.geometry.symmetric import eigen_symmetric
+
+    eigen_symmetric(np.eye(3))
+    assert store.TRAFFIC.loaded + store.TRAFFIC.compiled > 0
+    kept = [one for one in store.stored_kernels(store.writable_directory()) if one.current]
+    assert "geometry.symmetric.eigen_symmetric" in {one.name for one in kept}
+    assert all(one.sound for one in kept)
+    assert not any(" at 0x" in one.signature for one in kept)  # an address names nothing in another process
+
+
+ROOT = Path(__file__).parents[2]
+BUILD = ROOT / "solver" / "kernels_wheel" / "build.py"
+PROGRAM = """
+import json, sys
+from contextlib import suppress
+from pathlib import Path
+from numba.core import event
+from numba.core.sigutils import normalize_signature
+from tailstack import load_design, optimise, score, score_batch, verify
+from tailstack.errors import TailstackError
+from tailstack.kernels import store
+from tailstack_service.operations.example import variants
+
+depth, called, load = [0], [], store.KernelStore.load_overload
+
+class Depth(event.Listener):
+    def on_start(self, _):
+        depth[0] += 1
+
+    def on_end(self, _):
+        depth[0] -= 1
+
+def note(store, sig, context):
+    if depth[0] == 0:  # by Python, not by a kernel that is being compiled
+        called.append((store._name, str(normalize_signature(sig)[0])))
+    return load(store, sig, context)
+
+event.register("numba:compile", Depth())
+store.KernelStore.load_overload = note
+examples = sorted(Path(sys.argv[1]).glob("*.yaml"))
+designs = [load_design(source) for source in (*examples, *variants())]
+seen = {}
+for design in designs:
+    score(design)
+seen["score"], called[:] = list(called), []
+for design in designs:
+    score_batch(design, {"/views/0/fiducial_noise_px": [0.2, 0.3], "/fiducials/points/0/position_mm/0": [0.0, 0.1]})
+seen["batch"], called[:] = list(called), []
+for design in designs[: len(examples)]:
+    verify(design, trials=1000, threads=1)
+    with suppress(TailstackError):  # not every design can be drawn by directions
+        verify(design, trials=1000, threads=1, method="radial")
+    with suppress(TailstackError):
+        score(design, second_order=True)
+seen["verify"], called[:] = list(called), []
+for name in ("demo", "tube_carrier"):
+    optimise(load_design(Path(sys.argv[1]) / f"{name}.yaml"), starts=2, threads=1)
+seen["optimise"] = list(called)
+print(json.dumps(seen))
+"""
+
+
+def run(*command: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    given = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path), **variables}
+    return run_process(sys.executable, *command, env=given, timeout=5 * LIMIT_SECONDS)
+
+
+@pytest.mark.long
+def test_the_table_names_what_computations_call() -> None:
+    """independent: numba's own requests to the store, while designs are scored, verified and optimised."""
+    done = run("-c", PROGRAM, str(ROOT / "examples"))
+    assert done.returncode == 0, done.stderr
+    for computation, called in json.loads(done.stdout).items():
+        table = {(call.kernel, str(call.signature)) for call in calls.CALLS[computation]}
+        others = {(call.kernel, str(call.signature)) for call in calls.EVERY} - table
+        assert {tuple(call) for call in called} - others == table, computation
+
+
+def test_every_file_that_a_kernel_reaches_is_in_the_name_of_its_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each source in turn is given a comment, as the other tests of sources do with files on the disk."""
+    caches = (sources.imports_of, sources.reach, sources.digest_of)
+    stores = [(call.dispatcher._cache, call.signature) for call in calls.EVERY]
+
+    def names() -> list[str]:
+        return [kept._file_name(kept._key(signature, store.target())) for kept, signature in stores]
+
+    before, original = names(), dict(sources.SOURCES)
+    reached = [set(sources.reach(store._file)) for store, _ in stores]
+    try:
+        for changed in sorted(set().union(*reached)):
+            altered = sources.SourceFile(original[changed].content + b"# changed\n", original[changed].modified_ns)
+            monkeypatch.setattr(sources, "SOURCES", {**original, changed: altered})
+            for cached in caches:
+                cached.cache_clear()
+            assert [a != b for a, b in zip(before, names(), strict=True)] == [changed in files for files in reached]
+    finally:
+        monkeypatch.undo()
+        for cached in caches:
+            cached.cache_clear()
+
+
+# The second has an expression of whole arrays, whose function numba calls by an address
+FEW = "tail.lattice.balls,tail.lattice.reach_of"
+
+
+@pytest.mark.long
+def test_the_wheel_of_kernels_has_the_same_bytes_when_it_is_built_again(tmp_path: Path) -> None:
+    wheels = []
+    for seed in ("1", "2"):
+        done = run(str(BUILD), "-o", str(tmp_path / seed), "--only", FEW, PYTHONHASHSEED=seed)
+        assert done.returncode == 0, done.stderr
+        wheels.append(next((tmp_path / seed).glob("*.whl")))
+    assert wheels[0].name == wheels[1].name
+    assert wheels[0].read_bytes() == wheels[1].read_bytes()
+    with zipfile.ZipFile(wheels[0]) as wheel:
+        assert wheel.testzip() is None
+        files = [name for name in wheel.namelist() if name.endswith(store.SUFFIX)]
+        assert len(files) == 2 * max(1, len(processor.levels_here()))
+        assert not any(str(ROOT).encode() in wheel.read(name) for name in files)
+        metadata = wheel.read(f"tailstack_kernels-{wheels[0].name.split('-')[1]}.dist-info/METADATA").decode()
+    assert "Requires-Dist: numba ==" in metadata
+    assert "Requires-Dist: llvmlite ==" in metadata

@@ -1,4 +1,5 @@
-"""What a score says of lost fiducials, against structures without them; its verdict is of all shots, at every door."""
+"""What a score says of lost fiducials, against structures without them; its verdict is of all shots, at every door; and
+designs in which nothing varies, where a covariance of zero is an answer."""
 
 from __future__ import annotations
 
@@ -163,16 +164,6 @@ def test_the_reference_cube_loses_little_with_one_bead_and_all_with_two():
     assert found.single.value_mm == pytest.approx(0.297, abs=5e-4)
     assert found.double.value_mm == pytest.approx(3.59, abs=5e-3)
     assert (found.requirement, found.limit_mm, found.keeps(1)) == ("", None, None)
-
-
-def test_a_score_without_a_fiducial_of_the_document_says_the_same():
-    """brute force, by documents."""
-    (found,) = score(load_design(DEMO)).losses
-    data = copy.deepcopy(DEMO)
-    data["fiducials"]["points"] = [p for p in data["fiducials"]["points"] if p["label"] not in found.double.lost]
-    without = score(load_design(data))
-    assert found.double.value_mm == pytest.approx(without.targets[0].p95_mm, rel=1e-9)
-    assert found.value_mm == score(load_design(DEMO)).targets[0].p95_mm
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -112,15 +112,6 @@ def test_bounds_and_diameter_are_reached_and_never_exceeded(name: str) -> None:
     assert regions.diameter_mm(shape) - 2.0 < longest <= regions.diameter_mm(shape) + 1e-9
 
 
-@pytest.mark.parametrize("name", SHAPES)
-def test_bounding_box_is_the_support_along_the_axes(name: str) -> None:
-    """independent: the two are written down separately."""
-    shape = SHAPES[name]
-    high = [regions.furthest_mm(shape, axis) for axis in np.eye(3)]
-    low = [-regions.furthest_mm(shape, -axis) for axis in np.eye(3)]
-    np.testing.assert_allclose(regions.bounding_box(shape), [low, high], atol=1e-12)
-
-
 @pytest.mark.parametrize("name", SOLID)
 def test_samples_are_uniform_in_volume(name: str) -> None:
     """sampled: share of 100 000 samples in ten random balls against that of rejection from the bounding box."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from plain_data import DEMO, REMOVED, problems_of, replaced
 from tailstack.cures import cure_text
 from tailstack.design import check_design, load_design
 from tailstack.design.fiducial_files import FiducialList, read_fiducials
@@ -40,9 +41,7 @@ def read(text: str | bytes, name: str = "b.csv") -> FiducialList:
 
 def refused(text: str | bytes, name: str = "b.csv") -> tuple[int | None, str, str]:
     """Line, detail and hint."""
-    with pytest.raises(DesignError) as found:
-        read(text, name)
-    problem = found.value.problems[0]
+    problem = problems_of(read, text, name, error=DesignError)[0]
     return problem.line, problem.detail, problem.hint
 
 
@@ -150,16 +149,8 @@ def test_coefficients_of_dltdv_are_told_what_they_are() -> None:
 
 
 def test_a_refusal_says_what_was_left_out() -> None:
-    views = [
-        {"name": name, "preset": "siemens-cios-fusion", "source_isocentre_mm": 700, "orientation": name,
-         "fiducial_noise_px": 0.3, "target_noise_px": 0.3}
-        for name in ("AP", "LAT")
-    ]  # fmt: skip
-    design = {"schema": "tailstack/design/1", "name": "some", "views": views, "fiducials": {"file": "some.mrk.json"},
-              "targets": [{"name": "tip", "position_mm": [0, 0, 70]}]}  # fmt: skip
-    with pytest.raises(TailstackError) as found:
-        check_design(load_design(design, base_directory=FILES))
-    said = str(found.value)
+    data = replaced(replaced(DEMO, ("optimise",), REMOVED), ("fiducials",), {"file": "some.mrk.json"})
+    said = " ".join(map(str, problems_of(check_design, load_design(data, base_directory=FILES))))
     assert "5 points were left out" in said
     assert "A4 (preview)" in said
 
@@ -274,20 +265,12 @@ def test_cures_of_cells(text: str, cure: str) -> None:
 def test_a_tolerance_with_its_sign_is_cured_as_it_is_then_read(text: str) -> None:
     """The number that is named is taken where the text stood; elsewhere none is named that would be taken for another
     thing."""
-    points = [{"position_mm": [k, k * k, 3]} for k in range(8)]
-    design: dict[str, Any] = {
-        "schema": "tailstack/design/1", "name": "a", "targets": [{"name": "tip", "position_mm": [0, 0, 9]}],
-        "views": [{"name": name, "preset": "generic-mobile-c-arm", "orientation": name, "fiducial_noise_px": 0.3,
-                   "target_noise_px": 0.3} for name in ("AP", "LAT")],
-        "fiducials": {"points": points, "manufacturing": {"half_width_mm": text, "distribution": "uniform"}},
-    }  # fmt: skip
-    with pytest.raises(DesignError) as found:
-        load_design(design)
-    [problem] = found.value.problems
+    at = ("fiducials", "manufacturing", "half_width_mm")
+    [problem] = problems_of(load_design, replaced(DEMO, at, text), error=DesignError)
     written = re.search(r"write (\S+)$", problem.hint)
     assert written is not None, problem.hint
-    design["fiducials"]["manufacturing"]["half_width_mm"] = float(written[1])
-    assert load_design(design).document.fiducials.manufacturing.half_width_mm == 0.05
+    obeyed = load_design(replaced(DEMO, at, float(written[1])))
+    assert obeyed.document.fiducials.manufacturing.half_width_mm == 0.05
     assert "write" not in cure_text(text, "x_mm") or text.startswith("0 ")
     assert "half-width: 0.05" in cure_text(text, "x_mm")
 
@@ -312,12 +295,8 @@ def test_a_value_with_its_tolerance(text: str, field: str, cure: str) -> None:
 ])  # fmt: skip
 def test_limits_of_a_zone_are_cured_with_their_numbers(made: dict[str, Any]) -> None:
     """closed form: +0.1 / -0.02 has its middle at 0.04 and is 0.12 wide."""
-    points = [{"position_mm": [k, k * k, 3]} for k in range(8)]
-    design = {"schema": "tailstack/design/1", "name": "a", "views": [],
-              "fiducials": {"points": points, "manufacturing": made}}  # fmt: skip
-    with pytest.raises(DesignError) as found:
-        load_design(design)
-    assert any("bias 0.04, half-width 0.06" in problem.hint for problem in found.value.problems)
+    problems = problems_of(load_design, replaced(DEMO, ("fiducials", "manufacturing"), made), error=DesignError)
+    assert any("bias 0.04, half-width 0.06" in problem.hint for problem in problems)
 
 
 def test_rows_are_read_as_they_are_asked_for() -> None:

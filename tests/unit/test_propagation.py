@@ -141,24 +141,6 @@ def test_triangulation_alone_against_the_closed_form():
         assert np.allclose(got, case[place][key], rtol=case["tol_rel"])
 
 
-def test_paper_scenario_and_the_omission_that_halves_it():
-    """oracle: fitted geometry A (metres); leaving out view 2's matrix covariance gives the printed column."""
-    exact = oracle("paper_scenario.json")["A"]
-    views = tuple(View(f"v{k}", _unit_depth(np.array(p)), 2.0, 2.0, None) for k, p in enumerate(exact["P"]))
-    system = system_of(exact["fiducials_m"], views=views, targets=(target(exact["target_m"]),))
-    model = linearise(system, system.targets[0])
-    full = covariance(model, "localisation")
-    figures = exact["exact"]
-    assert np.allclose(
-        full, figures["Sigma_full"], rtol=0, atol=figures["tol_rel_Sigma"] * np.max(figures["Sigma_full"])
-    )
-    without = full.copy()
-    for block in model.blocks:
-        if block.contributor == "fiducial_noise:v1":
-            without -= (block.localisation * block.std) @ (block.localisation * block.std).T
-    assert np.allclose(np.sqrt(np.diag(without)), figures["std_missing_view2_calibration"], rtol=1e-6)
-
-
 @pytest.mark.long
 def test_compiled_and_plain_source_give_the_same_digits():
     system = random_system(np.random.default_rng(3), fiducials=7)

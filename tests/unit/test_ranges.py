@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import typing
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +12,8 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
+from cure_walk import steps_of
+from plain_data import EXAMPLES, replaced
 from tailstack.design import check_design, design_json_schema, load_design
 from tailstack.design.document import DesignDocument
 from tailstack.design.plausibility import PLAUSIBILITY
@@ -21,7 +22,6 @@ from tailstack.ranges import SLIPS, AnySize, Meant, find_ranges, list_numbers
 from tailstack.scoring import score
 
 ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
 
 
 def is_numeric(kind: Any) -> bool:
@@ -96,16 +96,6 @@ def test_the_schema_has_every_range():
 # --- what a slip of unit does -----------------------------------------------------------------------------
 
 
-def set_value(data: Any, pointer: str, value: Any) -> Any:
-    """A copy of plain data with another value at a JSON pointer."""
-    whole = place = copy.deepcopy(data)
-    *path, last = [int(step) if step.isdecimal() else step for step in pointer.split("/")[1:]]
-    for step in path:
-        place = place[step]
-    place[last] = value
-    return whole
-
-
 def scaled(value: Any, factor: float) -> Any:
     return [scaled(each, factor) for each in value] if isinstance(value, list) else value * factor
 
@@ -122,7 +112,7 @@ def list_slips(path: Path) -> Iterator[tuple[str, str, Any]]:
                 slip = [[*row[:3], row[3] / factor] for row in written[:3]] + [written[3]]
             else:
                 slip = scaled(written, 1 / factor)
-            yield number.pointer, unit, set_value(data, number.pointer, slip)
+            yield number.pointer, unit, replaced(data, steps_of(number.pointer), slip)
 
 
 def find(data: Any, pointer: str) -> Any:

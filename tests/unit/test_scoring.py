@@ -1,4 +1,5 @@
-"""The score: its budget against re-scoring a changed design, its tail against sampling, its own doubts."""
+"""The score: its budget against re-scoring a changed design, its tail against sampling, its own doubts; slips of images
+against a test of residuals written out, and against the plain chain."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 import yaml
+from scipy.stats import chi2
 
 from reference_chain import run
 from scenes import (
@@ -18,20 +20,21 @@ from scenes import (
     cios_system,
     cube8_system,
     cube_fiducials,
-    execution,
     mount,
     random_system,
     read_only,
     system_of,
-    target,
     with_noise,
+    with_unseen,
 )
-from tailstack import IllPosedError, load_design, score, verify
+from tailstack import load_design, score, verify
 from tailstack.contributors import worst_case
 from tailstack.design import compile_design
+from tailstack.estimation.resection import project
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.nonlinearity import Nonlinearity
 from tailstack.propagation.validity import validity
+from tailstack.results import SlipReliability
 from tailstack.system import Law, Requirement, System
 from tailstack.tail import declared, sampling
 
@@ -42,13 +45,8 @@ DEGREES = np.deg2rad(1.0)
 
 
 def with_sources(system: System, contributor: str, **changes):
-    place = {
-        "structure_connector": "structure_connector",
-        "connector_flange": "connector_flange",
-        "hand_eye": "hand_eye",
-    }[contributor]
-    there = getattr(system, place)
-    return replace(system, **{place: replace(there, sources=replace(there.sources, **changes))})
+    there = getattr(system, contributor)
+    return replace(system, **{contributor: replace(there, sources=replace(there.sources, **changes))})
 
 
 def scaled(system: System, contributor: str, index: int, factor: float) -> System:
@@ -175,8 +173,6 @@ def test_per_unit_yield_against_nested_sampling():
     limit = 0.75
     system = replace(system, requirements=(Requirement("r", "tcp", 0.95, limit, 0.95, ("target",)),))
     result = score(system).targets[0]
-    from tailstack.propagation.linear import linearise
-
     model = linearise(system, system.targets[0])
     unit = next(b for b in model.blocks if b.contributor == "connector_flange")
     shot = sum((b.tcp * b.std) @ (b.tcp * b.std).T for b in model.blocks if b is not unit)
@@ -232,21 +228,6 @@ def test_block_diagonal_value_is_there_for_comparison():
     assert result.block_diagonal_p95_mm == pytest.approx(0.37703913469527883, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("fiducials", "aim", "noise"),
-    [
-        (cube_fiducials(5.0, (0, 0, 0)), (0, 0, 60), 3.0),
-        (np.random.default_rng(7).uniform(-5, 5, (7, 3)), (0, 0, 30), 1.0),
-        (np.random.default_rng(2).uniform(-40, 40, (6, 3)), (0, 0, 70), 5.0),
-    ],
-)
-def test_broken_regimes_are_named_by_the_tool_itself(fiducials, aim, noise):
-    """published: regimes in which first order is optimistic; the score must not claim 1 % there."""
-    result = score(system_of(fiducials, views=with_noise(noise), targets=(target(aim),)))
-    assert result.validity.status in ("good to 20 %", "not valid")
-    assert "optimistic" in result.validity.statement
-
-
 def test_validity_levels_are_ordered():
     twelve = cios_system()
     for part in ("depth", "crossing", "disagreement", "gap", "range"):  # the largest decides
@@ -300,34 +281,12 @@ def test_the_mean_shift_of_second_order_is_the_mean_of_the_chain():
     assert np.any(np.abs(shift) > 3 * error)
 
 
-def test_more_of_anything_is_never_less_risk_at_zero_bias():
-    """Anderson's theorem: a wider symmetric law about zero has a larger quantile of the norm."""
-    system = cios_system(
-        execution=execution(0.05, Law.UNIFORM), manufacturing_half_width_mm=read_only(np.full((12, 3), 0.03))
-    )
-    base = p95(system)
-    assert p95(replace(system, views=with_noise(0.6))) > base
-    assert p95(replace(system, execution=execution(0.1, Law.UNIFORM))) > base
-    assert p95(replace(system, manufacturing_half_width_mm=read_only(np.full((12, 3), 0.06)))) > base
-    for contributor in ("structure_connector", "connector_flange"):
-        for j in range(6):
-            assert p95(scaled(system, contributor, j, 1.5)) >= base * (1 - 1e-9)
-
-
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda p: p.stem)
 def test_every_example_scores(path):
     result = score(load_design(path))
     assert all(np.isfinite(t.p95_mm) and t.p95_mm > 0 for t in result.targets)
     assert all(t.law_error_mm < 1e-3 * t.p95_mm for t in result.targets)
     assert result.provenance.design_sha256
-
-
-def test_a_flat_structure_is_refused_with_the_direction_that_is_missing():
-    flat = np.random.default_rng(1).uniform(-40, 40, (9, 3))
-    flat[:, 2] = -40.0
-    with pytest.raises(IllPosedError) as caught:
-        score(system_of(flat))
-    assert "plane" in str(caught.value)
 
 
 def shrunk(value, factor):
@@ -423,3 +382,77 @@ def test_one_normal_tolerance_far_above_all_others(place: str, half_width_mm: fl
     assert found.law_error_mm < 1e-3 * found.p95_mm
     wide = next(line for line in found.contributors if (line.name, line.component) == (place, "tx"))
     assert wide.dp95_per_unit == pytest.approx(1.959964 / 2, rel=1e-3)
+
+
+def residual_square(slopes, noise, left_out=()):
+    """Sum of squares of what eleven free parameters leave of noise (2N, M), in px, without some of the images."""
+    rows = [k for k in range(len(noise)) if k // 2 not in left_out]
+    basis = np.linalg.qr(np.linalg.svd(slopes[rows], full_matrices=False)[0][:, :11])[0]
+    rest = noise[rows] - basis @ (basis.T @ noise[rows])
+    return (rest**2).sum(axis=0)
+
+
+def slopes_of(projection, points):
+    """(2N, 12) by differences of the plain projection."""
+    columns = []
+    for k in range(12):
+        step = np.zeros(12)
+        step[k] = 1e-6 * np.abs(projection).ravel()[k] or 1e-6
+        ahead, behind = (project(projection + sign * step.reshape(3, 4), points) for sign in (1, -1))
+        columns.append(((ahead - behind) / (2 * step[k])).ravel())
+    stacked = np.array(columns).T
+    return stacked / np.linalg.norm(stacked, axis=0)
+
+
+def found_for(system, view, label) -> SlipReliability:
+    entries = score(system, reliability=True, losses=False).reliability
+    return next(entry for entry in entries if (entry.view, entry.fiducial) == (view, label))
+
+
+def test_a_slip_of_that_size_is_noticed_in_80_of_100_cases():
+    """sampled: leaving a bead out lowers the sum of squares by a chi-square of two; 0.80 within 4 standard errors."""
+    rng = np.random.default_rng(4)
+    system = cube8_system()
+    view = system.views[0]
+    found = found_for(system, view.name, "F3")
+    slopes = slopes_of(view.projection, system.fiducials_mm)
+
+    def power(slip):
+        noise = rng.normal(size=(16, 20_000)) * view.fiducial_noise_px
+        noise[4:6] += slip[:, None]
+        drop = residual_square(slopes, noise) - residual_square(slopes, noise, (2,))
+        return float((drop / view.fiducial_noise_px**2 > chi2.isf(0.001, 2)).mean())
+
+    powers = [power(found.slip_px * np.array([np.cos(a), np.sin(a)])) for a in np.linspace(0, np.pi, 60)]
+    assert min(powers) == pytest.approx(0.80, abs=4 * np.sqrt(0.16 / 20_000) + 0.005)
+
+
+def test_what_an_unnoticed_slip_does_is_what_it_does_in_the_chain():
+    """independent: slips of every direction that are just noticed, through the plain chain of SVDs."""
+    system = random_system(np.random.default_rng(2), fiducials=9)
+    system = replace(system, manufacturing_half_width_mm=read_only(np.zeros((9, 3))))
+    view = system.views[1]
+    found = found_for(system, view.name, "F5")
+    slopes = slopes_of(view.projection @ np.eye(4), system.fiducials_mm)
+    still = run(system, system.targets[0], {})["tcp"]
+    largest = 0.0
+    for angle in np.linspace(0, np.pi, 180, endpoint=False):
+        direction = np.zeros((18, 1))
+        direction[8:10, 0] = np.cos(angle), np.sin(angle)
+        told = (residual_square(slopes, direction) - residual_square(slopes, direction, (4,)))[0]
+        size = np.sqrt(19.7874 / told) * view.fiducial_noise_px
+        moved = run(system, system.targets[0], {f"fiducial_noise:{view.name}": 1e-2 * size * direction[:, 0]})["tcp"]
+        largest = max(largest, float(np.linalg.norm(moved - still)) / 1e-2)
+    assert found.effect_mm == pytest.approx(largest, rel=5e-3)  # the structure sits a little off the nominal place
+
+
+def test_with_six_beads_nothing_is_ever_noticed_in_some_direction():
+    """closed form: twelve coordinates less eleven unknowns leave one number to test."""
+    rng = np.random.default_rng(8)
+    system = system_of(rng.uniform(-50, 50, (6, 3)) + np.array([0, 0, -20.0]))
+    entries = score(system, reliability=True).reliability
+    assert len(entries) == 12
+    assert all(entry.slip_px is None and entry.effect_mm is None for entry in entries)
+    some = score(with_unseen(cube8_system(), 0, ("F1",)), reliability=True).reliability
+    assert len(some) == 15
+    assert score(system).reliability == ()

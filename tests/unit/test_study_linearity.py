@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_oracle_paper_scenario import SCENARIO, scene
+from test_paper_tables import ORACLE, scene
 
 from scenes import broken_system, cube8_system, mount, with_noise
 from tailstack import score, verify
@@ -128,7 +128,7 @@ def test_second_order_is_that_of_the_score():
 def test_second_order_of_the_papers_scenario():
     """oracle: P95 of the law with the mean and covariance of Hessians made elsewhere; its mean shift is a fiftieth of
     the spread there."""
-    exact = SCENARIO["A"]["exact"]
+    exact = ORACLE["A"]["exact"]
     system = replace(scene("A", 2.0), triangulation=Triangulation.PUBLISHED)  # in metres: this form depends on units
     point = examine_place(system, 0, "localisation", GridPoint(2.0, 0.0, 1.0, 8), 2**13, 1)
     assert point.first_order_p95_mm == pytest.approx(exact["P95"], rel=1e-6)

@@ -6,7 +6,6 @@ Where the expected values come from is said at each test.
 from __future__ import annotations
 
 from math import hypot
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,12 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from plain_data import EXAMPLES
 from tailstack.design import load_design
 from tailstack.errors import StudyError
 from tailstack.scoring import score
 from tailstack.studies.views import BeamDirection, StudyViews, ViewMap, study_views
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 LAT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # right, top and beam of its image, in con
 
 

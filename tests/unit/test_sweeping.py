@@ -1,20 +1,23 @@
-"""Sweeps: each point against the design written by hand, the grid's order, what is refused."""
+"""Other values of a design: one, checked anew and refused with a pointer; and sweeps, each point against the design
+written by hand, the order of the grid, and what is refused."""
 
 from __future__ import annotations
 
-import copy
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tailstack import load_design, score, verify
+from plain_data import DEMO as DATA
+from plain_data import EXAMPLES, problems_of, replaced
+from tailstack import DesignError, load_design, score, verify
 from tailstack.design.pointers import pointer_of
 from tailstack.results.outline import Curves
 from tailstack.sweeping import PointCheck, SweepError, count_points, read_axes, sweep, sweep_points
 
-DEMO = load_design(Path(__file__).parents[2] / "examples" / "demo.yaml")
+DEMO = load_design(EXAMPLES / "demo.yaml")
 SEATED = load_design(Path(__file__).parents[1] / "data" / "designs" / "tibial_plate.yaml")
 NOISE = "/views/0/fiducial_noise_px"
 RZ = "/interfaces/structure_connector/tolerances/rz/half_width_deg"
@@ -22,10 +25,8 @@ RZ = "/interfaces/structure_connector/tolerances/rz/half_width_deg"
 
 def with_numbers(noise_px: float, rz_deg: float) -> dict[str, Any]:
     """The demo with two numbers replaced, independently of the code under test."""
-    data = copy.deepcopy(DEMO.source.data)
-    data["views"][0]["fiducial_noise_px"] = noise_px
-    data["interfaces"]["structure_connector"]["tolerances"]["rz"]["half_width_deg"] = rz_deg
-    return data
+    data = replaced(DATA, ("views", 0, "fiducial_noise_px"), noise_px)
+    return replaced(data, ("interfaces", "structure_connector", "tolerances", "rz", "half_width_deg"), rz_deg)
 
 
 def test_points_are_the_scores_of_their_designs_in_row_major_order() -> None:
@@ -52,8 +53,7 @@ def test_points_are_the_scores_of_their_designs_in_row_major_order() -> None:
 
 
 def test_points_of_a_verification_are_checks_with_one_seed() -> None:
-    axes = read_axes(DEMO, [{"pointer": RZ, "values": [0.1, 0.4]}])
-    found = sweep(DEMO, axes, check="verification", trials=20_000, seed=6, threads=1)
+    found = sweep(DEMO, {RZ: [0.1, 0.4]}, check="verification", trials=20_000, seed=6, threads=1)
     for point in found.points:
         expected = verify(load_design(with_numbers(0.3, point.values[0])), trials=20_000, seed=6)
         assert point.targets[0].p95_interval_mm == expected.targets[0].p95_interval_mm
@@ -63,41 +63,28 @@ def test_points_of_a_verification_are_checks_with_one_seed() -> None:
 
 def test_a_refused_point_is_a_row_and_the_others_are_as_they_were() -> None:
     """Not valid (a negative half-width) and, seven fiducials on one plane and the eighth moved into it, ill-posed."""
-    axes = read_axes(DEMO, [{"pointer": RZ, "values": [0.1, -0.1, 0.2]}])
-    found = sweep(DEMO, axes).points
+    found = sweep(DEMO, {RZ: [0.1, -0.1, 0.2]}).points
     assert [point.status for point in found] == ["ok", "refused", "ok"]
     assert found[1].targets == ()
     assert found[1].verdict is None
     assert "at least 0" in (found[1].reason or "")
-    flat = copy.deepcopy(DEMO.source.data)
-    corners = [(x, y, 0.0) for x in (-30.0, 0.0, 30.0) for y in (-30.0, 5.0, 30.0)]
-    flat["fiducials"]["points"] = [{"label": f"F{k}", "position_mm": list(c)} for k, c in enumerate(corners)]
-    flat["fiducials"]["points"][0]["position_mm"][2] = 40.0
-    flat["fiducials"]["points"][1]["position_mm"][2] = -25.0
-    design = load_design(flat)
-    axes = read_axes(
-        design, [{"pointer": f"/fiducials/points/{k}/position_mm/2", "values": [20.0, 0.0]} for k in (0, 1)]
-    )
-    statuses = [point.status for point in sweep(design, axes).points]
+    corners = product((-30.0, 0.0, 30.0), (-30.0, 5.0, 30.0))
+    points = [{"label": f"F{k}", "position_mm": [x, y, 40.0 * (k < 2)]} for k, (x, y) in enumerate(corners)]
+    axes = {f"/fiducials/points/{k}/position_mm/2": [20.0, 0.0] for k in (0, 1)}
+    statuses = [
+        point.status for point in sweep(load_design(replaced(DATA, ("fiducials", "points"), points)), axes).points
+    ]
     assert statuses[0] == "ok"
     assert statuses[-1] == "refused"
 
 
 def test_every_element_takes_the_value_of_a_star() -> None:
-    axes = read_axes(DEMO, [{"pointer": "/views/*/fiducial_noise_px", "values": [0.9]}])
-    data = copy.deepcopy(DEMO.source.data)
-    for view in data["views"]:
-        view["fiducial_noise_px"] = 0.9
-    found = sweep(DEMO, axes)
+    """By a path of names, and the design itself is left as it was."""
+    found = sweep(DEMO, {"views.*.fiducial_noise_px": np.array([0.9])})
+    data = replaced(DATA, ("views",), [view | {"fiducial_noise_px": 0.9} for view in DATA["views"]])
     assert found.points[0].targets[0].p95_mm == score(load_design(data)).targets[0].p95_mm
     assert found.axes[0].base == 0.3
-    assert DEMO.source.data["views"][0]["fiducial_noise_px"] == 0.3
-
-
-def test_the_design_itself_is_left_as_it_was() -> None:
-    before = copy.deepcopy(DEMO.source.data)
-    sweep(DEMO, read_axes(DEMO, [{"pointer": NOISE, "values": [0.5]}, {"pointer": RZ, "values": [0.5]}]))
-    assert DEMO.source.data == before
+    assert DEMO.source.data == DATA
 
 
 def test_ranges_are_even_and_end_where_they_say() -> None:
@@ -112,11 +99,8 @@ def test_ranges_are_even_and_end_where_they_say() -> None:
 
 def test_whole_numbers_stay_whole() -> None:
     """A field that counts takes no 4.0 and no 4.5."""
-    data = copy.deepcopy(DEMO.source.data)
-    data["optimise"]["starts"] = 8
-    design = load_design(data)
-    axes = read_axes(design, [{"pointer": "/optimise/starts", "values": [4.0, 4.5]}])
-    assert [point.status for point in sweep(design, axes).points] == ["ok", "refused"]
+    design = load_design(replaced(DATA, ("optimise", "starts"), 8))
+    assert [point.status for point in sweep(design, {"/optimise/starts": [4.0, 4.5]}).points] == ["ok", "refused"]
 
 
 def test_parts_of_the_grid_are_the_grid() -> None:
@@ -166,27 +150,16 @@ def test_paths_as_people_write_them(path: str, pointer: str) -> None:
         ([{"pointer": NOISE, "start": -1.7e308, "stop": 1.7e308, "count": 3}], "/axes/0", "wrong-type"),
         ([{"pointer": NOISE, "values": [1.0], "step": 2}], "/axes/0/step", "unknown-field"),
         (
-            [{"pointer": NOISE, "values": [1.0]}, {"pointer": "/views/*/fiducial_noise_px", "values": [1.0]}],
+            [{"pointer": p, "values": [1.0]} for p in (NOISE, "/views/*/fiducial_noise_px")],
             "/axes/1/pointer",
             "given-twice",
         ),
-        (
-            [{"pointer": p, "start": 0.0, "stop": 1.0, "count": 2000} for p in (NOISE, RZ)],
-            "/axes",
-            "too-many",
-        ),
+        ([{"pointer": p, "start": 0.0, "stop": 1.0, "count": 2000} for p in (NOISE, RZ)], "/axes", "too-many"),
     ],
 )
 def test_axes_that_are_refused(axes: list[dict[str, Any]], pointer: str, code: str) -> None:
-    with pytest.raises(SweepError) as refused:
-        read_axes(DEMO, axes)
-    assert (refused.value.problems[0].pointer, refused.value.problems[0].code) == (pointer, code)
-
-
-def test_a_refusal_says_what_may_have_been_meant() -> None:
-    with pytest.raises(SweepError) as refused:
-        read_axes(DEMO, [{"pointer": "/views/0/fiducial_noise", "values": [1.0]}])
-    assert "did you mean views.AP.fiducial_noise_px?" in refused.value.problems[0].hint
+    problem = problems_of(read_axes, DEMO, axes, error=SweepError)[0]
+    assert (problem.pointer, problem.code) == (pointer, code)
 
 
 @pytest.mark.parametrize(
@@ -197,13 +170,13 @@ def test_a_refusal_says_what_may_have_been_meant() -> None:
         ("interfaces.structure_connector.locators.A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
         ("interfaces.nope", "in interfaces there is structure_connector, connector_flange."),
         ("interfaces.structur_connector.pivot_mm.0", "did you mean interfaces.structure_connector.pivot_mm.0?"),
+        ("/views/0/fiducial_noise", "did you mean views.AP.fiducial_noise_px?"),
     ],
 )  # fmt: skip
 def test_what_was_perhaps_meant_is_said_by_names(path: str, hint: str) -> None:
-    with pytest.raises(SweepError) as refused:
-        sweep(SEATED, {path: [1.0]})
-    assert hint in refused.value.problems[0].hint
-    assert "locators/3" not in refused.value.problems[0].hint
+    said = problems_of(sweep, SEATED, {path: [1.0]}, error=SweepError)[0].hint
+    assert hint in said
+    assert "locators/3" not in said
 
 
 def test_an_interface_goes_by_its_label_too() -> None:
@@ -221,3 +194,56 @@ def test_a_record_names_its_axes_as_people_do_and_holds_the_limits() -> None:
     assert isinstance(chart, Curves)
     assert chart.across == f"{axis.name}, mm"
     assert chart.limits == tuple(found.limits())
+
+
+@pytest.mark.parametrize(
+    "path", ["/views/0/fiducial_noise_px", "views.AP.fiducial_noise_px", "views.0.fiducial_noise_px"]
+)
+def test_a_pointer_and_a_path_of_names_change_the_same_number(path: str) -> None:
+    changed = DEMO.with_value(path, 0.7)
+    assert [view.fiducial_noise_px for view in changed.document.views] == [0.7, 0.3]
+    assert [view.fiducial_noise_px for view in DEMO.document.views] == [0.3, 0.3]
+    text = (EXAMPLES / "demo.yaml").read_text().replace("fiducial_noise_px: 0.3", "fiducial_noise_px: 0.7", 1)
+    assert changed.sha256 == load_design(text).sha256 != DEMO.sha256
+
+
+def test_what_the_document_leaves_to_its_default_can_be_set() -> None:
+    assert "model" not in DATA
+    assert DEMO.with_value("model.rotation", "small_angle").document.model.rotation == "small_angle"
+
+
+def test_lists_and_mappings_can_be_set() -> None:
+    moved = DEMO.with_value("fiducials.points.0.position_mm", (-41.0, 30, -60))
+    assert moved.fiducials.positions_mm[0] == (-41.0, 30.0, -60.0)
+    tighter = DEMO.with_value("requirements", [{"name": "tip-accuracy", "limit_mm": 0.5}])
+    assert score(tighter).verdict.checks[0].limit_mm == 0.5
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "pointer", "code", "words"),
+    [
+        ("views.AP.fiducial_noise_px", -1.0, "/views/0/fiducial_noise_px", "out-of-range", "0"),
+        ("views.AP.fiducial_noise_px", "0.3", "/views/0/fiducial_noise_px", "wrong-type", "number"),
+        ("views.AP.fiducial_noise_mm", 0.3, "/views/0/fiducial_noise_mm", "unknown-field", "fiducial_noise_px"),
+        ("view.0.fiducial_noise_px", 0.3, "/view/0/fiducial_noise_px", "not-found", "views.AP.fiducial_noise_px"),
+        ("view", [], "/view", "unknown-field", "views"),
+        ("/views/7/fiducial_noise_px", 0.3, "/views/7/fiducial_noise_px", "not-found", "in views there is AP, LAT"),
+        ("views.OBLIQUE.fiducial_noise_px", 0.3, "/views/OBLIQUE/fiducial_noise_px", "not-found", "there is AP, LAT"),
+        ("name.x", 1, "/name/x", "not-found", "no /name/x"),
+        ("schema", "tailstack/design/9", "/schema", "unsupported-schema", "tailstack/design/1"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_refused_with_its_pointer(
+    path: str, value: object, pointer: str, code: str, words: str
+) -> None:
+    problem = problems_of(DEMO.with_value, path, value, error=DesignError)[0]
+    assert (problem.pointer, problem.code) == (pointer, code)
+    assert words in f"{problem.detail} {problem.hint}"
+
+
+def test_fiducials_from_a_file_stay_and_say_where_they_are() -> None:
+    design = load_design(EXAMPLES / "small_cluster_far_target.yaml")
+    changed = design.with_value("views.AP.fiducial_noise_px", 0.4)
+    assert changed.fiducials.positions_mm == design.fiducials.positions_mm
+    with pytest.raises(DesignError, match="the points stand in a file"):
+        design.with_value("fiducials.points.0.position_mm", [0, 0, 0])

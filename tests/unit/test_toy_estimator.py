@@ -10,7 +10,6 @@ import importlib.util
 import json
 import os
 import shutil
-import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from family import run_python
 from scenes import cube_fiducials, system_of, with_intrinsics
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.system import Estimator
@@ -191,15 +191,9 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     for file in dict.fromkeys(file for file, _, _ in EDITS):
         (copied / file).write_text(edited(file, copied), encoding="utf-8")
     path = os.pathsep.join(str(each) for each in (folder, *(ROOT / p for p in ("service", "tests", "tests/unit"))))
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(ROOT / "examples" / "demo.yaml"), str(folder)],
-        env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=5 * LIMIT_SECONDS,
-        check=False,
-        cwd=folder,
-    )
+    said = {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+    arguments = ("-c", PROGRAM, ROOT / "examples" / "demo.yaml", folder)
+    done = run_python(*arguments, said=said, timeout=5 * LIMIT_SECONDS, cwd=folder)
     assert done.returncode == 0, done.stderr
     answer: dict[str, Any] = json.loads(done.stdout)
     assert Path(answer["sources"]).is_relative_to(folder)

@@ -74,6 +74,9 @@ def test_too_few_trials_leave_a_close_limit_open():
 def test_where_first_order_breaks_the_check_says_which_way(fiducials, aim, noise, quantile):
     """published: first order is optimistic for a small cluster with the target outside, and for few fiducials."""
     system = system_of(fiducials, views=with_noise(noise), targets=(target(aim),))
+    trust = score(system).validity
+    assert trust.status in ("good to 20 %", "not valid")
+    assert "optimistic" in trust.statement
     result = verify(system, trials=40_000, seed=2)
     assert result.first_order_ratio < 0.97
     assert any(f.rule == "first-order-gap" and "too small" in f.message for f in result.verdict.findings)
