@@ -1,9 +1,9 @@
-"""The demonstration as plain data, a value of it changed, and what is said of what is wrong."""
+"""Plain data: the demonstration, every place in data, a value of it changed, and what is said of what is wrong."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,20 @@ def replaced(data: Any, path: Sequence[str | int], value: Any) -> Any:
         del node[path[-1]]
     else:
         node[path[-1]] = value
+    return data
+
+
+def places_of(node: Any, here: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """Every place in plain data, the whole first."""
+    yield here
+    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, child in items:
+        yield from places_of(child, (*here, key))
+
+
+def value_at(data: Any, path: Sequence[str | int]) -> Any:
+    for step in path:
+        data = data[step]
     return data
 
 

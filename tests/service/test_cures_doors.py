@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from service_scenes import EXAMPLES
 
 from cure_walk import walk_slips
+from plain_data import problems_of
 from records import examples_with, fields_of, records_below
 from tailstack.design import Design, load_design
 from tailstack.design.pointers import pointer_of
@@ -126,9 +127,7 @@ def test_settings_are_not_renamed_without_a_word() -> None:
         for unit, other in (("seconds", "MINUTES"), ("seconds", "MS"), ("bytes", "MB"), ("days", "HOURS")):
             if re.search(rf"_{unit}$", field):
                 name = variable(field)[: -len(unit)] + other
-                with pytest.raises(SettingsError) as caught:
-                    refuse_unknown({name: "3"})
-                hint = caught.value.problems[0].hint
+                hint = problems_of(refuse_unknown, {name: "3"}, error=SettingsError)[0].hint
                 assert hint.startswith(f"did you mean {variable(field)}? It is in {unit}, and 1 {other.lower()} is "), (
                     hint
                 )
@@ -166,9 +165,7 @@ def test_columns_and_axes_say_what_happens_to_their_numbers(
 
 def test_the_library_and_a_patch_say_what_the_document_says(design: Design) -> None:
     def hint_of(make: Any) -> str:
-        with pytest.raises(TailstackError) as caught:
-            make()
-        (problem,) = caught.value.problems
+        (problem,) = problems_of(make)
         return problem.hint
 
     slipped = merge(DEMO, {"requirements": [{**DEMO["requirements"][0], "limit_um": 1000}]})

@@ -11,9 +11,7 @@ import httpx
 import pytest
 from service_scenes import EXAMPLES, ROOT, check_problem, small_design
 
-from tailstack.design import check_design, load_design
 from tailstack.design.plausibility import PLAUSIBILITY
-from tailstack.design.presets import PRESETS
 from tailstack_service.cli.main import main
 
 DEMO = EXAMPLES / "demo.yaml"
@@ -273,18 +271,6 @@ def test_an_implausible_value_is_remarked_by_every_way_in(
         (met,) = [each for each in findings if each["rule"] == rule]
         assert (met["severity"], met["pointer"]) == ("warning", at)
         assert "If radians were meant, write 0.0974" in met["message"]
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-def test_a_first_design_is_not_remarked(capsys: pytest.CaptureFixture[str], preset: str) -> None:
-    known = PRESETS[preset]
-    numbers = {"source_isocentre_mm": "700", "pixel_mm": "0.4"}
-    flags = [word for name in known.missing for word in (f"--{name.replace('_', '-')}", numbers[name])]
-    made = main(["init", "-", "-y", "--preset", preset, "--size-mm", "40", "--target", "0,0,30", *flags])
-    text = capsys.readouterr().out
-    assert made == 0
-    findings = check_design(load_design(text))[1]
-    assert [finding.message for finding in findings if finding.rule in PLAUSIBILITY] == []
 
 
 def test_the_page_on_designs_lists_every_remark() -> None:

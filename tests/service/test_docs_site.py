@@ -1,4 +1,7 @@
-"""The pages as a site: built without a remark, fetching nothing, with every figure and result made by its script."""
+"""The pages as a site: built without a remark, fetching nothing, with every figure and result made by its script.
+
+The page on the library says what its docstrings say.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Designs whose first-order P95 is far too small: no score and no gate may pass them for it."""
+"""Designs whose first-order P95 is far too small: no score and no gate may pass them for it.
+
+Mode auto of a sample of designs, against a simulation.
+"""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from gate_scenes import PASSING, TODAY, gate_in, of_rule, waivers_of_today, writ
 from pydantic import BaseModel
 from service_scenes import limited
 
+from plain_data import problems_of
 from tailstack_service.cli.gate_files import Anchors, find_paths
 from tailstack_service.gate.file_names import match_names
 from tailstack_service.gate.pattern_slips import find_slip
@@ -244,9 +245,7 @@ def test_what_can_match_nothing_is_refused_over_http(pattern: str, sent: dict[st
         if pattern not in SLIPS and "tolerances" in field:
             continue
         body = {**sent, "policy": rules, **({"waivers": waivers} if waivers else {})}
-        with pytest.raises(GateError) as caught:
-            admit_gate(body, today=TODAY)
-        (problem,) = caught.value.problems
+        (problem,) = problems_of(admit_gate, body, today=TODAY, error=GateError)
         document = "/waivers" if waivers else "/policy"
         assert (problem.code, problem.pointer) == ("bad-pattern", document + pointer), field
         assert {**SLIPS, **OF_FILES}.get(pattern, "is a folder") in problem.detail

@@ -1,16 +1,22 @@
-"""What connections do that no well-behaved client library would: stall, break off, announce and not send."""
+"""What connections do that no well-behaved client library would: stall, break off, announce and not send.
+
+Who stays connected has places, of which a tenant has a share.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import httpx
+import jwt
 import pytest
-from service_scenes import check_problem, client_with, read_answer
+from service_scenes import check_problem, client_with, read_answer, small_design
 from starlette.requests import Request
 
 from tailstack_service.settings import Settings
@@ -169,3 +175,77 @@ def test_a_long_body_is_read_off_so_that_its_refusal_arrives(patient: httpx.Clie
     body = b" " * 5_000_000
     response = patient.post("/v1/scores", content=body, headers={"Content-Type": "application/json"})
     check_problem(response, 413, "limit-exceeded")
+
+
+# --- places for who stays connected ---------------------------------------------------------------
+
+
+SECRET = "a shared secret of at least 32 bytes"
+NEVER = 4_102_444_800  # the year 2100
+LONG = {"design": small_design(), "trials": 3000}
+
+
+def token(tenant: str) -> dict[str, str]:
+    claims = {"iss": "tests", "aud": "tailstack", "tenant": tenant, "scope": "read compute", "exp": NEVER}
+    return {"Authorization": f"Bearer {jwt.encode(claims, SECRET, algorithm='HS256')}"}
+
+
+@pytest.fixture(scope="module")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """A service without a worker: jobs stay queued, and streams open."""
+    secret: Path = tmp_path_factory.mktemp("keys") / "secret"
+    secret.write_text(SECRET, encoding="utf-8")
+    settings = Settings(
+        auth="required", jwt_key_file=str(secret), jwt_algorithm="HS256", jwt_issuer="tests", max_streams=5,
+        max_tenant_streams=2, max_wait_seconds=600.0,
+    )  # fmt: skip
+    with client_with(settings) as keyed:
+        yield keyed
+
+
+@contextlib.contextmanager
+def streams(keyed: httpx.Client, path: str, count: int, headers: dict[str, str]) -> Iterator[None]:
+    with contextlib.ExitStack() as stack:
+        opened = [stack.enter_context(keyed.stream("GET", path, headers=headers)) for _ in range(count)]
+        lines = [stream.iter_lines() for stream in opened]  # kept: one that is dropped closes its stream
+        assert [next(each) for each in lines] == ["retry: 1000"] * count
+        yield
+
+
+def job_of(keyed: httpx.Client, headers: dict[str, str], seed: int) -> dict[str, Any]:
+    job: dict[str, Any] = keyed.post("/v1/verifications", json={**LONG, "seed": seed}, headers=headers).json()
+    return job
+
+
+def test_one_tenant_cannot_take_all_places(keyed: httpx.Client) -> None:
+    a, b, c = (token(name) for name in "abc")
+    jobs = {name: job_of(keyed, headers, 1) for name, headers in (("a", a), ("b", b), ("c", c))}
+    paths = {name: job["links"]["events"] for name, job in jobs.items()}
+    with streams(keyed, paths["a"], 2, a):
+        refused = keyed.get(paths["a"], headers=a)
+        document = check_problem(refused, 429, "too-many-streams")
+        assert document["errors"][0]["detail"] == "2 event streams and waits of one tenant are open, the limit"
+        assert "TAILSTACK_MAX_TENANT_STREAMS" in document["errors"][0]["hint"]
+        assert int(refused.headers["retry-after"]) > 0
+        waited = keyed.post("/v1/verifications", json={**LONG, "seed": 2}, headers={**a, "Prefer": "wait=600"})
+        assert waited.status_code == 202, "a wait is a wish, and has the same places"  # longer than the keyed waits
+        with streams(keyed, paths["b"], 2, b), streams(keyed, paths["c"], 1, c):
+            busy = check_problem(keyed.get(paths["c"], headers=c), 503, "busy")
+            assert busy["errors"][0]["detail"] == "5 event streams and waits are open, the limit"
+    keyed.post(jobs["a"]["links"]["cancel"], headers=a)
+    answers: list[httpx.Response] = []
+
+    def let_in() -> bool:
+        answers.append(keyed.get(paths["a"], headers=a))
+        return answers[-1].status_code == 200
+
+    until(let_in, says=lambda: answers[-1].text)  # the service notices when it next has something to say
+    assert '"state":"cancelled"' in answers[-1].text
+
+
+def test_who_is_alone_has_all_places() -> None:
+    """Without authentication there is one tenant."""
+    with client_with(Settings(max_streams=3, max_tenant_streams=1)) as keyed:
+        path = job_of(keyed, {}, 1)["links"]["events"]
+        with streams(keyed, path, 3, {}):
+            check_problem(keyed.get(path), 503, "busy")

@@ -1,10 +1,13 @@
-"""Requests that name a design by its hash, or say only what differs from one."""
+"""Requests that name a design by its hash, or say only what differs from one.
+
+Designs are kept for that, a while and in bounds.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +17,16 @@ import sqlalchemy as sa
 from service_scenes import check_problem, client_with, coplanar_design, small_design
 from store_scenes import Clock
 
+from tailstack.errors import Problem
+from tailstack_service.http import kept_designs
+from tailstack_service.http.kept_designs import CLOSING_SECONDS, FRESH_SECONDS, PAUSE_SECONDS, KeptDesigns
 from tailstack_service.jobs.store import designs, tables, upkeep
-from tailstack_service.jobs.store.database import Database, reading, writing
-from tailstack_service.jobs.store.schema import open_database
+from tailstack_service.jobs.store.database import Database, writing
 from tailstack_service.operations.patches import merge
+from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
-from waiting import until
+from turned_clock import TurnedClock
+from waiting import until_async
 
 MOVED = [12.0, -31.0, -44.0]
 NOWHERE = "0" * 64
@@ -109,21 +116,6 @@ def test_a_patched_design_of_a_score_is_not_kept_but_that_of_a_job_is(client: ht
 
 
 @pytest.mark.long
-def test_only_the_last_designs_are_kept(tmp_path: Path) -> None:
-    settings = Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", max_kept_designs=2)
-    with client_with(settings) as client, closing(open_database(settings.database)) as kept:
-        names = [sha256_of(score(client, design=small_design(name=name))) for name in ("one", "two", "three")]
-
-        def written() -> list[str]:
-            with reading(kept) as connection:
-                return sorted(connection.scalars(sa.select(tables.designs.c.sha256)))
-
-        until(lambda: written() == sorted(names[1:]), says=lambda: (names, written()))  # a moment later
-        found = [score(client, design_sha256=name).status_code for name in names]
-    assert found == [404, 200, 200]
-
-
-@pytest.mark.long
 def test_none_is_kept_where_the_operator_says_so(tmp_path: Path) -> None:
     with client_with(Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}", max_kept_designs=0)) as client:
         name = sha256_of(score(client, design=small_design()))
@@ -203,7 +195,7 @@ def test_what_cannot_be_meant_is_refused(client: httpx.Client, body: dict[str, A
 @pytest.mark.parametrize(
     ("path", "options"),
     [
-        ("/v1/validations", {}), ("/v1/verifications", {"trials": 1000, "seed": 3}),
+        ("/v1/validations", {}), ("/v1/layouts", {}), ("/v1/verifications", {"trials": 1000, "seed": 3}),
         ("/v1/optimisations", {"starts": 1}), ("/v1/reports", {}),
         ("/v1/sweeps", {"axes": [{"pointer": "/views/0/fiducial_noise_px", "values": [0.1, 0.2]}]}),
         ("/v1/studies/coupling", {"levels": [{"rotation_deg": 0.1, "translation_mm": 0.1}]}),
@@ -214,7 +206,7 @@ def test_every_operation_on_one_design_takes_a_patch(client: httpx.Client, path:
     name = sha256_of(score(client, design=small_design()))
     whole = {"design": small_design(name="patched"), **options}
     parts = {"design_sha256": name, "patch": {"name": "patched"}, **options}
-    key = {} if path == "/v1/validations" else {"Idempotency-Key": path}
+    key = {} if path in ("/v1/validations", "/v1/layouts") else {"Idempotency-Key": path}
     first, second = (client.post(path, json=body, headers=key) for body in (whole, parts))
     assert first.status_code in (200, 202), first.text
     assert (second.status_code, second.headers.get("location")) == (first.status_code, first.headers.get("location"))
@@ -232,3 +224,145 @@ def test_without_its_database_a_service_scores_what_is_sent_whole(tmp_path: Path
         assert sha256_of(score(client, design=small_design(), patch={"name": "x"}))
         assert sha256_of(score(client, design=small_design()))
         assert score(client, design_sha256=NOWHERE).status_code == 503
+
+
+# --- designs that are kept ------------------------------------------------------------------------
+
+
+class Table:
+    """Stands for the database of several API processes."""
+
+    def __init__(self) -> None:
+        self.rows: dict[tuple[str, str], bytes] = {}
+        self.writes: list[int] = []
+        self.broken = False
+
+    async def read(self, tenant: str, sha256: str) -> bytes | None:
+        return self.rows.get((tenant, sha256))
+
+    async def write(self, entries: list[tuple[str, str, bytes]]) -> None:
+        self.writes.append(len(entries))
+        if self.broken:
+            raise StoreUnavailable(Problem("", "store-unavailable", "gone"))
+        self.rows |= {(tenant, sha256): body for tenant, sha256, body in entries}
+
+
+def test_a_design_is_found_at_once_where_it_came_and_soon_elsewhere() -> None:
+    async def story() -> None:
+        table, clock = Table(), TurnedClock()
+        here, there = (KeptDesigns(table.read, table.write, clock=clock) for _ in range(2))
+        here.keep("a", [("1", b"{}")])
+        assert table.rows == {}
+        assert await here.find("a", "1") == b"{}"
+        assert await found_later(there, "a", "1", clock) == b"{}"
+        assert await found_later(there, "b", "1", clock) is None
+
+    asyncio.run(story())
+
+
+async def found_later(designs: KeptDesigns, tenant: str, sha256: str, clock: TurnedClock) -> bytes | None:
+    """A design that is not there yet: whoever asks for it looks a second time, after several writes."""
+    asking = asyncio.ensure_future(designs.find(tenant, sha256))
+    await clock.until_waits_async(4 * PAUSE_SECONDS)
+    clock.turn(PAUSE_SECONDS)
+    await until_async(lambda: not designs._waiting)
+    clock.turn(3 * PAUSE_SECONDS)
+    return await asking
+
+
+async def written(table: Table, count: int, clock: TurnedClock) -> None:
+    """Let the pause pass until there were so many writes."""
+    await clock.until_waits_async(PAUSE_SECONDS)
+    clock.turn(PAUSE_SECONDS)
+    await until_async(lambda: len(table.writes) == count)
+
+
+def test_what_comes_together_is_written_together_and_once() -> None:
+    async def story() -> None:
+        table, clock = Table(), TurnedClock()
+        here = KeptDesigns(table.read, table.write, clock=clock)
+        for name in "1231":
+            here.keep("a", [(name, b"{}")])
+        await written(table, 1, clock)
+        here.keep("a", [("1", b"{}")])
+        await here.close()
+        assert table.writes == [3]
+
+    asyncio.run(story())
+
+
+def test_a_design_that_was_written_long_ago_is_written_again() -> None:
+    """By then the database may have forgotten it."""
+
+    async def story() -> None:
+        table, clock = Table(), TurnedClock()
+        here = KeptDesigns(table.read, table.write, clock=clock)
+        here.keep("a", [("1", b"{}")])
+        await written(table, 1, clock)
+        clock.turn(FRESH_SECONDS - 0.001)
+        here.keep("a", [("1", b"{}")])
+        assert not here._waiting
+        clock.turn(0.002)
+        here.keep("a", [("1", b"{}")])
+        await written(table, 2, clock)
+
+    asyncio.run(story())
+
+
+def test_a_design_that_is_gone_is_written_again_when_it_is_sent_again() -> None:
+    async def story() -> None:
+        table, clock = Table(), TurnedClock()
+        here = KeptDesigns(table.read, table.write, clock=clock)
+        here.keep("a", [("1", b"{}")])
+        await written(table, 1, clock)
+        table.rows.clear()
+        assert await found_later(here, "a", "1", clock) is None
+        here.keep("a", [("1", b"{}")])
+        await here.close()
+        assert table.rows == {("a", "1"): b"{}"}
+
+    asyncio.run(story())
+
+
+def test_a_database_that_does_not_answer_holds_no_stop_up() -> None:
+    async def story() -> None:
+        table, clock = Table(), TurnedClock()
+
+        async def never(entries: list[tuple[str, str, bytes]]) -> None:
+            await asyncio.get_running_loop().create_future()
+
+        here = KeptDesigns(table.read, never, clock=clock)
+        here.keep("a", [("1", b"{}")])
+        closing = asyncio.create_task(here.close())
+        await clock.until_waits_async(CLOSING_SECONDS)
+        assert not closing.done()
+        clock.turn(CLOSING_SECONDS)
+        await closing
+
+    asyncio.run(story())
+
+
+def test_without_a_database_little_is_remembered_and_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_designs, "MOST_WAITING", 3)
+
+    async def story() -> None:
+        table = Table()
+        table.broken = True
+        here = KeptDesigns(table.read, table.write)
+        here.keep("a", [(name, b"{}") for name in "12345"])
+        await here.close()
+        assert table.writes == [3]
+        assert await here.find("a", "5") is None
+
+    asyncio.run(story())
+
+
+def test_what_has_not_been_written_is_written_when_the_service_stops() -> None:
+    async def story() -> None:
+        table = Table()
+        here = KeptDesigns(table.read, table.write)
+        here.keep("a", [("1", b"{}")])
+        await here.close()
+        assert table.rows == {("a", "1"): b"{}"}
+
+    asyncio.run(story())

@@ -13,6 +13,7 @@ import httpx
 import pytest
 from service_scenes import check_problem, client_with, coplanar_design, read_answer, small_design
 
+from plain_data import replaced
 from tailstack_service.problems import CATALOGUE
 from tailstack_service.processes.task import RawRequest
 from tailstack_service.settings import Settings
@@ -27,13 +28,10 @@ POSTS = ("/v1/scores", "/v1/validations", "/v1/verifications", "/v1/optimisation
 
 def changed(path: str, value: Any) -> dict[str, Any]:
     """The small design with one value replaced."""
-    design: Any = small_design()
-    *way, last = [int(step) if step.isdigit() else step for step in path.split("/")]
-    node = design
-    for step in way:
-        node = node[step]
-    node[last] = value
-    return design
+    changed_one: dict[str, Any] = replaced(
+        small_design(), [int(step) if step.isdigit() else step for step in path.split("/")], value
+    )
+    return changed_one
 
 
 def test_nothing_of_a_refused_request_is_kept(client: httpx.Client) -> None:

@@ -1,4 +1,7 @@
-"""Machines that are not like ours: each command works there or names what to set, and doctor says it beforehand."""
+"""Machines that are not like ours: each command works there or names what to set, and doctor says it beforehand.
+
+And without what Linux alone has.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""An option is one field: whoever adds it meets it at every door.  It is put into a copy of the service's sources."""
+"""An option is one field: whoever adds it meets it at every door.  It is put into a copy of the service's sources.
+
+So is a column.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What a browser is shown: the files of the page, and where a program is led that opens the address."""
+"""What a browser is shown: the files of the page, and where a program is led that opens the address.
+
+The page of the API runs its own files and nothing else.
+"""
 
 from __future__ import annotations
 

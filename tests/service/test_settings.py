@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from plain_data import problems_of
 from tailstack_service.cli.main import main
 from tailstack_service.problems import SettingsError
 from tailstack_service.settings import child_environment, default_settings, load_settings, refuse_unknown, schemas
@@ -47,9 +48,7 @@ def test_a_flag_goes_before_the_environment_and_a_plain_name_is_no_setting(envir
 def test_every_value_that_cannot_be_is_named_at_once(environment: pytest.MonkeyPatch) -> None:
     for name, value in (("MAX_TRIALS", "many"), ("KEEP_DAYS", "soon"), ("MAX_VIEWS", "17"), ("AUTH", "maybe")):
         environment.setenv("TAILSTACK_" + name, value)
-    with pytest.raises(SettingsError) as refused:
-        load_settings()
-    assert {problem.detail for problem in refused.value.problems} == {
+    assert {problem.detail for problem in problems_of(load_settings, error=SettingsError)} == {
         "TAILSTACK_MAX_TRIALS must be a whole number; got 'many'",
         "TAILSTACK_KEEP_DAYS must be a number; got 'soon'",
         "TAILSTACK_MAX_VIEWS must lie between 2 and 16; got '17'",
@@ -82,9 +81,7 @@ def test_a_name_that_is_no_setting_is_refused_with_the_nearest(
 ) -> None:
     environment.setenv(name, value)
     environment.setenv("TAILSTACK_MAX_STARTS", "2")
-    with pytest.raises(SettingsError) as refused:
-        load_settings()
-    (problem,) = refused.value.problems
+    (problem,) = problems_of(load_settings, error=SettingsError)
     assert name in problem.detail
     assert meant in problem.hint
     assert "docs/settings.md" in problem.hint

@@ -1,4 +1,7 @@
-"""Reports of studies: every study has pages, and they hold what its record says."""
+"""Reports of studies: every study has pages, and they hold what its record says.
+
+docs/paper.md and docs/studies.md name commands that there are.
+"""
 
 from __future__ import annotations
 

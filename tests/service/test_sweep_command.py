@@ -1,4 +1,7 @@
-"""``tailstack sweep``: table, JSON, CSV, refusals, exit codes."""
+"""``tailstack sweep``: table, JSON, CSV, refusals, exit codes.
+
+Figures, and a running service that computes it.
+"""
 
 from __future__ import annotations
 

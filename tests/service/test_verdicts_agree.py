@@ -119,24 +119,6 @@ def test_pass_is_a_margin_that_is_not_negative_at_every_quantile_and_yield(desig
         assert rising[-1] > 1.02 * rising[0]
 
 
-@pytest.mark.long
-def test_the_terminal_prints_each_requirement_with_the_same_numbers(design: Design) -> None:
-    found = score(design)
-    checks = json.loads(to_json(found))["verdict"]["checks"]
-    with write_on(Page(160, details=True)):
-        text = OPERATIONS["score"].write(found)
-    rows = {line.split()[0]: line for line in text.splitlines() if re.match(r"r\d", line)}
-    for check in checks:
-        line = rows[check["requirement"]].replace(" .. ", " ")
-        cells = line.split()
-        units = check["min_yield"]
-        if units is not None:
-            assert f"{100 * units:g} % of units" in line
-            assert float(cells[-2]) == pytest.approx(100 * check["yield_fraction"], abs=0.06)
-        del cells[-2]  # the yield
-        same_row(cells, check)
-
-
 @pytest.fixture(scope="module")
 def report(design: Design) -> bytes:
     return to_json(compute_report(design, ReportContents(parts=("score",))))

@@ -7,10 +7,8 @@ but for looks that take seconds.
 from __future__ import annotations
 
 import json
-import multiprocessing
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -231,17 +229,6 @@ def test_a_refused_design_is_a_problem_with_its_place_in_the_request() -> None:
 def test_a_defect_is_raised_and_not_told_to_the_user() -> None:
     with pytest.raises(KeyError):
         perform(Task("verification", canonical({"no design": 1}), ADVANCE))
-
-
-@pytest.mark.long
-def test_units_come_back_from_a_spawned_process_as_they_are_computed_here() -> None:
-    request = canonical({"design": example("demo"), "trials": 20_000, "seed": 1})
-    spec = perform(Task("verification", request, ADVANCE)).more[0]
-    task = Task("verification", request, spec)
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        there = pool.submit(perform, task).result(timeout=LIMIT_SECONDS)
-    assert there.result == perform(task).result
-    assert there.cpu_seconds > 0
 
 
 @pytest.mark.parametrize("operation", OPERATIONS.values(), ids=list(OPERATIONS))

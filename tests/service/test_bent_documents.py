@@ -1,0 +1,273 @@
+"""Documents bent at random: examples with slips of every kind at the command, requests to the gate, over HTTP.
+
+What comes is judged or refused at its place, and never a defect."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import io
+import json
+import random
+from collections import Counter
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from service_scenes import EXAMPLES, small_design
+
+from plain_data import places_of, replaced, value_at
+from tailstack.errors import TailstackError
+from tailstack_service.cli.main import main
+from tailstack_service.documents import to_json
+from tailstack_service.gate.judge import judge
+from tailstack_service.gate.records import GateRecord
+from tailstack_service.gate.request import admit_gate
+from tailstack_service.schemas import record_of
+
+pytestmark = pytest.mark.hostile
+
+ALL = {path.stem: yaml.safe_load(path.read_text()) for path in sorted(EXAMPLES.glob("*.yaml"))}
+SLOW = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
+SYNONYMS = ["gaussian", "Normal", "rectangular", "per unit", "ap", "lateral", "TCP", "optimize", "0,2", "90 %", "1e400"]
+
+
+PLACES = [(stem, place) for stem, document in ALL.items() for place in places_of(document) if place]
+
+
+def slip_of(value: Any, kind: int, word: str) -> Any:
+    """A value as somebody might have written it instead."""
+    if isinstance(value, bool) or value is None:
+        return word
+    if isinstance(value, int | float):
+        numbers = (f"{value}".replace(".", ","), f"{100 * value:g} %", value * 1000, value / 1000, value * 0.0174532925)
+        return (*numbers, 100 * value, -value, f"{value} mm")[kind % 8]
+    if isinstance(value, str):
+        return (value.upper(), value.replace("_", " "), value[1:], word, value + "s", 3)[kind % 6]
+    if isinstance(value, list):
+        return (value[:-1], [*value, *value[:1]], [value], {"points": value}, [row[:-1] for row in value if row]
+                if all(isinstance(row, list) for row in value) else value[1:])[kind % 5]  # fmt: skip
+    names = list(value)
+    first = names[kind % len(names)] if names else "x"
+    renamed = {(key[:-1] + "e" if key == first else key): child for key, child in value.items()}
+    without = {key: child for key, child in value.items() if key != first}
+    return (renamed, without, list(value.values()), {**value, first.title(): 1})[kind % 4]
+
+
+slips = st.lists(
+    st.tuples(st.sampled_from(PLACES), st.integers(0, 119), st.sampled_from(SYNONYMS)), min_size=1, max_size=3
+)
+
+
+def with_slips(chosen: list[tuple[tuple[str, tuple[str | int, ...]], int, str]]) -> Any:
+    stem = chosen[0][0][0]
+    document = ALL[stem]
+    for (other, place), kind, word in chosen:
+        if other != stem:
+            continue
+        try:
+            node = value_at(document, place)
+        except (KeyError, IndexError, TypeError):  # an earlier slip removed it
+            continue
+        document = replaced(document, place, slip_of(node, kind, word))
+    return document
+
+
+def validate_text(path: Path, text: str) -> tuple[int, str]:
+    path.write_text(text, encoding="utf-8")
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(["validate", str(path)])
+    return code, err.getvalue()
+
+
+def check_told(path: Path, code: int, told: str) -> None:
+    assert code in (0, 2, 3)
+    assert "internal error" not in told
+    assert "Traceback" not in told
+    if code:
+        refused = [line for line in told.splitlines() if line.startswith((str(path), "fiducials/"))]
+        assert refused
+        for line in refused:
+            assert f"{path}:" in line or ".csv:" in line or ".mrk.json:" in line
+            # a pointer, or (document) at a line
+            after = line.removeprefix(str(path))
+            assert ": /" in after or after.split(":")[1].isdigit()
+
+
+@pytest.mark.long
+@settings(max_examples=150, deadline=None, suppress_health_check=SLOW)
+@given(slips)
+def test_the_command_points_at_every_slip(tmp_path: Path, chosen: Any) -> None:
+    link = tmp_path / "fiducials"
+    if not link.exists():
+        link.mkdir()
+        for known in (EXAMPLES / "fiducials").iterdir():
+            (link / known.name).write_bytes(known.read_bytes())
+    path = tmp_path / "design.yaml"
+    check_told(path, *validate_text(path, yaml.safe_dump(with_slips(chosen), sort_keys=False)))
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=SLOW)
+@given(st.sampled_from(sorted(EXAMPLES.glob("*.yaml"))), st.integers(0, 10_000), st.integers(1, 40))
+def test_decimal_commas_in_the_text_have_a_line(tmp_path: Path, example: Path, first: int, count: int) -> None:
+    """Points of numbers become commas, from one of them on: what is refused stands at a line of the file."""
+    text = example.read_text()
+    points = [k for k in range(1, len(text) - 1) if text[k] == "." and text[k - 1].isdigit() and text[k + 1].isdigit()]
+    chosen = set(points[first % len(points) :][:count])
+    path = tmp_path / "design.yaml"
+    changed = "".join("," if k in chosen else letter for k, letter in enumerate(text))
+    code, told = validate_text(path, changed)
+    check_told(path, code, told)
+
+
+# --- requests to the gate -------------------------------------------------------------------------
+
+
+TODAY = date(2026, 11, 21)
+SEED, CASES = 7, 250
+VALUES: tuple[Any, ...] = (
+    None, True, 0, -1, 1e300, -0.0, 0.5, 10**30, 1e-320, "", "x" * 500, "\x00", "é\u202e", "p95", "error", "2026-11-21",
+    [], {}, [[]], {"a": 1},
+)  # fmt: skip
+
+
+def whole_request() -> dict[str, Any]:
+    """A request with every section, and a baseline."""
+    request: dict[str, Any] = {
+        "designs": [{"file": "a", "design": small_design(), "class": "p"}],
+        "policy": {
+            "schema": "tailstack/policy/1",
+            "rules": {
+                "p95": {"severity": "error", "limit_mm": 1.0, "confidence": 0.95},
+                "cvar": {"limit_mm": 2.0},
+                "exceedance": {"limit_mm": 1.0, "max_probability": 0.01},
+                "process-capability": {
+                    "processes": [
+                        {"name": "m", "tolerances": ["*"], "min_half_width_deg": 0.1, "min_half_width_mm": 0.1}
+                    ]
+                },
+                "inconclusive": {"severity": "warning"},
+            },
+            "classes": [{"name": "p", "files": ["a*"], "rules": {"visibility": {"min_margin_px": 30.0}}}],
+            "verification": {"precision": 0.1, "max_trials": 2000, "seed": 1},
+        },
+        "waivers": {
+            "schema": "tailstack/waivers/1",
+            "waivers": [{"rule": "p95", "owner": "o", "reason": "r", "max_value": 2.0, "expires": "2026-12-01"}],
+        },
+        "mode": "analytic",
+        "seed": 1,
+        "today": "2026-11-21",
+        "fail_level": "error",
+        "on_inconclusive": "warn",
+        "max_regression_percent": 1.0,
+    }
+    return {**request, "baseline": json.loads(to_json(judge(admit_gate(request, today=TODAY).gate)))}
+
+
+def bent(request: dict[str, Any], chance: random.Random) -> dict[str, Any]:
+    """One value replaced, removed, or given an unknown neighbour; seldom inside the design, which has its own tests."""
+    request = copy.deepcopy(request)
+    outside = [
+        path for path in places_of(request) if path and (path[0] != "designs" or len(path) < 4 or chance.random() < 0.1)
+    ]
+    path = chance.choice(outside)
+    owner = value_at(request, path[:-1])
+    act = chance.random()
+    if isinstance(owner, dict) and act < 0.25:
+        del owner[path[-1]]
+    elif isinstance(owner, dict) and act < 0.35:
+        owner["unheard_of"] = 1
+    else:
+        owner[path[-1]] = chance.choice(VALUES)
+    return request
+
+
+def outcome(request: dict[str, Any]) -> GateRecord | TailstackError:
+    try:
+        return judge(admit_gate(request, today=TODAY).gate)
+    except TailstackError as error:
+        return error
+
+
+@pytest.mark.long
+@pytest.mark.hostile
+def test_whatever_arrives_is_judged_or_refused(run_seed: int) -> None:
+    chance, request, met = random.Random(SEED + run_seed), whole_request(), Counter[str]()
+    for _ in range(CASES):
+        found = outcome(bent(request, chance))
+        met[type(found).__name__] += 1
+        if isinstance(found, TailstackError):
+            assert found.exit_code == 2
+            assert all(problem.pointer.startswith("/") or problem.pointer == "" for problem in found.problems)
+        else:
+            assert found.exit_code in (0, 1, 2, 3, 4)
+            assert record_of("gate", json.loads(to_json(found))) == found
+    assert met["GateRecord"] > CASES / 20, met
+    assert met["GateError"] > CASES / 4, met
+
+
+# --- requests over HTTP ---------------------------------------------------------------------------
+
+
+POSTS = ("/v1/scores", "/v1/validations", "/v1/verifications", "/v1/optimisations", "/v1/sweeps", "/v1/reports",
+         "/v1/gates", "/v1/conversions")  # fmt: skip
+FEW = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+ODD: list[Any] = [
+    None, True, 0, -1, 1e308, -1e-320, 10**30, "", "x" * 3000, "\u202e", [], {}, [[[]]], {"a": {"b": []}}, ["0", 1.5],
+    "tailstack/design/1", "NaN", -0.0, 2**63, [1e5, -1e5, 1e5],
+]  # fmt: skip
+
+
+def check_no_defect(response: httpx.Response) -> None:
+    assert response.status_code < 500, response.text
+    assert response.headers["content-type"] in ("application/json", "application/problem+json")
+    document = response.json()
+    if response.status_code not in (200, 202):
+        assert document["errors"]
+        assert document["status"] == response.status_code
+
+
+@FEW
+@given(
+    path=st.sampled_from(POSTS),
+    body=st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=12), inner, max_size=4),
+        max_leaves=20,
+    ),
+)
+def test_json_values(client: httpx.Client, path: str, body: Any) -> None:
+    content = json.dumps(body).encode()
+    check_no_defect(client.post(path, content=content, headers={"Content-Type": "application/json"}))
+
+
+@pytest.mark.long("0")
+@pytest.mark.parametrize("seed", range(4))
+def test_a_good_request_with_a_few_values_replaced_or_removed(client: httpx.Client, seed: int, run_seed: int) -> None:
+    draw = random.Random(seed + 10 * run_seed)
+    good = {"design": small_design(optimise=None), "seed": 1}
+    places = [place for place in places_of(good) if place]
+    for _ in range(60):
+        body = copy.deepcopy(good)
+        for place in draw.sample(places, draw.randint(1, 3)):
+            try:
+                node = value_at(body, place[:-1])
+                if draw.random() < 0.25:
+                    del node[place[-1]]
+                else:
+                    node[place[-1]] = copy.deepcopy(draw.choice(ODD))
+            except (LookupError, TypeError):  # an earlier change took the place away
+                continue
+        path = draw.choice(("/v1/scores", "/v1/verifications", "/v1/validations"))
+        if path == "/v1/verifications":
+            body["trials"] = draw.choice([1, 2, 100, 2000])
+        else:
+            body.pop("seed", None)
+        check_no_defect(client.post(path, json=body))
