@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 import psutil
 
@@ -67,6 +67,23 @@ def ended(process: P) -> Iterator[P]:
             if stream is not None:
                 stream.close()
         process.wait(LIMIT_SECONDS)
+
+
+@contextmanager
+def started(*command: str | Path, **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """A process that ends with the block; without ``env`` it finds the sources of this checkout."""
+    kept = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": {**os.environ, "PYTHONPATH": SOURCES}}
+    process = subprocess.Popen[str](command, text=True, preexec_fn=die_with_parent, **{**kept, **options})
+    with ended(process):
+        yield process
+
+
+def read_until(words: str, stream: IO[str] | None) -> str:
+    """The next line of a process's stream that holds these words."""
+    assert stream is not None
+    while words not in (line := stream.readline()):
+        assert line, f"the process ended before it said {words!r}"
+    return line
 
 
 def forked_of(pid: int) -> list[psutil.Process]:

@@ -15,10 +15,9 @@ from pathlib import Path
 from shlex import quote
 
 import pytest
-from served import PATH
 from service_scenes import ROOT
 
-from family import die_with_parent, run_process
+from family import COMMAND, SOURCES, die_with_parent, run_process
 from tailstack.kernels.store import writable_directory
 
 USER = 23456
@@ -55,7 +54,7 @@ def contain(*arguments: str, read_only: bool = False) -> list[str]:
 
 def surroundings(**changes: str) -> dict[str, str]:
     """Nothing but what Python and the compiled kernels need: no HOME, no folder that is the user's."""
-    own = {"PATH": os.defpath, "PYTHONPATH": PATH, "PYTHONDONTWRITEBYTECODE": "1", "LANG": "C.UTF-8"}
+    own = {"PATH": os.defpath, "PYTHONPATH": SOURCES, "PYTHONDONTWRITEBYTECODE": "1", "LANG": "C.UTF-8"}
     return {**own, "OMP_NUM_THREADS": "1", "NUMBA_CACHE_DIR": str(writable_directory()), **changes}
 
 
@@ -63,5 +62,5 @@ def run_contained(
     *arguments: str, read_only: bool = False, cwd: Path | str = "/", **changes: str
 ) -> subprocess.CompletedProcess[str]:
     """A tailstack command, in such a machine."""
-    command = contain("-m", "tailstack_service.cli.main", *arguments, read_only=read_only)
+    command = contain(*COMMAND, *arguments, read_only=read_only)
     return run_process(*command, env=surroundings(**changes), cwd=cwd, preexec_fn=die_with_parent)

@@ -12,7 +12,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,10 @@ from typing import Any
 import yaml
 from service_scenes import EXAMPLES, ROOT
 
-from family import run_process
-from waiting import LIMIT_SECONDS
+from family import SOURCES, run_process
 
 ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
 EXAMPLE = EXAMPLES / "ci-gate"
-SOURCES = os.pathsep.join((str(ROOT / "solver"), str(ROOT / "service")))
 
 
 @dataclass(frozen=True)
@@ -91,6 +89,15 @@ def environment(**changes: str) -> dict[str, str]:
     return {**kept, "PYTHONPATH": SOURCES, "PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull, **changes}
 
 
+def call(folder: Path, *command: str, **variables: str) -> Ran:
+    """A command in a folder, with variables beside those of the environment."""
+    done = run_process(
+        *command, cwd=folder, env=environment(**variables), stdin=subprocess.DEVNULL, stderr=subprocess.STDOUT,
+        encoding="utf-8",
+    )  # fmt: skip
+    return Ran(done.returncode, done.stdout)
+
+
 def python_with_libraries(folder: Path) -> Path:
     """A ``python3`` whose virtual environments see the libraries of this one, as if an index had been asked."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -133,22 +140,18 @@ def run_step(identity: str, known: dict[str, str], workspace: Path, temporary: P
         path.write_bytes(b"")
     written["script"].write_text(entry["run"], encoding="utf-8")
     assert entry["shell"] == "bash"
-    done = subprocess.run(
-        ["bash", "--noprofile", "--norc", "-eo", "pipefail", str(written["script"])],
-        cwd=workspace / evaluated(entry.get("working-directory", "."), known),
-        env=environment(
-            **{name: evaluated(value, known) for name, value in entry["env"].items()},
-            GITHUB_ACTION_PATH=str(ROOT),
-            GITHUB_WORKSPACE=str(workspace),
-            GITHUB_OUTPUT=str(written["output"]),
-            GITHUB_STEP_SUMMARY=str(written["summary"]),
-            RUNNER_TEMP=str(temporary),
-        ),
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=LIMIT_SECONDS,
-        encoding="utf-8", check=False,
-    )  # fmt: skip
+    ran = call(
+        workspace / evaluated(entry.get("working-directory", "."), known),
+        *("bash", "--noprofile", "--norc", "-eo", "pipefail", str(written["script"])),
+        **{name: evaluated(value, known) for name, value in entry["env"].items()},
+        GITHUB_ACTION_PATH=str(ROOT),
+        GITHUB_WORKSPACE=str(workspace),
+        GITHUB_OUTPUT=str(written["output"]),
+        GITHUB_STEP_SUMMARY=str(written["summary"]),
+        RUNNER_TEMP=str(temporary),
+    )
     outputs = dict(line.split("=", 1) for line in written["output"].read_text(encoding="utf-8").splitlines())
-    return Ran(done.returncode, done.stdout, outputs, written["summary"].read_text(encoding="utf-8"))
+    return replace(ran, outputs=outputs, summary=written["summary"].read_text(encoding="utf-8"))
 
 
 def inputs(**given: str) -> dict[str, str]:
@@ -184,14 +187,8 @@ def interpolated(**given: str) -> dict[str, Any]:
 
 def run_job(job: dict[str, Any], project: Path, shell: list[str], path: Path) -> Ran:
     """The script of a job in one shell, as GitLab's runner runs it; ``path``: where its ``python3`` is."""
-    done = subprocess.run(
-        [*shell, "-c", "\n".join(job["script"])], cwd=project,
-        env=environment(
-            **job["variables"], CI="true", GITLAB_CI="true", CI_PROJECT_DIR=str(project),
-            PATH=os.pathsep.join((str(path), os.environ["PATH"])),
-            PIP_NO_DEPS="1", PIP_NO_BUILD_ISOLATION="0",
-        ),
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=LIMIT_SECONDS,
-        encoding="utf-8", check=False,
+    return call(
+        project, *shell, "-c", "\n".join(job["script"]),
+        **job["variables"], CI="true", GITLAB_CI="true", CI_PROJECT_DIR=str(project),
+        PATH=os.pathsep.join((str(path), os.environ["PATH"])), PIP_NO_DEPS="1", PIP_NO_BUILD_ISOLATION="0",
     )  # fmt: skip
-    return Ran(done.returncode, done.stdout)

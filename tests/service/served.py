@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
-from service_scenes import ROOT, client_of
+from service_scenes import client_of
 
-from family import die_with_parent, ended
+from family import SOURCES, die_with_parent, ended
 from tailstack_service.cli.main import main
 from waiting import LIMIT_SECONDS, until
 
 COMMAND = [sys.executable, "-m", "tailstack_service.cli.main"]
-PATH = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +56,7 @@ def environment(directory: Path, **changes: str) -> dict[str, str]:
         "TAILSTACK_WORKER_PROCESSES": "1",  # every process more is two seconds of a core before the first request
         "TAILSTACK_SHORT_WORKERS": "1",
     }
-    return {**kept, "PYTHONPATH": PATH, "OMP_NUM_THREADS": "1", **own, **changes}
+    return {**kept, "PYTHONPATH": SOURCES, "OMP_NUM_THREADS": "1", **own, **changes}
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from family import die_with_parent, ended
+from family import started
 from tailstack.kernels import calls
 from tailstack_service.console.compilation import CAUTION, CompilationProgress
 from turned_clock import TurnedClock
@@ -46,11 +46,7 @@ def running(place: Path, **variables: str) -> Iterator[subprocess.Popen[str]]:
     """The program; it ends with the block."""
     given = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
     given |= {"HOME": str(place), "PYTHONPATH": os.pathsep.join(path for path in sys.path if path), **variables}
-    process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM], env=given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=die_with_parent,
-    )  # fmt: skip
-    with ended(process):
+    with started(sys.executable, "-c", PROGRAM, env=given) as process:
         yield process
 
 

@@ -22,7 +22,7 @@ from served import Served, served
 from service_scenes import client_of, small_design
 from sqlalchemy.exc import OperationalError
 
-from family import run_process
+from family import COMMAND, run_process
 from tailstack_service.cli.main import main
 from tailstack_service.jobs.store.database import Database, _find_closed, connect, find_reading_mode, reading, writing
 from tailstack_service.jobs.store.keys import create_key
@@ -273,7 +273,7 @@ def test_a_copy_on_a_disk_that_cannot_be_written(file: Path) -> None:
     """As root may write everywhere, the folder is mounted read-only for a user of no name."""
     mounted = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"'
     folder = str(file.parent)
-    command = contain("-m", "tailstack_service.cli.main", "db", "check", "--database", url_of(file))
+    command = contain(*COMMAND, "db", "check", "--database", url_of(file))
     done = run_process("unshare", "--mount", "sh", "-c", mounted, folder, *command, env=surroundings(), cwd="/")
     assert done.returncode == 0, done.stderr
     assert "sound" in done.stdout

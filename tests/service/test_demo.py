@@ -14,9 +14,9 @@ import psutil
 import pytest
 import yaml
 from jsonschema import Draft202012Validator
-from service_scenes import EXAMPLES, ROOT
+from service_scenes import EXAMPLES
 
-from family import COMMAND, die_with_parent, ended, run_python
+from family import COMMAND, SOURCES, TAILSTACK, read_until, run_python, started
 from tailstack_service.cli import demo
 from tailstack_service.cli.demo import demo_text
 from tailstack_service.cli.main import main
@@ -84,22 +84,10 @@ def test_the_design_of_the_demo_is_the_example() -> None:
 
 @pytest.mark.long
 def test_an_interrupted_demo_leaves_nothing_behind(tmp_path: Path) -> None:
-    path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tailstack_service.cli.main", "demo", "--full", "-o", str(tmp_path)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-        start_new_session=True,
-        preexec_fn=die_with_parent,
-    )
-    with ended(process):
-        assert process.stderr is not None
-        said = ""
-        while "POST /v1/optimisations" not in said:
-            said = process.stderr.readline()
-            assert said, "the demo ended before it could be interrupted"
+    variables = {**os.environ, "PYTHONPATH": SOURCES, "OMP_NUM_THREADS": "1"}
+    command = (*TAILSTACK, "demo", "--full", "-o", tmp_path)
+    with started(*command, stdout=subprocess.DEVNULL, env=variables, start_new_session=True) as process:
+        read_until("POST /v1/optimisations", process.stderr)
         family = psutil.Process(process.pid).children(recursive=True)
         assert family  # the worker, and what computes for it
         process.send_signal(signal.SIGINT)
@@ -142,13 +130,9 @@ def test_waiting_for_the_kernels_is_told_once_and_then_seldom() -> None:
 
 @pytest.mark.long
 def test_a_demo_interrupted_while_it_compiles_ends_at_once(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "tailstack_service.cli.main", "demo", "--full", "-o", str(tmp_path / "demo")]
     variables = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
     (tmp_path / "cache").mkdir()
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=variables, preexec_fn=die_with_parent
-    )
-    with ended(process):
+    with started(*TAILSTACK, "demo", "--full", "-o", tmp_path / "demo", env=variables) as process:
         assert process.stderr is not None
         assert "starting the service" in process.stderr.readline()
         assert "compiling the kernels" in process.stderr.readline()

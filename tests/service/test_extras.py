@@ -23,7 +23,7 @@ import served
 from packaging.requirements import Requirement
 from service_scenes import EXAMPLES, ROOT, client_of
 
-from family import run_process, run_python
+from family import SOURCES, run_process, run_python
 from tailstack.extras import MODULES_OF, install_command
 from tailstack.version import __version__
 
@@ -55,7 +55,7 @@ def tailstack(*arguments: str, without: tuple[str, ...], folder: Path) -> subpro
     code = f"import sys; sys.modules.update(dict.fromkeys({without!r})); sys.argv[0] = 'tailstack'\n"
     code += "from tailstack_service.cli.main import command; command()"
     variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
-    variables |= {"PYTHONPATH": served.PATH, "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}"}
+    variables |= {"PYTHONPATH": SOURCES, "TAILSTACK_DATABASE": f"sqlite:///{folder / 'jobs.sqlite3'}"}
     return run_python("-c", code, *arguments, env=variables, cwd=folder)
 
 
@@ -150,7 +150,7 @@ for words in {commands!r}:
 print(json.dumps(said))
 """
     variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
-    done = run_python("-c", code, env={**variables, "PYTHONPATH": served.PATH}, cwd=folder)
+    done = run_python("-c", code, env={**variables, "PYTHONPATH": SOURCES}, cwd=folder)
     assert done.returncode == 0, done.stderr
     return [(code, text) for code, text in json.loads(done.stdout)]
 
@@ -170,7 +170,7 @@ def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) ->
         f"import sys; sys.modules.update(dict.fromkeys({(*MODULES_OF['optimise'], *MODULES_OF['report'])!r}))\n"
     )
     with served.served(
-        tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{served.PATH}", TAILSTACK_MAX_WAIT_SECONDS="600"
+        tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{SOURCES}", TAILSTACK_MAX_WAIT_SECONDS="600"
     ) as service:
         design = {"Content-Type": "application/yaml"}, (EXAMPLES / "demo.yaml").read_bytes()
         with client_of(service.url, headers=design[0]) as client:
@@ -190,7 +190,7 @@ def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) ->
 
 def test_python_is_told_too() -> None:
     code = f"import sys; sys.modules.update(dict.fromkeys({MODULES_OF['optimise']!r}))\nfrom tailstack import optimise"
-    done = run_python("-c", code, said={"PYTHONPATH": served.PATH})
+    done = run_python("-c", code, said={"PYTHONPATH": SOURCES})
     assert "MissingExtraError" in done.stderr
     assert command("optimise") in done.stderr.splitlines()[-1]
 

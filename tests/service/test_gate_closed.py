@@ -14,7 +14,7 @@ import pytest
 from gate_scenes import BAD, FORMATS, GOOD, PASSING, STRICT, read_gate_record, waivers_of_today, write_documents
 from service_scenes import ROOT, limited, write_json
 
-from family import SOURCES, TAILSTACK, die_with_parent, ended, run_process
+from family import TAILSTACK, read_until, run_process, started
 from tailstack import load_design, score
 from tailstack.errors import NotConvergedError, Problem
 from tailstack_service.cli import gate_outputs
@@ -340,14 +340,8 @@ def test_a_gate_that_is_broken_off_leaves_files_that_say_so(
     """The process gets the signal while it computes; what it wrote at its start stays where it is killed."""
     assert gate("good.yaml", "--policy", "policy.yaml") == 0
     command = [sys.executable, "-c", JUDGING, "gate", "good.yaml", *[f"--format={n}=out.{n}" for n in FORMATS]]
-    with ended(
-        subprocess.Popen[bytes](
-            command, env={**os.environ, "PYTHONPATH": SOURCES}, cwd=folder, preexec_fn=die_with_parent,
-            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-        )
-    ) as child:  # fmt: skip
-        assert child.stdout is not None
-        assert child.stdout.readline() == b"judging\n"
+    with started(*command, cwd=folder, stderr=subprocess.DEVNULL) as child:
+        read_until("judging\n", child.stdout)
         child.send_signal(sent)
         assert child.wait(LIMIT_SECONDS) == left
     assert (record().verdict, record().exit_code) == ("not evaluated", code)

@@ -8,12 +8,12 @@ import ssl
 import threading
 from collections.abc import Iterator
 from contextlib import closing, suppress
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from dask_cluster import make_certificates
 from service_scenes import answering, client_with, http_answer, limited, small_design
 
 from tailstack_service.cli.main import main
@@ -215,9 +215,9 @@ def test_another_service_is_asked_through_the_proxy(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_certificate_that_nobody_vouches_for_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    certificate, key = self_signed(tmp_path)
+    files = make_certificates(tmp_path)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(certificate, key)
+    context.load_cert_chain(files.certificate, files.key)
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         listening.listen()
@@ -228,26 +228,8 @@ def test_a_certificate_that_nobody_vouches_for_is_refused(tmp_path: Path, capsys
 
         threading.Thread(target=answer, daemon=True).start()
         port = listening.getsockname()[1]
-        assert main(["jobs", "list", "--url", f"https://127.0.0.1:{port}"]) == 3
+        assert main(["jobs", "list", "--url", f"https://localhost:{port}"]) == 3
     assert "certificate verify failed" in capsys.readouterr().err
-
-
-def self_signed(folder: Path) -> tuple[Path, Path]:
-    """A certificate of 127.0.0.1 and its key."""
-    from cryptography import x509
-    from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.asymmetric import ec
-
-    key = ec.generate_private_key(ec.SECP256R1())
-    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "127.0.0.1")])
-    made = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key())
-    today = datetime.now(UTC)
-    made = made.serial_number(1).not_valid_before(today).not_valid_after(today + timedelta(days=1))
-    files = folder / "certificate.pem", folder / "key.pem"
-    files[0].write_bytes(made.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM))
-    form = serialization.PrivateFormat.PKCS8
-    files[1].write_bytes(key.private_bytes(serialization.Encoding.PEM, form, serialization.NoEncryption()))
-    return files
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,10 @@ import psutil
 import pytest
 from containers import USER, contain, run_contained, surroundings
 from openapi_scenes import ended_job
-from served import COMMAND, PATH, served
+from served import served
 from service_scenes import ROOT, ask, client_of, small_design
 
-from family import die_with_parent, ended, run_process, run_python
+from family import COMMAND, run_python, started
 from tailstack.errors import MissingExtraError
 from tailstack_service import environment
 from tailstack_service.cli.doctor import CHECKS, Ailment
@@ -154,9 +154,8 @@ def test_a_missing_font_is_no_defect_of_the_service(
 @pytest.mark.long
 def test_a_report_without_a_font_is_refused_and_not_killed(tmp_path: Path) -> None:
     file = tmp_path / "x.pdf"
-    environment = {**os.environ, "FONTCONFIG_FILE": without_fonts(tmp_path), "PYTHONPATH": PATH}
-    command = [*COMMAND, "report", DESIGN, "-o", str(file)]
-    done = run_process(*command, env=environment)
+    said = {"FONTCONFIG_FILE": without_fonts(tmp_path)}
+    done = run_python(*COMMAND, "report", DESIGN, "-o", file, said=said)
     assert (done.returncode, file.exists()) == (3, False), done.stderr
     assert "apt install fonts-dejavu-core" in done.stderr
 
@@ -246,14 +245,12 @@ def test_commands_that_can_write_nowhere(room: Path) -> None:
 
 @pytest.mark.long
 def test_a_service_of_a_user_without_name_and_home(room: Path) -> None:
-    command = contain("-m", "tailstack_service.cli.main", "serve", "--port", "0")
+    command = contain(*COMMAND, "serve", "--port", "0")
     changes = {"TMPDIR": str(room), "TAILSTACK_WORKER_PROCESSES": "1", "TAILSTACK_SHORT_WORKERS": "1"}
-    with (room / "log").open("w") as log:
-        started = subprocess.Popen(
-            command, env=surroundings(**changes), cwd="/", stdout=subprocess.PIPE, stderr=log, text=True,
-            preexec_fn=die_with_parent,
-        )  # fmt: skip
-    with ended(started) as process:
+    with (
+        (room / "log").open("w") as log,
+        started(*command, env=surroundings(**changes), cwd="/", stderr=log) as process,
+    ):
         assert process.stdout is not None
         found = re.search(r"http://\S+", process.stdout.readline())
         assert found is not None, (room / "log").read_text()

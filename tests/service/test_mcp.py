@@ -17,6 +17,7 @@ from mcp import Client, StdioServerParameters
 from mcp.shared.exceptions import MCPError
 from service_scenes import EXAMPLES, ROOT, coplanar_design, small_design
 
+from family import COMMAND, SOURCES
 from tailstack import load_design, score
 from tailstack_service.cli.main import build_parser
 from tailstack_service.integrations.mcp_tools import TOOLS, Tools, input_schema
@@ -31,10 +32,8 @@ Session = Callable[[Client], Awaitable[Any]]
 def in_session(session: Session, *arguments: str, **settings: str) -> Any:
     """What a session with a server of its own comes to."""
     variables = {name: value for name, value in os.environ.items() if not name.startswith("TAILSTACK_")}
-    variables |= {"PYTHONPATH": os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")]), **settings}
-    server = StdioServerParameters(
-        command=sys.executable, args=["-m", "tailstack_service.cli.main", "mcp", *arguments], env=variables
-    )
+    variables |= {"PYTHONPATH": SOURCES, **settings}
+    server = StdioServerParameters(command=sys.executable, args=[*COMMAND, "mcp", *arguments], env=variables)
 
     async def meet() -> Any:
         async with Client(server, read_timeout_seconds=LIMIT_SECONDS) as client:

@@ -17,7 +17,7 @@ import yaml
 from browsing import browser, used
 from service_scenes import ROOT
 
-from family import die_with_parent, ended, run_process, run_python
+from family import run_process, run_python, started
 from waiting import LIMIT_SECONDS
 
 __all__ = ["browser"]
@@ -134,11 +134,7 @@ def run(variables: dict[str, str], folder: Path, *arguments: str, codes: tuple[i
 @pytest.fixture(scope="module")
 def copy(variables: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
     """A process that has the copy of the sources loaded and runs one command after the other."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", COMMANDS], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=variables,
-        preexec_fn=die_with_parent,
-    )  # fmt: skip
-    with ended(process):
+    with started(sys.executable, "-c", COMMANDS, stdin=subprocess.PIPE, stderr=None, env=variables) as process:
         yield process
 
 

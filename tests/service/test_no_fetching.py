@@ -21,7 +21,7 @@ from openapi_scenes import ended_job, json_examples, light, operations, paramete
 from served import served
 from service_scenes import client_of
 
-from plain_data import replaced
+from plain_data import places_of, replaced, value_at
 from waiting import LIMIT_SECONDS, until
 
 FORMATS = ("html", "pdf", "xlsx", "json")
@@ -67,16 +67,15 @@ def canary() -> Iterator[Canary]:
             thread.join()
 
 
-Way = tuple[Any, ...]
+Way = tuple[str | int, ...]
 
 
-def designs_in(node: Any, way: Way = ()) -> Iterator[Way]:
+def designs_in(request: Any) -> list[Way]:
     """The place of every design in a request."""
-    if isinstance(node, dict) and {"fiducials", "views"} <= node.keys():
-        yield way
-    else:
-        for key, child in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
-            yield from designs_in(child, (*way, key))
+    needed = {"fiducials", "views"}
+    return [
+        way for way in places_of(request) if isinstance(found := value_at(request, way), dict) and needed <= {*found}
+    ]
 
 
 def form_of(design: Any) -> str:
@@ -84,19 +83,9 @@ def form_of(design: Any) -> str:
     return repr(sorted(map(str, texts(design))))
 
 
-def at(node: Any, way: Way) -> Any:
-    """What stands at a place."""
-    for key in way:
-        node = node[key]
-    return node
-
-
-def texts(node: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+def texts(document: Any) -> list[Way]:
     """The place of every text in a document."""
-    if isinstance(node, str):
-        yield way
-    for key, child in node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ():
-        yield from texts(child, (*way, key))
+    return [way for way in places_of(document) if isinstance(value_at(document, way), str)]
 
 
 def baits(address: str) -> tuple[str, ...]:
@@ -111,7 +100,7 @@ def requests(
     bait there; without a place the body with all that is free in the designs that are known."""
     known = {}
     for way in designs_in(body):
-        text = form_of(at(body, way))
+        text = form_of(value_at(body, way))
         if text in free:
             known[way] = free[text]
         else:
@@ -120,7 +109,7 @@ def requests(
         inside = next((own for own in designs_in(body) if way[: len(own)] == own), None)
         if inside in known:
             continue
-        design = "" if inside is None else form_of(at(body, inside))
+        design = "" if inside is None else form_of(value_at(body, inside))
         address = bird.address(f"{name}/" + "/".join(map(str, way)))
         yield way[len(inside or ()) :], design, [replaced(body, way, bait) for bait in baits(address)]
     if known:

@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,9 +16,9 @@ from typing import Any
 import pytest
 import yaml
 from optimisation_scenes import full_result, verification
-from service_scenes import EXAMPLES, ROOT
+from service_scenes import EXAMPLES
 
-from family import die_with_parent, ended
+from family import SOURCES, TAILSTACK, read_until, started
 from tailstack.design import design_to_data, load_design
 from tailstack.errors import NotConvergedError, Problem
 from tailstack.results import Finding, Optimisation
@@ -213,29 +212,19 @@ def test_the_incumbent_never_gets_worse() -> None:
 
 
 @contextmanager
-def started(directory: Path, progress: str) -> Iterator[subprocess.Popen[str]]:
+def searching(directory: Path, progress: str) -> Iterator[subprocess.Popen[str]]:
     """A long search, as far as a progress line that says something."""
-    path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
     kept = {key: value for key, value in os.environ.items() if not key.startswith("TAILSTACK_")}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tailstack_service.cli.main", "optimise", str(DEMO), "--starts", "256",
-         "-o", str(directory / "new.yaml")],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**kept, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-            preexec_fn=die_with_parent,
-    )  # fmt: skip
-    with ended(process):
-        assert process.stderr is not None
-        said = ""
-        while progress not in said:
-            said = process.stderr.readline()
-            assert said, "the search ended before it could be stopped"
+    variables = {**kept, "PYTHONPATH": SOURCES, "OMP_NUM_THREADS": "1"}
+    command = (*TAILSTACK, "optimise", DEMO, "--starts", "256", "-o", directory / "new.yaml")
+    with started(*command, env=variables) as process:
+        read_until(progress, process.stderr)
         yield process
 
 
 @pytest.mark.long
 def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
-    with started(tmp_path, ", least cost so far ") as process:
+    with searching(tmp_path, ", least cost so far ") as process:
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=LIMIT_SECONDS)
     assert process.returncode == 130
@@ -250,13 +239,9 @@ def test_an_interrupted_search_is_checked_and_written(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_second_interrupt_leaves_at_once(tmp_path: Path) -> None:
-    with started(tmp_path, "optimise: ") as process:
-        assert process.stderr is not None
+    with searching(tmp_path, "optimise: ") as process:
         process.send_signal(signal.SIGINT)
-        said = ""
-        while STOPPING not in said:
-            said = process.stderr.readline()
-            assert said, "the search ended without a word of its stop"
+        read_until(STOPPING, process.stderr)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=LIMIT_SECONDS)
     assert process.returncode == 130

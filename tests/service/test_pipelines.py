@@ -8,7 +8,6 @@ import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 from datetime import timedelta
 from pathlib import Path
@@ -22,6 +21,7 @@ from pipeline_scenes import (
     ACTION,
     EXAMPLE,
     Ran,
+    call,
     environment,
     git,
     inputs,
@@ -44,7 +44,6 @@ from tailstack.version import __version__
 from tailstack_service.cli.gate_changes import list_affected
 from tailstack_service.cli.main import main
 from tailstack_service.gate.waivers import read_waivers
-from waiting import LIMIT_SECONDS
 
 SCHEMAS = ROOT / "tests" / "data" / "schemas"
 HOOKS = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text(encoding="utf-8"))
@@ -397,12 +396,7 @@ def hooked(project: Path) -> Ran:
     (hook,) = ({**hook, **used} for hook in HOOKS if hook["id"] == used["id"])
     files = chosen(hook, git(project, "ls-files").splitlines())
     program, *words = shlex.split(hook["entry"])
-    done = subprocess.run(
-        [str(ROOT / program), *words, *hook["args"], *files], cwd=project, env=environment(), stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        timeout=LIMIT_SECONDS, encoding="utf-8", check=False,
-    )  # fmt: skip
-    return Ran(done.returncode, done.stdout)
+    return call(project, str(ROOT / program), *words, *hook["args"], *files)
 
 
 @pytest.mark.long

@@ -9,7 +9,6 @@ import os
 import pty
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 import pytest
 from service_scenes import EXAMPLES, ROOT
 
-from family import die_with_parent, ended
+from family import TAILSTACK, die_with_parent, ended
 from tailstack.design import load_design
 from tailstack.results.tables import Table
 from tailstack_service.cli.main import main
@@ -179,7 +178,7 @@ def run_in_terminal(width: int, *arguments: str) -> str:
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))
     environment = {key: value for key, value in os.environ.items() if key != "COLUMNS"}
     process = subprocess.Popen(
-        [sys.executable, "-m", "tailstack_service.cli.main", *arguments],
+        [*TAILSTACK, *arguments],
         stdout=slave, stderr=subprocess.DEVNULL, cwd=ROOT, env={**environment, "NO_COLOR": "1"},
         preexec_fn=die_with_parent,
     )  # fmt: skip

@@ -6,9 +6,7 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import re
-import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,10 +14,10 @@ from typing import Any
 import openpyxl
 import pytest
 from pypdf import PdfReader
-from service_scenes import ROOT, limited
+from service_scenes import limited
 from test_report_rendering import Page
 
-from family import run_process
+from family import COMMAND, run_python
 from tailstack import load_design, score, verify
 from tailstack.results.verdicts import rest_of
 from tailstack.sweeping import read_axes, sweep
@@ -146,16 +144,8 @@ def written(tmp_path: Path) -> list[Path]:
     folders = []
     for number, environment in enumerate(ENVIRONMENTS):
         folder = tmp_path / str(number)
-        command = [sys.executable, "-m", "tailstack_service.cli.main", "report", str(design), "--trials", "4000"]
-        path = os.pathsep.join([str(ROOT / "solver"), str(ROOT / "service")])
-        done = run_process(
-            *command,
-            "--format",
-            "html,pdf,xlsx,json",
-            "-o",
-            str(folder),
-            env={**os.environ, "PYTHONPATH": path, **environment},
-        )
+        asked = ("report", design, "--trials", "4000", "--format", "html,pdf,xlsx,json", "-o", folder)
+        done = run_python(*COMMAND, *asked, said=environment)
         assert done.returncode in (0, 1, 4), done.stderr
         folders.append(folder)
     return folders

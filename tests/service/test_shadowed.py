@@ -11,7 +11,6 @@ import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 from functools import cache
 from pathlib import Path
@@ -21,7 +20,7 @@ import pytest
 import yaml
 from pipeline_scenes import (
     EXAMPLE,
-    Ran,
+    call,
     environment,
     git,
     inputs,
@@ -37,7 +36,6 @@ from service_scenes import ROOT
 from family import run_python
 from tailstack.kernels import process
 from tailstack_service.processes.interpreter import make_command, make_environment
-from waiting import LIMIT_SECONDS
 
 TAKEN = 77
 OURS = ("tailstack", "tailstack_service", "tailstack_kernels")
@@ -99,14 +97,6 @@ def checkout(tmp_path: Path) -> Path:
     git(folder, "add", "--all", "--force")
     git(folder, "-c", "user.name=t", "-c", "user.email=t@example.com", "commit", "-q", "-m", "a merge request")
     return folder
-
-
-def call(folder: Path, *command: str, **habits: str) -> Ran:
-    done = subprocess.run(
-        command, cwd=folder, env={**environment(), **habits}, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True, timeout=LIMIT_SECONDS, check=False, encoding="utf-8",
-    )  # fmt: skip
-    return Ran(done.returncode, done.stdout)
 
 
 OPTIONS = ("--policy=policy.yaml", "--waivers=waivers.yaml")

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import jsonschema
 import pytest
+from jsonschema import Draft202012Validator
 from service_scenes import EXAMPLES, ROOT, coplanar_design, small_design, write_json
 from test_report_figures import check_picture
 
@@ -49,9 +49,8 @@ def coupling(tmp_path_factory: pytest.TempPathFactory) -> dict:
     return printed(tmp_path_factory.mktemp("coupling"), "coupling", DEMO, *QUICK)
 
 
-def test_json_is_the_published_record(coupling: dict) -> None:
+def test_each_reading_is_a_case_at_each_level(coupling: dict) -> None:
     study = coupling["study"]
-    jsonschema.Draft202012Validator(json_schema("study-coupling")).validate(study)
     assert [(case["reading"], case["installation"]) for case in study["cases"]] == [
         ("physical", "as designed"), ("physical", "2 deg + 5 mm"), ("eq18", "as designed"), ("eq18", "2 deg + 5 mm"),
     ]  # fmt: skip
@@ -161,9 +160,9 @@ def linearity(tmp_path_factory: pytest.TempPathFactory) -> dict:
     return printed(folder, "linearity", str(write_json(folder / "design.json", small_design())), *AXES)
 
 
-def test_json_of_linearity_is_the_published_record(linearity: dict) -> None:
+def test_what_does_not_fit_on_the_detector_is_refused_and_the_rest_has_a_ratio(linearity: dict) -> None:
     study = linearity["study"]
-    jsonschema.Draft202012Validator(json_schema("study-linearity")).validate(study)
+    Draft202012Validator(json_schema("study-linearity")).validate(study)
     assert len(study["points"]) == 2 * 2 * 3 * 2
     refused = [point for point in study["points"] if point["status"] == "refused"]
     assert {point["spread"] for point in refused} == {6.0}  # six times as wide does not fit on the detector
@@ -254,23 +253,10 @@ def test_it_prints_a_line_for_each_map_and_what_they_say(capsys: pytest.CaptureF
 
 
 @pytest.mark.long
-def test_its_record_keeps_its_schema_is_drawn_and_is_computed_again(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["study", "views", DEMO, *COARSE, "--json"]) == 0
-    printed = capsys.readouterr().out
-    record = json.loads(printed)
-    jsonschema.Draft202012Validator(json_schema("study-views")).validate(record)
-    picture = draw_views(record_of("study-views", record))
+def test_every_map_is_in_the_picture() -> None:
+    picture = draw_views(study_views(load_design(DEMO), step_deg=30))
     check_picture(picture)
-    assert [picture.count(f">{name}: P95, mm<") for name in ("AP, turned", "LAT, turned", "one more like AP")] == [
-        1,
-        1,
-        1,
-    ]
-    (tmp_path / "study.json").write_text(printed, encoding="utf-8")
-    assert main(["report", "--verify", str(tmp_path / "study.json"), DEMO]) == 0
-    assert capsys.readouterr().out.endswith("verified\n")
+    assert all(picture.count(f">{name}: P95, mm<") == 1 for name in ("AP, turned", "LAT, turned", "one more like AP"))
 
 
 def test_a_design_without_an_aimed_view_still_has_text_and_pages(
@@ -311,17 +297,6 @@ def test_it_prints_a_line_for_each_estimator_and_the_sentences(capsys: pytest.Ca
     assert "with known intrinsics does as well as this one" in " ".join(text.split())
 
 
-def test_its_record_keeps_its_schema_and_is_computed_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["study", "estimators", DEMO, "--trials", "1024", "--focal-rel-sd", "0.02", "--json"]) == 0
-    printed = capsys.readouterr().out
-    record = json.loads(printed)
-    jsonschema.Draft202012Validator(json_schema("study-estimators")).validate(record)
-    assert [case["simulated_p95_mm"] is not None for case in record["cases"]] == [True] * 4
-    (tmp_path / "study.json").write_text(printed, encoding="utf-8")
-    assert main(["report", "--verify", str(tmp_path / "study.json"), DEMO]) == 0
-    assert capsys.readouterr().out.endswith("verified\n")
-
-
 # --- compare --------------------------------------------------------------------------------------
 
 
@@ -340,7 +315,7 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     figure = tmp_path / "q.svg"
     code, document = compared(capfdbinary, "bench_tilted_flange.csv", "--figure", str(figure))
     assert code == 1
-    jsonschema.Draft202012Validator(json_schema("study-comparison")).validate(document)
+    Draft202012Validator(json_schema("study-comparison")).validate(document)
     assert document["verdict"] == "differs"
     record = tmp_path / "study.json"
     record.write_text(json.dumps(document))

@@ -11,19 +11,25 @@ import re
 import shlex
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
-from service_scenes import EXAMPLES, ROOT
+from jsonschema import Draft202012Validator
+from service_scenes import ROOT, write_json
 
+from plain_data import problems_of
+from tailstack import load_design
 from tailstack.results.tables import Table
-from tailstack_service.cli.main import build_parser, main
+from tailstack_service.audit import audit
+from tailstack_service.cli.main import build_parser
 from tailstack_service.operations.example import EXAMPLE_DESIGN
 from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.operations.rendering import render
 from tailstack_service.operations.units.whole import compute_whole
 from tailstack_service.rendering.blocks import Paragraph
-from tailstack_service.schemas import record_of
+from tailstack_service.schemas import json_schema, record_of
 
+EXAMPLE = load_design(EXAMPLE_DESIGN)
 STUDIES = [name for name in OPERATIONS if name.startswith("study-")]
 
 
@@ -67,18 +73,24 @@ def test_no_row_of_a_study_is_left_out(name: str) -> None:
         assert len(tables["Tests"].rows) == sum(len(level["tests"]) for level in record["levels"])
 
 
-def test_a_study_is_computed_again_from_its_design(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    design = str(EXAMPLES / "demo.yaml")
-    assert main(["study", "coupling", design, "--trials", "8192", "--level", "1,2", "--json"]) == 0
-    honest = capsys.readouterr().out
-    (tmp_path / "study.json").write_text(honest, encoding="utf-8")
-    assert main(["report", "--verify", str(tmp_path / "study.json"), design]) == 0
-    assert capsys.readouterr().out.endswith("verified\n")
-    forged = json.loads(honest)
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_record_keeps_its_schema_and_is_computed_again_from_its_design(name: str) -> None:
+    record = json.loads(body(name))
+    Draft202012Validator(json_schema(name)).validate(record)
+    if name == "study-comparison":  # which is of measurements as well
+        (problem,) = problems_of(audit, body(name), "study.json", EXAMPLE)
+        assert "by tailstack study compare" in problem.detail
+    else:
+        assert audit(body(name), "study.json", EXAMPLE).verdict == "verified"
+
+
+def test_a_number_of_a_study_that_was_changed_is_told(tmp_path: Path, call: Any) -> None:
+    forged, path = json.loads(body("study-coupling")), tmp_path / "study.json"
     forged["cases"][0]["p95_together_mm"] *= 1.01
-    (tmp_path / "study.json").write_text(json.dumps(forged), encoding="utf-8")
-    assert main(["report", "--verify", str(tmp_path / "study.json"), design]) == 1
-    assert "/cases/0/p95_together_mm: recorded" in capsys.readouterr().out
+    path.write_text(json.dumps(forged), encoding="utf-8")
+    code, out, _ = call("report", "--verify", path, write_json(tmp_path / "design.json", EXAMPLE_DESIGN))
+    assert code == 1
+    assert "/cases/0/p95_together_mm: recorded" in out
 
 
 # --- their pages in docs/ -------------------------------------------------------------------------
