@@ -101,14 +101,6 @@ def test_validate_says_to_mend_before_it_says_to_validate_again(call: Any) -> No
     assert "\nnext: mend it, then tailstack validate law.yaml " in call("validate", "law.yaml")[2]
 
 
-def test_a_line_that_is_indented_otherwise_comes_with_a_cure(call: Any) -> None:
-    write_changed("indent.yaml", "    orientation: AP", "   orientation: AP")
-    assert (
-        "  hint: fields of one mapping, and items of one list, begin in the same column"
-        in (call("validate", "indent.yaml")[2])
-    )
-
-
 # --- the same of many -------------------------------------------------------------------------------------
 
 
@@ -331,8 +323,13 @@ def test_validate_answers_in_json_with_a_line_for_each_design(call: Any) -> None
         ("orientation: AP", "orientation: PA", "beam_direction: [0, -1, 0]"),
         (r"\Z", "\nmodel: {estimator: PnP}\n", "did you mean pose?"),
         ("limit_mm: [0-9.]+", "limit_deg: 2", "an angle cannot be converted into a length"),
+        (
+            "    orientation: AP",
+            "   orientation: AP",
+            "hint: fields of one mapping, and items of one list, begin in the",
+        ),
     ],
-    ids=["short", "long", "PA", "PnP", "angle"],
+    ids=["short", "long", "PA", "PnP", "angle", "indented"],
 )
 def test_a_slip_is_answered_with_what_to_write(call: Any, pattern: str, replacement: str, said: str) -> None:
     write_changed("slip.yaml", pattern, replacement)
@@ -465,13 +462,21 @@ def test_examples_are_listed_with_a_line_each(bare: Any) -> None:
     assert names[: len(DESIGNS)] == DESIGNS
     assert {"ci-gate", "measurements", "paper"} <= set(names[len(DESIGNS) :])
     assert "drill guide, reference structure with 12 beads" in out
+    assert max(map(len, out.splitlines())) <= 100
 
 
-@pytest.mark.parametrize("name", DESIGNS)
-def test_an_example_that_is_printed_stands_alone(bare: Any, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        *((name, f"{name}.yaml") for name in DESIGNS),
+        *((each, "paper/c_arm.yaml") for each in ("paper-c_arm", "paper/c_arm.yaml")),
+    ],
+)
+def test_an_example_that_is_printed_stands_alone(bare: Any, name: str, file: str) -> None:
+    """Also a design of a folder, by either name."""
     code, out, err = bare("example", name)
     assert (code, err) == (0, "")
-    assert load_design(out, allow_files=False).sha256 == load_design(EXAMPLES / f"{name}.yaml").sha256
+    assert load_design(out, allow_files=False).sha256 == load_design(EXAMPLES / file).sha256
     assert out.startswith("# ")
     assert "yaml-language-server" not in out
 
@@ -499,17 +504,6 @@ def test_modules_for_other_programs_are_written_whole(bare: Any) -> None:
     assert bare("example", "integrations", "-o", "doors")[0] == 0
     for name in ("freecad/InitGui.py", "freecad/icons/score.svg", "slicer/Tailstack.py", "slicer/tailstack_http.py"):
         assert (Path("doors") / name).read_bytes() == (EXAMPLES / "integrations" / name).read_bytes()
-
-
-@pytest.mark.parametrize("name", ["paper-c_arm", "paper/c_arm.yaml"])
-def test_a_design_of_a_folder_is_an_example_too(bare: Any, name: str) -> None:
-    code, out, _ = bare("example", name)
-    assert code == 0
-    assert load_design(out).sha256 == load_design(EXAMPLES / "paper" / "c_arm.yaml").sha256
-
-
-def test_the_list_fits_a_terminal_of_a_hundred_columns(bare: Any) -> None:
-    assert max(map(len, bare("example")[1].splitlines())) <= 100
 
 
 def test_an_unknown_example_is_answered_with_the_nearest(refused: Any) -> None:

@@ -502,6 +502,7 @@ def test_the_record_validates_and_repeats_byte_for_byte() -> None:
     ("body", "kind", "pointer"),
     [
         ({"policy": policy({"p59": {}})}, GateError, "/policy/rules/p59"),
+        ({"policy": policy({"not-judged": {"severity": "off"}})}, GateError, "/policy/rules/not-judged/severity"),
         ({"policy": policy({"regression": {"max_percent": -1}})}, GateError, "/policy/rules/regression/max_percent"),
         ({"waivers": waivers(waiver(rule="not-evaluated"))}, GateError, "/waivers/waivers/0/rule"),
         ({"baseline": {"schema": "tailstack/score/1"}}, GateError, "/baseline/schema"),
