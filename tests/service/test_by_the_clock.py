@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import httpx
 import pytest
-from service_scenes import check_problem, small_design
+from service_scenes import small_design
 from store_scenes import submit
 from worker_scenes import Stops
 
@@ -177,17 +177,6 @@ def test_who_waits_for_a_job_is_told_after_its_time_that_it_is_accepted(settings
     assert answer.status_code == 202, answer.text
     assert answer.headers["preference-applied"] == "wait=10"
     assert answer.json()["state"] == "queued"
-
-
-def test_a_body_that_does_not_come_is_refused_after_its_time(settings: Settings) -> None:
-    async def body() -> AsyncIterator[bytes]:
-        yield b"{"
-        await asyncio.get_running_loop().create_future()
-
-    headers = {"Content-Type": "application/json"}
-    answer = asyncio.run(answered(settings, TurnedClock(), 20.0, 20.0, content=body(), headers=headers))
-    problem = check_problem(answer, 408, "body-timeout")
-    assert "after 20 s; 1 bytes arrived" in problem["errors"][0]["detail"]
 
 
 # --- the store ----------------------------------------------------------------------------------------------

@@ -134,10 +134,10 @@ def test_printed_budget_is_the_one_in_the_document(call: Any) -> None:
 
 
 @pytest.mark.parametrize(("limit_mm", "code"), [(50.0, 0), (0.1, 1)])
-def test_the_verdict_of_the_score_is_the_exit_code(call: Any, tmp_path: Path, limit_mm: float, code: int) -> None:
-    path = str(write_json(tmp_path / "design.json", limited(limit_mm)))
-    assert call("score", path)[0] == code
-    assert call("score", path, "--json")[0] == code
+def test_the_verdict_is_the_exit_code(call: Any, tmp_path: Path, limit_mm: float, code: int) -> None:
+    path = write_json(tmp_path / "design.json", limited(limit_mm))
+    asked = (("score", path), ("score", path, "--json"), ("verify", path, "--trials", "2000"))
+    assert [call(*arguments)[0] for arguments in asked] == [code] * 3
 
 
 def test_no_requirement_is_0(call: Any, tmp_path: Path) -> None:
@@ -204,12 +204,6 @@ def test_verify_prints_intervals_and_the_verdict(call: Any) -> None:
 def test_verify_is_the_same_for_any_number_of_threads(call: Any) -> None:
     answers = [call("verify", DEMO, "--trials", "4000", "--json", "--threads", n)[1] for n in ("1", "2")]
     assert json.loads(answers[0])["targets"] == json.loads(answers[1])["targets"]
-
-
-@pytest.mark.parametrize(("limit_mm", "code"), [(50.0, 0), (0.1, 1)])
-def test_the_verdict_of_the_check_is_the_exit_code(call: Any, tmp_path: Path, limit_mm: float, code: int) -> None:
-    path = str(write_json(tmp_path / "design.json", limited(limit_mm)))
-    assert call("verify", path, "--trials", "2000")[0] == code
 
 
 @pytest.mark.long
@@ -281,10 +275,11 @@ def test_with_json_a_refusal_is_a_problem_document_on_stderr(call: Any, tmp_path
 
 def test_ill_posed_geometry_is_3(call: Any, tmp_path: Path) -> None:
     path = str(write_json(tmp_path / "flat.json", coplanar_design()))
-    for verb in ("validate", "score", "verify"):
-        code, out, err = call(verb, path)
+    for verb in ("validate", "score", "verify", "study linearity"):
+        code, out, err = call(*verb.split(), path)
         assert (code, out.count("not valid")) == (3, int(verb == "validate"))
         assert "  hint: " in err
+        assert "tailstack validate" in err.rpartition("\nnext: ")[2]
 
 
 def test_a_defect_is_one_paragraph_and_3(call: Any, monkeypatch: pytest.MonkeyPatch) -> None:

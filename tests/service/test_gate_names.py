@@ -69,7 +69,8 @@ def test_a_class_holds_by_whatever_name(tree: Path) -> None:
 
 
 def test_one_file_by_two_names_is_one_design(tree: Path) -> None:
-    names = ["released/carrier.yaml", tree / "workspace" / "released" / "carrier.yaml", "current/carrier.yaml"]
+    part = tree / "workspace" / "released" / "carrier.yaml"
+    names = ["released/carrier.yaml", "./released//carrier.yaml", "**/carrier.yaml", part, "current/carrier.yaml"]
     code, record = gate_in(tree / "tree", *names, "--policy", "policy.yaml")
     assert (code, [design.file for design in record.designs]) == (1, ["released/carrier.yaml"])
 

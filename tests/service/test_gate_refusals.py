@@ -311,13 +311,6 @@ def test_names_that_cannot_be_shown_are_shown_as_far_as_they_can(room: Path) -> 
     ]  # fmt: skip
 
 
-def test_files_are_called_from_the_working_directory_and_each_is_judged_once(room: Path) -> None:
-    (room / "sub").mkdir()
-    (room / "sub" / "d.yaml").write_text(data_to_yaml(BAD), encoding="utf-8")
-    absolute = str(room / "sub" / "d.yaml")
-    assert [finding.file for finding in found("sub/d.yaml", "./sub//d.yaml", absolute, "**/d.yaml")] == ["sub/d.yaml"]
-
-
 def test_what_is_wrong_in_a_fiducial_file_stands_there(room: Path) -> None:
     filed: dict[str, Any] = limited(1.4)
     filed["fiducials"] = {"file": "beads.csv"}

@@ -48,7 +48,8 @@ def test_a_body_that_never_comes_is_408_and_the_connection_is_closed(client: htt
         connection.sendall(HEAD % b"/v1/scores" + b"Content-Length: 1000\r\n\r\n{")
         status, rest = read_answer(connection)
     assert status == b"HTTP/1.1 408 Request Timeout"
-    assert b"1 bytes arrived" in rest
+    assert b"/v1/problems/body-timeout" in rest
+    assert b"after %g s; 1 bytes arrived" % QUICK.body_seconds in rest
     assert b"connection: close" in rest.lower()
 
 
@@ -248,4 +249,6 @@ def test_who_is_alone_has_all_places() -> None:
     with client_with(Settings(max_streams=3, max_tenant_streams=1)) as keyed:
         path = job_of(keyed, {}, 1)["links"]["events"]
         with streams(keyed, path, 3, {}):
-            check_problem(keyed.get(path), 503, "busy")
+            busy = keyed.get(path)
+            check_problem(busy, 503, "busy")
+            assert int(busy.headers["retry-after"]) > 0

@@ -19,6 +19,7 @@ import pytest
 from browsing import browser, look
 from service_scenes import check_problem, client_with, small_design
 
+from plain_data import places_of, value_at
 from tailstack_service.console.remote import RemoteService
 from tailstack_service.http.origins import read_origins
 from tailstack_service.http.prefix import Prefix, read_proxies, read_root_path
@@ -31,13 +32,10 @@ BODY = {"design": small_design(), "trials": 1000}
 DOCS = Path(__file__).parents[2] / "service" / "tailstack_service" / "docs_page"
 
 
-def list_paths(value: Any) -> list[str]:
+def list_paths(record: Any) -> list[str]:
     """Every text of a record that is a path of the service."""
-    if isinstance(value, dict):
-        return [path for each in value.values() for path in list_paths(each)]
-    if isinstance(value, list):
-        return [path for each in value for path in list_paths(each)]
-    return [value] if isinstance(value, str) and re.match(r"/(?!/)\S*$", value) else []
+    found = (value_at(record, place) for place in places_of(record))
+    return [value for value in found if isinstance(value, str) and re.match(r"/(?!/)\S*$", value)]
 
 
 @pytest.mark.long("cut off")

@@ -84,6 +84,9 @@ def test_columns_of_other_names_and_the_ones_that_are_asked_for(tmp_path: Path, 
         ("views.AP.fiducial_noise\n1\n", "", "nothing at"),
         (f"{AP},reason\n1,2\n", ":1:1", "'reason' already"),
         ("", "", "holds no line of a table"),
+        # Whole numbers may be names of columns, as those of variants are; none is a number of the design
+        ("A0;-8.20;22.4\nA1;0.30;0.25\n", "", "the first row names the columns"),
+        ("Z;1;2\nA1;0.30;0.25\n", "", "no column is called like a number of the design"),
     ],
 )
 def test_a_table_that_cannot_be_read_is_refused_where_it_is_wrong(
@@ -255,21 +258,3 @@ def test_while_it_runs_a_table_says_how_far_it_is(
     assert [done for done, _, _ in told_of] == sorted({done for done, _, _ in told_of})
     assert all(total == (told or done) for done, total, _ in told_of)
     assert told_of[-1] == (3000, 3000, "3,000 rows")
-
-
-@pytest.mark.parametrize(
-    ("first", "said"),
-    [
-        ("A0;-8.20;22.4", "the first row names the columns"),
-        ("Z;1;2", "no column is called like a number of the design"),
-    ],
-)
-def test_a_table_that_lost_its_header_is_refused(
-    first: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Whole numbers may be names of columns, as those of variants are; none is a number of the design."""
-    (tmp_path / "variants.csv").write_text(f"{first}\nA1;0.30;0.25\n")
-    command = ["score", DEMO, "--batch", str(tmp_path / "variants.csv"), "-o", str(tmp_path / "scores.csv")]
-    assert main(command) == 2
-    assert said in " ".join(capsys.readouterr().err.split())
-    assert not (tmp_path / "scores.csv").exists()

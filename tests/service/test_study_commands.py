@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 import pytest
 from jsonschema import Draft202012Validator
-from service_scenes import EXAMPLES, ROOT, coplanar_design, small_design, write_json
+from service_scenes import EXAMPLES, ROOT, small_design, write_json
 from test_report_figures import check_picture
 
 from optimise_documents import document, moving
@@ -228,11 +228,6 @@ def test_a_map_of_which_every_point_is_refused_is_3(call: Any, tmp_path: Path) -
     design = write_json(tmp_path / "design.json", small_design())
     alone = ("--spread", "6", "--noise", "0.3", "--rotation", "0", "--count", "8", "--json")
     assert call("study", "linearity", design, *alone)[0] == 3
-
-
-def test_an_ill_posed_design_is_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["study", "linearity", str(write_json(tmp_path / "flat.json", coplanar_design()))]) == 3
-    assert "next: tailstack validate" in capsys.readouterr().err
 
 
 # --- views ----------------------------------------------------------------------------------------

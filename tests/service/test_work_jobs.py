@@ -7,14 +7,13 @@ but for looks that take seconds.
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from work_driver import run_job
 
+from family import run_python
 from optimise_documents import BOX, document
 from tailstack import TailstackError, load_design, optimise, verify
 from tailstack.design import design_to_data
@@ -28,7 +27,6 @@ from tailstack_service.operations.registry import OPERATIONS
 from tailstack_service.processes.task import ADVANCE, Estimated, RawRequest, Task
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
-from waiting import LIMIT_SECONDS
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -242,9 +240,7 @@ def test_knowing_the_operations_loads_no_solver() -> None:
         "heavy = {'numpy', 'numba', 'casadi', 'scipy', 'yaml', 'fastapi', 'sqlalchemy'} & set(sys.modules)\n"
         "sys.exit(f'loaded: {heavy}' if heavy else 0)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
-    )
+    done = run_python("-c", code)
     assert done.returncode == 0, done.stderr
 
 
