@@ -31,7 +31,7 @@ from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
-from waiting import until, until_async
+from waiting import in_event_loop, until, until_async
 
 # --- the clock itself ---------------------------------------------------------------------------------
 
@@ -59,33 +59,31 @@ def test_who_waits_in_a_thread_goes_on_when_the_clock_is_turned(set_before: bool
     assert clock.passed == 60.0
 
 
-def test_who_waits_in_an_event_loop_goes_on_when_the_clock_is_turned() -> None:
-    async def story() -> None:
-        clock = TurnedClock()
-        done, never = (asyncio.get_running_loop().create_future() for _ in range(2))
+@in_event_loop
+async def test_who_waits_in_an_event_loop_goes_on_when_the_clock_is_turned() -> None:
+    clock = TurnedClock()
+    done, never = (asyncio.get_running_loop().create_future() for _ in range(2))
 
-        async def limited() -> str:
-            try:
-                async with clock.timeout(60.0):
-                    await asyncio.shield(never)
-            except TimeoutError:
-                return "too long"
-            return ""
+    async def limited() -> str:
+        try:
+            async with clock.timeout(60.0):
+                await asyncio.shield(never)
+        except TimeoutError:
+            return "too long"
+        return ""
 
-        waits = [
-            asyncio.ensure_future(one)
-            for one in (clock.wait_async(done, 60.0), clock.wait_async(never, 60.0), limited(), clock.sleep_async(60.0))
-        ]
-        await until_async(lambda: len(clock.waits) == 4)
-        done.set_result(None)
-        assert await waits[0]
-        clock.turn(59.0)
-        assert not any(one.done() for one in waits[1:])
-        await asyncio.to_thread(clock.turn, 1.0)
-        assert await asyncio.gather(*waits) == [True, False, "too long", None]
-        assert not never.done()
-
-    asyncio.run(story())
+    waits = [
+        asyncio.ensure_future(one)
+        for one in (clock.wait_async(done, 60.0), clock.wait_async(never, 60.0), limited(), clock.sleep_async(60.0))
+    ]
+    await until_async(lambda: len(clock.waits) == 4)
+    done.set_result(None)
+    assert await waits[0]
+    clock.turn(59.0)
+    assert not any(one.done() for one in waits[1:])
+    await asyncio.to_thread(clock.turn, 1.0)
+    assert await asyncio.gather(*waits) == [True, False, "too long", None]
+    assert not never.done()
 
 
 def test_a_clock_that_jumps_is_never_waited_for() -> None:
@@ -126,7 +124,8 @@ def test_a_process_that_ends_again_and_again_is_started_more_and_more_slowly() -
     assert len(started) == 4
 
 
-def test_a_stream_without_events_says_now_and_then_that_it_is_there() -> None:
+@in_event_loop
+async def test_a_stream_without_events_says_now_and_then_that_it_is_there() -> None:
     clock = TurnedClock(jumping=True)
 
     async def nothing(*_: object) -> list[Any]:
@@ -134,16 +133,12 @@ def test_a_stream_without_events_says_now_and_then_that_it_is_there() -> None:
 
     service = SimpleNamespace(clock=clock, stopping=threading.Event(), storage=SimpleNamespace(run=nothing))
     job = SimpleNamespace(tenant="a", id="1")
-
-    async def story() -> None:
-        stream: AsyncIterator[bytes] = events._stream(cast(Service, service), cast(Any, job), 0)
-        assert await anext(stream) == b"retry: 1000\n\n"
-        for number in range(1, 4):
-            assert await anext(stream) == b": still here\n\n"
-            passed = number * events.HEARTBEAT_SECONDS
-            assert passed < clock.passed < passed + number * (events.IDLE_SECONDS + events.LOOK_SECONDS)
-
-    asyncio.run(story())
+    stream: AsyncIterator[bytes] = events._stream(cast(Service, service), cast(Any, job), 0)
+    assert await anext(stream) == b"retry: 1000\n\n"
+    for number in range(1, 4):
+        assert await anext(stream) == b": still here\n\n"
+        passed = number * events.HEARTBEAT_SECONDS
+        assert passed < clock.passed < passed + number * (events.IDLE_SECONDS + events.LOOK_SECONDS)
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ from tailstack_service.jobs.store.database import Database
 from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
-from waiting import LIMIT_SECONDS, until
+from waiting import LIMIT_SECONDS, in_event_loop, until
 
 
 @pytest.mark.long
@@ -161,7 +161,8 @@ def test_a_worker_stops_while_its_database_stands_still(
             assert worker.wait(LIMIT_SECONDS) == 0  # while it stands still
 
 
-def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
+@in_event_loop
+async def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on a disk that hangs: the thread stays where it is until the disk answers."""
@@ -177,18 +178,15 @@ def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
         answers.wait(LIMIT_SECONDS)
         return number
 
-    async def story() -> None:
-        kept = service.Storage(url)
-        before = threading.active_count()
-        looks = [kept.look(hang) for _ in range(5)]
-        calls = [kept.run(hang, number) for number in range(40)] + [kept.write(hang, number) for number in range(40)]
-        told = await asyncio.gather(*looks, *calls, return_exceptions=True)
-        assert {type(each) for each in told} == {StoreUnavailable}
-        assert threading.active_count() - before <= 2 * service.THREADS + 1
-        assert len(begun) == 2 * service.THREADS + 1  # what nobody waits for any more is not begun
-        answers.set()
-        assert await kept.look(hang) == -1
-        assert await kept.run(hang, 7) == 7
-        kept.close()
-
-    asyncio.run(story())
+    kept = service.Storage(url)
+    before = threading.active_count()
+    looks = [kept.look(hang) for _ in range(5)]
+    calls = [kept.run(hang, number) for number in range(40)] + [kept.write(hang, number) for number in range(40)]
+    told = await asyncio.gather(*looks, *calls, return_exceptions=True)
+    assert {type(each) for each in told} == {StoreUnavailable}
+    assert threading.active_count() - before <= 2 * service.THREADS + 1
+    assert len(begun) == 2 * service.THREADS + 1  # what nobody waits for any more is not begun
+    answers.set()
+    assert await kept.look(hang) == -1
+    assert await kept.run(hang, 7) == 7
+    kept.close()

@@ -26,7 +26,7 @@ from tailstack_service.operations.patches import merge
 from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
-from waiting import until_async
+from waiting import in_event_loop, until_async
 
 MOVED = [12.0, -31.0, -44.0]
 NOWHERE = "0" * 64
@@ -247,17 +247,15 @@ class Table:
         self.rows |= {(tenant, sha256): body for tenant, sha256, body in entries}
 
 
-def test_a_design_is_found_at_once_where_it_came_and_soon_elsewhere() -> None:
-    async def story() -> None:
-        table, clock = Table(), TurnedClock()
-        here, there = (KeptDesigns(table.read, table.write, clock=clock) for _ in range(2))
-        here.keep("a", [("1", b"{}")])
-        assert table.rows == {}
-        assert await here.find("a", "1") == b"{}"
-        assert await found_later(there, "a", "1", clock) == b"{}"
-        assert await found_later(there, "b", "1", clock) is None
-
-    asyncio.run(story())
+@in_event_loop
+async def test_a_design_is_found_at_once_where_it_came_and_soon_elsewhere() -> None:
+    table, clock = Table(), TurnedClock()
+    here, there = (KeptDesigns(table.read, table.write, clock=clock) for _ in range(2))
+    here.keep("a", [("1", b"{}")])
+    assert table.rows == {}
+    assert await here.find("a", "1") == b"{}"
+    assert await found_later(there, "a", "1", clock) == b"{}"
+    assert await found_later(there, "b", "1", clock) is None
 
 
 async def found_later(designs: KeptDesigns, tenant: str, sha256: str, clock: TurnedClock) -> bytes | None:
@@ -277,92 +275,69 @@ async def written(table: Table, count: int, clock: TurnedClock) -> None:
     await until_async(lambda: len(table.writes) == count)
 
 
-def test_what_comes_together_is_written_together_and_once() -> None:
-    async def story() -> None:
-        table, clock = Table(), TurnedClock()
-        here = KeptDesigns(table.read, table.write, clock=clock)
-        for name in "1231":
-            here.keep("a", [(name, b"{}")])
-        await written(table, 1, clock)
-        here.keep("a", [("1", b"{}")])
-        await here.close()
-        assert table.writes == [3]
-
-    asyncio.run(story())
+@in_event_loop
+async def test_what_comes_together_is_written_together_and_once() -> None:
+    table, clock = Table(), TurnedClock()
+    here = KeptDesigns(table.read, table.write, clock=clock)
+    for name in "1231":
+        here.keep("a", [(name, b"{}")])
+    await written(table, 1, clock)
+    here.keep("a", [("1", b"{}")])
+    await here.close()
+    assert table.writes == [3]
 
 
-def test_a_design_that_was_written_long_ago_is_written_again() -> None:
+@in_event_loop
+async def test_a_design_that_was_written_long_ago_is_written_again() -> None:
     """By then the database may have forgotten it."""
-
-    async def story() -> None:
-        table, clock = Table(), TurnedClock()
-        here = KeptDesigns(table.read, table.write, clock=clock)
-        here.keep("a", [("1", b"{}")])
-        await written(table, 1, clock)
-        clock.turn(FRESH_SECONDS - 0.001)
-        here.keep("a", [("1", b"{}")])
-        assert not here._waiting
-        clock.turn(0.002)
-        here.keep("a", [("1", b"{}")])
-        await written(table, 2, clock)
-
-    asyncio.run(story())
+    table, clock = Table(), TurnedClock()
+    here = KeptDesigns(table.read, table.write, clock=clock)
+    here.keep("a", [("1", b"{}")])
+    await written(table, 1, clock)
+    clock.turn(FRESH_SECONDS - 0.001)
+    here.keep("a", [("1", b"{}")])
+    assert not here._waiting
+    clock.turn(0.002)
+    here.keep("a", [("1", b"{}")])
+    await written(table, 2, clock)
 
 
-def test_a_design_that_is_gone_is_written_again_when_it_is_sent_again() -> None:
-    async def story() -> None:
-        table, clock = Table(), TurnedClock()
-        here = KeptDesigns(table.read, table.write, clock=clock)
-        here.keep("a", [("1", b"{}")])
-        await written(table, 1, clock)
-        table.rows.clear()
-        assert await found_later(here, "a", "1", clock) is None
-        here.keep("a", [("1", b"{}")])
-        await here.close()
-        assert table.rows == {("a", "1"): b"{}"}
-
-    asyncio.run(story())
+@in_event_loop
+async def test_a_design_that_is_gone_is_written_again_when_it_is_sent_again() -> None:
+    table, clock = Table(), TurnedClock()
+    here = KeptDesigns(table.read, table.write, clock=clock)
+    here.keep("a", [("1", b"{}")])
+    await written(table, 1, clock)
+    table.rows.clear()
+    assert await found_later(here, "a", "1", clock) is None
+    here.keep("a", [("1", b"{}")])
+    await here.close()
+    assert table.rows == {("a", "1"): b"{}"}
 
 
-def test_a_database_that_does_not_answer_holds_no_stop_up() -> None:
-    async def story() -> None:
-        table, clock = Table(), TurnedClock()
+@in_event_loop
+async def test_a_database_that_does_not_answer_holds_no_stop_up() -> None:
+    table, clock = Table(), TurnedClock()
 
-        async def never(entries: list[tuple[str, str, bytes]]) -> None:
-            await asyncio.get_running_loop().create_future()
+    async def never(entries: list[tuple[str, str, bytes]]) -> None:
+        await asyncio.get_running_loop().create_future()
 
-        here = KeptDesigns(table.read, never, clock=clock)
-        here.keep("a", [("1", b"{}")])
-        closing = asyncio.create_task(here.close())
-        await clock.until_waits_async(CLOSING_SECONDS)
-        assert not closing.done()
-        clock.turn(CLOSING_SECONDS)
-        await closing
-
-    asyncio.run(story())
+    here = KeptDesigns(table.read, never, clock=clock)
+    here.keep("a", [("1", b"{}")])
+    closing = asyncio.create_task(here.close())
+    await clock.until_waits_async(CLOSING_SECONDS)
+    assert not closing.done()
+    clock.turn(CLOSING_SECONDS)
+    await closing
 
 
-def test_without_a_database_little_is_remembered_and_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+@in_event_loop
+async def test_without_a_database_little_is_remembered_and_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kept_designs, "MOST_WAITING", 3)
-
-    async def story() -> None:
-        table = Table()
-        table.broken = True
-        here = KeptDesigns(table.read, table.write)
-        here.keep("a", [(name, b"{}") for name in "12345"])
-        await here.close()
-        assert table.writes == [3]
-        assert await here.find("a", "5") is None
-
-    asyncio.run(story())
-
-
-def test_what_has_not_been_written_is_written_when_the_service_stops() -> None:
-    async def story() -> None:
-        table = Table()
-        here = KeptDesigns(table.read, table.write)
-        here.keep("a", [("1", b"{}")])
-        await here.close()
-        assert table.rows == {("a", "1"): b"{}"}
-
-    asyncio.run(story())
+    table = Table()
+    table.broken = True
+    here = KeptDesigns(table.read, table.write)
+    here.keep("a", [(name, b"{}") for name in "12345"])
+    await here.close()
+    assert table.writes == [3]
+    assert await here.find("a", "5") is None

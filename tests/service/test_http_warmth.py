@@ -24,7 +24,7 @@ from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.processes.frames import Died
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
-from waiting import LIMIT_SECONDS, until_async
+from waiting import LIMIT_SECONDS, in_event_loop, until_async
 
 BODY = {"design": small_design()}
 GATE = {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"}
@@ -121,29 +121,26 @@ def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
     told(tmp_path, 0.0, story)
 
 
-def test_everything_is_loaded_once_and_what_was_forked_before_makes_room(tmp_path: Path) -> None:
+@in_event_loop
+async def test_everything_is_loaded_once_and_what_was_forked_before_makes_room(tmp_path: Path) -> None:
     """What needs no kernels is computed meanwhile; who is killed is followed by a process that has all of them."""
-
-    async def story() -> None:
-        places = ComputePool(2, 8, 60.0, threading.Event(), warm=True)
-        places.begin()
-        try:
-            request = Caller().request()
-            assert places.warmth == "warming up"
-            cold = await places.run(request, os.getpid, 0.0)
-            await until_async(lambda: places.readiness != "warming up", lambda: "the kernels are still loaded")
-            assert places.warmth == "ready"
-            first = await places.run(request, loaded, 0.0)
-            assert first != cold
-            os.kill(first, signal.SIGKILL)
-            with contextlib.suppress(Died):
-                while first in places.pids():
-                    await places.run(request, loaded, 0.0)
-            assert await places.run(request, loaded, 0.0) not in (cold, first)
-        finally:
-            await places.close()
-
-    asyncio.run(story())
+    places = ComputePool(2, 8, 60.0, threading.Event(), warm=True)
+    places.begin()
+    try:
+        request = Caller().request()
+        assert places.warmth == "warming up"
+        cold = await places.run(request, os.getpid, 0.0)
+        await until_async(lambda: places.readiness != "warming up", lambda: "the kernels are still loaded")
+        assert places.warmth == "ready"
+        first = await places.run(request, loaded, 0.0)
+        assert first != cold
+        os.kill(first, signal.SIGKILL)
+        with contextlib.suppress(Died):
+            while first in places.pids():
+                await places.run(request, loaded, 0.0)
+        assert await places.run(request, loaded, 0.0) not in (cold, first)
+    finally:
+        await places.close()
 
 
 def loaded() -> int:
