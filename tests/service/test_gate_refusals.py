@@ -46,76 +46,69 @@ def refused(capsys: pytest.CaptureFixture[str], option: str, line: int | None, w
     assert words in " ".join(first.message.split())
 
 
-@pytest.mark.parametrize(
-    ("content", "line", "words"),
-    [
-        ("", None, "the document is empty"),
-        ("rules: {}\n", 1, "got no schema"),
-        ("schema: tailstack/policy/2\n", 1, "tailstack/policy/1"),
-        ("schema: tailstack/waivers/1\nwaivers: []\n", 1, "read as tailstack/policy/1"),
-        ("- p95\n", 1, "a mapping of fields"),
-        (POLICY + "  p59: {}\n", 3, "did you mean p95?"),
-        (POLICY + "  p95: {limit: 2}\n", 3, "did you mean limit_mm?"),
-        (POLICY + "  p95: {limit_mm: two}\n", 3, "expected a number"),
-        (POLICY + "  p95: {limit_mm: -2}\n", 3, "must be at least 1e-06"),
-        (POLICY + "  p95: {limit_mm: .nan}\n", 3, "nan"),
-        (POLICY + "  p95: {limit_mm: .inf}\n", 3, "inf"),
-        (POLICY + "  p95: {severity: fatal}\n", 3, "fatal"),
-        (POLICY + "  p95: {confidence: 95}\n", 3, "95 % is 0.95"),
-        (POLICY + "  p95: {severity: warn}\n", 3, "did you mean warning?"),
-        (POLICY + "  plausability: {severity: error}\n", 3, "did you mean plausibility?"),
-        (POLICY + "  plausibility: {remarks: [noise]}\n", 3, "must be"),
-        ("schema: tailstack/policy/1\nguard_band_percent: '5 %'\n", 2, "the field is in per cent: write 5"),
-        (POLICY + "  p95: {severity: off}\n  p95: {}\n", 4, "given twice"),
-        (POLICY + "  exceedance: {limit_mm: 2}\n", 3, "max_probability is missing"),
-        (POLICY + "  inconclusive: {severity: note}\n", 3, "note"),
-        (POLICY + "  waiver-expired: {severity: warning}\n", 3, "warning"),
-        (POLICY + "  invalid-design: {severity: note}\n", 3, "unknown field"),
-        (POLICY + "  process-capability: {processes: [{name: x, tolerances: [a]}]}\n", 3, "min_half_width_deg"),
-        ("schema: tailstack/policy/1\nguard_band_percent: -1\n", 2, "0"),
-        ("schema: tailstack/policy/1\nverification: {max_trials: 10}\n", 2, "1000"),
-        ("schema: tailstack/policy/1\nverification: {precision: 0}\n", 2, "0.0001"),
-        ("schema: tailstack/policy/1\nclasses:\n- {name: a}\n- {name: a}\n", 4, "two classes are called"),
-        ("schema: tailstack/policy/1\nname: 'a\nb: c\n", 4, "not YAML"),
-        ("schema: tailstack/policy/1\nname: !x y\n", 2, "tags are not accepted"),
-        ("schema: tailstack/policy/1\nclasses:\n- {name: a, files: ['" + 11 * "*a" + "']}\n", 3, "more than ten *"),
-    ],
-)
-def test_a_policy_that_is_none(
-    folder: Path, capsys: pytest.CaptureFixture[str], content: str, line: int | None, words: str
-) -> None:
-    (folder / "given").write_text(content, encoding="utf-8")
-    refused(capsys, "--policy", line, words)
+NO_POLICIES = [
+    ("", None, "the document is empty"),
+    ("rules: {}\n", 1, "got no schema"),
+    ("schema: tailstack/policy/2\n", 1, "tailstack/policy/1"),
+    ("schema: tailstack/waivers/1\nwaivers: []\n", 1, "read as tailstack/policy/1"),
+    ("- p95\n", 1, "a mapping of fields"),
+    (POLICY + "  p59: {}\n", 3, "did you mean p95?"),
+    (POLICY + "  p95: {limit: 2}\n", 3, "did you mean limit_mm?"),
+    (POLICY + "  p95: {limit_mm: two}\n", 3, "expected a number"),
+    (POLICY + "  p95: {limit_mm: -2}\n", 3, "must be at least 1e-06"),
+    (POLICY + "  p95: {limit_mm: .nan}\n", 3, "nan"),
+    (POLICY + "  p95: {limit_mm: .inf}\n", 3, "inf"),
+    (POLICY + "  p95: {severity: fatal}\n", 3, "fatal"),
+    (POLICY + "  p95: {confidence: 95}\n", 3, "95 % is 0.95"),
+    (POLICY + "  p95: {severity: warn}\n", 3, "did you mean warning?"),
+    (POLICY + "  plausability: {severity: error}\n", 3, "did you mean plausibility?"),
+    (POLICY + "  plausibility: {remarks: [noise]}\n", 3, "must be"),
+    ("schema: tailstack/policy/1\nguard_band_percent: '5 %'\n", 2, "the field is in per cent: write 5"),
+    (POLICY + "  p95: {severity: off}\n  p95: {}\n", 4, "given twice"),
+    (POLICY + "  exceedance: {limit_mm: 2}\n", 3, "max_probability is missing"),
+    (POLICY + "  inconclusive: {severity: note}\n", 3, "note"),
+    (POLICY + "  waiver-expired: {severity: warning}\n", 3, "warning"),
+    (POLICY + "  invalid-design: {severity: note}\n", 3, "unknown field"),
+    (POLICY + "  process-capability: {processes: [{name: x, tolerances: [a]}]}\n", 3, "min_half_width_deg"),
+    ("schema: tailstack/policy/1\nguard_band_percent: -1\n", 2, "0"),
+    ("schema: tailstack/policy/1\nverification: {max_trials: 10}\n", 2, "1000"),
+    ("schema: tailstack/policy/1\nverification: {precision: 0}\n", 2, "0.0001"),
+    ("schema: tailstack/policy/1\nclasses:\n- {name: a}\n- {name: a}\n", 4, "two classes are called"),
+    ("schema: tailstack/policy/1\nname: 'a\nb: c\n", 4, "not YAML"),
+    ("schema: tailstack/policy/1\nname: !x y\n", 2, "tags are not accepted"),
+    ("schema: tailstack/policy/1\nclasses:\n- {name: a, files: ['" + 11 * "*a" + "']}\n", 3, "more than ten *"),
+]
+NO_WAIVERS = [
+    ("schema: tailstack/waivers/1\n", 1, "'waivers' is required"),
+    (WAIVERS + "- {rule: p95}\n", 3, "'owner' is required"),
+    (WAIVERS + WHOLE.replace("J. Doe", "''") + "}\n", 3, "must not be empty"),
+    (WAIVERS + WHOLE.replace("rework", "''") + "}\n", 3, "must not be empty"),
+    (WAIVERS + WHOLE.replace("J. Doe", "' '") + "}\n", 3, "this is blank"),
+    (WAIVERS + WHOLE.replace("rework", "' '") + "}\n", 3, "this is blank"),
+    (WAIVERS + WHOLE.replace("p95", "p59") + "}\n", 3, "did you mean p95?"),
+    (WAIVERS + WHOLE.replace("p95", "p99") + "}\n", 3, "rules: p95"),
+    (WAIVERS + WHOLE.replace("p95", "inconclusive") + "}\n", 3, "cannot be waived"),
+    (WAIVERS + WHOLE.replace("p95", "invalid-input") + "}\n", 3, "cannot be waived"),
+    (WAIVERS + WHOLE.replace("max_value: 1.0", "min_value: 1.0") + "}\n", 3, "has max_value, not min_value"),
+    (WAIVERS + WHOLE.replace("max_value: 1.0, ", "") + "}\n", 3, "says up to which value"),
+    (WAIVERS + WHOLE.replace("2026-12-01", "2027-05-21") + "}\n", 3, "180 days at most"),
+    (WAIVERS + WHOLE.replace("2026-12-01", "2026-02-30") + "}\n", 3, "no such day"),
+    (WAIVERS + WHOLE.replace("2026-12-01", "next week") + "}\n", 3, "YYYY-MM-DD"),
+    (WAIVERS + WHOLE.replace("1.0", "lots") + "}\n", 3, "expected a number"),
+    (WAIVERS + WHOLE + ", until: 2026}\n", 3, "unknown field 'until'"),
+    (WAIVERS + WHOLE + "}\n- 3\n", 4, "a mapping of fields"),
+]
 
 
 @pytest.mark.parametrize(
-    ("content", "line", "words"),
-    [
-        ("schema: tailstack/waivers/1\n", 1, "'waivers' is required"),
-        (WAIVERS + "- {rule: p95}\n", 3, "'owner' is required"),
-        (WAIVERS + WHOLE.replace("J. Doe", "''") + "}\n", 3, "must not be empty"),
-        (WAIVERS + WHOLE.replace("rework", "''") + "}\n", 3, "must not be empty"),
-        (WAIVERS + WHOLE.replace("J. Doe", "' '") + "}\n", 3, "this is blank"),
-        (WAIVERS + WHOLE.replace("rework", "' '") + "}\n", 3, "this is blank"),
-        (WAIVERS + WHOLE.replace("p95", "p59") + "}\n", 3, "did you mean p95?"),
-        (WAIVERS + WHOLE.replace("p95", "p99") + "}\n", 3, "rules: p95"),
-        (WAIVERS + WHOLE.replace("p95", "inconclusive") + "}\n", 3, "cannot be waived"),
-        (WAIVERS + WHOLE.replace("p95", "invalid-input") + "}\n", 3, "cannot be waived"),
-        (WAIVERS + WHOLE.replace("max_value: 1.0", "min_value: 1.0") + "}\n", 3, "has max_value, not min_value"),
-        (WAIVERS + WHOLE.replace("max_value: 1.0, ", "") + "}\n", 3, "says up to which value"),
-        (WAIVERS + WHOLE.replace("2026-12-01", "2027-05-21") + "}\n", 3, "180 days at most"),
-        (WAIVERS + WHOLE.replace("2026-12-01", "2026-02-30") + "}\n", 3, "no such day"),
-        (WAIVERS + WHOLE.replace("2026-12-01", "next week") + "}\n", 3, "YYYY-MM-DD"),
-        (WAIVERS + WHOLE.replace("1.0", "lots") + "}\n", 3, "expected a number"),
-        (WAIVERS + WHOLE + ", until: 2026}\n", 3, "unknown field 'until'"),
-        (WAIVERS + WHOLE + "}\n- 3\n", 4, "a mapping of fields"),
-    ],
+    ("option", "content", "line", "words"),
+    [*(("--policy", *row) for row in NO_POLICIES), *(("--waivers", *row) for row in NO_WAIVERS)],
 )
-def test_waivers_that_are_none(
-    folder: Path, capsys: pytest.CaptureFixture[str], content: str, line: int, words: str
+def test_policies_and_waivers_that_are_none(
+    folder: Path, capsys: pytest.CaptureFixture[str], option: str, content: str, line: int | None, words: str
 ) -> None:
     (folder / "given").write_text(content, encoding="utf-8")
-    refused(capsys, "--waivers", line, words)
+    refused(capsys, option, line, words)
 
 
 @pytest.mark.parametrize(

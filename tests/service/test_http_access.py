@@ -109,7 +109,8 @@ def test_two_credentials_are_none(guarded: Guarded) -> None:
 
 
 @pytest.mark.parametrize("path", ["/health/live", "/health/ready", "/version", "/openapi.json", "/v1/schemas",
-                                  "/v1/schemas/design", "/v1/problems/busy"])  # fmt: skip
+                                  "/v1/schemas/design", "/v1/problems/busy", "/docs",
+                                  "/docs/swagger-ui.css"])  # fmt: skip
 def test_what_anybody_may_read(guarded: Guarded, path: str) -> None:
     assert guarded.client.get(path).status_code == 200
 

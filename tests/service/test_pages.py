@@ -185,12 +185,6 @@ def test_the_page_may_do_nothing_but_run_its_own_files(docs: httpx.Client) -> No
     check_problem(docs.get("/docs/package.json"), 404, "not-found")
 
 
-def test_the_page_needs_no_key(tmp_path: Path) -> None:
-    with client_with(Settings(auth="required", database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")) as docs:
-        assert docs.get("/docs").status_code == 200
-        assert docs.get("/docs/swagger-ui.css").status_code == 200
-
-
 def test_its_files_are_those_that_were_published() -> None:
     try:
         package = docs_page.published()
