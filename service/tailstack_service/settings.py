@@ -51,9 +51,6 @@ class Settings(BaseSettings):
     max_starts: int = _number(32, 1, 256, "starts of one optimisation")
     max_sweep_points: int = _number(2_000, 1, 1_000_000, "points of one sweep")
     max_batch_rows: int = _number(100_000, 1, 1_000_000, "rows of one table of designs")
-    max_table_bytes: int = _number(
-        16_000_000, 1_000, 1_000_000_000, "bytes of the cells of a table, unpacked: of texts, and 8 for a number"
-    )
     max_gate_designs: int = _number(50, 1, 1_000, "designs of one gate")
 
     # What is computed while the caller waits
@@ -123,11 +120,6 @@ class Settings(BaseSettings):
     # Below which path clients see it
     root_path: str = Field(
         default="", description="path below which a proxy gives the service to clients, such as /tailstack"
-    )
-    trusted_proxies: str = Field(
-        default="",
-        description="addresses and networks, comma-separated, of proxies whose X-Forwarded-Prefix goes before "
-        "TAILSTACK_ROOT_PATH",
     )
 
     # What is told

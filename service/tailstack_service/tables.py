@@ -38,7 +38,6 @@ from tailstack.people_tables import (
 from tailstack.results.json_text import find_repeated, write_json
 
 from .problems import RequestError
-from .unpacking import MOST_SHEET_ROWS, Column, ColumnBlock, TableLimits
 
 Format = Literal["csv", "ndjson", "xlsx", "arrow", "parquet"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -46,18 +45,24 @@ ENDINGS: dict[str, Format] = {
     ".csv": "csv", ".tsv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".xlsx": "xlsx", ".arrow": "arrow",
     ".arrows": "arrow", ".parquet": "parquet",
 }  # fmt: skip
-MEDIA_TYPES: dict[Format, str] = {
-    "csv": "text/csv",
-    "ndjson": "application/x-ndjson",
-    "xlsx": "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
-    "arrow": "application/vnd.apache.arrow.stream",
-    "parquet": "application/vnd.apache.parquet",
-}
+MEDIA_TYPES: dict[Format, str] = {"csv": "text/csv", "ndjson": "application/x-ndjson"}  # of those that HTTP takes
 BLOCK = 1024  # rows
 MOST_COLUMNS = 2_000
+MOST_SHEET_ROWS = 1_048_576  # of a sheet of XLSX, its header included
 ROW_GROUP = 16  # blocks in a row group of Parquet
 LEAST_PLAIN = -1e28  # numbers below it may be a mark of NDI's
 EPOCH = datetime(2000, 1, 1)  # when every workbook was made: equal tables have equal bytes
+
+
+Column = Sequence[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnBlock:
+    """Some rows, as columns."""
+
+    lines: Sequence[int]  # of each row in the file, counted from one
+    columns: tuple[Column, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,13 +179,9 @@ def format_of(name: str) -> Format:
 # --- reading ----------------------------------------------------------------------------------------
 
 
-def read_table(stream: IO[bytes], form: Format, file: str | None = None, most_bytes: int | None = None) -> TableReader:
-    """The header now, the blocks as they are asked for.  Raises RequestError and LimitError, then and there.
-
-    most_bytes: of all cells, unpacked; None: any.
-    """
-    bounds = TableLimits(file, most_bytes)
-    table = _READERS[form](stream, bounds)
+def read_table(stream: IO[bytes], form: Format, file: str | None = None) -> TableReader:
+    """The header now, the blocks as they are asked for.  Raises RequestError, then and there."""
+    table = _READERS[form](stream, file)
     header = table.header
     if not header or len(header) > MOST_COLUMNS:
         raise table.refuse("wrong-header", f"a table has 1 to {MOST_COLUMNS} columns; got {len(header)}", line=1)
@@ -189,7 +190,18 @@ def read_table(stream: IO[bytes], form: Format, file: str | None = None, most_by
             what = f"two columns are called {name!r}" if name else "a column has no name"
             hint = "the first row names every column, each once"
             raise table.refuse("wrong-header", what, hint, table.header_line, k + 1)
-    return replace(table, blocks=bounds.check(header, table.blocks))
+    return replace(table, blocks=_refuse_nested(table))
+
+
+def _refuse_nested(table: TableReader) -> Iterator[ColumnBlock]:
+    """The blocks of a table whose cells are plain.  Raises RequestError."""
+    for block in table.blocks:
+        for name, column in zip(table.header, block.columns, strict=True):
+            if (nested := next((cell for cell in column if type(cell) in (list, dict)), None)) is not None:
+                kind = "lists" if isinstance(nested, list) else "objects"
+                detail = f"column {name[:60]!r} holds {kind}; a cell is a number, a text, a date or nothing"
+                raise table.refuse("wrong-type", detail, "leave the column out")
+        yield block
 
 
 def _count_lines(stream: IO[bytes]) -> int:
@@ -202,9 +214,9 @@ def _count_lines(stream: IO[bytes]) -> int:
     return count
 
 
-def _read_csv(stream: IO[bytes], bounds: TableLimits) -> TableReader:
+def _read_csv(stream: IO[bytes], file: str | None) -> TableReader:
     count = _count_lines(stream)
-    text = read_people_table(stream, bounds.file, RequestError)
+    text = read_people_table(stream, file, RequestError)
     _check_units(text)
 
     def blocks() -> Iterator[ColumnBlock]:
@@ -212,9 +224,7 @@ def _read_csv(stream: IO[bytes], bounds: TableLimits) -> TableReader:
             lines, rows = zip(*block, strict=True)
             yield ColumnBlock(lines, tuple(zip(*rows, strict=True)))
 
-    return TableReader(
-        text.header, blocks(), bounds.file, text.delimiter, max(count - text.header_line, 0), text, text.counts
-    )
+    return TableReader(text.header, blocks(), file, text.delimiter, max(count - text.header_line, 0), text, text.counts)
 
 
 def _check_units(text: PeopleTable) -> None:
@@ -231,7 +241,7 @@ def _check_units(text: PeopleTable) -> None:
 LINES = 'each line is one object, {"name": "A", "views.AP.fiducial_noise_px": 0.2}, in UTF-8'
 
 
-def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
+def _read_lines(stream: IO[bytes], file: str | None) -> TableReader:
     def collect(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         fields = dict(pairs)
         if len(fields) < len(pairs):
@@ -247,12 +257,12 @@ def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
             hint = LINES
             if isinstance(error, json.JSONDecodeError) and error.msg == "Extra data":
                 hint = f"end each object with LF; {KEPT_ENDS}"
-            raise RequestError(Problem("", "json-syntax", detail, hint, bounds.file, line)) from None
+            raise RequestError(Problem("", "json-syntax", detail, hint, file, line)) from None
         except KeyError as error:
             detail = f"line {line} has the field {error.args[0]!r} twice"
-            raise RequestError(Problem("", "duplicate-key", detail, "leave one", bounds.file, line)) from None
+            raise RequestError(Problem("", "duplicate-key", detail, "leave one", file, line)) from None
         if not isinstance(row, dict):
-            raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", LINES, bounds.file, line))
+            raise RequestError(Problem("", "wrong-type", f"line {line} is no JSON object", LINES, file, line))
         return row
 
     count = _count_lines(stream)
@@ -268,7 +278,7 @@ def _read_lines(stream: IO[bytes], bounds: TableLimits) -> TableReader:
                     raise table.refuse("ragged", f"line {line} has other fields than the first: {other!r}", line=line)
             yield ColumnBlock([line for line, _ in rows], tuple([row[name] for _, row in rows] for name in header))
 
-    table = TableReader(header, blocks(), bounds.file, rows=count)
+    table = TableReader(header, blocks(), file, rows=count)
     return table
 
 
@@ -286,12 +296,11 @@ def _refusing(form: str, hint: str, file: str | None) -> Iterator[None]:
         ) from None
 
 
-def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
+def _read_workbook(stream: IO[bytes], file: str | None) -> TableReader:
     import openpyxl
 
-    reading = partial(_refusing, "XLSX", "save it as .xlsx, the table on the first sheet", bounds.file)
+    reading = partial(_refusing, "XLSX", "save it as .xlsx, the table on the first sheet", file)
     with reading():
-        bounds.check_workbook(stream)
         book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
         sheet = book.worksheets[0]
         sheet.reset_dimensions()  # what the file says of its size is not always so, and rows beyond it would be lost
@@ -301,13 +310,13 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         if not any(each.filled_cells for each in held):
             hint = f"the table is on the first sheet: move {others[0]!r} there" if others else "its first row has names"
             detail = f"sheet {sheet.title!r} begins empty"
-            raise RequestError(Problem("", "empty-document", detail, hint, bounds.file, 1))
+            raise RequestError(Problem("", "empty-document", detail, hint, file, 1))
         line, titles = find_header([each for each in held if each.filled_cells])
         header, at = tuple(line.cells), line.number
         while not header[-1]:
             header = header[:-1]
         rows = enumerate(sheet.iter_rows(at + 1, values_only=True), at + 1)
-        formulas = _list_formulas(stream, bounds, at) if _check_places(stream, book, bounds) else None
+        formulas = _list_formulas(stream, file, at) if _check_places(stream, book, file) else None
     counts, width = Rows(), len(header)
     for title in titles:
         counts.leave_out("title", title.number)
@@ -356,7 +365,7 @@ def _read_workbook(stream: IO[bytes], bounds: TableLimits) -> TableReader:
                 lines, cells = zip(*block, strict=True)
                 yield ColumnBlock(lines, tuple(zip(*cells, strict=True)))
 
-    table = TableReader(header, blocks(), bounds.file, counts=counts, header_line=at, remarks=tuple(remarks))
+    table = TableReader(header, blocks(), file, counts=counts, header_line=at, remarks=tuple(remarks))
     return table
 
 
@@ -380,7 +389,7 @@ def _cell_name(line: int, column: int) -> str:
 _PLACES = re.compile(rb"""<(?:\w+:)?(row|c)(?=[\s/>])(?:[^>]*?\sr=["']([A-Z]*)(\d+)["'])?""")
 
 
-def _check_places(stream: IO[bytes], book: Any, bounds: TableLimits) -> bool:
+def _check_places(stream: IO[bytes], book: Any, file: str | None) -> bool:
     """Whether the first sheet holds a formula.
 
     Raises RequestError for rows or cells that do not stand in their order, some of which openpyxl passes over.
@@ -404,15 +413,15 @@ def _check_places(stream: IO[bytes], book: Any, bounds: TableLimits) -> bool:
                     place = f"cell {(letters + digits).decode()}" if letters else f"row {row}"
                     detail = f"{place} stands in the file behind others that come after it"
                     hint = "open and save the file with a spreadsheet, which puts rows and cells into their order"
-                    raise RequestError(Problem("", "bad-table", detail, hint, bounds.file, int(digits)))
+                    raise RequestError(Problem("", "bad-table", detail, hint, file, int(digits)))
     return formulas
 
 
-def _list_formulas(stream: IO[bytes], bounds: TableLimits, header_line: int) -> Iterator[Sequence[Any]]:
+def _list_formulas(stream: IO[bytes], file: str | None, header_line: int) -> Iterator[Sequence[Any]]:
     """The rows below the header with formulas instead of what they come to."""
     import openpyxl
 
-    with _refusing("XLSX", "save it as .xlsx, the table on the first sheet", bounds.file):
+    with _refusing("XLSX", "save it as .xlsx, the table on the first sheet", file):
         sheet = openpyxl.load_workbook(stream, read_only=True).worksheets[0]
         sheet.reset_dimensions()
         return iter(sheet.iter_rows(header_line + 1, values_only=True))
@@ -430,7 +439,7 @@ def _refuse_not_computed(table: TableReader, line: int, row: Sequence[Any], form
             raise table.refuse("formula", detail, hint, line, k + 1)
 
 
-def _read_arrow(stream: IO[bytes], bounds: TableLimits) -> TableReader:
+def _read_arrow(stream: IO[bytes], file: str | None) -> TableReader:
     import pyarrow
 
     def open_batches() -> tuple[Any, Iterator[Any], int]:
@@ -443,21 +452,21 @@ def _read_arrow(stream: IO[bytes], bounds: TableLimits) -> TableReader:
         whole = pyarrow.ipc.open_file(stream, options=alone)
         return whole.schema, (whole.get_batch(k) for k in range(whole.num_record_batches)), 0
 
-    return _read_batches(open_batches, bounds)
+    return _read_batches(open_batches, file)
 
 
-def _read_parquet(stream: IO[bytes], bounds: TableLimits) -> TableReader:
+def _read_parquet(stream: IO[bytes], file: str | None) -> TableReader:
     from pyarrow import parquet
 
     def open_batches() -> tuple[Any, Iterator[Any], int]:
         reader = parquet.ParquetFile(stream)
         return reader.schema_arrow, reader.iter_batches(BLOCK, use_threads=False), reader.metadata.num_rows
 
-    return _read_batches(open_batches, bounds)
+    return _read_batches(open_batches, file)
 
 
-def _read_batches(open_batches: Callable[[], tuple[Any, Iterator[Any], int]], bounds: TableLimits) -> TableReader:
-    reading = partial(_refusing, "Arrow or Parquet", "write it as an Arrow stream or as Parquet", bounds.file)
+def _read_batches(open_batches: Callable[[], tuple[Any, Iterator[Any], int]], file: str | None) -> TableReader:
+    reading = partial(_refusing, "Arrow or Parquet", "write it as an Arrow stream or as Parquet", file)
     with reading():
         schema, batches, count = open_batches()
         header = tuple(map(str, schema.names))
@@ -467,19 +476,17 @@ def _read_batches(open_batches: Callable[[], tuple[Any, Iterator[Any], int]], bo
         with reading():
             for batch in batches:
                 if batch.num_rows:
-                    bounds.check_columns(batch)
                     batch.validate(full=True)  # an offset beyond its buffer would read what lies there in memory
                 for start in range(0, batch.num_rows, BLOCK):
                     piece = batch.slice(start, BLOCK)
-                    bounds.check_batch(piece, line)
                     lines = range(line, line + piece.num_rows)
                     yield ColumnBlock(lines, tuple(column.to_pylist() for column in piece.columns))
                     line = lines.stop
 
-    return TableReader(header, blocks(), bounds.file, rows=count)
+    return TableReader(header, blocks(), file, rows=count)
 
 
-_READERS: dict[Format, Callable[[IO[bytes], TableLimits], TableReader]] = {
+_READERS: dict[Format, Callable[[IO[bytes], str | None], TableReader]] = {
     "csv": _read_csv, "ndjson": _read_lines, "xlsx": _read_workbook, "arrow": _read_arrow, "parquet": _read_parquet,
 }  # fmt: skip
 

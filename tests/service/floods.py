@@ -3,7 +3,7 @@
     ./run chaos --floods [--connections N] [--scores N]
 
 Each flood is of requests that take seconds and do not say so: large designs disguised, evaluations, gates whose caller
-hangs up, every table of ``bombs.py`` that unpacks to gigabytes.  A real service, real keys, real connections.  Beside
+hangs up, a table of eight million cells.  A real service, real keys, real connections.  Beside
 the times stands the most memory that the API process held, and how much of it came with the flood: twelve bodies of
 8 MB on their way are 96 MB.
 """
@@ -22,7 +22,6 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from bombs import BOMBS
 from served import served
 from service_scenes import ask, client_of, small_design
 from test_http_load import LOOK_SECONDS, SMALL, Place, flooded, large, large_gate
@@ -100,8 +99,13 @@ def list_floods(sha256: str) -> Iterator[Flood]:
     yield Flood("validations", "/v1/validations", YAML, text.encode())
     yield Flood("tables in JSON", "/v1/scores/batch", JSON, json.dumps(rows).encode())
     table = f"/v1/scores/batch?design_sha256={sha256}"
-    for name, (form, make) in BOMBS.items():
-        yield Flood(name, table, MEDIA_TYPES[form], make())
+    columns = ",".join(["views.AP.fiducial_noise_px", *(f"c{k}" for k in range(1_900))])
+    yield Flood(
+        "tables of eight million cells",
+        table,
+        MEDIA_TYPES["csv"],
+        f"{columns}\n{('0.3' + ',' * 1_900 + chr(10)) * 4_000}".encode(),
+    )
 
 
 def seconds_of_small_scores(place: Place, count: int) -> list[float]:

@@ -262,7 +262,9 @@ def test_an_implausible_value_is_remarked_by_every_way_in(
         assert "finer than a kinematic coupling" in " ".join(capsys.readouterr().out.split())
     validation = client.post("/v1/validations", content=path.read_bytes(), headers=YAML).json()
     score = client.post("/v1/scores", content=path.read_bytes(), headers=YAML).json()
-    gate = client.post("/v1/gates?mode=analytic", content=path.read_bytes(), headers=YAML).json()
+    gate = client.post(
+        "/v1/gates", json={"designs": [{"file": "a", "text": path.read_text(encoding="utf-8")}], "mode": "analytic"}
+    ).json()
     for findings, rule in (
         (validation["findings"], "half-width-too-fine"),
         (score["verdict"]["findings"], "half-width-too-fine"),

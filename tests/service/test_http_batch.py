@@ -16,6 +16,7 @@ from table_scenes import read_rows, write_table
 from tailstack import load_design, score
 from tailstack_service.http import posting
 from tailstack_service.http.compute_pool import ComputePool
+from tailstack_service.operations import rendering
 from tailstack_service.operations.units.batch import compute
 from tailstack_service.problems import RefusedAt
 from tailstack_service.schemas import read_record
@@ -54,7 +55,7 @@ def p95s(form: Format, content: bytes) -> list[Any]:
     return [row["p95_mm:tip"] or None for row in read_rows(form, content)]
 
 
-@pytest.mark.long("csv", "arrow")
+@pytest.mark.long("csv")
 @pytest.mark.parametrize("form", list(MEDIA_TYPES))
 def test_a_table_comes_back_in_its_own_format(client: httpx.Client, sha256: str, form: Format) -> None:
     """independent: other readers and writers, and the score of each row's own design."""
@@ -183,18 +184,28 @@ def test_a_file_is_refused_with_its_line(
     assert problem["errors"][0].get("line") == line
 
 
-def test_what_a_workbook_holds_beside_the_table_is_refused(client: httpx.Client, sha256: str) -> None:
-    """Its answer has no place to say that a sheet was not read, far down as its cells may be."""
-    book = openpyxl.load_workbook(io.BytesIO(table_as("xlsx")))
-    book.create_sheet("empty")
-    book.create_sheet("rev B").cell(40, 3, 0.2)
-    stream = io.BytesIO()
-    book.save(stream)
-    header = {"Content-Type": MEDIA_TYPES["xlsx"]}
-    answer = client.post(PATH, params={"design_sha256": sha256}, content=stream.getvalue(), headers=header)
-    (problem,) = check_problem(answer, 422, "invalid-request")["errors"]
-    assert problem["detail"] == "sheet 'Sheet' was read, and not 'rev B'"
-    assert problem["hint"] == "leave only the header and its rows, on one sheet"
+@pytest.mark.parametrize(
+    ("form", "body", "said"),
+    [
+        ("csv", f"{NOISE}{',c' * 1_900}\n".encode() + (b"0.3" + b"," * 1_900 + b"\n") * 1_100, "2000000 cells"),
+        ("ndjson", b'{"%b": 0.3, "note": [%b[]]}' % (NOISE.encode(), b"[]," * 100_000), "holds lists"),
+    ],
+    ids=["two million cells", "a cell of lists"],
+)
+def test_a_table_of_more_than_its_bytes_is_refused(
+    client: httpx.Client, sha256: str, form: Format, body: bytes, said: str
+) -> None:
+    """A comma is a cell of eight bytes, two brackets are a list of sixty."""
+    header = {"Content-Type": MEDIA_TYPES[form]}
+    answer = client.post(PATH, params={"design_sha256": sha256}, content=body, headers=header)
+    problem = check_problem(answer, 422, answer.json()["type"].rpartition("/")[2])
+    assert said in problem["errors"][0]["detail"]
+
+
+def test_a_workbook_is_not_taken(client: httpx.Client, sha256: str) -> None:
+    header = {"Content-Type": rendering.MEDIA_TYPES["xlsx"]}
+    answer = client.post(PATH, params={"design_sha256": sha256}, content=b"PK", headers=header)
+    assert "text/csv" in check_problem(answer, 415, "unsupported-media-type")["errors"][0]["hint"]
 
 
 def test_a_table_alone_says_which_design_it_is_about(client: httpx.Client) -> None:

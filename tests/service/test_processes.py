@@ -514,3 +514,21 @@ def test_an_interrupt_of_a_text_that_is_executed_ends_with_the_code_too(tmp_path
         timeout=LIMIT_SECONDS,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (130, "tailstack: interrupted\n")
+
+
+def test_what_takes_too_much_memory_is_refused_and_the_process_goes_on() -> None:
+    """Under the limit of the system: at once, and no matter who asks for it."""
+    program = """
+from functools import partial
+from tailstack_service.http.computations import perform
+from tailstack_service.processes.linux import limit_memory
+limit_memory(600_000_000)
+refused = perform(partial(bytearray, 900_000_000))
+print(refused.slug, refused.problems[0].hint)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT_SECONDS, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "limit-exceeded" in done.stdout
+    assert "TAILSTACK_MAX_PROCESS_BYTES" in done.stdout

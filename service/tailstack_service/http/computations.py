@@ -28,6 +28,7 @@ from ..operations.request import DesignReferenceUnresolved, Request
 from ..problems import RefusedAt, memory_error
 from ..processes.task import Estimated, RawRequest, UnitResult
 from ..settings import Settings
+from ..tables import Format
 
 
 def perform(call: Callable[[], Any]) -> Any:
@@ -50,14 +51,10 @@ def perform(call: Callable[[], Any]) -> Any:
 
 
 def warm_up() -> None:
-    """Load or compile every kernel that a request can need, and import the readers: no request waits for it."""
+    """Load or compile every kernel that a request can need: no request waits for it."""
     from tailstack.batch import score_batch
     from tailstack.scoring import score
 
-    with suppress(ImportError):  # an extra brings them
-        import openpyxl  # noqa: F401
-        import pyarrow.compute
-        import pyarrow.parquet  # noqa: F401
     design = load_design(EXAMPLE_DESIGN)
     to_json(score(design, second_order=True))
     for variant in map(load_design, variants()):
@@ -97,12 +94,12 @@ def _complete(operation: Operation, request: Request, settings: Settings) -> Rec
     return Reception(job=JobRequest(operation.name, content, titles, request.bare_design), designs=request.nameable)
 
 
-def compute_piece(sent: RawRequest, settings: Settings, spec: bytes, form: str, *, first: bool) -> bytes:
+def compute_piece(sent: RawRequest, settings: Settings, spec: bytes, form: Format, *, first: bool) -> bytes:
     """Some rows of a table, as a piece of its answer in some format; ``first``: with what comes before all of them."""
     from ..operations.units.batch import encode
 
     request = read_sent(sent, settings).content
-    return encode(request, (compute("batch", request, json.loads(spec)),), form, first=first)
+    return encode(request, compute("batch", request, json.loads(spec)), form, first=first)
 
 
 def compute_unit(sent: RawRequest, settings: Settings, spec: bytes) -> bytes:
@@ -110,13 +107,8 @@ def compute_unit(sent: RawRequest, settings: Settings, spec: bytes) -> bytes:
     return compute("batch", read_sent(sent, settings).content, json.loads(spec))
 
 
-def join_pieces(sent: RawRequest, settings: Settings, results: tuple[UnitResult, ...], form: str) -> bytes:
-    """The answer to a table in some format, from all its units."""
-    from ..operations.units.batch import encode
-
-    request = read_sent(sent, settings).content
-    if form != "json":
-        return encode(request, tuple(unit.result for unit in results), form, first=True)
-    step = plan("batch", request, results)
+def join_units(sent: RawRequest, settings: Settings, results: tuple[UnitResult, ...]) -> bytes:
+    """The record of a table, from all its units."""
+    step = plan("batch", read_sent(sent, settings).content, results)
     assert isinstance(step, Done)
     return step.answer

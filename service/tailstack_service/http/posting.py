@@ -42,7 +42,6 @@ log = logging.getLogger("tailstack.service")
 HOUR = 3600.0
 BUDGET_RETRY_SECONDS = 60  # what was used leaves the last hour minute by minute
 T = TypeVar("T")
-STREAMED = ("csv", "ndjson")  # formats whose pieces, one after the other, are the whole
 FIRST_LOOK, LONGEST_LOOK = 0.01, 0.25  # seconds between looks at a job that somebody waits for
 
 router = APIRouter(tags=["computations"], dependencies=[Depends(Needs("compute"))], default_response_class=Response)
@@ -117,8 +116,8 @@ for _operation in OPERATIONS.values():
 async def _send_pieces(request: Request, sent: RawRequest, pieces: Pieces) -> Response:
     """The units of what could be a job, computed one after the other for a caller who waits.
 
-    Lines are sent as they are computed, the next unit when the one before it is on its way; every other format when it
-    is complete.  A caller who leaves ends it.  Raises LimitError for more than is computed at once, and, before the
+    Lines are sent as they are computed, the next unit when the one before it is on its way; JSON when it is complete.
+    A caller who leaves ends it.  Raises LimitError for more than is computed at once, and, before the
     first byte, what the first unit raises.
     """
     service = service_of(request)
@@ -134,12 +133,11 @@ async def _send_pieces(request: Request, sent: RawRequest, pieces: Pieces) -> Re
         return result
 
     specs = pieces.specs
-    if form not in STREAMED:
+    if form == "json":
         units = [
             UnitResult(index, spec, await compute(computations.compute_unit, spec)) for index, spec in enumerate(specs)
         ]
-        answer = await compute(computations.join_pieces, tuple(units), form)
-        return Response(answer, media_type=JSON if form == "json" else MEDIA_TYPES[form])
+        return Response(await compute(computations.join_units, tuple(units)), media_type=JSON)
 
     first = await compute(computations.compute_piece, specs[0], form, first=True)
 

@@ -536,10 +536,6 @@ def _query_schemas() -> dict[str, Any]:
     return {**named, **FileOptions.model_json_schema()["properties"]}
 
 
-def _refuse(call: Any) -> Conversion:
-    raise NotImplementedError("a conversion is received as a file, not as a design")
-
-
 OPERATION = Operation(
     name="conversion",
     verb="convert",
@@ -552,7 +548,6 @@ OPERATION = Operation(
     designs={},
     example={"format": "csv", "content": BEADS, "to": "yaml"},
     record=lambda: Conversion,
-    run=_refuse,
     immediate=True,
     body=Body(
         receive=receive,

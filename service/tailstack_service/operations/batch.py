@@ -27,11 +27,21 @@ from ..console.progress import Progress
 from ..environment import variable
 from ..problems import RequestError
 from ..processes.task import Estimated
-from ..tables import MEDIA_TYPES, WRITERS, CsvWriter, Format, TableReader, format_of, hold_numbers, read_table
-from ..unpacking import ColumnBlock
+from ..tables import (
+    MEDIA_TYPES,
+    WRITERS,
+    Column,
+    ColumnBlock,
+    CsvWriter,
+    Format,
+    TableReader,
+    format_of,
+    hold_numbers,
+    read_table,
+)
 from .content import canonical
 from .effort import score_seconds, size_of
-from .operation import Body, Call, JobRequest, LateImport, More, Operation, Pieces, Reception
+from .operation import Body, JobRequest, LateImport, More, Operation, Pieces, Reception
 from .options import Options
 from .patches import NAMED, SHA256
 
@@ -41,7 +51,6 @@ if TYPE_CHECKING:
 
     from ..processes.task import Query, RawRequest
     from ..settings import Settings
-    from ..unpacking import Column
     from .request import Request
 
 ColumnName = Literal[
@@ -241,8 +250,7 @@ def _write(scores: TableScores, stream: IO[bytes], form: Format, threads: int | 
 
 # --- over HTTP --------------------------------------------------------------------------------------
 
-MOST_ROWS = 10_000_000  # of a call in Python, which has them in memory anyway
-READING_BYTES = 500_000_000  # of memory that may be needed to read a table
+MOST_CELLS = 2_000_000  # of a table that was sent
 SECONDS_A_ROW = {"compiled": 3e-5, "in full": 0.03}  # and target, on a slow core
 SECONDS_ON_LATTICE, SECONDS_TOGETHER = 6e-4, 1e-3  # more, under other laws than normal, and where images move together
 SECONDS_A_UNIT, ROWS_A_UNIT = 0.5, (32, 4096)
@@ -309,14 +317,24 @@ def read_sent(sent: RawRequest, settings: Settings) -> SentTable:
 
     Raises what ``receive`` raises.
     """
-    from ..processes.linux import memory_within
-
+    opened = _open(sent, settings)
+    request, given, form = opened.request, opened.given, opened.form
+    if form == "json":
+        table = _table_of(request.options.table)
+    else:
+        table = read_table(BytesIO(sent.body), form)
+    given = [(name, name) for name in table.header] if given is None else given
     try:
-        with memory_within(READING_BYTES):
-            return _read_sent(sent, settings)
-    except MemoryError:
-        detail = f"reading this table takes more than {READING_BYTES} bytes of memory"
-        raise LimitError(Problem("", "too-large", detail, "leave columns out, or send fewer rows")) from None
+        scores = score_table(request.design, table, given, opened.columns)
+    except (DesignError, IllPosedError) as error:
+        raise request.place(error) from None
+    cells = _read_cells(scores, settings.max_batch_rows)
+    batch = scores.batch
+    nameable = request.nameable if form == "json" and request.partial is None else ()
+    content = json.loads(_content(scores, cells))
+    return SentTable(
+        content, request.design.name, form, len(cells[0]), row_seconds(batch), rows_a_unit(batch), nameable
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -350,27 +368,6 @@ def _open(sent: RawRequest, settings: Settings) -> _Opened:
     return _Opened(Request(None, (design,), {}, ("",), False), given, columns, form)
 
 
-def _read_sent(sent: RawRequest, settings: Settings) -> SentTable:
-    opened = _open(sent, settings)
-    request, given, form = opened.request, opened.given, opened.form
-    if form == "json":
-        table = _table_of(request.options.table)
-    else:
-        table = read_table(BytesIO(sent.body), form, most_bytes=settings.max_table_bytes)
-    given = [(name, name) for name in table.header] if given is None else given
-    try:
-        scores = score_table(request.design, table, given, opened.columns)
-    except (DesignError, IllPosedError) as error:
-        raise request.place(error) from None
-    cells = _read_cells(scores, settings.max_batch_rows)
-    batch = scores.batch
-    nameable = request.nameable if form == "json" and request.partial is None else ()
-    content = json.loads(_content(scores, cells))
-    return SentTable(
-        content, request.design.name, form, len(cells[0]), row_seconds(batch), rows_a_unit(batch), nameable
-    )
-
-
 def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
     """Every column of a table, as JSON can hold it.  Raises RequestError, LimitError."""
     table = scores.table
@@ -379,6 +376,9 @@ def _read_cells(scores: TableScores, most: int) -> list[list[Any]]:
         block, _ = table.with_numbers(block, scores.places)
         for column, more in zip(cells, block.columns, strict=True):
             column += [cell if cell is None or isinstance(cell, str | int) else _plain(cell) for cell in more]
+        if len(cells) * len(cells[0]) > MOST_CELLS:
+            detail = f"at most {MOST_CELLS} cells are read; this table has more"
+            raise LimitError(Problem("/table", "too-many", detail, "leave columns out, or send fewer rows"))
         if len(cells[0]) > most:
             detail = f"at most {most} rows are scored in one request; this table has more"
             hint = f"send fewer, or start the service with a higher {variable('max_batch_rows')}"
@@ -439,30 +439,21 @@ def _read_query(query: Query) -> tuple[str, list[tuple[str, str]], list[str] | N
     return name, given, None if columns is None else columns.split(",")
 
 
-def _run(call: Call) -> ScoredTable:
-    from .units.batch import score_whole
-
-    table = _table_of(call.options.table)
-    scores = score_table(call.design, table, [(name, name) for name in table.header], call.options.columns)
-    return score_whole(json.loads(_content(scores, _read_cells(scores, MOST_ROWS))))
-
-
 OPERATION = Operation(
     name="batch",
     verb="score",
     path="/v1/scores/batch",
     summary="Score a design once for each row of a table",
     description="The design with the numbers of each row in it, scored; the table comes back with columns beside it. "
-    "A table as CSV, lines of JSON, XLSX, Arrow or Parquet names its design in the query and comes back in its own "
-    "format, or in one that Accept asks for: CSV and lines of JSON as they are computed, the others when they are "
-    "complete. A table in JSON comes back as the record. A row that cannot be scored keeps its place and says why. "
+    "A table as CSV or lines of JSON names its design in the query and comes back as it is computed, in its own format "
+    "or in the one that Accept asks for. A table in JSON comes back as the record. A row that cannot be scored keeps "
+    "its place and says why. "
     "With Prefer: respond-async or wait=N it becomes a job, whose result is the record.",
     title="answer of score --batch over HTTP: a table of designs, scored",
     options=BatchOptions,
     example={"table": {"/views/0/fiducial_noise_px": [0.1, 0.2, 0.4]}},
     example_title="Three levels of noise",
     record=lambda: ScoredTable,
-    run=_run,
     cut=True,
     body=Body(
         receive=receive,

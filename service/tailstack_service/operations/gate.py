@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
-
-from tailstack.errors import TailstackError
 
 from ..clock import SYSTEM_CLOCK
 from ..gate.asked import GateRequest
@@ -14,54 +11,23 @@ from ..processes.task import Estimated
 from .content import canonical
 from .effort import score_seconds, size_of, text_reading_seconds
 from .example import EXAMPLE_DESIGN
-from .operation import Body, Call, JobRequest, LateImport, Operation, Reception
+from .operation import Body, JobRequest, LateImport, Operation, Reception
 from .options import Options
 
 if TYPE_CHECKING:
     from ..gate.judge import Gate
-    from ..gate.records import GateRecord
-    from ..processes.task import Query, RawRequest
+    from ..processes.task import RawRequest
     from ..settings import Settings
-
-QUERY = ("mode", "seed", "fail_level", "on_inconclusive")  # what a single design as YAML can be asked with
-FILE = "design.yaml"  # what findings call such a design
-TEXT = "/designs/0/text"  # where it stands in the request that the body and the query make
 
 
 def _receive(sent: RawRequest, settings: Settings) -> Reception | Estimated:
     """An analytic gate that was read, or a job.  Raises what ``gate.request.admit_gate`` raises."""
-    from .request import parse_json, refuse_query
-
-    if sent.form == "json":
-        return _admit(parse_json(sent.body, settings), settings)
-    refuse_query(sent.query, QUERY)
-    try:
-        return _admit(_request_of_one(sent.body, sent.query), settings)
-    except TailstackError as error:  # the design is the body: pointers start inside it
-        error.problems = tuple(replace(p, pointer=p.pointer.removeprefix(TEXT)) for p in error.problems)
-        raise
-
-
-def _request_of_one(body: bytes, query: Query) -> dict[str, Any]:
-    """The request that a YAML body and the query stand for."""
-    from .request import from_text, single
-
-    data: dict[str, Any] = {"designs": [{"file": FILE, "text": body.decode("utf-8", "surrogateescape")}]}
-    properties = GateRequest.model_json_schema()["properties"]
-    for name in QUERY:
-        value = single(query, name)
-        if value is not None:
-            data[name] = from_text(value, properties[name])
-    return data
-
-
-def _admit(data: dict[str, Any], settings: Settings) -> Reception | Estimated:
     from ..gate.judge import judges_losses, rules_of
     from ..gate.request import admit_gate
-    from .request import limits_of
+    from .request import limits_of, parse_json
 
     admitted = admit_gate(
-        data,
+        parse_json(sent.body, settings, yaml=False),
         today=SYSTEM_CLOCK.today(),
         limits=limits_of(settings),
         max_designs=settings.max_gate_designs,
@@ -85,15 +51,6 @@ def _answer(gate: Gate, terms: dict[str, Any]) -> Reception:
     from ..gate.judge import judge
 
     return Reception(answer=to_json(judge(gate)), terms=terms)
-
-
-def _judge(call: Call) -> GateRecord:
-    raise NotImplementedError("a gate is received with its policy, not as a design")
-
-
-def _query() -> dict[str, Any]:
-    properties = GateRequest.model_json_schema()["properties"]
-    return {name: properties[name] for name in QUERY}
 
 
 OPERATION = Operation(
@@ -128,11 +85,9 @@ OPERATION = Operation(
         "mode": "analytic",
     },
     record=LateImport("..gate.records", "GateRecord").load,
-    run=_judge,
     cut=True,
     body=Body(
         receive=_receive,
-        query=_query,
         request=GateRequest,
         at_once="mode analytic",
         reading_seconds=text_reading_seconds,

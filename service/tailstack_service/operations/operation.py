@@ -183,7 +183,7 @@ class Body:
     """What is sent to an operation otherwise than as designs and options, and how it is received."""
 
     receive: Callable[[RawRequest, Settings], Reception | Estimated]
-    query: Callable[[], Mapping[str, Any]]  # JSON Schemas, by name, of what stands beside a body that is no JSON
+    query: Callable[[], Mapping[str, Any]] = dict  # JSON Schemas, by name, of what stands beside a body that is no JSON
     request: type[BaseModel] | None = None  # the model of a body in JSON; None: designs and options
     media: tuple[str, ...] = ()  # what it can be besides JSON and YAML
     samples: Mapping[str, ExampleBody] = field(default_factory=dict)  # of those
@@ -222,6 +222,11 @@ def check_nothing(request: Request, settings: Settings) -> None:
     """The options and a design that can be read are all that is asked for."""
 
 
+def receive_alone(call: Call) -> Any:
+    """What is asked for by a body of its own (``Body.receive``) has no call."""
+    raise NotImplementedError("this operation is received with its own body, not as designs and options")
+
+
 def pass_always(record: Any) -> int:
     """The exit code of what judges nothing."""
     return PASS
@@ -248,7 +253,7 @@ class Operation:
     example_title: str = "Eight beads, two seats"
 
     # How it computes
-    run: Callable[[Call], Any]  # gives the record; raises TailstackError
+    run: Callable[[Call], Any] = receive_alone  # gives the record; raises TailstackError
     designs: Mapping[str, str] = field(default_factory=lambda: {"design": "The design document."})  # field, meaning
     immediate: bool = False  # answered at once over HTTP: it takes milliseconds
     cut: bool = False  # its job is cut into units, by plan() and compute() of units/NAME.py; or is one unit, ``run``
@@ -274,9 +279,9 @@ class Operation:
 
     @property
     def yaml(self) -> bool:
-        """Whether a body can be YAML: the design, with options in the query; without designs it is read as it is."""
+        """Whether a body can be YAML: the design, with options in the query; without designs what a query describes."""
         if not self.designs:
-            return True
+            return self.body is not None and bool(self.body.query())
         typed = all(each.in_query for each in list_options(self.options) if each.field.is_required())
         return typed and tuple(self.designs) == ("design",)
 

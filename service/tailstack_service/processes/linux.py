@@ -14,8 +14,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from ..environment import PLAIN_PROCESSES
@@ -23,7 +22,7 @@ from ..environment import PLAIN_PROCESSES
 HERE = sys.platform == "linux" and os.environ.get(PLAIN_PROCESSES, "") in ("", "0")
 PR_SET_PDEATHSIG = 1
 OOM_SCORE = 500  # where memory runs out, the unit that took it ends, and not the worker or the database
-RESIDENT, WRITTEN = 1, 5  # fields of /proc/PID/statm: what is in memory; data and stack
+RESIDENT = 1  # field of /proc/PID/statm: what is in memory
 WAITS_FOR_SYSTEM = {"R", "D"}  # states of a thread that waits for a processor or a disk, which is no fault of its own
 TICKS_A_SECOND = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 
@@ -40,13 +39,9 @@ def die_with_parent() -> None:
 
 def resident_bytes() -> int:
     """Of this process in memory; 0 elsewhere."""
-    return _bytes_of(RESIDENT)
-
-
-def _bytes_of(field: int) -> int:
     if HERE:
         with suppress(OSError), open("/proc/self/statm", "rb") as pages:
-            return int(pages.read().split()[field]) * os.sysconf("SC_PAGE_SIZE")
+            return int(pages.read().split()[RESIDENT]) * os.sysconf("SC_PAGE_SIZE")
     return 0
 
 
@@ -58,28 +53,6 @@ def limit_memory(most_bytes: int) -> None:
         _, hard = resource.getrlimit(resource.RLIMIT_DATA)
         most = most_bytes if hard == resource.RLIM_INFINITY else min(most_bytes, hard)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-
-
-@contextmanager
-def memory_within(more_bytes: int) -> Iterator[None]:
-    """What is done here may take so many bytes more than are in use now.  Raises MemoryError as soon as it does.
-
-    Only where the process has a limit: elsewhere the memory is that of whoever asks.
-    """
-    if not HERE:
-        yield
-        return
-    import resource
-
-    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    if hard == resource.RLIM_INFINITY:
-        yield
-        return
-    resource.setrlimit(resource.RLIMIT_DATA, (min(hard, _bytes_of(WRITTEN) + more_bytes), hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def read_processor_time(pid: int) -> tuple[float, bool] | None:

@@ -18,7 +18,7 @@ from tailstack.scoring import provenance
 from ...documents import to_json
 from ...problems import RefusedAt
 from ...processes.task import UnitResult
-from ...tables import WRITERS, hold_numbers, read_number
+from ...tables import WRITERS, Format, hold_numbers, read_number
 from ..content import canonical, loaded_design
 from ..operation import Done, More, Step
 from .parts import plan_spans
@@ -40,24 +40,16 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     return canonical({"first": spec["first"], "columns": columns, "reasons": block.reasons, "ways": block.ways})
 
 
-def encode(request: dict[str, Any], units: Sequence[bytes], form: str, *, first: bool) -> bytes:
-    """Units in a row as a table in some format; ``first``: they are the first ones, below the header."""
+def encode(request: dict[str, Any], result: bytes, form: Format, *, first: bool) -> bytes:
+    """A unit as lines of CSV or JSON; ``first``: below the header."""
     batch, stream = _batch(request), BytesIO()
     header = (*request["header"], *batch.names, "reason")
-    writer = WRITERS[form](stream, header, hold_numbers(header, request["places"]))  # type: ignore[index]
+    writer = WRITERS[form](stream, header, hold_numbers(header, request["places"]))
     writer.count = 0 if first else 1  # CSV has its header in front of the first row
-    for unit in map(json.loads, units):
-        span = slice(unit["first"], unit["first"] + len(unit["reasons"]))
-        writer.write([*(column[span] for column in request["cells"]), *unit["columns"], unit["reasons"]])
-    writer.close()
+    unit = json.loads(result)
+    span = slice(unit["first"], unit["first"] + len(unit["reasons"]))
+    writer.write([*(column[span] for column in request["cells"]), *unit["columns"], unit["reasons"]])
     return stream.getvalue()
-
-
-def score_whole(request: dict[str, Any]) -> ScoredTable:
-    """The record, here and now."""
-    step = plan(request, ())
-    assert isinstance(step, More)
-    return _record(request, [json.loads(compute(request, json.loads(spec))) for spec in step.specs])
 
 
 def _record(request: dict[str, Any], units: Sequence[dict[str, Any]]) -> ScoredTable:
