@@ -405,8 +405,6 @@ def test_a_stream_goes_on_where_it_was_left(client: httpx.Client) -> None:
     job = client.post("/v1/verifications", json={**QUICK, "seed": 12}).json()
     events = events_of(client, job["id"])
     assert events_of(client, job["id"], **{"Last-Event-ID": "2"}) == events[2:]
-    with client.stream("GET", f"/v1/jobs/{job['id']}/events?after=2") as response:
-        assert list(read_events(response)) == events[2:]
     seen = client.get(f"/v1/jobs/{job['id']}/events", headers={"Last-Event-ID": events[-1].id})
     assert (seen.status_code, seen.content) == (204, b"")
 

@@ -280,10 +280,7 @@ def test_other_content_types_are_415(client: httpx.Client, path: str, kinds: lis
     assert ("Content-Encoding" in refused["errors"][0]["detail"]) == bool(encodings)
 
 
-def test_problems_of_a_gated_design_as_yaml_start_inside_it(client: httpx.Client) -> None:
-    text = b"schema: tailstack/design/1\nname: x\nviews: 3\nfiducials: {points: []}\ntargets: []\n"
-    document = check_problem(client.post("/v1/gates?mode=analytic", content=text, headers=YAML), 422, "invalid-design")
-    assert {"/views", "/targets"} <= {entry["pointer"] for entry in document["errors"]}
+def test_problems_of_a_gated_design_start_inside_it(client: httpx.Client) -> None:
     by_json = {"designs": [{"file": "a.yaml", "design": {"schema": "tailstack/design/1"}}]}
     document = check_problem(client.post("/v1/gates", json=by_json), 422, "invalid-design")
     assert document["errors"][0]["pointer"].startswith("/designs/0/design")
@@ -348,7 +345,7 @@ def test_query_parameters_that_mean_nothing_are_refused(client: httpx.Client) ->
         ("GET", f"/v1/results/{'a' * 64}/report?fmt=pdf", "/fmt"),
         ("GET", f"/v1/results/{'a' * 64}/report?format=", "/format"),
         ("GET", f"/v1/results/{'a' * 64}/report?format=docx", "/format"),
-        ("GET", "/v1/jobs/01k4z8t5r2w7x3y9v6n1m0q8pc/events?after=", "/after"),
+        ("GET", "/v1/jobs/01k4z8t5r2w7x3y9v6n1m0q8pc/events?after=2", "/after"),
     ):
         response = client.request(method, target, json=body if method == "POST" else None)
         document = check_problem(response, 422, "invalid-request")

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import logging
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 from itertools import groupby
 from math import dist
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tailstack.extras import require_extras
 from tailstack.results.digits import decimal, decimals_of, number
@@ -21,7 +23,6 @@ from ..console.arguments import add_details
 from ..console.files import writable_directory
 from ..console.program import program
 from ..operations.editors import write_document
-from ..rendering.jobs import advance_text
 from ..rendering.tables import paint, prose_width, visible, wrap
 from ..shipped import example_folder
 
@@ -39,7 +40,6 @@ FIRST_WORD_SECONDS, WORD_SECONDS = 3.0, 20.0
 FIRST_TIME = "about two minutes the first time on a machine, several on a busy one; later runs read them from a cache"
 REPORT_SECONDS = 60.0
 LOOK_SECONDS = 0.05  # between looks whether the service is ready
-ANNOUNCE_SECONDS = 1.0  # between lines of progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     from tailstack.design.write import data_to_yaml
 
     from ..console.progress import Progress
-    from ..console.remote import RemoteService
+    from ..console.remote import RemoteService, compute_remotely
     from ..http.server import running_service
     from ..logs import log_to_stderr
     from ..operations.registry import OPERATIONS
@@ -78,7 +78,12 @@ def run(arguments: argparse.Namespace) -> Answer:
         if arguments.full:
             print(f"[{progress.elapsed_seconds:5.1f} s] {text}", file=sys.stderr, flush=True)
         else:
+            progress.begin_step()
             progress.report(0, 0, text)
+
+    def follow(done: float, total: float) -> None:
+        if not arguments.full:
+            progress.report(done, total, progress.detail)
 
     def show(title: str, text: str) -> None:
         if arguments.full:
@@ -95,6 +100,7 @@ def run(arguments: argparse.Namespace) -> Answer:
         running_service(default_settings(), worker=True, worker_log=output / "worker.log") as (host, port),
     ):
         service = RemoteService(f"http://{host}:{port}", key="")
+        compute = partial(compute_remotely, service, report=follow)
         wait_until_ready(service, announce)
         announce(f"first estimate: POST {service.url}/v1/scores")
         body = service.ask("POST", "/v1/scores", {"design": design}).content
@@ -103,21 +109,21 @@ def run(arguments: argparse.Namespace) -> Answer:
         show("Estimate", OPERATIONS["score"].write(score))
 
         announce(f"checking the design by simulation: POST /v1/verifications, to {100 * PRECISION:g} %")
-        body, _ = run_job(service, "/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1}, announce)
+        body = compute("/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1})
         before = read_record("verification", body)
         save("verification.json", body)
         show("Check by simulation", OPERATIONS["verification"].write(before))
 
         announce("looking for a better one: POST /v1/optimisations, a second or two per start")
-        body, result = run_job(service, "/v1/optimisations", {"design": design}, announce)
+        body = compute("/v1/optimisations", {"design": design})
+        result = f"/v1/results/{hashlib.sha256(body).hexdigest()}"
         optimised = read_record("optimisation", body)
         save("optimisation.json", body)
         write_document(output / "optimised.yaml", data_to_yaml(optimised.design), tell=arguments.full)
         show("Optimised: layout and rotational tolerances", OPERATIONS["optimisation"].write(optimised))
 
         announce("checking the better one: POST /v1/verifications")
-        again = {"design": optimised.design, "precision": PRECISION, "seed": 2}
-        body, _ = run_job(service, "/v1/verifications", again, announce)
+        body = compute("/v1/verifications", {"design": optimised.design, "precision": PRECISION, "seed": 2})
         after = read_record("verification", body)
         show("Before -> after", summary_text(before, after, optimised) + "\n" + OPERATIONS["verification"].write(after))
 
@@ -155,24 +161,6 @@ def wait_until_ready(
             next_word = clock.monotonic() + WORD_SECONDS
             announce(f"compiling the kernels: {FIRST_TIME}" if first else "still compiling")
         clock.sleep(LOOK_SECONDS)
-
-
-def run_job(
-    service: RemoteService, path: str, request: dict[str, Any], announce: Callable[[str], None], *,
-    clock: Clock = SYSTEM_CLOCK,
-) -> tuple[bytes, str]:  # fmt: skip
-    """The result of a job and its path, its progress announced on the way.  Raises RemoteError if it fails."""
-    job = service.ask_record("POST", path, request)
-    announced_at = clock.monotonic()
-    for event in service.events(job["id"]):
-        if event.name == "progress" and clock.monotonic() - announced_at > ANNOUNCE_SECONDS:
-            announced_at = clock.monotonic()
-            done, expected = event.data["units_done"], max(event.data["units_expected"], 1)
-            words = advance_text(done / expected, done, expected, event.data["eta_seconds"])
-            announce(f"  job {job['id']}: {words}, {event.data['note']}")
-    reply = service.ask("GET", f"/v1/jobs/{job['id']}/result")
-    record = service.ask_record("GET", f"/v1/jobs/{job['id']}")
-    return reply.content, record["links"]["result"]
 
 
 # --- its own texts: chapter headings, and the table of before and after ------------------------------------

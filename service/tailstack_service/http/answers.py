@@ -49,27 +49,31 @@ def tagged_response(
     return Response(body, 200, headers, media_type)
 
 
+def read_preferences(request: Request) -> dict[str, str]:
+    """Preferences by their names, with their values (RFC 7240); of two with one name the first counts."""
+    preferences: dict[str, str] = {}
+    for part in ",".join(request.headers.getlist("prefer")).split(","):
+        if preference := _PREFERENCE.match(part):
+            value = preference["token"] or "" if preference["quoted"] is None else preference["quoted"]
+            preferences.setdefault(preference["name"].lower(), value)
+    return preferences
+
+
 def wait_seconds(request: Request, limit: float) -> int | None:
     """Seconds that the caller is willing to wait, at most ``limit``; None without such a wish.
 
-    A preference that cannot be read is no preference (RFC 7240, 2): nothing is raised.  The first one counts.
+    A preference that cannot be read is no preference (RFC 7240, 2): nothing is raised.
     """
-    for part in ",".join(request.headers.getlist("prefer")).split(","):
-        preference = _PREFERENCE.match(part)
-        if preference and preference["name"].lower() == "wait":
-            value = preference["token"] or "" if preference["quoted"] is None else preference["quoted"]
-            if not re.fullmatch(r"[0-9]+", value):
-                return None
-            digits = value.lstrip("0")[:DIGITS]  # of what is longer, all that counts is that it is over the limit
-            return min(int(digits or "0"), int(limit))
-    return None
+    value = read_preferences(request).get("wait", "")
+    if not re.fullmatch(r"[0-9]+", value):
+        return None
+    digits = value.lstrip("0")[:DIGITS]  # of what is longer, all that counts is that it is over the limit
+    return min(int(digits or "0"), int(limit))
 
 
 def asks_for_job(request: Request) -> bool:
     """Whether Prefer asks for a job where the answer could come at once: respond-async, or wait=N (RFC 7240)."""
-    preferences = ",".join(request.headers.getlist("prefer")).split(",")
-    names = {preference.partition(";")[0].partition("=")[0].strip().lower() for preference in preferences}
-    return bool(names & {"respond-async", "wait"})
+    return not {"respond-async", "wait"}.isdisjoint(read_preferences(request))
 
 
 def idempotency_key(request: Request) -> str | None:

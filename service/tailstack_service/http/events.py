@@ -15,7 +15,6 @@ from ..jobs.store import jobs as stored
 from ..jobs.store.events import Event, read_events
 from ..jobs.store.jobs import Job
 from ..logs import moment
-from ..operations.request import single
 from ..problems import RequestError, TransportError
 from ..processes.task import ENDED
 from .dependencies import Needs, TheService, query
@@ -36,10 +35,10 @@ router = APIRouter(tags=["jobs"], dependencies=[Depends(Needs("read"))], default
 @router.get(
     "/v1/jobs/{id}/events",
     operation_id="get_job_events",
-    dependencies=[Depends(query("after"))],
+    dependencies=[Depends(query())],
     summary="What happens to a job, as server-sent events",
     description="The schema is that of one event. Events state, progress and recomputed; id counts them from 1, data "
-    "is one JSON object. The stream begins after Last-Event-ID (or after), heartbeats are comments, and it ends after "
+    "is one JSON object. The stream begins after Last-Event-ID, heartbeats are comments, and it ends after "
     "the final state.",
     responses={
         200: response_of(
@@ -50,9 +49,7 @@ router = APIRouter(tags=["jobs"], dependencies=[Depends(Needs("read"))], default
         ),
         204: response_of("The job has ended and the client has seen everything: stop asking."),
     },
-    openapi_extra=extra(
-        parameter("JobId"), parameter("LastEventID"), parameter("After"), problems=(404, 422, 429, 503)
-    ),
+    openapi_extra=extra(parameter("JobId"), parameter("LastEventID"), problems=(404, 422, 429, 503)),
 )
 async def get_events(request: Request, service: TheService) -> Response:
     """A stream of what happened after the last event that the client saw, until the job ends.
@@ -96,16 +93,12 @@ class _EventStream(StreamingResponse):
 
 
 def _last_event_id(request: Request) -> int:
-    """Sequence of the last event the client saw: Last-Event-ID, or ?after= for what cannot set headers."""
-    header = request.headers.get("last-event-id", "").strip()
-    parameter = single(request.query_params.multi_items(), "after")
-    texts = ([header] if header else []) + ([] if parameter is None else [parameter])
-    for text in texts:
-        if not (text.isascii() and text.isdigit() and len(text) < 16):
-            detail = f"the id of an event is a whole number; got {text[:40]!r}"
-            hint = "send the id of the last event that was read"
-            raise RequestError(Problem("/after", "bad-parameter", detail, hint))
-    return int(texts[0]) if texts else 0
+    """Sequence of the last event the client saw."""
+    text = request.headers.get("last-event-id", "").strip() or "0"
+    if not (text.isascii() and text.isdigit() and len(text) < 16):
+        detail = f"the Last-Event-ID is a whole number; got {text[:40]!r}"
+        raise RequestError(Problem("", "bad-header", detail, "send the id of the last event that was read"))
+    return int(text)
 
 
 async def _stream(service: Service, job: Job, after: int) -> AsyncIterator[bytes]:

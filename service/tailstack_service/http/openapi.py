@@ -63,11 +63,6 @@ PARAMETERS: dict[str, Any] = {
         "schema": {"type": "string", "pattern": "^[0-9]{0,15}$"},
         "description": "Id of the last event that was read; the stream goes on after it. Empty: none was.",
     },
-    "After": {
-        "name": "after", "in": "query", "required": False,
-        "schema": {"type": "integer", "minimum": 0, "maximum": 10**15 - 1},
-        "description": "The same as Last-Event-ID, for clients that cannot set headers.",
-    },
     "JobId": {
         "name": "id", "in": "path", "required": True, "schema": {"type": "string", "pattern": "^[0-9a-z]{26}$"},
         "description": "Id of a job.", "example": EXAMPLE_ID,

@@ -7,9 +7,7 @@ the proxy cuts it off or not.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from contextvars import ContextVar
-from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -19,7 +17,6 @@ from ..environment import variable
 from ..problems import SettingsError
 from ..settings import Settings
 
-FORWARDED = b"x-forwarded-prefix"
 LONGEST = 200
 _PREFIX = re.compile(r"(/(?!\.{1,2}(/|$))[A-Za-z0-9._~-]+)+")
 _LEAD = (b"location", b"content-location")
@@ -37,16 +34,14 @@ def cut_root(path: str) -> str:
 
 
 class Prefix:
-    """Tells routes and answers below which path the client sees them: the setting, or the word of a trusted proxy."""
+    """Tells routes and answers below which path the client sees them."""
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
-        self._app = app
-        self._root = read_root_path(settings)
-        self._proxies = read_proxies(settings)
+        self._app, self._root = app, read_root_path(settings)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        root = self._find_root(scope) if scope["type"] == "http" else ""
-        if not root:
+        root = self._root
+        if not root or scope["type"] != "http":
             await self._app(scope, receive, send)
             return
         path = scope["path"]
@@ -64,21 +59,6 @@ class Prefix:
         finally:
             _root.reset(token)
 
-    def _find_root(self, scope: Scope) -> str:
-        given = [value.decode("latin-1") for name, value in scope["headers"] if name == FORWARDED]
-        if given and self._is_trusted(scope.get("client")):
-            prefix: str = given[-1].strip().rstrip("/")
-            if len(prefix) <= LONGEST and (not prefix or _PREFIX.fullmatch(prefix)):
-                return prefix
-        return self._root
-
-    def _is_trusted(self, client: Iterable[object] | None) -> bool:
-        try:
-            address = ip_address(str(next(iter(client or ()), "")))
-        except ValueError:  # a socket without an address
-            return False
-        return any(address in network for network in self._proxies)
-
 
 def _begin_with(lead: bytes, name: bytes, value: bytes) -> bytes:
     """The value of a header with the paths in it below ``lead``."""
@@ -95,15 +75,3 @@ def read_root_path(settings: Settings) -> str:
         detail = f"{variable('root_path')} must be a path such as /tailstack; got {settings.root_path[:80]!r}"
         raise SettingsError(Problem("", "bad-setting", detail, "docs/deploy.md, Below a path"))
     return root
-
-
-def read_proxies(settings: Settings) -> tuple[IPv4Network | IPv6Network, ...]:
-    """The networks of proxies whose X-Forwarded-Prefix is believed.  Raises SettingsError."""
-    networks: list[IPv4Network | IPv6Network] = []
-    for text in (entry.strip() for entry in settings.trusted_proxies.split(",")):
-        try:
-            networks += [ip_network(text, strict=False)] if text else []
-        except ValueError:
-            detail = f"{variable('trusted_proxies')}: {text[:80]!r} is no address and no network"
-            raise SettingsError(Problem("", "bad-setting", detail, "such as 127.0.0.1 or 10.0.0.0/8")) from None
-    return tuple(networks)

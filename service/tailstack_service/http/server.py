@@ -30,7 +30,7 @@ from ..processes.nursery import join_nursery, share_nursery
 from ..settings import Settings
 from .access import is_loopback, read_token_settings
 from .origins import read_origins
-from .prefix import read_proxies, read_root_path
+from .prefix import read_root_path
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -98,7 +98,6 @@ def serve(
     read_token_settings(settings)
     read_origins(settings)
     read_root_path(settings)
-    read_proxies(settings)
     open_database(settings.database_url, migrate=True).close()
     family = _Family(settings, worker)
     run = _serve_with_several if settings.api_processes > 1 else _serve_here
