@@ -187,7 +187,11 @@ def test_a_file_is_refused_with_its_line(
 @pytest.mark.parametrize(
     ("form", "body", "said"),
     [
-        ("csv", ",".join([NOISE, *map(str, range(1_900))]).encode() + b"\n" + (b"0.3" + b"," * 1_900 + b"\n") * 1_100, "2000000 cells"),
+        (
+            "csv",
+            ",".join([NOISE, *map(str, range(1_900))]).encode() + b"\n" + (b"0.3" + b"," * 1_900 + b"\n") * 1_100,
+            "2000000 cells",
+        ),
         ("ndjson", b'{"%b": 0.3, "note": [%b[]]}' % (NOISE.encode(), b"[]," * 100_000), "holds lists"),
     ],
     ids=["two million cells", "a cell of lists"],

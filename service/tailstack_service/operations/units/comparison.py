@@ -86,9 +86,4 @@ def _check_both(
 
 def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     """One unit of one check."""
-    return verification.compute(_check_request(request, spec["of"]), spec["spec"])
-
-
-def _check_request(request: dict[str, Any], side: str) -> dict[str, Any]:
-    own = {name: request[name] for name in ("trials", "precision", "max_trials") if request.get(name) is not None}
-    return {"design": request[side], "seed": request.get("seed", 0), "method": "plain", **own}
+    return verification.compute(verification.check_request(request, request[spec["of"]]), spec["spec"])

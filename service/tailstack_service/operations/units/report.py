@@ -46,5 +46,4 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
 def _part_request(request: dict[str, Any], part: str) -> dict[str, Any]:
     if part == "optimisation":
         return {"design": request["design"], "seed": None, "starts": request.get("starts")}
-    own = {name: request[name] for name in ("trials", "precision", "max_trials") if request.get(name) is not None}
-    return {"design": request["design"], "seed": request.get("seed", 0), "method": "plain", **own}
+    return verification.check_request(request, request["design"])

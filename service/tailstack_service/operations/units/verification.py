@@ -84,6 +84,12 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     )
 
 
+def check_request(request: dict[str, Any], design: dict[str, Any]) -> dict[str, Any]:
+    """The check of a design that is part of another kind of job, sampled as that one's request says."""
+    own = {name: request[name] for name in ("trials", "precision", "max_trials") if request.get(name) is not None}
+    return {"design": design, "seed": request.get("seed", 0), "method": "plain", **own}
+
+
 def sampling_of(request: dict[str, Any]) -> Sampling:
     """What a request asks for.  Raises DesignError."""
     return Sampling(
