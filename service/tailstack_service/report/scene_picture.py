@@ -33,7 +33,7 @@ from .svg import (
 if TYPE_CHECKING:
     from tailstack.geometry.arrays import Array
 
-NEAR, FAR = (8, 26, 436, 400), (460, 26, 252, 212)  # left, top, width, height of the two panels
+NEAR, FAR = (8, 26.0, 436, 400), (460, 26.0, 252, 212)  # left, top, width, height of the two panels
 PAD = 26
 STRIP = 34  # kept at the foot of a panel for its axes and bar
 ROOM = 700  # area of page for each label of a fiducial: with less, none is shown
@@ -82,7 +82,7 @@ def draw_scene(scene: LayoutScene, name: str = "layout") -> str:
     legend, foot = _legend(scene, [*items, *around], FAR[0] + 14, FAR[1] + FAR[3] + 20)
     parts += legend
     y = max(NEAR[1] + NEAR[3] + 18.0, foot + 10)
-    notes = textwrap.wrap(scene.note, 118)
+    notes = textwrap.wrap(scene.note, 118, break_on_hyphens=False)
     parts += [text(NEAR[0], y + 14 * k, line, colour=MUTED) for k, line in enumerate(notes)]
     return picture(name, scene.title, f"{scene.words} {scene.note}", y + 14 * len(notes) - 2, parts)
 
