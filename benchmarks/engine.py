@@ -384,10 +384,10 @@ def precision() -> Findings:
     system = cios_system()
     plan = compile_plan(system)
     model = linearise(system, system.targets[0])
-    law, _ = declared_law(model, "tcp", model.tcp_bias_mm)
+    law, _ = declared_law(model, "tcp", model.bias_mm("tcp"))
     first = law_quantile(law, 0.95)
     linear = LinearChain(
-        model.tcp_bias_mm, gains_in_plan_order(plan, model.blocks, 0, "tcp"), lambda r: law_exceedance(law, r),
+        model.bias_mm("tcp"), gains_in_plan_order(plan, model.blocks, 0, "tcp"), lambda r: law_exceedance(law, r),
         first.quantile_mm, first.density,
     )  # fmt: skip
     halves: dict[str, list[float]] = {"radial": [], "plain": []}

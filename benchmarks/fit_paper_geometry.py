@@ -91,7 +91,7 @@ def predictions(system: System) -> tuple[np.ndarray, np.ndarray]:
         if cell.setting not in known:
             here = apply_setting(system, cell.setting)
             model = linearise(here, here.targets[0])
-            known[cell.setting] = model.localisation_bias_mm, covariance(model, "localisation")
+            known[cell.setting] = model.bias_mm("localisation"), covariance(model, "localisation")
         m, s = known[cell.setting]
         if cell.quantity == "p95":
             value = norm_quantile(0.95, m, s)
@@ -114,7 +114,7 @@ def simplified(system: System, way: str) -> np.ndarray:
     kept = np.zeros((3, 3))
     for block in model.blocks:
         if WAYS[way](block.contributor, system.views[1].name):
-            scaled = block.localisation * block.std
+            scaled = block.gain("localisation") * block.std
             kept += scaled @ scaled.T
     return np.sqrt(np.diag(kept))
 

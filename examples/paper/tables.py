@@ -161,7 +161,7 @@ def estimate(errors: np.ndarray, quantity: str) -> tuple[float, float, float]:
 
 def predict(model: LinearModel, quantity: str) -> float:
     """The same number of the linear model's exact law, mm."""
-    mean, spread = model.localisation_bias_mm, covariance(model, "localisation")
+    mean, spread = model.bias_mm("localisation"), covariance(model, "localisation")
     if quantity.startswith("std"):
         return sqrt(float(np.diag(spread)[AXES.index(quantity[-1])]))
     return norm_mean(mean, spread) if quantity == "mean" else norm_quantile(0.95, mean, spread)

@@ -39,13 +39,14 @@ from .fields import Coordinate, Degrees, HalfWidth, HalfWidthDegrees, Pixels, do
 from .geometry.arrays import Array, frozen
 from .kernels.process import usable_cores
 from .kernels.store import kernel
+from .measures import MEASURE, POINTS
 from .propagation.columns import Imaging, assemble_after
 from .propagation.linear import (
     LinearModel,
     chain_of,
     geometry_at,
     imaging_of,
-    linearise_at,
+    linearise_all,
     mounts_of,
     pass_mounts,
 )
@@ -321,6 +322,9 @@ class Batch:
                 reasons.append(f"{self.pointers[column]} is more than a number of the compiled design")
         if system.loss_probability:
             reasons.append("fiducials that are missed make a law for each pattern of them, row by row")
+        joined = any(MEASURE[item.error] not in POINTS for item in system.requirements)
+        if joined and not _ASK.isdisjoint(self.columns):
+            reasons.append("a requirement on what joins several targets is judged row by row")
         self._placed = not reasons
         if self._placed:
             self._stated = np.array([value_at(self.design.source.data, at[0]) for at in self._places], dtype=float)
@@ -358,8 +362,7 @@ class Batch:
             at_bias = chain_of(system)
             if not self.validity_bounds.are_certainly_valid(at_bias):
                 return None
-            models = {target.name: linearise_at(at_bias, target) for target in system.targets}
-            return self._read_models(system, models)
+            return self._read_models(system, linearise_all(at_bias))
         except TailstackError:
             return None
 
@@ -569,7 +572,9 @@ class _RowLoop:
             biases=_stacked([way.localisation_bias_mm, way.tcp_bias_mm]),
             to_tcp=np.ascontiguousarray(way.tcp_from_localisation),
             from_flange=np.ascontiguousarray(way.tcp_from_flange),
-            mounts=_stacked([np.concatenate(_alike([pair[k] for pair in gains]), axis=-1) for k in range(2)]),
+            mounts=_stacked(
+                [np.concatenate(_alike([pair[error] for pair in gains]), axis=-1) for error in ("localisation", "tcp")]
+            ),
             shifts=shifts,
             at_flange=at_flange,
             shared=sum(effect.sources.count for effect in system.shared_image_errors),

@@ -15,7 +15,7 @@ import numpy as np
 
 from .contributors import NORMAL, ErrorLaw, law_of, unit_for_people, worst_case
 from .geometry.arrays import Array
-from .propagation.linear import Block, LinearModel
+from .propagation.linear import Block, ErrorModel
 from .results import Contributor
 from .tail.declared import LawGradient, LawQuantile, law_gradient, law_quantile
 
@@ -44,7 +44,7 @@ class BudgetEntry(NamedTuple):
         return slice(self.first + self.sources[0], self.first + self.sources[-1] + 1)
 
 
-def lines_of(model: LinearModel) -> tuple[BudgetEntry, ...]:
+def lines_of(model: ErrorModel) -> tuple[BudgetEntry, ...]:
     """The lines, in the order of the chain."""
     lines, first = [], 0
     for number, block in enumerate(model.blocks):
@@ -56,7 +56,7 @@ def lines_of(model: LinearModel) -> tuple[BudgetEntry, ...]:
     return tuple(lines)
 
 
-def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contributor, ...]:
+def budget(model: ErrorModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contributor, ...]:
     """The lines with their numbers; total: the quantile of the law, at the worst vertex of bounded components."""
     variance = float(np.trace(at.total_covariance))
     localised = (np.concatenate([block.scaled("localisation") for block in model.blocks], axis=1) ** 2).sum(axis=0)
@@ -87,7 +87,7 @@ def budget(model: LinearModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contri
     return tuple(rows)
 
 
-def _slopes(model: LinearModel, at: ErrorLaw, gradient: LawGradient) -> Array:
+def _slopes(model: ErrorModel, at: ErrorLaw, gradient: LawGradient) -> Array:
     """(4, K) of all sources: the squared length of the gain, the variance, mm^2, and the derivatives of the quantile by
     the logarithm of the variance, mm, and by the half-width, mm per native unit.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .geometry.arrays import Array, frozen
 from .kernels.store import kernel
-from .propagation.linear import Block, LinearModel
+from .propagation.linear import Block, ErrorModel
 from .system import Law
 from .tail.bounded import indistinguishable
 from .tail.bounded import worst_case as worst_vertex
@@ -54,7 +54,7 @@ def _kinds_of(laws: tuple[Law, ...]) -> NDArray[np.int64]:
     return frozen(np.array([KIND[law] for law in laws], dtype=np.int64), np.int64)
 
 
-def columns_of(model: LinearModel, error: str) -> Columns:
+def columns_of(model: ErrorModel, error: str) -> Columns:
     """Of every source of a model."""
     blocks = model.blocks
     return Columns(
@@ -111,7 +111,7 @@ def assemble_law(
     return covariance, columns, own
 
 
-def declared_law(model: LinearModel, error: str, mean: Array) -> tuple[LinearLaw, dict[tuple[str, int], int]]:
+def declared_law(model: ErrorModel, error: str, mean: Array) -> tuple[LinearLaw, dict[tuple[str, int], int]]:
     """The law of the linear model at ``mean`` (3,): normal sources as a covariance, the others as columns.
 
     Returns the law and, for each non-Gaussian source (contributor, index), its column.
@@ -130,7 +130,7 @@ class WorstCase:
     signs: dict[tuple[str, int], float]  # (contributor, source) -> +1 or -1
     names: tuple[str, ...]  # e.g. ("structure_connector.rz=+0.1 deg",)
 
-    def vertex(self, model: LinearModel) -> dict[str, float]:
+    def vertex(self, model: ErrorModel) -> dict[str, float]:
         """The same ends by name, "contributor.component", as the simulation takes them."""
         components = {block.contributor: block.components for block in model.blocks}
         return {f"{name}.{components[name][j]}": sign for (name, j), sign in self.signs.items()}
@@ -147,7 +147,7 @@ class ErrorLaw:
     total_covariance: Array  # (3, 3) mm^2, of all random sources
 
 
-def error_law(model: LinearModel, error: str, quantile: float) -> ErrorLaw:
+def error_law(model: ErrorModel, error: str, quantile: float) -> ErrorLaw:
     """The law of the error at the vertex of bounded components that has the largest quantile."""
     columns = columns_of(model, error)
     law = law_of(model.bias_mm(error), columns)
@@ -157,7 +157,7 @@ def error_law(model: LinearModel, error: str, quantile: float) -> ErrorLaw:
 
 
 def worst_case(
-    model: LinearModel,
+    model: ErrorModel,
     error: str,
     quantile: float,
     without: frozenset[tuple[str, int]] = frozenset(),
@@ -181,7 +181,7 @@ def worst_case(
     return WorstCase(vertex.law.mean, signs, tuple(names))
 
 
-def worst_vertices(model: LinearModel, error: str, quantile: float) -> tuple[dict[str, float], ...]:
+def worst_vertices(model: ErrorModel, error: str, quantile: float) -> tuple[dict[str, float], ...]:
     """The vertices that first order cannot tell from the worst one, the worst first: ends by "contributor.component".
 
     Components that first order says the error is blind to are left out.
@@ -200,7 +200,7 @@ def worst_vertices(model: LinearModel, error: str, quantile: float) -> tuple[dic
     )
 
 
-def mean_at(model: LinearModel, error: str, vertex: Mapping[str, float]) -> Array:
+def mean_at(model: ErrorModel, error: str, vertex: Mapping[str, float]) -> Array:
     """(3,) mm: the bias with bounded components at these ends, by "contributor.component"."""
     mean = model.bias_mm(error).copy()
     for block, j in _bounded_sources(model):
@@ -209,7 +209,7 @@ def mean_at(model: LinearModel, error: str, vertex: Mapping[str, float]) -> Arra
     return mean
 
 
-def _bounded_sources(model: LinearModel, without: frozenset[tuple[str, int]] = frozenset()) -> list[tuple[Block, int]]:
+def _bounded_sources(model: ErrorModel, without: frozenset[tuple[str, int]] = frozenset()) -> list[tuple[Block, int]]:
     return [
         (block, j)
         for block in model.blocks
@@ -219,6 +219,6 @@ def _bounded_sources(model: LinearModel, without: frozenset[tuple[str, int]] = f
     ]
 
 
-def _bounded_columns(model: LinearModel, error: str, keys: list[tuple[Block, int]]) -> Array:
+def _bounded_columns(model: ErrorModel, error: str, keys: list[tuple[Block, int]]) -> Array:
     """(3, q) mm: what each of these sources does at the end of its half-width."""
     return np.stack([block.gain(error)[:, j] * block.half_width[j] for block, j in keys], axis=1)

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from .design.numbers import read_numbers
 from .design.pointers import locate_numbers, pointer_of, set_numbers, value_at
 from .errors import DesignError, OutOfRangeError, Problem
 from .geometry.arrays import Array
+from .measures import PointError
 from .propagation.linear import Block, Chain, LinearModel, chain_of, image_gains, linearise_at
 from .results import Score
 from .results.verdicts import P95
@@ -39,8 +39,6 @@ COMPLEX_STEP = 1e-30
 STEP = 2.0**-10  # of a number, or of one where it is smaller: large enough that what is not affine shows
 SAME = 1e-9  # relative: what differs by less is rounding
 CURVATURE = 0.05  # relative: what one step may differ from its slope by
-
-Error = Literal["tcp", "localisation"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +84,7 @@ class DesignFunction:
         return score(self.design_at(values), losses=losses)
 
     def p95_gradient(
-        self, values: Sequence[float] | Array, target: str | None = None, error: Error = "tcp"
+        self, values: Sequence[float] | Array, target: str | None = None, error: PointError = "tcp"
     ) -> tuple[float, Array]:
         """(P95 in mm, its derivative by each input (n,) in mm per unit of the document) at one target.
 
@@ -200,7 +198,7 @@ def _slopes_by_points(chain: Chain, model: LinearModel, points_mm: Array, error:
     images = image_gains(moved, model.target, aim, model.tcp_from_localisation, model.tcp_from_flange)
     by_effect = images.by_effect(moved.system)
     gains = [
-        np.imag(by_effect[block.contributor][error == "tcp"]) / COMPLEX_STEP
+        np.imag(by_effect[block.contributor][error]) / COMPLEX_STEP
         if block.effect.way is not Way.LINK
         else np.zeros((3, len(block.laws)))
         for block in model.blocks
@@ -232,20 +230,20 @@ def _foreign_change(chain: Chain, model: LinearModel, moved: Chain, other: Linea
     back = linearise_at(_with_points(moved, chain.imaging.points), other.target) if shift.any() else other
     pairs: list[tuple[str, Array, Array]] = [
         ("a target", _positions(chain), _positions(moved)),
-        ("the bias", model.tcp_bias_mm, back.tcp_bias_mm),
+        ("the bias", model.bias_mm("tcp"), back.bias_mm("tcp")),
         ("the way to the tool", model.tcp_from_localisation, other.tcp_from_localisation),
     ]
     for block, same, farther in zip(model.blocks, back.blocks, other.blocks, strict=True):
         name = f"the gains of {block.label or block.contributor}"
-        pairs.append((name, block.tcp, same.tcp))
+        pairs.append((name, block.gain("tcp"), same.gain("tcp")))
         if block.effect.way is Way.LINK:
-            pairs.append((name, block.tcp, farther.tcp))
+            pairs.append((name, block.gain("tcp"), farther.gain("tcp")))
     difference = next((name for name, first, second in pairs if not _is_same(first, second)), "")
     # ... and fiducials move the bias through the images alone, as the derivative says up to the curvature of a step.
     if not difference and shift.any():
         _, expected = _slopes_by_points(chain, model, shift, "tcp")
-        gap = np.abs(other.tcp_bias_mm - model.tcp_bias_mm - expected).max()
-        if gap > CURVATURE * np.abs(expected).max() + SAME * np.abs(model.tcp_bias_mm).max():
+        gap = np.abs(other.bias_mm("tcp") - model.bias_mm("tcp") - expected).max()
+        if gap > CURVATURE * np.abs(expected).max() + SAME * np.abs(model.bias_mm("tcp")).max():
             difference = "the bias"
     return difference
 

@@ -26,7 +26,7 @@ from .estimation.checks import examine, fewest_fiducials
 from .geometry.arrays import Array, frozen
 from .kernels.store import kernel
 from .propagation.columns import Imaging, assemble_after, gains_of_images
-from .propagation.linear import Chain, LinearModel, chain_of, effects_of_images, linearise_at
+from .propagation.linear import Chain, LinearModel, chain_of, effects_of_images, linearise_all, linearise_at
 from .propagation.noise import eliminate_for, room_for
 from .propagation.systematic import shift_together
 from .propagation.validity import QUANTILES, validity
@@ -515,4 +515,4 @@ def search_losses(system: System) -> LossSearch | None:
     if not system.loss_probability:
         return None
     chain = chain_of(system)
-    return LossSearch(chain, {target.name: linearise_at(chain, target) for target in system.targets})
+    return LossSearch(chain, linearise_all(chain))

@@ -42,7 +42,7 @@ def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[Sl
         seen = np.flatnonzero(chain.weights[v])
         blocks = _information(chain, v, seen)
         gains = {
-            name: next(b.tcp for b in model.blocks if _is_noise_of_fiducials(b.effect, view.name))
+            name: next(b.gain("tcp") for b in model.blocks if _is_noise_of_fiducials(b.effect, view.name))
             for name, model in models.items()
         }
         for block, i in zip(blocks, seen.tolist(), strict=True):

@@ -19,11 +19,15 @@ from .geometry.arrays import Array
 from .geometry.rotation import transform_points
 from .kernels.sources import digest_of_package
 from .losses import PAIRS_UP_TO, LossSearch, Shots
+from .measures import MEASURE, POINTS
+from .measures.measure import Measure
 from .propagation.linear import (
+    ErrorModel,
     LinearModel,
     chain_of,
     covariance_block_diagonal,
-    linearise_at,
+    join_all,
+    linearise_all,
 )
 from .propagation.second_order import refuse_outside_range, second_order_moments
 from .propagation.validity import error_percent, widen_validity, worst_validity
@@ -35,6 +39,7 @@ from .results import (
     Loss,
     Losses,
     Matrix3,
+    MeasureResult,
     MetricScore,
     PerUnit,
     Provenance,
@@ -54,8 +59,6 @@ from .tail.gaussian import norm_quantile
 from .tail.per_unit import UnitRisk, unit_risk
 from .verdict import conclude, judge
 from .version import __version__
-
-FRAMES = {"tcp": "tcp", "localisation": "con"}
 
 
 def not_included(system: System, *, simulated: bool = False, missed: bool = False) -> tuple[str, ...]:
@@ -89,10 +92,10 @@ def score(
     """
     system, findings, views = checked_system(design)
     chain = chain_of(system)
-    models = {target.name: linearise_at(chain, target) for target in system.targets}
+    models = linearise_all(chain)
     search = LossSearch(chain, models) if losses or system.loss_probability else None
     trust = trust_of(system, models)
-    metrics = {(name, error): _score_error(system, models[name], error, search) for name in models for error in FRAMES}
+    metrics = _score_metrics(system, models, search)
     checks = tuple(
         check_requirement(requirement, name, trust, metrics[name, requirement.error])
         for requirement in system.requirements
@@ -112,6 +115,9 @@ def score(
         provenance=provenance(system, missed=bool(system.loss_probability)),
         losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
+        measures=tuple(
+            _score_measure(metrics[metric.key]) for metric in system.metrics if metric.measure not in POINTS
+        ),
     )
 
 
@@ -134,16 +140,13 @@ def score_errors(design: Design) -> Errors:
     """What ``score`` says of the errors themselves, to the last digit.  Raises DesignError, IllPosedError."""
     system, _, _ = checked_system(design)
     chain = chain_of(system)
-    models = {target.name: linearise_at(chain, target) for target in system.targets}
+    models = linearise_all(chain)
     search = LossSearch(chain, models) if system.loss_probability else None
+    metrics = {key: _metric(error) for key, error in _score_metrics(system, models, search).items()}
     return Errors(
         tuple(
-            TargetErrors(
-                **_fields(_metric(_score_error(system, model, "tcp", search))),
-                name=name,
-                localisation=_metric(_score_error(system, model, "localisation", search)),
-            )
-            for name, model in models.items()
+            TargetErrors(**_fields(metrics[name, "tcp"]), name=name, localisation=metrics[name, "localisation"])
+            for name in models
         )
     )
 
@@ -160,6 +163,8 @@ def _losses(
     whole = Requirement("", "tcp", P95, inf, P95, every)
     losses = []
     for item in system.requirements or (whole,):
+        if MEASURE[item.error] not in POINTS:  # a loss is looked for at one target
+            continue
         p, values = item.quantile, [check.value_mm for check in checks if check.requirement == item.name]
         if item.risk == "pooled" and (system.loss_probability or not values):
             values = [law_quantile(metrics[name, item.error].law_at(p).law, p).quantile_mm for name in item.targets]
@@ -198,8 +203,8 @@ def trust_of(system: System, models: dict[str, LinearModel]) -> Validity:
 def trust_over_shots(trust: Validity, search: LossSearch) -> Validity:
     """The validity of P95 over all shots at the worst target and error; trust: of those that miss no fiducial."""
     worst = 0.0
-    for name, error in product(search.models, FRAMES):
-        shots = search.shots(name, error, P95)
+    for name, measure in product(search.models, POINTS):
+        shots = search.shots(name, measure.name, P95)
         value, (low, high) = shots.value(P95), shots.interval(P95)
         if value > 0:
             worst = max(worst, high / value - 1, value / low - 1 if low > 0 else inf)
@@ -228,13 +233,13 @@ def _remark_missed(search: LossSearch, trust: Validity) -> Finding:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorScore:
-    """One error at one target: its model, its law at the worst vertex, and what is read off that.
+    """One measure at one of its sites: its model, its law at the worst vertex, and what is read off that.
 
     Where the design says how often fiducials are missed, ``summary`` is of all shots; ``at`` is of those that miss
     none.
     """
 
-    model: LinearModel
+    model: ErrorModel
     at: ErrorLaw
     limit_mm: float | None
     summary: LawSummary
@@ -246,7 +251,7 @@ class ErrorScore:
 
     def shots(self, quantile: float) -> Shots | None:
         """All shots, where fiducials are missed in some of them."""
-        return None if self.search is None else self.search.shots(self.model.target.name, self.at.error, quantile)
+        return None if self.search is None else self.search.shots(self.model.site, self.at.error, quantile)
 
     def unit_risk(self, quantile: float, limit_mm: float | None, fraction: float) -> UnitRisk:
         """Installation drawn once per unit, noise, repeatability and load at each shot; no fiducial missed."""
@@ -254,7 +259,7 @@ class ErrorScore:
 
 
 def risk_of_units(
-    model: LinearModel, at: ErrorLaw, quantile: float, limit_mm: float | None, fraction: float
+    model: ErrorModel, at: ErrorLaw, quantile: float, limit_mm: float | None, fraction: float
 ) -> UnitRisk:
     """What ``fraction`` of installed units keep their own quantile within, mm, and how many keep a limit (mm).
 
@@ -265,17 +270,45 @@ def risk_of_units(
     return unit_risk(installed, shot, quantile, limit_mm, fraction, log2_units=7)
 
 
-def _score_error(system: System, model: LinearModel, error: str, search: LossSearch | None) -> ErrorScore:
-    at = error_law(model, error, P95)
-    limit = tightest_limit(system, model.target.name, error)
-    if search is None or not system.loss_probability:
+def _score_metrics(
+    system: System, models: dict[str, LinearModel], search: LossSearch | None
+) -> dict[tuple[str, str], ErrorScore]:
+    """Every measure wherever it is read, by the names of site and measure."""
+    every: dict[str, ErrorModel] = {**models, **join_all(system, models)}
+    return {
+        metric.key: _score_error(system, every[metric.site.name], metric.measure, search) for metric in system.metrics
+    }
+
+
+def _score_error(system: System, model: ErrorModel, measure: Measure, search: LossSearch | None) -> ErrorScore:
+    at = error_law(model, measure.name, P95)
+    limit = tightest_limit(system, model.site, measure.name)
+    if search is None or not system.loss_probability or measure not in POINTS:
         return ErrorScore(model, at, limit, law_summary(at.law, P95, limit))
-    summary = search.shots(model.target.name, error, P95).law.summary(P95, limit)
+    summary = search.shots(model.site, measure.name, P95).law.summary(P95, limit)
     return ErrorScore(model, at, limit, summary, search)
+
+
+def _score_measure(error: ErrorScore) -> MeasureResult:
+    measure, summary = MEASURE[error.at.error], error.summary
+    return MeasureResult(
+        measure=measure.name,
+        site=error.model.site,
+        words=measure.words,
+        unit=measure.unit,
+        known=float(np.linalg.norm(error.at.law.mean)),
+        mean=summary.mean_norm_mm,
+        p95=summary.quantile.quantile_mm,
+        p95_interval=None,
+        cvar95=summary.cvar_mm,
+        limit=error.limit_mm,
+        exceedance_probability=summary.exceedance,
+    )
 
 
 def _score_target(system: System, tcp: ErrorScore, localisation: ErrorScore, second_order: bool) -> TargetScore:
     model, at = tcp.model, tcp.at
+    assert isinstance(model, LinearModel)  # of the error at one target
     whole = tcp.summary.quantile if tcp.search is None else law_quantile(at.law, P95)
     return TargetScore(
         name=model.target.name,
@@ -300,7 +333,7 @@ def _metric(error: ErrorScore) -> MetricScore:
     if shots is not None:
         mean, total = shots.law.mean, shots.law.total_covariance
     return MetricScore(
-        frame=FRAMES[error.at.error],
+        frame=MEASURE[error.at.error].frame,
         bias_mm=vector3(mean),
         covariance_mm2=matrix3(total),
         std_mm=vector3(np.sqrt(np.diag(total))),
@@ -317,7 +350,7 @@ def _metric(error: ErrorScore) -> MetricScore:
 
 def _per_unit(system: System, tcp: ErrorScore) -> PerUnit:
     """At the tightest requirement on each unit of the TCP error; without one, P95 at the target's limit."""
-    each = [item for item in _list_requirements(system, tcp.model.target.name, "tcp") if item.risk == "per_unit"]
+    each = [item for item in _list_requirements(system, tcp.model.site, "tcp") if item.risk == "per_unit"]
     quantile, fraction, limit_mm = P95, P95, tcp.limit_mm
     if each:
         own = min(each, key=lambda item: item.limit_mm)
@@ -343,6 +376,7 @@ def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
     from .montecarlo.plan import compile_plan
 
     model, worst = tcp.model, tcp.at.worst
+    assert isinstance(model, LinearModel)
     try:
         plan = compile_plan(replace(system, loss_probability=()), vertex=worst.vertex(model))
         refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
@@ -366,6 +400,13 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     trust: of shots in which no fiducial is missed.
     """
     p, fraction, shots = requirement.quantile, requirement.units_fraction, error.shots(requirement.quantile)
+    if not MEASURE[requirement.error].calibrated:
+        value, met = law_quantile(error.law_at(p).law, p).quantile_mm, None
+        if fraction is not None:
+            risk = error.unit_risk(p, requirement.limit_mm, fraction)
+            value, met = risk.value_mm, risk.yield_fraction
+        why = f"what first order errs by in {MEASURE[requirement.error].words} was not calibrated"
+        return judge(requirement, target, value, (0.0, inf), met, open_because=why)
     if fraction is None and shots is not None:
         return judge(
             requirement, target, shots.value(p), shots.interval(p), missed=True, open_because=shots.why_open(p)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from .geometry.arrays import Array
 from .geometry.rotation import RotationForm
+from .measures import Metric, metrics_at
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
 
@@ -434,11 +435,11 @@ class Requirement:
     """A limit on a quantile of an error's norm."""
 
     name: str  # as in the design
-    error: str  # "tcp" or "localisation"
+    error: str  # name of the measure
     quantile: float  # 0.95 for P95
-    limit_mm: float  # what the quantile must not exceed
+    limit_mm: float  # what the quantile must not exceed; in the unit of the measure
     confidence: float  # two-sided confidence of the interval the verdict is taken from
-    targets: tuple[str, ...]  # target names
+    targets: tuple[str, ...]  # names of targets, or of the sites of a measure that joins several
     risk: str = "pooled"  # or "per_unit"
     min_yield: float | None = None  # per_unit: required fraction of installed units
 
@@ -550,6 +551,11 @@ class System:
         """(V, N) 1 where a view sees a fiducial and its estimate uses it, otherwise 0."""
         labels = self.fiducial_labels
         return np.array([[view.sees is None or label in view.sees for label in labels] for view in self.views], float)
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """Every measure wherever it is read."""
+        return metrics_at({target.name: target.position_mm for target in self.targets}, self.T_tcp_con)
 
     @property
     def T_tcp_con(self) -> Array:

@@ -79,7 +79,8 @@ def _finding(check: Check, basis: str) -> Finding:
     )
     value = headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed)
     what = (
-        f"{value} is {length(check.value_mm, decimals)} mm by {name_basis(basis)} {ends}, limit {check.limit_mm:g} mm"
+        f"{value} is {length(check.value_mm, decimals)} {check.unit} by {name_basis(basis)} {ends}, "
+        f"limit {check.limit_mm:g} {check.unit}"
     )
     if check.yield_fraction is not None:
         what += f" ({in_percent(check.yield_fraction, 2)} of installed units meet it)"

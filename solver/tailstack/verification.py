@@ -22,6 +22,7 @@ from .errors import DesignError, OutOfRangeError, Problem
 from .geometry.arrays import Array
 from .kernels.process import usable_cores
 from .losses import LossSearch
+from .measures import MEASURE, POINTS, Metric
 from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
 from .montecarlo.chain import run_indices
 from .montecarlo.estimators import (
@@ -46,13 +47,14 @@ from .montecarlo.stopping import (
     simulate_to_decision,
     simulate_to_precision,
 )
-from .propagation.linear import LinearModel, chain_of, linearise_at
+from .propagation.linear import ErrorModel, LinearModel, chain_of, join_all, linearise_all
 from .results import (
     Check,
     DrawnLosses,
     Exceedance,
     Finding,
     Interval,
+    MeasureResult,
     MetricEstimate,
     Reprojection,
     TargetEstimate,
@@ -61,7 +63,7 @@ from .results import (
 )
 from .results.digits import RESOLUTION_MM
 from .results.verdicts import P95
-from .scoring import FRAMES, basis_of, checked_system, provenance, tightest_limit, trust_of, vector3
+from .scoring import basis_of, checked_system, provenance, tightest_limit, trust_of, vector3
 from .system import Requirement, System
 from .tail.declared import MixedLaw, law_exceedance, law_quantile
 from .verdict import conclude, decide, judge
@@ -167,6 +169,7 @@ class PreparedDesign:
     findings: tuple[Finding, ...]
     trust: Validity
     models: dict[str, LinearModel]  # by target
+    joined: dict[str, ErrorModel]  # of measures that join several targets, by their sites
     worst: dict[Key, WorstCase]
     vertices: dict[Key, tuple[Vertex, ...]]
     plans: dict[Vertex, ChainPlan]
@@ -174,15 +177,15 @@ class PreparedDesign:
 
     def law(self, name: str, error: str) -> MixedLaw:
         """What first order says of an error at a target over all shots, those with fiducials missed among them."""
-        if self.search is not None:
+        if self.search is not None and MEASURE[error] in POINTS:
             return self.search.simulated(name, error, P95)
-        law, _ = declared_law(self.models[name], error, self.worst[name, error].mean_mm)
+        law, _ = declared_law(self.models.get(name) or self.joined[name], error, self.worst[name, error].mean_mm)
         return MixedLaw((law,), np.ones(1))
 
     @property
     def first_order_mm(self) -> dict[str, float]:
         """By target, the P95 of the TCP error with which that of a simulation is compared."""
-        return {name: self.law(name, "tcp").quantile(P95) for name in self.models}
+        return {target.name: self.law(target.name, "tcp").quantile(P95) for target in self.system.targets}
 
     @property
     def confidence(self) -> float:
@@ -201,7 +204,7 @@ class PreparedDesign:
     @property
     def limits(self) -> tuple[float, ...]:
         """Of every metric, in the order of ``Samples.errors``: the limit that exceedance is reported for; inf: none."""
-        limits = [tightest_limit(self.system, target.name, error) for target in self.system.targets for error in FRAMES]
+        limits = [tightest_limit(self.system, *metric.key) for metric in self.system.metrics]
         return tuple(inf if limit is None else limit for limit in limits)
 
     @property
@@ -219,21 +222,23 @@ def prepare(design: Design | System, *, sampled: bool = True) -> PreparedDesign:
     """
     system, findings, _ = checked_system(design)
     chain = chain_of(system)
-    models = {target.name: linearise_at(chain, target) for target in system.targets}
-    worst = {(name, error): worst_case(model, error, P95) for name, model in models.items() for error in FRAMES}
+    models = linearise_all(chain)
+    joined = join_all(system, models)
+    every: dict[str, ErrorModel] = {**models, **joined}
+    keys = [metric.key for metric in system.metrics]
+    worst = {(name, error): worst_case(every[name], error, P95) for name, error in keys}
     vertices: dict[Key, tuple[Vertex, ...]] = {}
-    for name, model in models.items():
-        for error in FRAMES:
-            limited = {r.quantile for r in system.requirements if r.error == error and name in r.targets}
-            quantiles = (P95, *sorted(limited - {P95}))
-            ends = [end for quantile in quantiles for end in worst_vertices(model, error, quantile)]
-            # Where the error is blind to a component, the TCP error's worst vertex serves: one run instead of two.
-            elsewhere = worst[name, "tcp"].vertex(model)
-            vertices[name, error] = tuple(dict.fromkeys(tuple(sorted((elsewhere | end).items())) for end in ends))
-    every = dict.fromkeys(vertex for several in vertices.values() for vertex in several)
-    plans = {vertex: compile_plan(system, vertex=dict(vertex)) for vertex in every if sampled}
+    for name, error in keys:
+        limited = {r.quantile for r in system.requirements if r.error == error and name in r.targets}
+        quantiles = (P95, *sorted(limited - {P95}))
+        ends = [end for quantile in quantiles for end in worst_vertices(every[name], error, quantile)]
+        # Where the error is blind to a component, the TCP error's worst vertex serves: one run instead of two.
+        elsewhere = worst.get((name, "tcp"), worst[keys[0]]).vertex(every[name])
+        vertices[name, error] = tuple(dict.fromkeys(tuple(sorted((elsewhere | end).items())) for end in ends))
+    wanted = dict.fromkeys(vertex for several in vertices.values() for vertex in several)
+    plans = {vertex: compile_plan(system, vertex=dict(vertex)) for vertex in wanted if sampled}
     search = LossSearch(chain, models) if system.loss_probability else None
-    return PreparedDesign(system, findings, trust_of(system, models), models, worst, vertices, plans, search)
+    return PreparedDesign(system, findings, trust_of(system, models), models, joined, worst, vertices, plans, search)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,7 +247,7 @@ class UnitsTask:
 
     plan: ChainPlan  # with SHOTS shots per unit
     seed: int
-    target: int
+    target: str  # or the site of a measure that joins several
     error: str
     quantile: float
     units: int = UNITS
@@ -294,9 +299,10 @@ class LocalSampler:
 
 def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     """(count,) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``."""
-    metric, rank = list(FRAMES).index(task.error), ceil(SHOTS * task.quantile) - 1
-    outcome = run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
-    norms = outcome.norms(task.target, metric).reshape(count, SHOTS)
+    rank, outcome = ceil(SHOTS * task.quantile) - 1, run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
+    keys = [metric.key for metric in task.plan.system.metrics]
+    norms = np.linalg.norm(outcome.measured(task.plan.system)[keys.index((task.target, task.error))], axis=0)
+    norms = np.where(np.isnan(norms), np.inf, norms).reshape(count, SHOTS)
     return np.asarray(np.partition(norms, rank, axis=1)[:, rank])
 
 
@@ -497,6 +503,7 @@ def _sample_radially(work: Work) -> SampledDesign:
     tasks = [
         RadialTask(name, error, quantile, sampling.seed, vertex, sampling.precision)
         for name, error, quantile in ready.quantiles
+        if MEASURE[error] in POINTS  # what joins several targets is taken from the plain trials
         for vertex in ready.vertices[name, error]
     ]
     trials = RADIAL_COMPANION_TRIALS if sampling.trials is None else sampling.trials
@@ -521,14 +528,13 @@ def _sample_radially(work: Work) -> SampledDesign:
 def _sample_units(work: Work) -> UnitQuantiles:
     """Where a requirement is on each unit."""
     ready = work.ready
-    names = [target.name for target in ready.system.targets]
     tasks = []
     for requirement in ready.system.requirements:
         for name in requirement.targets if requirement.risk == "per_unit" else ():
             for vertex in ready.vertices[name, requirement.error]:
                 plan = compile_plan(ready.system, vertex=dict(vertex), shots_per_unit=SHOTS)
                 seed, units = work.sampling.seed, work.sampling.units
-                task = UnitsTask(plan, seed, names.index(name), requirement.error, requirement.quantile, units)
+                task = UnitsTask(plan, seed, name, requirement.error, requirement.quantile, units)
                 tasks.append(((requirement, name), task))
     own: UnitQuantiles = {}
     results = gather(partial(work.sampler.unit_quantiles, task) for _, task in tasks)
@@ -611,6 +617,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         verdict=conclude(checks, ready.findings + _remark_losses(drawn) + _remark_gaps(targets), basis),
         provenance=provenance(ready.system, simulated=True, missed=drawn is not None),
         losses=drawn,
+        measures=tuple(_estimate_measure(ready, sampled, each) for each in ready.system.metrics[2 * len(targets) :]),
     )
 
 
@@ -724,12 +731,29 @@ def _estimate_target(ready: PreparedDesign, sampled: SampledDesign, name: str) -
     metric = _estimate_metric(ready, sampled, name, "tcp")
     return TargetEstimate(
         name=name,
-        frame=FRAMES["tcp"],
+        frame=MEASURE["tcp"].frame,
         **{field: getattr(metric, field) for field in MetricEstimate.__dataclass_fields__},
         confidence=ready.confidence,
         flagged_trials=max(sampled.samples[vertex].redone for vertex in ready.vertices[name, "tcp"]),
         first_order_p95_mm=metric.first_order_ratio * metric.p95_mm,
         localisation=_estimate_metric(ready, sampled, name, "localisation"),
+    )
+
+
+def _estimate_measure(ready: PreparedDesign, sampled: SampledDesign, metric: Metric) -> MeasureResult:
+    found = _estimate_metric(ready, sampled, *metric.key)
+    return MeasureResult(
+        measure=metric.measure.name,
+        site=metric.site.name,
+        words=metric.measure.words,
+        unit=metric.measure.unit,
+        known=float(np.linalg.norm(found.bias_mm)),
+        mean=found.mean_norm_mm,
+        p95=found.p95_mm,
+        p95_interval=found.p95_interval_mm,
+        cvar95=found.cvar95_mm,
+        limit=None if found.exceedance is None else found.exceedance.limit_mm,
+        exceedance_probability=None if found.exceedance is None else found.exceedance.probability,
     )
 
 

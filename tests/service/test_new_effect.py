@@ -15,37 +15,23 @@ import pytest
 import served
 import yaml
 from browsing import browser, used
+from copied_sources import commands_on, copy_sources, path_of, tailstack
 from service_scenes import ROOT
 
-from family import run_process, run_python, started
+from family import run_process, run_python
 from waiting import LIMIT_SECONDS
 
 __all__ = ["browser"]
 
 SAG = {"half_width_mm": 0.6, "distribution": "uniform"}
 TIP = "bending of the structure"
-COMMANDS = """
-import contextlib, io, json, os, sys
-from tailstack_service.cli.main import main
-answers = os.fdopen(os.dup(1), "w")
-for line in sys.stdin:
-    folder, arguments = json.loads(line)
-    os.chdir(folder)
-    out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()) as err:
-        code = main(arguments)
-    out.flush()
-    print(json.dumps([code, out.buffer.getvalue().decode(), err.getvalue()]), file=answers, flush=True)
-"""
 
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the solver's sources with what ``./run new effect`` writes: one file, and one line in the table."""
     root = tmp_path_factory.mktemp("tailstack")
-    shutil.copytree(
-        ROOT / "solver" / "tailstack", root / "solver" / "tailstack", ignore=shutil.ignore_patterns("__pycache__")
-    )
+    copied = copy_sources(root)
     (root / "templates").mkdir()
     for name in ("run", "templates/effect.py"):
         shutil.copyfile(ROOT / name, root / name)
@@ -57,7 +43,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     again = write_effect(root, "bending")
     assert (again.returncode, "is there already" in again.stderr) == (1, True)
     assert "run: new effect NAME" in write_effect(root, "Bending!").stderr
-    return root / "solver"
+    return copied
 
 
 def write_effect(root: Path, name: str) -> subprocess.CompletedProcess[str]:
@@ -113,8 +99,7 @@ print(json.dumps([[each for each in drawn if each], "bending" in names, "bending
 
 @pytest.fixture(scope="module")
 def variables(source: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    path = os.pathsep.join([str(source), str(ROOT / "service")])
-    return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path)
+    return served.environment(tmp_path_factory.mktemp("jobs"), PYTHONPATH=path_of(source))
 
 
 def designed(folder: Path, **sag: Any) -> Path:
@@ -133,19 +118,8 @@ def run(variables: dict[str, str], folder: Path, *arguments: str, codes: tuple[i
 
 @pytest.fixture(scope="module")
 def copy(variables: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    """A process that has the copy of the sources loaded and runs one command after the other."""
-    with started(sys.executable, "-c", COMMANDS, stdin=subprocess.PIPE, stderr=None, env=variables) as process:
+    with commands_on(variables) as process:
         yield process
-
-
-def tailstack(copy: subprocess.Popen[str], folder: Path, *arguments: str, codes: tuple[int, ...] = (0, 1)) -> str:
-    assert copy.stdin is not None
-    assert copy.stdout is not None
-    copy.stdin.write(json.dumps([str(folder), arguments]) + "\n")
-    copy.stdin.flush()
-    code, out, err = json.loads(copy.stdout.readline())
-    assert code in codes, err
-    return str(out)
 
 
 def test_it_is_declared_checked_and_doubted(copy: subprocess.Popen[str], tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def knowing(system: System, focal: float, centre_px: float, bias=(0.0, 0.0, 0.0)
 
 def p95_mm(system: System) -> float:
     model = linearise(system, system.targets[0])
-    return norm_quantile(0.95, model.tcp_bias_mm, covariance(model, "tcp"))
+    return norm_quantile(0.95, model.bias_mm("tcp"), covariance(model, "tcp"))
 
 
 @pytest.mark.parametrize("row", ORACLE["p95_mm"]["rows"], ids=lambda row: f"{row[0]} mm")
@@ -67,7 +67,7 @@ def test_the_published_table_to_its_printed_digits(row):
     ]
     assert np.round(found, 4).tolist() == [dlt, eleven, rough, good, pose]
     wrong = knowing(replace(cube, estimator=Estimator.POSE), 0.0, 0.0, bias=(0.01, 0.0, 0.0))
-    bias = float(np.linalg.norm(linearise(wrong, wrong.targets[0]).tcp_bias_mm))
+    bias = float(np.linalg.norm(linearise(wrong, wrong.targets[0]).bias_mm("tcp")))
     assert round(bias, 3) == ORACLE["bias_if_focal_length_assumed_1pct_long_mm"][str(half)]
     assert f"| {half} |{''.join(f' {value:.4f} |' for value in found)} {bias:.3f} |" in PAGE
     if half == 50:
@@ -101,7 +101,7 @@ def test_every_gain_equals_the_finite_difference_of_the_plain_estimator(estimato
     model = linearise(system, aim)
     assert ("assumed_intrinsics:view0" in {b.contributor for b in model.blocks}) == estimator.believes_intrinsics
     unperturbed = run(system, aim, {})
-    assert np.allclose(unperturbed["tcp"], model.tcp_bias_mm, rtol=0, atol=1e-7)
+    assert np.allclose(unperturbed["tcp"], model.bias_mm("tcp"), rtol=0, atol=1e-7)
     for block in model.blocks:
         for j, unit in enumerate(block.units):
             kick = np.eye(len(block.units))[j]
@@ -111,8 +111,8 @@ def test_every_gain_equals_the_finite_difference_of_the_plain_estimator(estimato
                 return (ahead - behind) / (2 * h)
 
             numeric = (4 * slope(STEPS[unit]) - slope(2 * STEPS[unit])) / 3
-            scale = 1 + np.abs(block.tcp).max()
-            assert np.allclose(numeric, block.tcp[:, j], rtol=0, atol=1e-6 * scale), (block.contributor, j)
+            scale = 1 + np.abs(block.gain("tcp")).max()
+            assert np.allclose(numeric, block.gain("tcp")[:, j], rtol=0, atol=1e-6 * scale), (block.contributor, j)
 
 
 def test_a_known_error_of_intrinsics_moves_the_target_as_the_estimator_does_to_first_order():
@@ -125,7 +125,7 @@ def test_a_known_error_of_intrinsics_moves_the_target_as_the_estimator_does_to_f
             bias = read_only(size * np.array([0.004, 3.0, -2.0]))
             system = with_intrinsics(base, bias=bias)
             moved = run(system, system.targets[0], {})["tcp"]
-            first_order = linearise(system, system.targets[0]).tcp_bias_mm
+            first_order = linearise(system, system.targets[0]).bias_mm("tcp")
             assert np.linalg.norm(moved - still) > 20 * np.linalg.norm(moved - first_order)
             left.append(np.linalg.norm(moved - first_order))
         assert left[1] / left[0] == pytest.approx(4.0, rel=0.1)
@@ -169,7 +169,7 @@ def test_first_order_turns_with_the_structure_follows_units_and_does_not_feel_a_
     eq18 = replace(system, structure_connector=bias, reading=Reading.EQ18)
     model = linearise(eq18, eq18.targets[0])
     moved = run(replace(eq18, reading=Reading.EQ18), eq18.targets[0], {})["localisation"]
-    np.testing.assert_allclose(model.localisation_bias_mm, moved, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(model.bias_mm("localisation"), moved, rtol=0, atol=1e-8)
     assert np.trace(covariance(model, "localisation")) == pytest.approx(np.trace(here), rel=1e-6)
 
 

@@ -38,7 +38,7 @@ from tailstack.effects.intrinsics import KIND as INTRINSICS_ERROR
 from tailstack.effects.kind import Proportional
 from tailstack.effects.motion import motion
 from tailstack.effects.temperature import temperature
-from tailstack.propagation.linear import linearise_all
+from tailstack.propagation.linear import chain_of, linearise_all
 from tailstack.propagation.validity import COUNTED, level_of
 from tailstack.scoring import score, trust_of
 from tailstack.system import (
@@ -107,11 +107,11 @@ def test_what_is_called_good_to_one_per_cent_is_within_three_thousandths(estimat
     standard error that eight sections give it by the jackknife, mostly some 0.04 %, of which 3.3 are allowed beside the
     0.3 % (error rate 10^-3).  Noise is such that nu is about 0.01, or less where part of it is the intrinsics."""
     system = replace(SCENES[name], estimator=estimator)
-    times = 0.01 / trust_of(system, linearise_all(system)).nu
+    times = 0.01 / trust_of(system, linearise_all(chain_of(system))).nu
     noise, of_target = times * 0.4, times * 0.3
     views = (replace(view, fiducial_noise_px=noise, target_noise_px=of_target) for view in system.views)
     system = replace(system, views=tuple(views))
-    assert trust_of(system, linearise_all(system)).status == "good to 1 %"
+    assert trust_of(system, linearise_all(chain_of(system))).status == "good to 1 %"
     found, error = ratio(system, "localisation", 0.95, TRIALS, 3)
     assert error < 0.001
     assert abs(found - 1) < 0.003 + 3.3 * error
@@ -212,7 +212,7 @@ def made_roughly(std_mm: float) -> System:
 def test_what_is_wrong_in_an_image_and_large_is_not_called_good_to_one_per_cent(system, words):
     """sampled: nu, which does not see these, is below 0.02, and P95 of the chain is beyond first order's by more than
     1 % and four standard errors: each was called good to 1 % before its size counted."""
-    trust = trust_of(system, linearise_all(system))
+    trust = trust_of(system, linearise_all(chain_of(system)))
     assert trust.nu < 0.02
     found, error = ratio(system, "localisation", 0.95, 8_192, 3)
     assert found - 4 * error > 1.01
@@ -223,12 +223,12 @@ def test_what_is_wrong_in_an_image_and_large_is_not_called_good_to_one_per_cent(
 def test_motion_is_part_of_the_number():
     """sampled: each was called good to 1 % when nu knew of image noise alone; the weighted form then errs by more."""
     large, beyond = (moving(*size) for size in ((2.0, 0.0), (2.0, 1.5)))
-    trust = trust_of(large, linearise_all(large))
+    trust = trust_of(large, linearise_all(chain_of(large)))
     assert trust.nu > 0.02
     found, error = ratio(large, "localisation", 0.95, 32_768, 3)
     assert found - 4 * error > 1.01
     assert trust.expected_error_percent is None or found < 1 + trust.expected_error_percent / 100
-    assert "motion between the shots of" in trust_of(beyond, linearise_all(beyond)).statement
+    assert "motion between the shots of" in trust_of(beyond, linearise_all(chain_of(beyond))).statement
 
 
 @pytest.mark.long("rough fiducials under a prior")
@@ -239,7 +239,7 @@ def test_motion_is_part_of_the_number():
 )
 def test_what_is_wrong_in_an_image_and_small_is_called_good_to_one_per_cent_and_is(system):
     """sampled: as above."""
-    assert trust_of(system, linearise_all(system)).status == "good to 1 %"
+    assert trust_of(system, linearise_all(chain_of(system))).status == "good to 1 %"
     found, error = ratio(system, "localisation", 0.95, 32_768, 3)
     assert abs(found - 1) < 0.01 + 4 * error
 

@@ -112,7 +112,7 @@ def test_without_biases_nothing_is_left_that_is_known(scene: System) -> None:
     assert np.abs(after).max() < 1e-9
     model = linearise(plan.system, plan.system.targets[0])
     assert not model.known
-    assert np.abs(model.tcp_bias_mm).max() < 1e-9
+    assert np.abs(model.bias_mm("tcp")).max() < 1e-9
     assert plan.dimension == compile_plan(scene).dimension
 
 

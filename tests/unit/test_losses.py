@@ -52,7 +52,7 @@ def brute_force(system, lost, error="tcp", quantile=0.95):
             examine(rest)
         except IllPosedError:
             return np.inf
-        for model in linearise_all(rest).values():
+        for model in linearise_all(chain_of(rest)).values():
             law = error_law(model, error, quantile).law
             largest = max(largest, law_quantile(law, quantile).quantile_mm)
     return largest

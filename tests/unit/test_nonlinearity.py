@@ -422,7 +422,7 @@ def test_gains_are_moved_by_the_seat_as_by_estimates_of_a_turned_structure(readi
     found = (mixed**2).sum(axis=1).mean() / small**4
     model = linearise(system, system.targets[0])
     images = [block for block in model.blocks if block.effect.way is Way.IMAGES]
-    at_rest = np.hstack([block.localisation for block in images])
+    at_rest = np.hstack([block.gain("localisation") for block in images])
     expected = gains_moved_by_seat(chain_of(system), system.targets[0].position_mm, at_rest)
     all_of_it = sum(np.trace(block.covariance("localisation")) for block in images)
     if reading is Reading.EQ18:

@@ -160,7 +160,7 @@ def test_an_optimum_built_from_its_multiplier_is_found(law: Law) -> None:
     for block in model.blocks:
         if block.contributor in ("structure_connector", "connector_flange"):
             for j in range(3):
-                g = block.tcp[:, j] * block.std[j]
+                g = block.gain("tcp")[:, j] * block.std[j]
                 column = where.get((block.contributor, j))
                 gaussian = 2 * float(g @ slopes.by_covariance @ g)
                 by_log.append(gaussian if column is None else float(slopes.by_log_column[column]))

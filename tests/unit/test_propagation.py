@@ -67,8 +67,8 @@ def test_every_gain_equals_the_finite_difference_of_the_chain(views, unseen, sys
     aim = system.targets[0]
     model = linearise(system, aim)
     unperturbed = run(system, aim, {})
-    assert np.allclose(unperturbed["tcp"], model.tcp_bias_mm, rtol=0, atol=1e-8)
-    assert np.allclose(unperturbed["localisation"], model.localisation_bias_mm, rtol=0, atol=1e-8)
+    assert np.allclose(unperturbed["tcp"], model.bias_mm("tcp"), rtol=0, atol=1e-8)
+    assert np.allclose(unperturbed["localisation"], model.bias_mm("localisation"), rtol=0, atol=1e-8)
     for block in model.blocks:
         for j, unit in enumerate(block.units):
             step = {"rad": 1e-3, "mm": 3e-2, "px": 3e-2, "N": 1.0, "K": 10.0}[unit]
@@ -79,7 +79,7 @@ def test_every_gain_equals_the_finite_difference_of_the_chain(views, unseen, sys
                 return {k: (ahead[k] - behind[k]) / (2 * h) for k in ahead}
 
             near, far = slope(step), slope(2 * step)
-            for error, gain in (("tcp", block.tcp), ("localisation", block.localisation)):
+            for error, gain in block.gains.items():
                 numeric = (4 * near[error] - far[error]) / 3
                 scale = 1 + np.abs(gain).max()
                 assert np.allclose(numeric, gain[:, j], rtol=0, atol=3e-7 * scale), (block.contributor, j, error)

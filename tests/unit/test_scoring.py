@@ -175,8 +175,8 @@ def test_per_unit_yield_against_nested_sampling():
     result = score(system).targets[0]
     model = linearise(system, system.targets[0])
     unit = next(b for b in model.blocks if b.contributor == "connector_flange")
-    shot = sum((b.tcp * b.std) @ (b.tcp * b.std).T for b in model.blocks if b is not unit)
-    offsets = rng.standard_normal((600, 6)) * unit.std @ unit.tcp.T
+    shot = sum((b.gain("tcp") * b.std) @ (b.gain("tcp") * b.std).T for b in model.blocks if b is not unit)
+    offsets = rng.standard_normal((600, 6)) * unit.std @ unit.gain("tcp").T
     shots = rng.multivariate_normal(np.zeros(3), shot, 40_000)
     met = [np.mean(np.linalg.norm(d + shots, axis=1) <= limit) >= 0.95 for d in offsets]
     fraction = float(np.mean(met))
@@ -341,11 +341,11 @@ def test_a_known_bias_of_a_hundred_spreads_is_scored_from_a_few_samples(monkeypa
     for block in model.blocks:
         for j, law in enumerate(block.laws):
             if law is Law.NORMAL:
-                errors += np.outer(rng.normal(size=len(errors)) * block.std[j], block.tcp[:, j])
+                errors += np.outer(rng.normal(size=len(errors)) * block.std[j], block.gain("tcp")[:, j])
             elif law is not Law.BOUNDED:
                 u = rng.uniform(-1, 1, len(errors))
                 u = u if law is Law.UNIFORM else 0.5 * (u + rng.uniform(-1, 1, len(errors)))
-                errors += np.outer(u * block.half_width[j], block.tcp[:, j])
+                errors += np.outer(u * block.half_width[j], block.gain("tcp")[:, j])
     ordered = np.sort(np.linalg.norm(errors, axis=1))
     spread = 4 * np.sqrt(0.95 * 0.05 * len(ordered))
     low, high = (ordered[int(0.95 * len(ordered) + s * spread)] for s in (-1, 1))

@@ -180,8 +180,8 @@ def summary_text(before: Verification, after: Verification, result: Optimisation
             low, high = (decimal(end, decimals) for end in check.interval_mm)
             value = decimal(check.value_mm, decimals)
             lines.append(
-                f"{words:<8}{side.verdict.status}: {check.headline} at {visible(check.target)} {value} mm "
-                f"({low} to {high}), limit {check.limit_mm:g} mm"
+                f"{words:<8}{side.verdict.status}: {check.headline} at {visible(check.target)} {value} {check.unit} "
+                f"({low} to {high}), limit {check.limit_mm:g} {check.unit}"
             )
     return "\n".join([*lines, *_change_lines(result)]) + "\n"
 

@@ -13,6 +13,7 @@ from math import inf
 
 from tailstack.design import Design, design_to_data, load_design
 from tailstack.estimation.checks import DETERMINATION
+from tailstack.measures import MEASURE
 from tailstack.propagation.validity import error_percent
 from tailstack.results import ERRORS, Check, Score, Verification
 from tailstack.results.verdicts import is_of_all_shots
@@ -291,7 +292,8 @@ def describe_requirement(entry: GateRequirement) -> str:
     """What is asked, in one phrase."""
     if entry.rule == "cvar":
         return f"the mean of the worst 5 % (CVaR95) of {ERRORS[entry.error]} within {entry.limit_mm:g} mm"
-    what = f"P{100 * entry.quantile:g} of {ERRORS[entry.error]} within {entry.limit_mm:g} mm"
+    unit = MEASURE[entry.error].unit
+    what = f"P{100 * entry.quantile:g} of {ERRORS[entry.error]} within {entry.limit_mm:g} {unit}"
     return what if entry.min_yield is None else f"{what} for {100 * entry.min_yield:g} % of installed units"
 
 

@@ -12,6 +12,7 @@ from tailstack.cures import ask_label
 from tailstack.design import Design
 from tailstack.design.document import Interface
 from tailstack.fields import INTERFACES
+from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, Score, headline_of
 from tailstack.results.digits import count_decimals, in_percent, length
 from tailstack.results.verdicts import assumed_sentence
@@ -110,19 +111,20 @@ def _describe_number(comparison: LimitComparison) -> str:
     low, high = number.interval_mm
     decimals = count_decimals(number.limit_mm, error_of(number.value_mm, (low, high)))
     ends = f"(between {length(low, decimals)} and {'an unknown end' if high is None else length(high, decimals)})"
-    value_text = f"{length(number.value_mm, decimals)} mm {ends}"
+    unit = MEASURE[requirement.error].unit
+    value_text = f"{length(number.value_mm, decimals)} {unit} {ends}"
     quantile = f"P{100 * requirement.quantile:g}"
     if number.yield_fraction is not None and number.min_yield is not None:
         value = headline_of(requirement.quantile, number.min_yield, ERRORS[requirement.error])
         good = (
             f"{in_percent(number.yield_fraction, 2)} of installed units are good, {100 * number.min_yield:g} % required"
         )
-        return f"{value} is {value_text}, limit {number.limit_mm:g} mm: {good}"
+        return f"{value} is {value_text}, limit {number.limit_mm:g} {unit}: {good}"
     if number.rule == "exceedance":
         asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit_mm:g} mm"
         return f"{asked}: {quantile} is {value_text}"
     what = "the mean of the worst 5 % (CVaR95)" if number.rule == "cvar" else quantile
-    return f"{what} of {ERRORS[requirement.error]} is {value_text}, limit {number.limit_mm:g} mm"
+    return f"{what} of {ERRORS[requirement.error]} is {value_text}, limit {number.limit_mm:g} {unit}"
 
 
 def _point_at_limit(case: Case, comparison: LimitComparison) -> str:

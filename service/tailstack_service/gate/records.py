@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from tailstack.design import Design
+from tailstack.measures import MeasureName
 from tailstack.results import Vector3
 from tailstack.results.digits import decimals_of
 from tailstack.results.outline import Bar, Bars, Frame, Outline, frame, row_of
@@ -90,8 +91,8 @@ class GateRequirement:
     """Rule under which it is judged."""
     severity: Literal["error", "warning", "note", "off"]
     """Severity of that rule for this design."""
-    error: Literal["tcp", "localisation"]
-    """Error that is limited: tcp (at the tool) or localisation (of the target)."""
+    error: MeasureName
+    """Measure that is limited: tcp (error at the tool), localisation (of the target)."""
     quantile: float
     """Quantile of the error's norm, 0.95 for P95; of cvar, where the tail begins."""
     limit_mm: float

@@ -11,9 +11,11 @@ rx_deg ... tz_mm state the installation error that a level sets.  Exit code 0: n
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
+
+from tailstack.measures import PointError
 
 from ..console.answer import FAIL, INCONCLUSIVE, PASS
 from ..console.flags import NO_FLAG, Flag
@@ -51,7 +53,7 @@ class ComparisonStudyOptions(Options):
     name: Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f]*$"), NO_FLAG] = Field(
         "measurements.csv", description="What the record calls the measurements."
     )
-    error: Literal["tcp", "localisation"] = Field("tcp", description="Which error was measured.")
+    error: PointError = Field("tcp", description="Which error was measured.")
     instrument_sd_mm: Annotated[float, Field(ge=0, le=1000), INSTRUMENT] = Field(
         0.0, description="Standard deviation of the measuring instrument, mm per coordinate; 0: taken as exact."
     )

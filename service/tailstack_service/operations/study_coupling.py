@@ -7,9 +7,11 @@ As designed and at fixed installation errors of the structure, in both readings:
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field
+
+from tailstack.measures import PointError
 
 from ..console.flags import Flag
 from .operation import Call, Demand, FigureFile, LateImport, Operation
@@ -61,7 +63,7 @@ class CouplingOptions(Options):
         description="Fixed installation errors beside the design as it is; absent: 1 deg, 2 mm and 2 deg, 5 mm.",
         examples=[[{"rotation_deg": 1.0, "translation_mm": 2.0}]],
     )
-    error: Literal["tcp", "localisation"] = Field("tcp", description="Which error.")
+    error: PointError = Field("tcp", description="Which error.")
     trials: Annotated[Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] | None, TRIALS] = Field(
         None, description="Trials of each case; absent: 262144, fewer with many targets."
     )

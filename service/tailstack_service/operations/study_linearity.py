@@ -6,9 +6,11 @@ Every axis takes V1,V2,... in place of its default values.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
+
+from tailstack.measures import PointError
 
 from ..console.answer import exit_code_of_points
 from ..console.flags import Flag
@@ -60,7 +62,7 @@ class LinearityOptions(Options):
     target: Annotated[str | None, Flag("target (default: the one with the largest P95)")] = Field(
         None, description="Name of the target; absent: the one with the largest P95."
     )
-    error: Literal["tcp", "localisation"] = Field("tcp", description="Which error.")
+    error: PointError = Field("tcp", description="Which error.")
     trials: Annotated[int, Field(ge=LEAST_TRIALS, le=MOST_TRIALS)] = Field(2**14, description="Trials of each point.")
     seed: Annotated[Seed, Flag("seed")] = Field(0, description="Seed of every point.")
 

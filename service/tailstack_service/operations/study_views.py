@@ -6,9 +6,11 @@ target is not allowed.  --json prints the maps; the report of that record draws 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
+
+from tailstack.measures import PointError
 
 from .operation import Call, LateImport, Operation
 from .options import Options
@@ -29,7 +31,7 @@ class ViewOptions(Options):
     step_deg: Annotated[float, Field(ge=0.1, le=90)] = Field(
         10.0, description="Step of the maps, deg; at most 15 of them from the middle to the edge."
     )
-    error: Literal["tcp", "localisation"] = Field("tcp", description="Which error.")
+    error: PointError = Field("tcp", description="Which error.")
 
 
 def _study(call: Call) -> StudyViews:

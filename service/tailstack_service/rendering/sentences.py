@@ -188,7 +188,7 @@ NO_ERROR_MM = 50.0  # beyond it no tolerance is to blame: as far as a structure 
 def margin_sentence(check: Check, sources: Sequence[ErrorSource], decimals: int) -> str:
     """How much is left to the limit or missing, and which step brings most."""
     what, spare = check.headline, check.margin_mm
-    if check.value_mm is not None and check.value_mm > NO_ERROR_MM:
+    if check.unit == "mm" and check.value_mm is not None and check.value_mm > NO_ERROR_MM:
         most = f"; most of it comes from {sources[0].name}" if sources else ""
         return (
             f"{what} is {check.value_mm:.0f} mm, which is no error of positioning any more{most}. A unit, a sign or a "
@@ -198,10 +198,10 @@ def margin_sentence(check: Check, sources: Sequence[ErrorSource], decimals: int)
         return f"How far {what} is from its limit is not known: it takes a simulation."
     if spare >= 0:
         share = in_percent(spare / check.limit_mm)
-        first = f"{what} has at least {length(spare, decimals)} mm to spare ({share} of the limit)"
+        first = f"{what} has at least {length(spare, decimals)} {check.unit} to spare ({share} of the limit)"
     else:
         share = in_percent(-spare / check.value_mm)
-        first = f"{what} has to come down by {length(-spare, decimals)} mm ({share}) to pass for certain"
+        first = f"{what} has to come down by {length(-spare, decimals)} {check.unit} ({share}) to pass for certain"
     steps = [source for source in sources if source.tenth_mm is not None]
     if check.error != "tcp" or not steps:  # the budget's slopes are of the error at the tool
         return first + "."

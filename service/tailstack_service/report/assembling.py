@@ -96,7 +96,8 @@ def _judged_targets(scored: Score, pictured: list[TargetScore]) -> list[str]:
     """Names of the targets whose slack is asked for: those that are pictured, and the one that decides."""
     decisive = decisive_check(scored.verdict.checks)
     names = [target.name for target in pictured]
-    return names if decisive is None else list(dict.fromkeys([*names, decisive.target]))
+    decides = [target.name for target in scored.targets if decisive and target.name == decisive.target]
+    return list(dict.fromkeys([*names, *decides]))
 
 
 def _draw(

@@ -9,6 +9,7 @@ from math import isclose, sqrt
 from typing import TYPE_CHECKING, Any
 
 from tailstack.errors import Problem
+from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, Contributor, Interval, TargetScore
 from tailstack.results.digits import decimal, number, percent
 from tailstack.results.look import BAR, BAR_PALE, COLOURS, FAINT, FONT, INK, LIMIT_COLOUR, MUTED, VALUE_COLOUR
@@ -178,7 +179,8 @@ def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
     end = 1.3 * max(value, high or 0.0, limit or 0.0, *(at for _, at in shown.others), shown.reach_mm, 1e-9)
     left, right_edge, y = 22, width - (WIDTH - RIGHT), 56
     with open_page(name, 136, width) as page:
-        title = "error at the tool, mm" if shown.error == "tcp" else f"error of {shown.error}, mm"
+        unit = MEASURE[shown.error].unit
+        title = f"error at the tool, {unit}" if shown.error == "tcp" else f"error of {shown.error}, {unit}"
         axes = page.axes(left, 22, right_edge, 96, title)
         axes.grid(False)
         axes.yaxis.set_visible(False)
@@ -187,7 +189,7 @@ def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
         if limit is not None:
             axes.barh(y, limit, height=32, color=WITHIN)
             axes.barh(y, end - limit, left=limit, height=32, color=BEYOND)
-            upright(axes, limit, f"limit {limit:g} mm", LIMIT_COLOUR, "left" if limit < value else "right", DASHED)
+            upright(axes, limit, f"limit {limit:g} {unit}", LIMIT_COLOUR, "left" if limit < value else "right", DASHED)
         top = end if high is None else high
         axes.plot([low, top], [y, y], color=VALUE_COLOUR, linewidth=4)
         axes.plot([low, top], [y, y], "|", color=VALUE_COLOUR, markersize=16, markeredgewidth=2, clip_on=False)

@@ -14,6 +14,7 @@ import numpy as np
 from tailstack.budget import BudgetEntry, lines_of
 from tailstack.contributors import error_law, unit_for_people
 from tailstack.design import Design, compile_design
+from tailstack.measures import PointError
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.scoring import risk_of_units
 from tailstack.tail.declared import law_quantile
@@ -28,14 +29,13 @@ if TYPE_CHECKING:
 FURTHEST = 1024.0  # times the half-width as it is: beyond, it has no influence worth a number
 MOST = 12  # curves: those that could change the quantile most
 FACTORS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
-Error = Literal["tcp", "localisation"]
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
     """Which quantile of which error is looked at, and its limit, if there is one."""
 
-    error: Error = "tcp"
+    error: PointError = "tcp"
     quantile: float = 0.95
     limit_mm: float | None = None
     units_fraction: float | None = None  # of installed units that keep their own quantile within; None: all together

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from tailstack.measures import MEASURE, POINTS
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length
 from tailstack.results.verdicts import P95, STATED, checks_sentence, decisive_check
 
@@ -93,9 +94,10 @@ def what_matters(
     target_score = next((entry for entry in score.targets if entry.name == target), score.targets[0])
     sentences = []
     error = "tcp" if decisive is None else decisive.error
-    sources, checks = sources_of(target_score, error), (score if verification is None else verification).verdict.checks
+    sources = sources_of(target_score, error) if MEASURE[error] in POINTS else []  # the budget is of one target
+    checks = (score if verification is None else verification).verdict.checks
     decimals = decimals_of(checks, target_score.p95_mm)
-    biased = bias_sentence(target_score, error, decimals)
+    biased = bias_sentence(target_score, error, decimals) if MEASURE[error] in POINTS else ""
     if biased:
         sentences.append(biased)
     refuted = None if verification is None or holds(score, verification) else _refutation(verification)

@@ -21,6 +21,7 @@ from ..geometry.camera import (
     depths,
 )
 from ..geometry.naming import direction_name, point_name
+from ..measures import MEASURE, Metric, metrics_at
 from ..results import Finding, ViewCheck
 from ..system import (
     DirectEffect,
@@ -88,6 +89,9 @@ def _compile(design: Design) -> System:
     samples = {target.name: expand_target(target) for target in document.targets}
     targets = tuple(chain.from_iterable(samples.values()))
     refuse_behind_detector(design, views, fiducials, targets)
+    flange_con = compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes)
+    tcp_flange = compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes)
+    metrics = metrics_at({target.name: target.position_mm for target in targets}, tcp_flange @ flange_con)
     half_width = np.empty(fiducials.shape)
     half_width[:] = 0.0 if made is None else made.half_width_mm
     return System(
@@ -101,12 +105,14 @@ def _compile(design: Design) -> System:
         manufacturing_coverage_factor=1.0 if made is None else coverage_of(made.distribution, made.coverage_factor),
         structure_connector=_interface(document.interfaces.structure_connector, "structure_connector"),
         connector_flange=_interface(document.interfaces.connector_flange, "connector_flange"),
-        T_flange_con=compile_transform(transforms.T_flange_con, "/transforms/T_flange_con", notes),
-        T_tcp_flange=compile_transform(transforms.T_tcp_flange, "/transforms/T_tcp_flange", notes),
+        T_flange_con=flange_con,
+        T_tcp_flange=tcp_flange,
         hand_eye=_hand_eye(document.execution.hand_eye),
         execution=_execution(document.execution),
         targets=targets,
-        requirements=tuple([_requirement(item, samples) for item in document.requirements]),
+        requirements=tuple(
+            [_requirement(item, f"/requirements/{k}", samples, metrics) for k, item in enumerate(document.requirements)]
+        ),
         reading=document.model.installation_reading,
         rotation_form=document.model.rotation,
         estimator=document.model.estimator,
@@ -236,11 +242,18 @@ def loss_probabilities(fiducials: Fiducials, count: int) -> tuple[float, ...]:
 # --- targets ----------------------------------------------------------------------------------------
 
 
-def _requirement(item: RequirementDocument, samples: dict[str, tuple[Target, ...]]) -> Requirement:
+def _requirement(
+    item: RequirementDocument, pointer: str, samples: dict[str, tuple[Target, ...]], metrics: tuple[Metric, ...]
+) -> Requirement:
     wanted = [targets for name, targets in samples.items() if item.targets == "all" or name in item.targets]
-    names = tuple([sample.name for sample in chain.from_iterable(wanted)])
+    names = {sample.name for sample in chain.from_iterable(wanted)}
+    own = (metric.site for metric in metrics if metric.measure.name == item.error)
+    sites = tuple([site.name for site in own if names.issuperset(site.weights)])
+    if not sites:
+        detail = f"{MEASURE[item.error].words} joins several targets, and is read nowhere among those that are named"
+        raise DesignError(Problem(f"{pointer}/targets", "no-site", detail, "name more targets, or all"))
     return Requirement(
-        item.name, item.error, item.quantile, item.limit_mm, item.confidence, names, item.risk, item.min_yield
+        item.name, item.error, item.quantile, item.limit, item.confidence, sites, item.risk, item.min_yield
     )
 
 

@@ -17,6 +17,7 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    create_model,
     model_validator,
 )
 
@@ -57,6 +58,7 @@ from ..fields import (
     share,
 )
 from ..geometry.rotation import RotationForm
+from ..measures import MEASURE, MEASURES, MeasureName
 from ..ranges import (
     BEAD_PLACE_MM,
     COUNT,
@@ -819,9 +821,9 @@ class RequirementDocument(Record):
     """What the design promises."""
 
     name: Name = Field(description="Name, unique.", examples=["tip-accuracy"])
-    error: Literal["tcp", "localisation"] = Field(
+    error: MeasureName = Field(
         default="tcp",
-        description="tcp: error at the tool, everything included. localisation: of the reconstructed target in con.",
+        description=" ".join(f"{measure.name}: {measure.meaning}." for measure in MEASURES),
         examples=["tcp"],
     )
     quantile: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
@@ -854,6 +856,46 @@ class RequirementDocument(Record):
         if self.risk == "per_unit" and self.min_yield is None:
             raise refusal("missing-field", "risk: per_unit needs min_yield", "min_yield: 0.95")
         return self
+
+    @property
+    def limit(self) -> float:
+        """In the unit of the measure."""
+        value: float = getattr(self, MEASURE[self.error].limit_field)
+        return value
+
+
+def with_limits(record: type[RequirementDocument]) -> Any:
+    """The record with a limit in the unit of every measure: ``limit_deg`` beside ``limit_mm`` where one is an angle."""
+    units = {measure.limit_field: measure.unit for measure in MEASURES}
+    if len(units) == 1:
+        return record
+
+    def check(self: RequirementDocument) -> RequirementDocument:
+        own = MEASURE[self.error].limit_field
+        for name in units:
+            if name != own and getattr(self, name) is not None:
+                raise refusal("unused-field", f"{self.error} is limited by {own}", at=name)
+        if getattr(self, own) is None:
+            raise refusal("missing-field", f"a requirement on {self.error} needs {own}", f"{own}: 1")
+        return self
+
+    fields: dict[str, Any] = {
+        name: (Annotated[Length, LIMIT_MM] | None, Field(default=None, description=f"The limit in {unit}."))
+        for name, unit in units.items()
+    }
+    validators: dict[str, Any] = {"_own_limit": model_validator(mode="after")(check)}
+    return create_model(
+        record.__name__,
+        __base__=record,
+        __doc__=record.__doc__,
+        __module__=record.__module__,
+        __validators__=validators,
+        **fields,
+    )
+
+
+if not TYPE_CHECKING:
+    RequirementDocument = with_limits(RequirementDocument)
 
 
 class Model(Record):

@@ -53,6 +53,24 @@ class TrialResults(NamedTuple):
         norms = np.linalg.norm(self.errors[target, metric], axis=0)
         return np.where(np.isnan(norms), np.inf, norms)
 
+    def measured(self, system: System) -> Array:
+        """(M, 3, n) of ``system.metrics``, each in its unit; contiguous.
+
+        By plain sums: BLAS picks its order of summation by processor.
+        """
+        targets, _, _, count = self.errors.shape
+        points = np.ascontiguousarray(self.errors).reshape(-1, 3, count)
+        joined = system.metrics[len(points) :]
+        if not joined:
+            return points
+        places = {target.name: t for t, target in enumerate(system.targets)}
+        both = self.errors.reshape(targets, 6, count)
+        others = [
+            sum((weights[:, :, None] * both[places[name]]).sum(axis=1) for name, weights in site.weights.items())
+            for _, site in joined
+        ]
+        return np.concatenate([points, others])
+
 
 def _allocate_scratch(size: int) -> Array:
     """Scratch that starts on a 64-byte line: eight lanes never straddle two."""

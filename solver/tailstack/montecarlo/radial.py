@@ -29,10 +29,10 @@ from scipy.special import erfc, ndtr, stdtrit
 
 from ..errors import OutOfRangeError, Problem
 from ..geometry.arrays import Array
+from ..measures import POINT_ERRORS
 from ..system import Effect, Law
 from .chain import evaluate, standard_normals
 from .plan import ChainPlan
-from .simulate import ERRORS
 
 FARTHEST = 12.0  # P(chi_3 > 12) = 5e-31: beyond it a ray contributes nothing
 RAY_STEPS = 50  # two or three are the rule; bisection of a difficult ray needs at most this many
@@ -274,7 +274,7 @@ def radial(
     turns = _rotations(standard_normals(seed, 3, randomisations, 4))
     direction = (_sphere(rays) @ np.swapaxes(turns, 1, 2)).reshape(count, 3) @ basis.T
     offset = normal - (normal @ basis) @ basis.T
-    lines = _Rays(plan, target, ERRORS.index(error), linear, direction, offset, uniform, triangular)
+    lines = _Rays(plan, target, POINT_ERRORS.index(error), linear, direction, offset, uniform, triangular)
 
     r = linear.quantile_mm
     at_linear, slope = lines.linear_crossing(r, np.full(count, 2.8))

@@ -43,7 +43,7 @@ class Moments(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shard:
-    """What is kept of consecutive trials: target by target, the TCP and then the localisation error."""
+    """What is kept of consecutive trials; metrics in the order of ``System.metrics``."""
 
     moments: tuple[Moments, ...]  # of each block, in order
     tails: Sequence[Array]  # of each metric, its largest norms, mm, in any order
@@ -100,7 +100,7 @@ def draw_block(task: TrialsTask, first: int) -> Shard:
     count = min(BLOCK, task.stop - first)
     reprojection = task.reprojection and first < REPROJECTION_TRIALS
     outcome = run_indices(task.plan, task.seed, first, count, reprojection=reprojection)
-    errors = np.ascontiguousarray(outcome.errors).reshape(-1, 3, count)
+    errors = outcome.measured(task.plan.system)
     answered = np.isfinite(errors).all(axis=(0, 1)) if outcome.missed else np.ones(count, dtype=bool)
     answers = int(answered.sum())
     reprojections = outcome.reprojection

@@ -28,7 +28,6 @@ from .shards import (
 )
 from .tails import Tail, tail_size
 
-ERRORS = ("tcp", "localisation")
 Progress = Callable[[int, int], None]
 
 
@@ -51,8 +50,8 @@ class Simulation:
 class ErrorSample:
     """What is kept of one error metric at one target; mm, mm^2."""
 
-    target: str
-    error: str  # "tcp" (in tcp) or "localisation" (in con)
+    target: str  # or the site of a measure that joins several
+    error: str  # name of the measure
     trials: int
     mean: Array  # (3,); it, scatter and mean_norm of the trials that have an answer
     scatter: Array  # (3, 3) sum of products about the mean
@@ -74,7 +73,7 @@ class ErrorSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """A run so far.  ``errors`` holds, target by target, the TCP and then the localisation error."""
+    """A run so far.  ``errors`` is in the order of ``System.metrics``."""
 
     simulation: Simulation
     trials: int
@@ -85,10 +84,9 @@ class Samples:
     unanswered: int = 0  # of these, trials that leave too few for an answer
 
     def of(self, target: str | int, error: str = "tcp") -> ErrorSample:
-        """The sample of one target (by name or index) and one error ("tcp" or "localisation")."""
-        names = [t.name for t in self.simulation.plan.system.targets]
-        index = names.index(target) if isinstance(target, str) else target
-        return self.errors[2 * index + ERRORS.index(error)]
+        """The sample of a measure at one target (by name or index) or site."""
+        name = target if isinstance(target, str) else self.simulation.plan.system.targets[target].name
+        return next(sample for sample in self.errors if (sample.target, sample.error) == (name, error))
 
 
 class Run:
@@ -97,7 +95,8 @@ class Run:
     def __init__(self, simulation: Simulation) -> None:
         if simulation.threads is not None and simulation.threads < 1:
             raise OutOfRangeError(Problem("", "threads", f"threads must be at least 1, got {simulation.threads}"))
-        metrics = 2 * len(simulation.plan.system.targets)
+        self._metrics = simulation.plan.system.metrics
+        metrics = len(self._metrics)
         self.simulation = simulation
         self._limits = simulation.limits or (inf,) * metrics
         self._moments: Moments | None = None
@@ -160,8 +159,8 @@ class Run:
             limit = self._limits[k]
             errors.append(
                 ErrorSample(
-                    target=self.simulation.plan.system.targets[k // 2].name,
-                    error=ERRORS[k % 2],
+                    target=self._metrics[k].site.name,
+                    error=self._metrics[k].measure.name,
                     trials=trials,
                     mean=moments.mean[k],
                     scatter=moments.scatter[k],

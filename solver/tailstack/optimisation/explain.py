@@ -409,4 +409,4 @@ def with_perfect_fiducials(model: LinearModel) -> LinearModel:
     rest = tuple(b for b in model.blocks if b.effect.way is Way.LINK or b.effect.of_target)
     if not model.imaged_bias_mm("tcp").any():
         return replace(model, blocks=rest)
-    return replace(model, blocks=rest, localisation_bias_mm=np.zeros(3), tcp_bias_mm=np.zeros(3))
+    return replace(model, blocks=rest, biases=dict.fromkeys(model.biases, np.zeros(3)))

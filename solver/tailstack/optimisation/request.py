@@ -26,6 +26,7 @@ from ..design.optimise_document import (
 )
 from ..errors import DesignError, Problem
 from ..geometry.arrays import Array, frozen
+from ..measures import MEASURE, POINTS
 from ..system import ROTATIONS, TRANSLATIONS, Requirement, System
 from .prices import Price, PricedGrade, cost_of, of_grades, reciprocal, slope_of
 from .problem import (
@@ -102,7 +103,13 @@ def read_request(design: Design) -> OptimiseRequest:
 
 def _requirements(system: System, named: str | list[str] | None) -> tuple[Requirement, ...]:
     names = [named] if isinstance(named, str) else named
-    return tuple(item for item in system.requirements if names is None or item.name in names)
+    wanted = tuple(item for item in system.requirements if names is None or item.name in names)
+    for item in wanted:
+        if MEASURE[item.error] not in POINTS:
+            detail = f"{item.name} limits {MEASURE[item.error].words}, which joins several targets and is not optimised"
+            hint = "name in optimise.requirement those that are to be held, and verify what comes of it"
+            raise DesignError(Problem("/optimise/requirement", "not-optimised", detail, hint))
+    return wanted
 
 
 def _survival(wanted: Survive, problem: PlacementProblem) -> Survival:

@@ -314,14 +314,13 @@ def at_ends(model: LinearModel, ends: tuple[float, ...]) -> LinearModel:
     for block in model.blocks:
         if _is_common(block):
             place = next(places)
-            shifts = block.localisation @ place, block.tcp @ place
-            known.append(KnownShift(block.contributor, *shifts, block.label))
+            shifts = {error: gain @ place for error, gain in block.gains.items()}
+            known.append(KnownShift(block.contributor, block.label, shifts))
             block = block.with_half_widths(np.where(place != 0, 0.0, block.half_width))
         blocks.append(block)
     return replace(
         model,
-        localisation_bias_mm=model.localisation_bias_mm + sum(each.localisation_mm for each in known),
-        tcp_bias_mm=model.tcp_bias_mm + sum(each.tcp_mm for each in known),
+        biases={error: bias + sum(each.of(error) for each in known) for error, bias in model.biases.items()},
         known=(*model.known, *known),
         blocks=tuple(blocks),
     )

@@ -7,7 +7,7 @@ sources are second order and left out; ``second_order`` and the Monte Carlo acco
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, assert_never
 
@@ -17,6 +17,8 @@ from ..errors import IllPosedError, Problem
 from ..estimation.least_squares import precisions
 from ..geometry.arrays import Array
 from ..geometry.rotation import Displacement, apply, displacement
+from ..measures import POINTS
+from ..measures.measure import Measure, Site
 from ..system import ArrayLike, Drawn, Effect, Law, Place, Reading, System, Target, Way
 from .columns import Imaging, gains_of_images
 from .noise import Estimation
@@ -50,8 +52,7 @@ class Block(NamedTuple):
     """An effect, and what one native unit of each of its k sources does to the error."""
 
     effect: Effect
-    localisation: Array  # (3, k) con, mm per native unit
-    tcp: Array  # (3, k) tcp, mm per native unit
+    gains: Mapping[str, Array]  # (3, k) per native unit, by the name of the measure, in its frame and unit
 
     @property
     def contributor(self) -> str:
@@ -108,7 +109,7 @@ class Block(NamedTuple):
 
     def gain(self, error: str) -> Array:
         """(3, k) mm per native unit of each source, of one error and in its frame."""
-        return self.tcp if error == "tcp" else self.localisation
+        return self.gains[error]
 
     def scaled(self, error: str) -> Array:
         """(3, k) mm: what a standard deviation of each source does."""
@@ -124,12 +125,11 @@ class KnownShift(NamedTuple):
     """What a contributor is known to do to the error, beside the bias of mounts and load."""
 
     contributor: str
-    localisation_mm: Array  # (3,) con
-    tcp_mm: Array  # (3,) tcp
     label: str
+    shifts: Mapping[str, Array]  # (3,) by the name of the measure
 
     def of(self, error: str) -> Array:
-        return self.tcp_mm if error == "tcp" else self.localisation_mm
+        return self.shifts[error]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,19 +156,19 @@ class Passage(NamedTuple):
     tcp_from_flange: Array  # (..., 3, 3)
     by_torsors: tuple[Array, Array, Array]  # (..., 3, 6) of each mount: of the first in con, of the others in tcp
 
-    def mount_gains(self, system: System) -> dict[str, tuple[Array, Array]]:
-        """Gains (..., 3, k) on localisation and TCP error of the sources of each mount and of the execution.
+    def mount_gains(self, system: System) -> dict[str, dict[str, Array]]:
+        """Gains (..., 3, k) of the sources of each mount and of the execution, on both errors at the target.
 
         What acts before the reconstructed point is also seen at the tool; what acts behind it is seen there alone.
         """
         return {link.name: self._gains_at(link.place, link.sources.direction) for link in system.links}
 
-    def _gains_at(self, place: Place, direction: Array) -> tuple[Array, Array]:
+    def _gains_at(self, place: Place, direction: Array) -> dict[str, Array]:
         first, second, third = self.by_torsors
         match place:
             case Place.SEAT:
                 localisation = first @ direction
-                return localisation, self.tcp_from_localisation @ localisation
+                return {"tcp": self.tcp_from_localisation @ localisation, "localisation": localisation}
             case Place.FLANGE:
                 tcp = second @ direction
             case Place.CONNECTOR:
@@ -181,7 +181,7 @@ class Passage(NamedTuple):
                 raise AssertionError(place)  # before the reconstructed point: no link
             case _:
                 assert_never(place)
-        return np.zeros_like(tcp), tcp
+        return {"tcp": tcp, "localisation": np.zeros_like(tcp)}
 
 
 def mounts_of(
@@ -292,15 +292,28 @@ def chain_of(system: System) -> Chain:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinearModel:
-    """First order at one target: ``e = bias + sum over blocks of gain @ xi``."""
+class ErrorModel:
+    """First order of measures at one of their sites: ``e = bias + sum over blocks of gain @ xi``."""
+
+    site: str  # name of the target, or of what joins several
+    biases: Mapping[str, Array]  # (3,) by the name of the measure, in its frame and unit
+    known: tuple[KnownShift, ...]  # parts of the biases
+    blocks: tuple[Block, ...]
+
+    def bias_mm(self, error: str) -> Array:
+        return self.biases[error]
+
+    def imaged_bias_mm(self, error: str) -> Array:
+        """(3,) the part of the bias that comes through the images, and depends on the layout."""
+        return np.asarray(sum((each.of(error) for each in self.known), np.zeros(3)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearModel(ErrorModel):
+    """First order at one target: of the errors at the tool and as located."""
 
     target: Target
     reconstructed_mm: Array  # (3,) con: q_hat without noise and without the known shifts
-    localisation_bias_mm: Array  # (3,) con
-    tcp_bias_mm: Array  # (3,) tcp
-    known: tuple[KnownShift, ...]  # parts of both biases
-    blocks: tuple[Block, ...]
     tcp_from_localisation: Array  # (3, 3): what a displacement of q_hat in con does in tcp
     tcp_from_flange: Array  # (3, 3): what a displacement behind q_hat, at the flange, does in tcp
     manufacturing_block_diagonal: Array  # (3, 3) con, covariance of Eq 16: cross-view terms dropped
@@ -312,13 +325,6 @@ class LinearModel:
     def nu(self) -> float:
         """The validity number: the largest of the relative errors that first order takes for small."""
         return self.nonlinearity.nu
-
-    def bias_mm(self, error: str) -> Array:
-        return self.tcp_bias_mm if error == "tcp" else self.localisation_bias_mm
-
-    def imaged_bias_mm(self, error: str) -> Array:
-        """(3,) the part of the bias that comes through the images, and depends on the layout."""
-        return np.asarray(sum((each.of(error) for each in self.known), np.zeros(3)))
 
 
 def pass_mounts(mounts: Mounts, target_mm: Array) -> Passage:
@@ -355,10 +361,41 @@ def linearise(system: System, target: Target) -> LinearModel:
     return linearise_at(chain_of(system), target)
 
 
-def linearise_all(system: System) -> dict[str, LinearModel]:
+def linearise_all(chain: Chain) -> dict[str, LinearModel]:
     """:func:`linearise` at every target, by its name."""
-    chain = chain_of(system)
-    return {target.name: linearise_at(chain, target) for target in system.targets}
+    return {target.name: linearise_at(chain, target) for target in chain.system.targets}
+
+
+def join_all(system: System, models: Mapping[str, LinearModel]) -> dict[str, ErrorModel]:
+    """The linear models of all measures that join several targets, by their sites; models: at every target."""
+    joined = [metric for metric in system.metrics if metric.measure not in POINTS]
+    return {site.name: join(models, measure, site) for measure, site in joined}
+
+
+def join(models: Mapping[str, LinearModel], measure: Measure, site: Site) -> ErrorModel:
+    """The linear model of a measure that joins several targets.
+
+    What acts on the image of a target (``Effect.of_target``) is drawn for each of them, everything else once for all.
+    """
+    parts = [(models[name], weights) for name, weights in site.weights.items()]
+
+    def weigh(weights: Array, of: Callable[[str], Array]) -> Array:
+        each = (weights[:, 3 * k : 3 * k + 3] @ of(point.name) for k, point in enumerate(POINTS))
+        return np.asarray(sum(each))
+
+    blocks = []
+    for several in zip(*(model.blocks for model, _ in parts), strict=True):
+        effect = several[0].effect
+        gains = [weigh(weights, block.gain) for block, (_, weights) in zip(several, parts, strict=True)]
+        blocks += [Block(effect, {measure.name: each}) for each in (gains if effect.of_target else [np.sum(gains, 0)])]
+    shifts: dict[tuple[str, str], Array] = {}
+    for model, weights in parts:
+        for known in model.known:
+            key = known.contributor, known.label
+            shifts[key] = shifts.get(key, 0.0) + weigh(weights, known.of)
+    bias = np.sum([weigh(weights, model.bias_mm) for model, weights in parts], 0)
+    shared = tuple(KnownShift(*key, {measure.name: shift}) for key, shift in shifts.items())
+    return ErrorModel(site.name, {measure.name: bias}, shared, tuple(blocks))
 
 
 def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None) -> LinearModel:
@@ -380,10 +417,10 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
 
     gains = images.by_effect(system) | passage.mount_gains(system)
     in_order = (*effects_of_images(system), *system.links, *system.shared_image_errors)
-    blocks = [Block(effect, *gains[effect.name]) for effect in in_order if effect.sources.count]
+    blocks = [Block(effect, gains[effect.name]) for effect in in_order if effect.sources.count]
     known = images.known_shifts(system)
-    localisation_bias = passage.localisation_bias_mm + sum(each.localisation_mm for each in known)
-    tcp_bias = passage.tcp_bias_mm + sum(each.tcp_mm for each in known)
+    unimaged = {"tcp": passage.tcp_bias_mm, "localisation": passage.localisation_bias_mm}
+    biases = {error: bias + sum(each.of(error) for each in known) for error, bias in unimaged.items()}
     columns = images.localisation[:, : images.single]
     if whole is None:
         imaging = chain.imaging
@@ -398,17 +435,16 @@ def linearise_at(chain: Chain, target: Target, whole: LinearModel | None = None)
             images.row_weights,
             published=not system.triangulation.traits.own_frame,
         )
-        biases = {"localisation": localisation_bias, "tcp": tcp_bias}
         moved = gains_moved_by_seat(chain, target.position_mm, columns)
         at = (reconstructed, reconstructed, passage.at_tool_mm)
         turns = _turns(chain, at, blocks, biases, to_tcp, numbers.nu, moved)
     else:
         numbers, turns = whole.nonlinearity, whole.turns
     return LinearModel(
+        site=target.name,
         target=target,
         reconstructed_mm=reconstructed,
-        localisation_bias_mm=localisation_bias,
-        tcp_bias_mm=tcp_bias,
+        biases=biases,
         known=known,
         blocks=tuple(blocks),
         tcp_from_localisation=to_tcp,
@@ -470,12 +506,12 @@ def _turns(
     for mount, start in zip(mounts, (ANGLES_1.start, ANGLES_2.start, ANGLES_3.start), strict=True):
         own = mount.sources.direction * mount.sources.spread
         z[start : start + 6, start : start + 6] = own @ own.T
-    through = [block.localisation * block.spread for block in blocks if block.effect.way is not Way.LINK]
+    through = [block.gain("localisation") * block.spread for block in blocks if block.effect.way is not Way.LINK]
     images = np.hstack(through)
     z[IMAGES, IMAGES] = images @ images.T
     shared = [block for block in blocks if block.effect.way is Way.SHARED]
-    behind = [block.tcp * block.spread for block in blocks if block.effect.acts_at(Place.TOOL)]
-    behind += [(block.tcp - to_tcp @ block.localisation) * block.spread for block in shared]
+    behind = [block.gain("tcp") * block.spread for block in blocks if block.effect.acts_at(Place.TOOL)]
+    behind += [(block.gain("tcp") - to_tcp @ block.gain("localisation")) * block.spread for block in shared]
     beside = np.hstack([np.zeros((3, 1)), *behind])
     local, bent, at_tool, bent_at_tool = second_order(
         (chain.mounts.first, chain.mounts.second, chain.mounts.third),
@@ -505,7 +541,7 @@ def _turns(
 def _lengthened(bias: Array, error: str, blocks: Sequence[Block]) -> Array:
     """A bias (3,) with each BOUNDED source at the end at which it lengthens it, the longest first."""
     columns = [
-        (block.tcp if error == "tcp" else block.localisation)[:, j] * block.half_width[j]
+        block.gain(error)[:, j] * block.half_width[j]
         for block in blocks
         for j, law in enumerate(block.laws)
         if law is Law.BOUNDED
@@ -525,19 +561,20 @@ class ImageGains(NamedTuple):
     shifts: Array  # (V, 2 N + 2, C + E) px (``systematic.shift_together``)
     row_weights: Array  # (V, 2, 2) of the rows of triangulation
 
-    def by_effect(self, system: System) -> dict[str, tuple[Array, Array]]:
-        """The gains (3, k) on localisation and TCP error of the sources of each effect, by its name."""
+    def by_effect(self, system: System) -> dict[str, dict[str, Array]]:
+        """The gains (3, k) of the sources of each effect, by its name, on both errors at the target."""
         effects = (*effects_of_images(system), *system.shared_image_errors)
         ends = np.cumsum([each.sources.count for each in effects])
         parts = (np.split(gains, ends, axis=1) for gains in (self.localisation, self.tcp))
-        return {each.name: (con, tcp) for each, con, tcp in zip(effects, *parts, strict=False)}
+        pairs = zip(effects, *parts, strict=False)
+        return {each.name: {"tcp": tcp, "localisation": con} for each, con, tcp in pairs}
 
     def known_shifts(self, system: System) -> tuple[KnownShift, ...]:
         """What is known of effects, and does something: of believed intrinsics first."""
         errors = (*system.shared_image_errors, *system.believed_errors)
         views, count = len(system.views), len(errors)
         every = [
-            KnownShift(error.name, con, tcp, error.label)
+            KnownShift(error.name, error.label, {"tcp": tcp, "localisation": con})
             for error, con, tcp in zip(errors, self.localisation[:, -count:].T, self.tcp[:, -count:].T, strict=True)
             if error is not None and (con.any() or tcp.any())
         ]
@@ -590,7 +627,7 @@ def _extrapolation(points: Array, target_mm: Array) -> float:
     return float(np.linalg.norm(target_mm - centroid) / np.sqrt(((points - centroid) ** 2).sum(axis=1).mean()))
 
 
-def covariance(model: LinearModel, error: str) -> Array:
+def covariance(model: ErrorModel, error: str) -> Array:
     """(3, 3) mm^2 covariance of the error, every random source included (bounded ones have none)."""
     return sum((block.covariance(error) for block in model.blocks), np.zeros((3, 3)))
 

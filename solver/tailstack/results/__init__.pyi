@@ -35,6 +35,7 @@ from .verdicts import Check as Check
 from .verdicts import Finding as Finding
 from .verdicts import Interval as Interval
 from .verdicts import Matrix3 as Matrix3
+from .verdicts import MeasureResult as MeasureResult
 from .verdicts import Provenance as Provenance
 from .verdicts import Severity as Severity
 from .verdicts import TitleBlock as TitleBlock

@@ -18,12 +18,14 @@ from .verdicts import (
     Finding,
     Interval,
     Matrix3,
+    MeasureResult,
     Provenance,
     Vector3,
     Verdict,
     assumed_sentence,
     checks_sentence,
     checks_table,
+    measures_table,
 )
 
 Row = Mapping[str, Any]  # by column; units are in the names of the columns
@@ -174,6 +176,11 @@ def verdict_sentence(verdict: Verdict, provenance: Provenance) -> str:
     sentence = checks_sentence(verdict.checks) or "The design states no requirement."
     assumed = assumed_sentence(provenance.assumed)
     return f"{sentence} It rests on {assumed}." if assumed else sentence
+
+
+def measures_frames(measures: tuple[MeasureResult, ...]) -> tuple[Frame, ...]:
+    """Measures that join several targets, if there are any."""
+    return (frame(MeasureResult, "measures", measures, measures_table(measures)),) if measures else ()
 
 
 def checks_frame(verdict: Verdict) -> Frame:

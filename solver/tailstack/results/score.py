@@ -10,10 +10,10 @@ from typing import Any, Literal, NamedTuple, Protocol
 from tailstack.fields import INTERFACES
 
 from .digits import decimals_of, length
-from .outline import Bar, Bars, Frame, Outline, checks_frame, frame, row_of, verdict_sentence
+from .outline import Bar, Bars, Frame, Outline, checks_frame, frame, measures_frames, row_of, verdict_sentence
 from .record import Result
 from .tables import EVERYWHERE, IN_DETAIL, PAPER, Cell, Column, On, Row, Table, fill, tabulate
-from .verdicts import Matrix3, Provenance, Vector3, Verdict, ViewCheck
+from .verdicts import Matrix3, MeasureResult, Provenance, Vector3, Verdict, ViewCheck
 
 MOST_BARS = 12
 
@@ -341,6 +341,8 @@ class Score(Result):
     """For each view and fiducial the smallest slip of its image that its residuals give away, the largest effect first;
     empty where that was not asked for.
     """
+    measures: tuple[MeasureResult, ...] = ()
+    """Measures that join several targets, each wherever it is read; empty where there are none."""
 
     @property
     def worst_target(self) -> TargetScore:
@@ -368,6 +370,7 @@ class Score(Result):
             verdict_sentence(self.verdict, self.provenance),
             (
                 frame(TargetScore, "targets", self.targets, targets_table(self)),
+                *measures_frames(self.measures),
                 checks_frame(self.verdict),
                 Frame("budget", tuple(budget), shown=budget_table(worst, decimals)),
             ),

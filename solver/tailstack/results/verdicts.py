@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal, NamedTuple, TypeVar
 
+from ..measures import MEASURE
 from .digits import decimals_of, in_percent, length
 from .tables import IN_DETAIL, PAPER, TERMINAL, Column, On, Table, tabulate
 
@@ -49,9 +50,9 @@ class Check:
     requirement: str
     """Name of the requirement."""
     target: str
-    """Name of the target, or of one sample of a region (zone[3])."""
+    """Name of the target, or of one sample of a region (zone[3]); of a measure that joins several, its site."""
     error: str
-    """Which error is limited: tcp (at the tool) or localisation (of the target, in con)."""
+    """Which measure is limited: tcp (error at the tool), localisation (of the target, in con)."""
     risk: str
     """pooled: over installations and shots together; per_unit: of each unit by itself."""
     quantile: float
@@ -81,9 +82,12 @@ class Check:
     """Whether shots that miss fiducials, as often as the design says, are in the value."""
     open_because: str = ""
     """Why the upper end is not known although first order holds for shots that miss no fiducial; empty otherwise."""
+    unit: str = ""
+    """Unit of value, interval, limit and margin: mm, unless the measure has another."""
 
     def __post_init__(self) -> None:
         high = self.interval_mm[1]
+        object.__setattr__(self, "unit", MEASURE[self.error].unit)
         object.__setattr__(self, "headline", headline_of(self.quantile, self.min_yield, missed=self.missed))
         object.__setattr__(self, "margin_mm", None if high is None else self.limit_mm - high)
 
@@ -94,8 +98,36 @@ class Check:
         return inf if high is None else high
 
 
+@dataclass(frozen=True, slots=True)
+class MeasureResult:
+    """A measure that joins several targets, at one of its sites; its numbers are in `unit`."""
+
+    measure: str
+    """Name of the measure, as a requirement names it."""
+    site: str
+    """Where it is read: which targets it joins."""
+    words: str
+    """What people call it."""
+    unit: str
+    """Unit of its numbers."""
+    known: float
+    """Size of its known part."""
+    mean: float
+    """Mean."""
+    p95: float
+    """95 % quantile, pooled over installations and shots."""
+    p95_interval: Interval | None
+    """Confidence interval of `p95`, by order statistics; null of an estimate."""
+    cvar95: float
+    """Mean of the worst 5 %."""
+    limit: float | None
+    """Tightest limit that the design sets for it here; null without one."""
+    exceedance_probability: float | None
+    """Probability that it is beyond `limit`; null without a limit."""
+
+
 MISSED = "missed fiducials included"  # of what is over all shots of a design that says how often they are missed
-ERRORS = {"tcp": "the error at the tool", "localisation": "the error of the located target"}  # as people say it
+ERRORS = {name: measure.words for name, measure in MEASURE.items()}  # as people say it
 
 
 def headline_of(quantile: float, min_yield: float | None, of: str = "", *, missed: bool = False) -> str:
@@ -289,13 +321,13 @@ def _describe(check: Check) -> str:
     shots += f", {MISSED}" if check.missed else ""
     low, high = check.interval_mm
     ends = "no upper end is known" if high is None else f"between {length(low, decimals)} and {length(high, decimals)}"
-    limit = f"the limit of {check.limit_mm:g} mm"
+    limit = f"the limit of {check.limit_mm:g} {check.unit}"
     held = {"pass": f"within {limit}", "fail": f"above {limit}", "inconclusive": f"and {limit} lies in between"}
     where = f"so whether it keeps {limit} is open" if high is None else held[check.status]
     units = "" if check.yield_fraction is None else f"; {in_percent(check.yield_fraction, 1)} of units keep it"
     return (
         f"{check.requirement}: in {shots}, {ERRORS[check.error]} (target {check.target}) is at most "
-        f"{length(check.value_mm, decimals)} mm (P{100 * check.quantile:.6g}; {ends}), {where}{units}"
+        f"{length(check.value_mm, decimals)} {check.unit} (P{100 * check.quantile:.6g}; {ends}), {where}{units}"
     )
 
 
@@ -330,14 +362,15 @@ def what_is_limited(check: Check) -> str:
 
 
 def _limited_briefly(check: Check) -> str:
-    located = "" if check.error == "tcp" else ", located"
     units = "" if check.min_yield is None else f", {100 * check.min_yield:.6g} % of units"
-    return f"P{100 * check.quantile:.6g}{located}{units}"
+    return f"P{100 * check.quantile:.6g}{MEASURE[check.error].brief}{units}"
 
 
 def check_columns(checks: Sequence[Check]) -> tuple[Column, ...]:
     """Every column of a table of requirements."""
-    decimals = decimals_of(checks)
+    decimals, units = decimals_of(checks), {check.unit for check in checks}
+    unit = units.pop() if len(units) == 1 else ""
+    own = () if unit else (Column("Unit", of=lambda row: row.check.unit),)
     of_units: tuple[Column, ...] = (
         Column("Yield", "%", "percent", 2, IN_DETAIL, "units\nwithin, %", of=lambda row: row.check.yield_fraction),
         Column("Required", "%", "percent", 2, PAPER, of=lambda row: row.check.min_yield),
@@ -352,11 +385,12 @@ def check_columns(checks: Sequence[Check]) -> tuple[Column, ...]:
         Column(
             "Limited", on=TERMINAL | On.NOTEBOOK, brief="what is\nlimited", of=lambda row: _limited_briefly(row.check)
         ),
-        Column("Value", "mm", "fixed", decimals, brief="value\nmm", of=lambda row: row.check.value_mm),
-        Column("From", "mm", "fixed", decimals, brief="from\nmm", of=lambda row: row.check.interval_mm[0]),
-        Column("To", "mm", "fixed", decimals, brief="to\nmm", of=lambda row: row.check.interval_mm[1]),
-        Column("Limit", "mm", "stated", decimals, brief="limit\nmm", of=lambda row: row.check.limit_mm),
-        Column("Margin", "mm", "signed", decimals, brief="to spare\nmm", of=lambda row: row.check.margin_mm),
+        *own,
+        Column("Value", unit, "fixed", decimals, brief=f"value\n{unit}", of=lambda row: row.check.value_mm),
+        Column("From", unit, "fixed", decimals, brief=f"from\n{unit}", of=lambda row: row.check.interval_mm[0]),
+        Column("To", unit, "fixed", decimals, brief=f"to\n{unit}", of=lambda row: row.check.interval_mm[1]),
+        Column("Limit", unit, "stated", decimals, brief=f"limit\n{unit}", of=lambda row: row.check.limit_mm),
+        Column("Margin", unit, "signed", decimals, brief=f"to spare\n{unit}", of=lambda row: row.check.margin_mm),
         *(of_units if any(check.min_yield is not None for check in checks) else ()),
         Column("Status", kind="status", of=lambda row: row.check.status),
     )
@@ -383,6 +417,22 @@ def checks_table(*verdicts: Verdict, name: str = "Checks", of: str = "") -> Tabl
     )
     rows = sorted(judged, key=lambda row: urgency(row.check))
     return tabulate(name, f"Requirements{of}", columns, rows, note)
+
+
+def measures_table(measures: Sequence[MeasureResult]) -> Table:
+    """Measures that join several targets."""
+    columns = (
+        Column("Measure", of=lambda row: row.words),
+        Column("At", of=lambda row: row.site),
+        Column("Unit", of=lambda row: row.unit),
+        Column("Known", "", "fixed", 3, of=lambda row: row.known),
+        Column("Mean", "", "fixed", 3, of=lambda row: row.mean),
+        Column("P95", "", "fixed", 3, of=lambda row: row.p95),
+        Column("CVaR95", "", "fixed", 3, of=lambda row: row.cvar95),
+        Column("Limit", "", "stated", 3, of=lambda row: row.limit),
+        Column("Beyond limit", "%", "percent", 2, of=lambda row: row.exceedance_probability),
+    )
+    return tabulate("Measures", "What joins several targets", columns, measures)
 
 
 def findings_table(findings: Sequence[Finding], *, name: str = "Findings", of: str = "") -> Table:

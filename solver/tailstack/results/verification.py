@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from .digits import decimals_of
-from .outline import Bar, Bars, Outline, checks_frame, frame, verdict_sentence
+from .outline import Bar, Bars, Outline, checks_frame, frame, measures_frames, verdict_sentence
 from .record import Result
 from .score import TARGET, bias_columns, norm_columns, pair_rows
 from .tables import IN_DETAIL, PAPER, Column, Table
-from .verdicts import Interval, Provenance, Vector3, Verdict
+from .verdicts import Interval, MeasureResult, Provenance, Vector3, Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +150,8 @@ class Verification(Result):
     """Which design, by which version, under which model, and what is not included."""
     losses: DrawnLosses | None = None
     """Shots with fiducials missed; null where the design does not say how often they are."""
+    measures: tuple[MeasureResult, ...] = ()
+    """Measures that join several targets, each wherever it is read; empty where there are none."""
 
     @property
     def decimals(self) -> int:
@@ -169,7 +171,11 @@ class Verification(Result):
             self.provenance.design_name,
             self.verdict.status,
             verdict_sentence(self.verdict, self.provenance),
-            (frame(TargetEstimate, "targets", self.targets, estimates_table(self)), checks_frame(self.verdict)),
+            (
+                frame(TargetEstimate, "targets", self.targets, estimates_table(self)),
+                *measures_frames(self.measures),
+                checks_frame(self.verdict),
+            ),
             Bars(f"P95 of the error at the tool, {self.trials:,} trials", "P95 with its interval, mm", bars),
             self.verdict.findings,
         )

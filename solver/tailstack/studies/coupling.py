@@ -26,11 +26,11 @@ from ..errors import IllPosedError, LimitError, OutOfRangeError, Problem, StudyE
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
 from ..kernels.process import usable_cores
+from ..measures import POINT_ERRORS, PointError
 from ..montecarlo.chain import draw, evaluate
 from ..montecarlo.plan import ChainPlan, compile_plan
-from ..montecarlo.simulate import ERRORS
 from ..montecarlo.tables import INSTALLATION, SHOT
-from ..propagation.linear import LinearModel, linearise_all
+from ..propagation.linear import LinearModel, chain_of, linearise_all
 from ..results import Interval, Provenance, Validity
 from ..results.record import Published
 from ..results.verdicts import P95
@@ -115,7 +115,7 @@ class StudyCoupling(Published):
 
     schema: Literal["tailstack/study-coupling/1"]
     """Name and version of this record's schema."""
-    error: Literal["tcp", "localisation"]
+    error: PointError
     """Error that is studied: tcp (at the tool) or localisation (of the target)."""
     quantile: float
     """Quantile of the error's norm, 0.95 for P95."""
@@ -149,14 +149,12 @@ NO_DEVIATION = 0.2  # nu from which the localisation error has no standard devia
 MOST_SHARE = 0.02  # of one trial in a sum of squares; of 8192 Gaussian errors the largest has 0.002
 WINDOW = 0.01  # on either side of P95: the vector sum is compared over this share of the trials
 CONFIDENCE = 0.95
-LOCALISED = ERRORS.index("localisation")
+LOCALISED = POINT_ERRORS.index("localisation")
 LEVELS = ((1.0, 2.0), (2.0, 5.0))  # degrees, mm: the paper's L1 and L2
 METHOD = (
     f"sectioning: {SECTIONS} sections of consecutive trials, Student's t with {SECTIONS - 1} degrees of freedom about "
     "the estimate from all trials; numerator and denominator of a section share their deviates"
 )
-
-ErrorName = Literal["tcp", "localisation"]
 Progress = Callable[[int, int], None]
 
 
@@ -185,7 +183,7 @@ def study_coupling(
     trials: int | None = None,
     seed: int = 0,
     levels: Sequence[Level] = LEVELS,
-    error: ErrorName = "tcp",
+    error: PointError = "tcp",
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> StudyCoupling:
@@ -207,10 +205,10 @@ def study_coupling(
     if not any(view.fiducial_noise_px or view.target_noise_px for view in system.views):
         detail = "the views have no noise, so there is nothing that could couple with the installation error"
         raise OutOfRangeError(Problem("/views", "no-noise", detail, "state fiducial_noise_px and target_noise_px"))
-    models = linearise_all(nominal)
+    models = linearise_all(chain_of(nominal))
     beyond = ready.trust.expected_error_percent is None or _fails(at_rest, models, error, seed)
     size = ceil(_choose_trials(trials, len(system.targets), beyond) / SECTIONS)
-    sampler = _Sampler(at_rest, seed, size, ERRORS.index(error), threads, progress, 1 + len(cases))
+    sampler = _Sampler(at_rest, seed, size, POINT_ERRORS.index(error), threads, progress, 1 + len(cases))
     still = sampler.still()
     records = []
     for number, case in enumerate(cases, 1):
@@ -249,10 +247,10 @@ def _choose_trials(asked: int | None, targets: int, beyond: bool) -> int:
     return wanted
 
 
-def _fails(at_rest: ChainPlan, models: dict[str, LinearModel], error: ErrorName, seed: int) -> bool:
+def _fails(at_rest: ChainPlan, models: dict[str, LinearModel], error: PointError, seed: int) -> bool:
     """Whether a few trials of the noise alone are far from first order, whatever its validity number says."""
     z = _keep_stream(at_rest, draw(at_rest, seed, np.arange(PILOT, dtype=np.int64)), SHOT)
-    norms = np.linalg.norm(evaluate(at_rest, z)[:, :, ERRORS.index(error)], axis=2).T
+    norms = np.linalg.norm(evaluate(at_rest, z)[:, :, POINT_ERRORS.index(error)], axis=2).T
     for model, sample in zip(models.values(), norms, strict=True):
         columns = columns_of(model, error)
         quiet = law_of(np.zeros(3), columns.only(~columns.per_unit))
@@ -352,7 +350,7 @@ def _estimate_ratio(estimate: Callable[[slice], float], trials: int, first_order
 
 
 def _compare_case(
-    case: InstallationCase, target: str, error: ErrorName, norms: _Norms, still: _Still, resting: LinearModel
+    case: InstallationCase, target: str, error: PointError, norms: _Norms, still: _Still, resting: LinearModel
 ) -> CouplingCase:
     trials = len(still.noise)
     first = _predict(case, case.models[target], resting, error)
@@ -498,7 +496,7 @@ def name_sources(model: LinearModel, *, per_unit: bool) -> str:
 
 def list_cases(system: System, nominal: System, levels: Sequence[Level], error: str) -> Iterable[InstallationCase]:
     """As designed, with bounded components at their worst ends, and the levels, in the reading of ``system``."""
-    models = linearise_all(system)
+    models = linearise_all(chain_of(system))
     ends = [tuple(sorted(error_law(m, error, P95).worst.vertex(m).items())) for m in models.values()]
     distinct = list(dict.fromkeys(ends))
     plans = tuple(compile_plan(system, vertex=dict(vertex)) for vertex in distinct)
@@ -507,7 +505,7 @@ def list_cases(system: System, nominal: System, levels: Sequence[Level], error: 
         mount = replace(nominal.structure_connector, known=level_torsor(level))
         moved = replace(nominal, reading=system.reading, structure_connector=mount)
         remark, plan = _check_level(moved, level), compile_plan(moved)
-        yield InstallationCase(system.reading, level, (plan,), (0,) * len(ends), linearise_all(moved), remark)
+        yield InstallationCase(system.reading, level, (plan,), (0,) * len(ends), linearise_all(chain_of(moved)), remark)
 
 
 def _check_level(moved: System, level: Level) -> str:

@@ -14,7 +14,7 @@ from ..effects.intrinsics import UNITS, intrinsics_error
 from ..errors import OutOfRangeError, Problem, TailstackError
 from ..estimation.checks import examine
 from ..geometry.arrays import Array
-from ..propagation.linear import linearise_all
+from ..propagation.linear import chain_of, linearise_all
 from ..results import Interval, Provenance
 from ..results.record import Published
 from ..results.verdicts import P95
@@ -167,7 +167,7 @@ def _case(system: System, trials: int, seed: int, threads: int | None, reference
 
 def _worst(system: System) -> tuple[str, float, str]:
     """The target with the largest P95 at the tool, that P95, mm, and how far first order can be trusted."""
-    models = linearise_all(system)
+    models = linearise_all(chain_of(system))
     quantiles = {
         name: law_quantile(error_law(model, "tcp", P95).law, P95).quantile_mm for name, model in models.items()
     }

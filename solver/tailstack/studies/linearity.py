@@ -24,6 +24,7 @@ from ..design import Design
 from ..errors import OutOfRangeError, Problem, StudyError, TailstackError
 from ..geometry.arrays import Array
 from ..kernels.process import usable_cores
+from ..measures import POINT_ERRORS, PointError
 from ..montecarlo.chain import draw, evaluate
 from ..montecarlo.plan import ChainPlan, bounded_names, compile_plan
 from ..montecarlo.radial import gains_in_plan_order
@@ -33,7 +34,7 @@ from ..propagation.validity import validity
 from ..results import Interval, Provenance
 from ..results.record import Published
 from ..results.verdicts import P95
-from ..scoring import FRAMES, checked_system, provenance, score
+from ..scoring import checked_system, provenance, score
 from ..system import ROTATIONS, DirectEffect, Law, Sources, System
 from ..tail.declared import law_quantile
 from ..tail.gaussian import norm_quantile
@@ -118,7 +119,7 @@ class StudyLinearity(Published):
     """Name and version of this record's schema."""
     target: str
     """Name of the target."""
-    error: Literal["tcp", "localisation"]
+    error: PointError
     """Error that is studied: tcp (at the tool) or localisation (of the target)."""
     quantile: float
     """Quantile of the error's norm, 0.95 for P95."""
@@ -183,7 +184,7 @@ def study_linearity(
     grid: Grid = Grid(),
     *,
     target: str | None = None,
-    error: Error = "tcp",
+    error: PointError = "tcp",
     trials: int = DEFAULT_TRIALS,
     seed: int = 0,
     threads: int | None = None,
@@ -350,7 +351,6 @@ def _is_nearer(point: LinearityPoint) -> bool | None:
 CONFIDENCE = 0.95
 GLANCE = 8  # one trial in so many is looked at first
 FEWEST_FIDUCIALS = 6
-Error = Literal["tcp", "localisation"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -424,7 +424,7 @@ class QuantileRatio:
 
 
 def compare_quantiles(
-    plan: ChainPlan, gains: Array, mean: Array, first_order_mm: float, error: Error, trials: int, seed: int
+    plan: ChainPlan, gains: Array, mean: Array, first_order_mm: float, error: PointError, trials: int, seed: int
 ) -> QuantileRatio:
     """First order over Monte Carlo at P95, the linear model run on the same deviates.
 
@@ -445,13 +445,13 @@ def compare_quantiles(
 
 
 def _sample_norms(
-    plan: ChainPlan, gains: Array, mean: Array, error: Error, each: int, seed: int
+    plan: ChainPlan, gains: Array, mean: Array, error: PointError, each: int, seed: int
 ) -> tuple[Array, Array]:
     """(SECTIONS, each) norms, mm, of the chain and of the linear model."""
     full, linear = np.empty((SECTIONS, each)), np.empty((SECTIONS, each))
     for section in range(SECTIONS):
         z = draw(plan, seed, np.arange(section * each, (section + 1) * each))
-        full[section] = np.linalg.norm(evaluate(plan, z)[:, 0, list(FRAMES).index(error)], axis=1)
+        full[section] = np.linalg.norm(evaluate(plan, z)[:, 0, POINT_ERRORS.index(error)], axis=1)
         # Not a matrix product: its last digits depend on how many threads the BLAS takes.
         linear[section] = np.linalg.norm(mean + np.einsum("nd,kd->nk", z, gains), axis=1)
     return full, linear
@@ -471,7 +471,7 @@ def classify(ratio: float, interval: Interval) -> tuple[Within, bool]:
 
 
 def examine_place(
-    system: System, target: int, error: Error, place: GridPoint, trials: int, seed: int
+    system: System, target: int, error: PointError, place: GridPoint, trials: int, seed: int
 ) -> LinearityPoint:
     """A point of the grid; one whose geometry does not determine the target is refused with the reason."""
     try:
@@ -487,7 +487,7 @@ def examine_place(
 
 
 def _examine_place(
-    system: System, target: int, error: Error, place: GridPoint, trials: int, seed: int
+    system: System, target: int, error: PointError, place: GridPoint, trials: int, seed: int
 ) -> LinearityPoint:
     if place.fiducials < FEWEST_FIDUCIALS:
         raise OutOfRangeError(Problem("", "too-few", f"{place.fiducials} fiducials do not determine a view; 6 may"))
@@ -527,7 +527,7 @@ def _examine_place(
 
 
 def _correct(
-    plan: ChainPlan, model: LinearModel, error: Error, mean: Array, covariance: Array, first_mm: float
+    plan: ChainPlan, model: LinearModel, error: PointError, mean: Array, covariance: Array, first_mm: float
 ) -> tuple[float | None, str | None]:
     """The first-order P95 times what mean and covariance to second order do to the Gaussian one, or why there is
     none."""
@@ -537,7 +537,7 @@ def _correct(
         return None, refusal.problems[0].detail
     scaled = np.hstack([block.scaled(error) for block in model.blocks])
     unbounded = np.concatenate([[law is not Law.BOUNDED for law in block.laws] for block in model.blocks]).astype(bool)
-    metric = list(FRAMES).index(error)
+    metric = POINT_ERRORS.index(error)
     shift, corrected = second_order_moments(
         lambda z: evaluate(plan, z)[:, 0, metric], plan.standard_std, scaled[:, unbounded]
     )

@@ -20,6 +20,7 @@ from ..errors import Problem, StudyError, TailstackError, describe_refusal
 from ..geometry.arrays import Array
 from ..geometry.camera import list_turns, principal_ray
 from ..geometry.rotation import unit
+from ..measures import PointError
 from ..results import ERRORS, Provenance, Vector3
 from ..results.record import Published
 from ..scoring import provenance, score_errors
@@ -29,8 +30,6 @@ HEMISPHERE_DEG, COARSE_DEG = 90.0, 15.0  # of a view more
 MOST_STEPS = 15  # from the middle of a map to its edge: 709 directions
 HARDLY = 0.01  # a difference of P95 that nobody need care about
 ORDINALS = {3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
-
-ErrorName = Literal["tcp", "localisation"]
 Progress = Callable[[int, int], None]
 
 
@@ -94,7 +93,7 @@ class StudyViews(Published):
 
     schema: Literal["tailstack/study-views/1"]
     """Name and version of this record's schema."""
-    error: Literal["tcp", "localisation"]
+    error: PointError
     """Error that is studied: tcp (at the tool) or localisation (of the target)."""
     cone_deg: float
     """How far each view was turned, deg."""
@@ -119,7 +118,7 @@ def study_views(
     *,
     cone_deg: float = CONE_DEG,
     step_deg: float = STEP_DEG,
-    error: ErrorName = "tcp",
+    error: PointError = "tcp",
     progress: Progress | None = None,
 ) -> StudyViews:
     """Turn each view that is aimed (by a preset or by distances), and add one, over maps of directions.
@@ -198,7 +197,7 @@ def _new_name(names: dict[str, Array]) -> str:
     return next(name for k in range(1, len(names) + 2) if (name := f"further {k}") not in names)
 
 
-def _score(design: Design, error: ErrorName) -> tuple[float, str]:
+def _score(design: Design, error: PointError) -> tuple[float, str]:
     """P95, mm, at the target where it is largest, and that target."""
     each = score_errors(design).targets
     metrics = [(item if error == "tcp" else item.localisation).p95_mm for item in each]
@@ -267,7 +266,7 @@ def _name(direction: Array) -> str:
 
 
 def _conclude(
-    maps: list[ViewMap], further: ViewMap | None, designed: tuple[float, str], error: ErrorName
+    maps: list[ViewMap], further: ViewMap | None, designed: tuple[float, str], error: PointError
 ) -> tuple[str, ...]:
     every = [*maps, *([further] if further else [])]
     ranked = sorted(every, key=lambda view_map: (view_map.best and view_map.best.p95_mm) or inf)

@@ -30,6 +30,7 @@ from .score import (
     key_numbers,
     largest_targets,
     losses_listed,
+    measures_blocks,
     method_blocks,
     units_number,
 )
@@ -120,7 +121,8 @@ def error_chapter(report: Report) -> tuple[Block, ...]:
     if report.verification is not None:
         blocks.append(estimates_table(report.verification))
     units = units_sentence(report.score.worst_target, report.score.decimals)
-    return (*blocks, targets_table(report.score), Paragraph(units))
+    measures = measures_blocks(report.score.measures if report.verification is None else report.verification.measures)
+    return (*blocks, targets_table(report.score), *measures, Paragraph(units))
 
 
 def judged_blocks(report: Report) -> tuple[Block, ...]:

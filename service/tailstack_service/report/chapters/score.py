@@ -7,12 +7,20 @@ from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from tailstack.results import ERRORS, Score, TargetEstimate, TargetScore
+from tailstack.measures import MEASURE
+from tailstack.results import ERRORS, MeasureResult, Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
 from tailstack.results.score import budget_table, source_name, targets_table, views_table
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, PAPER, TERMINAL, Column, On, Table, fill
-from tailstack.results.verdicts import P95, decisive_check, is_of_all_shots, name_basis, requirements_table
+from tailstack.results.verdicts import (
+    P95,
+    decisive_check,
+    is_of_all_shots,
+    measures_table,
+    name_basis,
+    requirements_table,
+)
 
 from ...rendering.blocks import (
     Block,
@@ -99,7 +107,9 @@ def _margin(score: Score) -> tuple[str, ...]:
     decisive = decisive_check(score.verdict.checks)
     if decisive is None:
         return ()
-    target = next(entry for entry in score.targets if entry.name == decisive.target)
+    target = next((entry for entry in score.targets if entry.name == decisive.target), None)
+    if target is None:  # what decides joins several, and the budget is of one
+        return (margin_sentence(decisive, (), score.decimals),)
     if biased := bias_sentence(target, decisive.error, score.decimals):
         return biased, margin_sentence(decisive, (), score.decimals)
     return (margin_sentence(decisive, sources_of(target, decisive.error), score.decimals),)
@@ -200,24 +210,27 @@ def key_numbers(headline: Headline, decimals: int) -> tuple[KeyNumber, ...]:
     """What decides, its limit and the margin, in large type."""
     low, high = headline.interval_mm
     end = "unknown" if high is None else length(high, decimals)
-    ends = f"{length(low, decimals)} to {end} mm, {name_basis(headline.basis)}"
+    unit = MEASURE[headline.error].unit
+    ends = f"{length(low, decimals)} to {end} {unit}, {name_basis(headline.basis)}"
     error = "the error" if headline.error == "tcp" else ERRORS[headline.error]
     label = f"{headline.headline} of {error}" if headline.min_yield is None else headline.headline
-    numbers = [KeyNumber(label, f"{length(headline.value_mm, decimals)} mm", ends)]
+    numbers = [KeyNumber(label, f"{length(headline.value_mm, decimals)} {unit}", ends)]
     if headline.limit_mm is None:
         return (*numbers, KeyNumber("Limit", "none", "no requirement is stated"))
-    numbers.append(KeyNumber("Limit", f"{headline.limit_mm:g} mm", f"{headline.requirement}, target {headline.target}"))
+    what = f"{headline.requirement}, target {headline.target}"
+    numbers.append(KeyNumber("Limit", f"{headline.limit_mm:g} {unit}", what))
     margin = headline.margin_mm
     if margin is None:
         return (*numbers, KeyNumber("Margin", "not known", "the interval has no upper end"))
     share = in_percent(abs(margin) / headline.limit_mm)
     detail = f"{share} of the limit is left above the interval" if margin >= 0 else f"the interval ends {share} beyond"
-    return (*numbers, KeyNumber("Margin", f"{signed_decimal(margin, decimals)} mm".replace("-", "−"), detail))
+    return (*numbers, KeyNumber("Margin", f"{signed_decimal(margin, decimals)} {unit}".replace("-", "−"), detail))
 
 
 def units_number(score: Score, name: str) -> KeyNumber:
     """How many installed units keep the limit in their own shots; without one, what most of them keep."""
-    unit, decimals = next(entry for entry in score.targets if entry.name == name).per_unit, score.decimals
+    target = next((entry for entry in score.targets if entry.name == name), score.worst_target)
+    unit, decimals = target.per_unit, score.decimals
     value = unit.p95_of_units_mm if unit.value_mm is None else unit.value_mm
     shots = f"{100 * unit.quantile:.6g} % of their own shots"
     if unit.yield_fraction is None or unit.limit_mm is None:
@@ -251,10 +264,16 @@ def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate])
     return (mean, ("CVaR95", metric.cvar95_mm)) if headline.quantile == P95 else (mean,)
 
 
+def measures_blocks(measures: Sequence[MeasureResult]) -> tuple[Block, ...]:
+    """Measures that join several targets, if there are any."""
+    return (measures_table(measures),) if measures else ()
+
+
 def error_blocks(score: Score) -> tuple[Block, ...]:
     views = (views_table(score.views),) if score.views else ()
     return (
         group(targets_table(score), group(Paragraph(LOCATED), on=On.PLAIN)),
+        *measures_blocks(score.measures),
         group(Paragraph(units_sentence(score.worst_target, score.decimals)), on=PAPER),
         group(*verdict_blocks(score.verdict), on=PAPER),
         group(*views, on=IN_DETAIL),
@@ -320,7 +339,7 @@ def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]
         what = headline_words(tightest.quantile, tightest.min_yield, error)
         sentences.append(
             f"Nearest to its limit is {tightest.requirement}: {what}, an estimated "
-            f"{length(tightest.value_mm, decimals)} mm against {tightest.limit_mm:g} mm."
+            f"{length(tightest.value_mm, decimals)} {tightest.unit} against {tightest.limit_mm:g} {tightest.unit}."
         )
         named = {entry.target: None for entry in allowances if entry.status != "no requirement"}
         target = tightest.target if tightest.target in named else next(iter(named), "")

@@ -28,7 +28,7 @@ from ...rendering.blocks import (
 from ...rendering.sentences import LOCATED, decision_sentence, ending_of
 from ..charts import Scaled, draw_scale
 from ..headline import checked_headline
-from .score import headline_figure, key_numbers
+from .score import headline_figure, key_numbers, measures_blocks
 from .tables import closing_sections, provenance_facts, verdict_blocks
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ def verification_document(check: Verification, sha256: str) -> Document:
                 "Error and requirements",
                 (
                     group(estimates_table(check), group(Paragraph(LOCATED), on=On.PLAIN)),
+                    *measures_blocks(check.measures),
                     group(*verdict_blocks(check.verdict), *figures, on=PAPER),
                     group(say("how sure", _precision_sentence(check)), say("in the images", _images_sentence(check))),
                 ),

@@ -20,9 +20,10 @@ import numpy as np
 
 from ...design import Design
 from ...errors import OutOfRangeError, Problem
+from ...measures import MEASURE, PointError
 from ...results import Finding, Interval, Provenance, Validity
 from ...results.record import Published
-from ...scoring import FRAMES, checked_system, provenance, trust_of
+from ...scoring import checked_system, provenance, trust_of
 from ...system import System
 from .explain import Explanation, TargetLevel, explain, sample_law
 from .file import Measurements, read_measurements
@@ -31,7 +32,6 @@ from .levels import (
     UNKNOWN,
     Bench,
     BenchDraws,
-    ErrorName,
     LevelCompared,
     SpreadCompared,
     TestName,
@@ -58,7 +58,7 @@ def study_comparison(
     design: Design | System,
     measurements: Path | bytes | Measurements,
     *,
-    error: ErrorName = "tcp",
+    error: PointError = "tcp",
     seed: int = 0,
     instrument_sd_mm: float = 0.0,
     threads: int | None = None,
@@ -94,7 +94,7 @@ def study_comparison(
     return StudyComparison(
         schema="tailstack/study-comparison/1",
         error=error,
-        frame=FRAMES[error],
+        frame=MEASURE[error].frame,
         file=MeasuredFile(read.name, read.sha256, read.form, read.unit, read.rows, read.notes),
         seed=seed,
         confidence=CONFIDENCE,
@@ -167,7 +167,7 @@ def _report_part(
 def _explain_targets(
     benches: Sequence[Bench],
     levels: Sequence[LevelCompared],
-    error: ErrorName,
+    error: PointError,
     draws: BenchDraws,
     progress: Progress | None,
 ) -> tuple[Explanation, ...]:
@@ -408,7 +408,7 @@ class StudyComparison(Published):
 
     schema: Literal["tailstack/study-comparison/1"]
     """Name and version of this record's schema."""
-    error: Literal["tcp", "localisation"]
+    error: PointError
     """Error that was measured: tcp (at the tool) or localisation (of the target)."""
     frame: str
     """Frame of vectors: con or tcp."""

@@ -18,9 +18,9 @@ from ...errors import IllPosedError, LimitError, OutOfRangeError, Problem
 from ...estimation.checks import check_geometry
 from ...geometry.arrays import Array
 from ...kernels.process import usable_cores
+from ...measures import POINT_ERRORS, PointError
 from ...montecarlo.chain import draw, evaluate, standard_normals
 from ...montecarlo.plan import ChainPlan, compile_plan
-from ...montecarlo.simulate import ERRORS
 from ...montecarlo.tables import INSTALLATION
 from ...people_tables import quote as shown
 from ...propagation.linear import Block, LinearModel, linearise
@@ -185,8 +185,6 @@ class LevelCompared:
 CONFIDENCE = 0.95
 UNKNOWN = 100  # trials that are simulated where their number is not stated: only the prediction is shown
 MOST_QUANTILES = 60
-
-ErrorName = Literal["tcp", "localisation"]
 Progress = Callable[[float], None]  # with the share that is done
 
 
@@ -223,7 +221,7 @@ class Bench:
 
 
 def describe_bench(
-    system: System, read: Measurements, group: Group, error: ErrorName, instrument_sd_mm: float
+    system: System, read: Measurements, group: Group, error: PointError, instrument_sd_mm: float
 ) -> Bench:
     here = _reach_level(system, read, group)
     place = [target.name for target in system.targets].index(group.target)
@@ -300,7 +298,9 @@ def choose_offset(bench: Bench) -> Array:
     return np.asarray(bench.box @ best.x)
 
 
-def compare_level(bench: Bench, error: ErrorName, draws: BenchDraws, progress: Progress | None = None) -> LevelCompared:
+def compare_level(
+    bench: Bench, error: PointError, draws: BenchDraws, progress: Progress | None = None
+) -> LevelCompared:
     """A level against simulated benches: moments, spread, tests, quantiles."""
     group = bench.group
     sizes = bench.sizes or (UNKNOWN,)
@@ -561,7 +561,7 @@ def simulate_benches(
         first = draws.first + start * trials
         z = draw(plan, draws.seed, np.arange(first, first + (stop - start) * trials, dtype=np.int64))
         z = share_draws(plan, z, sizes)
-        errors[start:stop] = evaluate(plan, z)[:, target, ERRORS.index(error)].reshape(stop - start, trials, 3)
+        errors[start:stop] = evaluate(plan, z)[:, target, POINT_ERRORS.index(error)].reshape(stop - start, trials, 3)
 
     with ThreadPoolExecutor(usable_cores() if draws.threads is None else draws.threads) as pool:
         for done, _ in enumerate(pool.map(simulate, starts), 1):

@@ -1,0 +1,54 @@
+"""What a measure is: a number of an error that is limited and told, with its unit.
+
+At each target two errors are known, with all that they have in common: at the tool, in tcp, and as located, in con, mm.
+A measure is linear in them, ``e = sum over targets of weights @ (error at the tool, error as located)``; its number is
+the norm of e.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Weights = NDArray[np.float64]  # (3, 6) per mm: of the error at the tool, x, y and z in tcp, then as located, in con
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Site:
+    """Where a measure is read."""
+
+    name: str  # of the target, or what joins several, "A to B": as records name it
+    weights: Mapping[str, Weights]  # by the names of the targets
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measure:
+    """A measure, and all that is said of it; listed in ``MEASURES`` of ``measures/__init__.py``."""
+
+    name: str  # in documents and records
+    words: str  # as people say it: the error at the tool
+    brief: str  # the same in a table, behind P95; empty where nothing need be said
+    meaning: str  # one sentence without a full stop, of the field by which a requirement names it
+    frame: str  # of e
+    sites: Callable[[Mapping[str, NDArray[np.float64]], NDArray[np.float64]], tuple[Site, ...]]
+    """Where it is read, of targets (3,) mm, con, by name, and the transform (4, 4) from con to tcp."""
+    unit: str = "mm"  # of e; the field of a limit is named after it
+    calibrated: bool = True  # whether what first order errs by was calibrated for its quantiles
+
+    @property
+    def limit_field(self) -> str:
+        """Name of the field of a requirement that limits it."""
+        return f"limit_{self.unit}"
+
+
+def at_each_target(first: int) -> Callable[[Mapping[str, NDArray[np.float64]], NDArray[np.float64]], tuple[Site, ...]]:
+    """Sites of one of the two errors itself, at every target; first: its first column in the weights."""
+    picked = np.eye(6)[first : first + 3]
+
+    def sites(targets: Mapping[str, NDArray[np.float64]], to_tcp: NDArray[np.float64]) -> tuple[Site, ...]:
+        return tuple(Site(name, {name: picked}) for name in targets)
+
+    return sites

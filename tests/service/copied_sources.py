@@ -1,0 +1,80 @@
+"""A copy of the solver's sources that somebody adds a file to, and one process that runs commands on it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from service_scenes import ROOT
+
+from family import die_with_parent, ended
+
+COMMANDS = """
+import contextlib, io, json, os, sys
+from tailstack_service.cli.main import main
+answers = os.fdopen(os.dup(1), "w")
+for line in sys.stdin:
+    folder, arguments = json.loads(line)
+    os.chdir(folder)
+    out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()) as err:
+        code = main(arguments)
+    out.flush()
+    print(json.dumps([code, out.buffer.getvalue().decode(), err.getvalue()]), file=answers, flush=True)
+"""
+
+
+def copy_sources(root: Path) -> Path:
+    """The folder in which the copy of ``tailstack`` is."""
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "solver" / "tailstack", root / "solver" / "tailstack", ignore=ignored)
+    return root / "solver"
+
+
+def path_of(source: Path) -> str:
+    """PYTHONPATH of the copy, with the service as it is."""
+    return os.pathsep.join([str(source), str(ROOT / "service")])
+
+
+@contextmanager
+def commands_on(variables: Mapping[str, str]) -> Iterator[subprocess.Popen[str]]:
+    """A process that has the copy of the sources loaded and runs one command after the other."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", COMMANDS],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=variables,
+        preexec_fn=die_with_parent,
+    )
+    with ended(process):
+        yield process
+
+
+def tailstack(copy: subprocess.Popen[str], folder: Path, *arguments: str, codes: tuple[int, ...] = (0, 1)) -> str:
+    """What a command prints."""
+    code, out, err = _run(copy, folder, arguments)
+    assert code in codes, err
+    return out
+
+
+def refusal(copy: subprocess.Popen[str], folder: Path, *arguments: str) -> str:
+    """Why a command refuses what it was given, in one line."""
+    code, _, err = _run(copy, folder, arguments)
+    assert code == 2
+    return " ".join(err.split())
+
+
+def _run(copy: subprocess.Popen[str], folder: Path, arguments: tuple[str, ...]) -> tuple[int, str, str]:
+    assert copy.stdin is not None
+    assert copy.stdout is not None
+    copy.stdin.write(json.dumps([str(folder), arguments]) + "\n")
+    copy.stdin.flush()
+    code, out, err = json.loads(copy.stdout.readline())
+    return code, out, err
