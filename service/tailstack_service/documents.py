@@ -13,6 +13,7 @@ from types import GenericAlias
 from typing import Any, Literal, TypeVar, get_args
 
 from pydantic import ConfigDict, TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema
 
 from tailstack.results.json_text import write_json
 
@@ -72,12 +73,25 @@ def from_plain(kind: type[R], data: Any) -> R:
 
 def record_json_schema(record: type) -> dict[str, Any]:
     """The JSON Schema of a record as it is written, each property with the text that stands below its field."""
-    made = _configure(record, ConfigDict(use_attribute_docstrings=True)).json_schema(mode="serialization")
+    described = _configure(record, ConfigDict(use_attribute_docstrings=True))
+    made = described.json_schema(mode="serialization", schema_generator=_InheritingSchema)
     definitions = made["$defs"]
     schema = definitions.pop(made["prefixItems"][0]["$ref"].rpartition("/")[2])
     for each in (schema, *definitions.values()):
         _complete(each, definitions)
     return {**schema, **({"$defs": definitions} if definitions else {})}
+
+
+class _InheritingSchema(GenerateJsonSchema):
+    """Pydantic reads the texts below the fields of a class, and not those in the record that it extends."""
+
+    def dataclass_schema(self, schema: Any) -> dict[str, Any]:
+        made = super().dataclass_schema(schema)
+        bases: list[Any] = schema["cls"].__mro__[1:]
+        for base in (each for each in bases if hasattr(each, "__dataclass_fields__")):
+            for name, field in record_json_schema(base)["properties"].items():
+                made["properties"][name].setdefault("description", field["description"])
+        return made
 
 
 def _complete(schema: dict[str, Any], definitions: dict[str, Any]) -> None:
