@@ -33,7 +33,7 @@ FILES = {
     for file in sorted((ROOT / part).rglob("*.py"))
 }
 KERNELS = "tailstack.kernels.store"
-SENDER, RECEIVER = "tailstack_service.http.compute_pool", "tailstack_service.processes.child"
+SENDER, RECEIVER = "tailstack_service.processes.pool", "tailstack_service.processes.child"
 # Function whose return is the end of a walk: P95 is known; the text is written
 ENDS = {
     "score": ("tailstack.tail.declared", "law_summary"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -23,10 +24,10 @@ from strange_units import begun, expected_answer, request
 
 from family import die_with_parent, ended
 from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.processes import child, linux
+from tailstack_service.processes import birth, child, linux
+from tailstack_service.processes.birth import Nursery, share_nursery
 from tailstack_service.processes.frames import Defect, Died, GivenBack, OutOfDate
-from tailstack_service.processes.interpreter import digest_code, make_command, make_environment
-from tailstack_service.processes.nursery import share_nursery
+from tailstack_service.processes.interpreter import make_environment
 from tailstack_service.processes.task import ADVANCE, Outcome, Task, UnitResult
 from waiting import LIMIT_SECONDS, until
 
@@ -74,7 +75,7 @@ def test_a_death_names_its_signal(pool: PoolEngine, number: int, words: str) -> 
 
 def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """As after an installation under a running worker: the one that is started next finds the new files."""
-    monkeypatch.setattr("tailstack_service.processes.nursery.digest_code", lambda: "of the files that were here")
+    monkeypatch.setattr("tailstack_service.processes.birth.digest_code", lambda: "of the files that were here")
     words = "were replaced since this process was started"
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(OutOfDate, match=words):
         engine.submit(task(), "late").result(LIMIT_SECONDS)
@@ -123,9 +124,8 @@ def test_a_kill_stops_the_process_at_once(pool: PoolEngine, tmp_path: Path) -> N
     ((_, pid),) = until(lambda: begun(note))
     assert pool.seconds(future) > 0.0
     pool.kill(future)
-    assert future.exception(LIMIT_SECONDS) is not None
-    assert pool.seconds(future) == 0.0
-    assert gone(pid)
+    assert future.cancelled()
+    until(lambda: gone(pid) and pool.seconds(future) == 0.0)
     assert pool.submit(task(), "after-burn").result(LIMIT_SECONDS).result
 
 
@@ -202,9 +202,14 @@ def test_a_function_that_cannot_be_imported_is_a_defect() -> None:
 
 
 def test_processes_that_never_begin_are_not_started_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tailstack_service.processes.nursery.make_command", lambda *_: [sys.executable, "-c", ""])
+    monkeypatch.setattr(birth, "make_command", lambda *_: [sys.executable, "-c", ""])
+    monkeypatch.setattr(birth, "_nursery", None)
+    monkeypatch.setattr(birth, "_started", [])
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(GivenBack, match="in a row"):
         engine.submit(task(), "x").result(LIMIT_SECONDS)
+    for nursery, started in birth._started:
+        nursery.wishes.close()
+        started.wait(LIMIT_SECONDS)
 
 
 def test_closing_leaves_no_process() -> None:
@@ -219,7 +224,7 @@ def test_closing_leaves_no_process() -> None:
 
 
 @contextmanager
-def running(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+def running(program: str, *arguments: str, pass_fds: tuple[int, ...] = ()) -> Iterator[subprocess.Popen[str]]:
     """A process of its own, with a nursery of its own; nothing of it outlives the block."""
     process = subprocess.Popen(
         [sys.executable, "-c", program, *arguments],
@@ -227,6 +232,7 @@ def running(program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
         stderr=subprocess.PIPE,
         text=True,
         env=make_environment(),
+        pass_fds=pass_fds,
         preexec_fn=die_with_parent,
     )
     with ended(process):
@@ -260,9 +266,13 @@ def test_processes_end_with_their_parent_even_while_they_compute() -> None:
 PREPARED = """
 from strange_units import FUNCTION, request
 from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.processes.nursery import prepare_children
+from tailstack_service.processes.birth import prepare_children
 from tailstack_service.processes.task import Task
-prepare_children("tailstack_service.http.computations:warm_up", ("score", "batch", "optimise"))
+preparing = prepare_children("tailstack_service.http.computations:warm_up", ("score", "batch", "optimise"))
+try:
+    preparing.send(None)
+except RuntimeError:  # there is no event loop to wait in
+    pass
 engine = PoolEngine(1, function=FUNCTION)
 asked = request("need", module="tailstack.verification")
 assert engine.submit(Task("verification", asked, b'{"unit":0}'), "x").result().result
@@ -282,17 +292,18 @@ JOINED = """
 import json, sys, threading
 from strange_units import FUNCTION
 from tailstack_service.jobs.engines.pool import PoolEngine
-from tailstack_service.processes.nursery import join_nursery
-join_nursery(sys.argv[1])
+from tailstack_service.processes.birth import Nursery, join_nursery
+join_nursery(Nursery.read(sys.argv[1]))
 print(json.dumps(PoolEngine(1, function=FUNCTION).pids()), flush=True)
 threading.Event().wait()
 """
 
 
 @contextmanager
-def beside(address: str) -> Iterator[tuple[subprocess.Popen[str], psutil.Process]]:
-    """A process that was told of a shared nursery, and a computing process of its."""
-    with running(JOINED, address) as process:
+def beside(nursery: Nursery | None) -> Iterator[tuple[subprocess.Popen[str], psutil.Process]]:
+    """A process with which a nursery is shared, and a computing process of its."""
+    assert nursery is not None
+    with running(JOINED, str(nursery), pass_fds=(nursery.wishes.fileno(),)) as process:
         assert process.stdout is not None
         (pid,) = json.loads(process.stdout.readline())
         yield process, psutil.Process(pid)
@@ -313,21 +324,43 @@ def test_processes_of_one_service_fork_from_one_and_end_with_their_own() -> None
 
 @pytest.mark.parametrize("lost", ["gone", "of other sources"])
 def test_a_shared_nursery_that_cannot_be_had_is_replaced_by_an_own(lost: str) -> None:
-    name, _, kind = share_nursery().rpartition(" ")
-    address = f"{name}0 {kind}" if lost == "gone" else f"{name} {kind[::-1]}"
-    with beside(address) as (process, computing):
-        assert computing.parents()[1].pid == process.pid
+    shared = share_nursery()
+    assert shared is not None
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours, theirs:
+        if lost == "gone":
+            theirs.close()
+        told = shared._replace(wishes=ours) if lost == "gone" else shared._replace(code="other")
+        with beside(told) as (process, computing):
+            assert computing.parents()[1].pid == process.pid
 
 
-def test_a_process_whose_parent_is_already_another_leaves() -> None:
-    """The parent can end between its start and the child's wish to end with it."""
-    started = subprocess.Popen(
-        make_command("tailstack_service.processes.child", strange_units.FUNCTION, "1", digest_code(), "0"),
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=make_environment(),
-            preexec_fn=die_with_parent,
-    )  # fmt: skip
-    with ended(started):
-        assert started.wait(LIMIT_SECONDS) == 1
+def test_the_end_of_a_nursery_is_that_of_what_it_forked_and_another_follows() -> None:
+    with closing(PoolEngine(2, function=strange_units.FUNCTION)) as engine:
+        burning = engine.submit(task("burn"), "burning")
+        first = engine.pids()
+        until(lambda: engine.seconds(burning))
+        nursery = psutil.Process(first[0]).parent()
+        assert nursery is not None
+        nursery.kill()
+        with pytest.raises(Died, match="SIGKILL"):
+            burning.result(LIMIT_SECONDS)
+        until(lambda: all(gone(pid) for pid in first))
+        assert engine.submit(task(), "next").result(LIMIT_SECONDS).result
+
+
+ORPHAN = """
+import socket
+from tailstack_service.processes.nursery import Keeper
+Keeper(socket.socketpair()[0])._be_born(lambda: print("computes"), 1, None)
+"""
+
+
+def test_a_process_whose_nursery_has_ended_leaves() -> None:
+    """It can end between the fork and the wish of what was forked to end with it."""
+    with running(ORPHAN) as process:
+        assert process.communicate(timeout=LIMIT_SECONDS) == ("", "")
+        assert process.returncode == 1
 
 
 # --- signs of life --------------------------------------------------------------------------------
@@ -337,10 +370,10 @@ def test_a_process_whose_parent_is_already_another_leaves() -> None:
 def test_a_process_that_stands_still_is_killed_and_one_that_computes_is_not(tmp_path: Path) -> None:
     note, go = tmp_path / "note", tmp_path / "go"
     with closing(PoolEngine(2, function=strange_units.FUNCTION, hang_seconds=2.0)) as engine:
-        burn = task("burn", note=str(note), until=str(go))
-        stopped, computing = (engine.submit(burn, name) for name in ("stopped", "computing"))
-        until(lambda: len(begun(note)) == 2)
-        victim = engine._children._busy["stopped"][0].pid
+        stopped = engine.submit(task("burn", note=str(note)), "stopped")
+        ((_, victim),) = until(lambda: begun(note))
+        computing = engine.submit(task("burn", until=str(go)), "computing")
+        until(lambda: engine.seconds(computing))
         os.kill(victim, signal.SIGSTOP)
         with pytest.raises(Died, match="no sign of life: it used no processor time"):
             stopped.result(LIMIT_SECONDS)

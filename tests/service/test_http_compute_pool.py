@@ -34,9 +34,9 @@ from tailstack_service.http.compute_pool import CallerLeft, ComputePool, FairQue
 from tailstack_service.jobs.store import database, jobs
 from tailstack_service.operations import effort
 from tailstack_service.problems import RefusedAt, TransportError
-from tailstack_service.processes import nursery
+from tailstack_service.processes import birth, pool
 from tailstack_service.processes.frames import Defect, Died
-from tailstack_service.processes.nursery import ForkedProcess
+from tailstack_service.processes.pool import ComputingProcess
 from tailstack_service.processes.task import Estimated, RawRequest
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until, until_async
@@ -80,18 +80,18 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     seen: list[float] = []
     watch = ComputePool._watch
 
-    def watching(pool: ComputePool, computation: Any, taken: float) -> None:
+    def watching(computing: ComputePool, computation: Any, taken: float) -> None:
         seen.append(taken)
-        watch(pool, computation, taken)
+        watch(computing, computation, taken)
 
-    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 0.02)
+    monkeypatch.setattr(pool, "LOOK_SECONDS", 0.02)
     monkeypatch.setattr(ComputePool, "_watch", watching)
     return seen
 
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 0.02)
+    monkeypatch.setattr(pool, "LOOK_SECONDS", 0.02)
     monkeypatch.setattr(compute_pool, "WORTH_SECONDS", 0.0)
 
 
@@ -123,7 +123,7 @@ def test_a_process_that_dies_under_a_call_is_replaced() -> None:
 
 def test_files_that_were_replaced_under_the_service_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is computed with some of the old sources and some of the new."""
-    monkeypatch.setattr(nursery, "digest_code", lambda: "of other sources")
+    monkeypatch.setattr(birth, "digest_code", lambda: "of other sources")
 
     async def story() -> None:
         async with some(1) as computing:
@@ -226,7 +226,7 @@ def test_seconds_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch, tmp
     async def story() -> None:
         async with some(1, seconds=0.5) as computing:
             waits = asyncio.create_task(computing.run(request(), partial(wait_for, tmp_path / "go"), LONG))
-            await until_async(lambda: len(seen) * compute_pool.LOOK_SECONDS > 3 * computing.seconds)
+            await until_async(lambda: len(seen) * pool.LOOK_SECONDS > 3 * computing.seconds)
             (tmp_path / "go").touch()
             await waits
             assert computing.kills == 0
@@ -293,7 +293,7 @@ def test_processor_time_is_paid_for_and_not_waiting(monkeypatch: pytest.MonkeyPa
             await until_async(lambda: len(seen) > 40)
             (tmp_path / "go").touch()
             await waits
-            waited = len(seen) * compute_pool.LOOK_SECONDS  # at least
+            waited = len(seen) * pool.LOOK_SECONDS  # at least
             assert computing._quick_turns._used["a"] - before < waited / 2
 
     tell(story)
@@ -301,7 +301,7 @@ def test_processor_time_is_paid_for_and_not_waiting(monkeypatch: pytest.MonkeyPa
 
 def test_what_nobody_waits_for_any_more_is_never_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     """... when its turn comes before anybody has looked whether its caller is there: it would have to be killed."""
-    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 30.0)
+    monkeypatch.setattr(pool, "LOOK_SECONDS", 30.0)
 
     async def story() -> None:
         async with some(1) as computing:
@@ -324,7 +324,7 @@ def test_a_process_that_was_killed_while_it_waited_is_nobodys_loss() -> None:
         async with some(1) as computing:
             pid = await computing.run(request(), os.getpid, QUICK)
             os.kill(pid, signal.SIGKILL)
-            await until_async(lambda: computing._idle[0].ended)
+            await until_async(lambda: computing._processes.idle[0].ended)
             assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
             assert computing.kills == 0
 
@@ -333,15 +333,14 @@ def test_a_process_that_was_killed_while_it_waited_is_nobodys_loss() -> None:
 
 def test_a_process_that_is_not_there_yet_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its computation was cancelled while it was being forked: it counts as killed, and its place is free."""
-    there = threading.Event()
+    there = asyncio.Event()
 
-    def wait(process: ForkedProcess) -> None:
-        there.wait(LIMIT_SECONDS)
-        waited(process)
+    async def wait(process: ComputingProcess) -> Any:
+        await there.wait()
+        return await opened(process)
 
-    waited = ForkedProcess.wait_for_birth
-    monkeypatch.setattr(ForkedProcess, "wait_for_birth", wait)
-    monkeypatch.setattr(ForkedProcess, "pid", None)
+    opened = ComputingProcess._open
+    monkeypatch.setattr(ComputingProcess, "_open", wait)
 
     async def story() -> None:
         async with some(1) as computing:
@@ -350,7 +349,6 @@ def test_a_process_that_is_not_there_yet_is_given_up(monkeypatch: pytest.MonkeyP
             early.cancel()
             await until_async(lambda: computing._under_way == 0)
             assert computing.kills == 1
-            monkeypatch.undo()
             there.set()
             assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
 
@@ -369,7 +367,7 @@ def test_what_is_soon_done_is_finished_for_a_caller_who_left(monkeypatch: pytest
             running = asyncio.create_task(computing.run(leaving.request(), call, QUICK))
             await until_async(lambda: computing._under_way == 1)
             leaving.gone = True
-            await until_async(lambda: len(seen) * compute_pool.LOOK_SECONDS > 0.8)  # longer than expected, unused
+            await until_async(lambda: len(seen) * pool.LOOK_SECONDS > 0.8)  # longer than expected, unused
             (tmp_path / "go").touch()
             assert await running is None
             assert computing.kills == 0
@@ -470,7 +468,7 @@ def test_who_fills_the_room_is_the_one_who_is_refused(tmp_path: Path) -> None:
 def test_what_was_taken_for_quick_and_is_not_is_one_of_the_long_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     """... where it is; of two, one begins anew when the other is done, and pays for the process that it took."""
     monkeypatch.setattr(compute_pool, "OVERRUN_SECONDS", 0.3)
-    monkeypatch.setattr(compute_pool, "LOOK_SECONDS", 0.02)
+    monkeypatch.setattr(pool, "LOOK_SECONDS", 0.02)
 
     async def story() -> None:
         async with some(2) as computing:

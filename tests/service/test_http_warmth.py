@@ -37,7 +37,7 @@ def told(tmp_path: Path, seconds: float, story: Callable[[httpx.AsyncClient, Ser
     open_database(url, migrate=True).close()
     app = create_app(Settings(database=url, warm_up_seconds=seconds), warm_up=False, clock=TurnedClock())
     service: Service = app.state.service
-    service.pool.warmth = service.pool.readiness = "warming up"
+    service.pool.warmth = "warming up"
 
     async def tell() -> None:
         transport = httpx.ASGITransport(app)
@@ -130,7 +130,7 @@ async def test_everything_is_loaded_once_and_what_was_forked_before_makes_room(t
         request = Caller().request()
         assert places.warmth == "warming up"
         cold = await places.run(request, os.getpid, 0.0)
-        await until_async(lambda: places.readiness != "warming up", lambda: "the kernels are still loaded")
+        await until_async(lambda: places.warmth != "warming up", lambda: "the kernels are still loaded")
         assert places.warmth == "ready"
         first = await places.run(request, loaded, 0.0)
         assert first != cold

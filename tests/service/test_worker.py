@@ -156,7 +156,7 @@ def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_anothe
 ) -> None:
     submitted = submit(db, request(units=2))
     with monkeypatch.context() as before:
-        before.setattr("tailstack_service.processes.nursery.digest_code", lambda: "of the files that were here")
+        before.setattr("tailstack_service.processes.birth.digest_code", lambda: "of the files that were here")
         with working(db, expected=SourcesChangedError) as (worker, _):
             until(lambda: worker._failure is not None)
     assert not job(db, submitted).is_over
@@ -183,7 +183,7 @@ def test_a_cancelled_job_stops_computing_within_a_lease(
         before = set(engine.pids())
         assert jobs.cancel_job(db, TENANT, submitted.id) is not None
         pass_a_beat(clock)
-        until(lambda: not engine._children.seconds())
+        until(lambda: not engine._begun)
         until(lambda: len(set(engine.pids()) - before) == 2)
         assert finished(db, submit(db, request())).state == "succeeded"
     assert job(db, submitted).state == "cancelled"
@@ -200,7 +200,7 @@ def test_a_unit_that_takes_too_long_is_stopped(db: Database, caplog: pytest.LogC
         assert not job(db, submitted).is_over
         pass_a_beat(clock)
         ended = finished(db, submitted)
-        until(lambda: not engine._children.seconds())
+        until(lambda: not engine._begun)
         assert finished(db, submit(db, request())).state == "succeeded"
     assert problem_of(ended)["type"] == "/v1/problems/limit-exceeded"
     assert "TAILSTACK_MAX_JOB_SECONDS" in problem_of(ended)["errors"][0]["hint"]
@@ -213,7 +213,7 @@ def test_a_stop_gives_everything_back_at_once(db: Database, tmp_path: Path) -> N
     asked = request("wait", units=2, until=str(go))
     submitted = submit(db, asked)
     with working(db, lease_seconds=600.0) as (_, engine):
-        until(lambda: len(engine._children.seconds()) == 2)
+        until(lambda: len(engine._begun) == 2)
         assert len(workers.list_workers(db)) == 1
     assert workers.list_workers(db) == []
     rows = unit_rows(db, submitted)
@@ -349,11 +349,11 @@ def test_the_database_may_go_away_while_units_are_computed(
         monkeypatch.setattr(room, name, replacing(name))
     submitted = submit(db, request("wait", units=2, until=str(tmp_path / "go")))
     with working(db, lease_seconds=1.0) as (_, engine):
-        until(lambda: len(engine._children.seconds()) == 2)
+        until(lambda: len(engine._begun) == 2)
         away = True
         until(lambda: told(caplog, "store-unavailable"))
         (tmp_path / "go").touch()
-        until(lambda: not engine._children.seconds())
+        until(lambda: not engine._begun)
         away = False
         ended = finished(db, submitted)
     assert ended.state == "succeeded"
@@ -386,7 +386,7 @@ def test_a_lost_unit_is_stopped_and_left_alone(db: Database, caplog: pytest.LogC
             connection.execute(sa.update(tables.units).where(held).values(taken))
             connection.commit()
         pass_a_beat(clock)
-        until(lambda: not engine._children.seconds())
+        until(lambda: not engine._begun)
         assert len(told(caplog, "lost")) == 1
     row = unit_rows(db, submitted)[1]
     assert (row.state, row.worker_id, row.deaths) == ("leased", "another", 0)

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--check", action="store_true", help="compute nothing: exit code 0 if a worker of this host is alive, else 3"
     )
     parser.add_argument("--with-parent", action="store_true", help=argparse.SUPPRESS)  # end when stdin ends
-    parser.add_argument("--nursery", default="", help=argparse.SUPPRESS)  # the address of the parent's
+    parser.add_argument("--nursery", default="", help=argparse.SUPPRESS)  # descriptor and code of the parent's
 
 
 def run(arguments: argparse.Namespace) -> Answer:
@@ -37,12 +37,13 @@ def run(arguments: argparse.Namespace) -> Answer:
         return Answer(f"worker {worker.id} is alive\n", PASS)
 
     from ..jobs.process import run_worker
+    from ..processes.birth import Nursery, join_nursery
     from ..processes.interpreter import refuse_unusable_kernels
-    from ..processes.nursery import join_nursery
 
     refuse_unusable_kernels()
     log_to_stderr(settings.log_format)
-    join_nursery(arguments.nursery)
+    if arguments.nursery:
+        join_nursery(Nursery.read(arguments.nursery))
     if run_worker(settings, with_parent=arguments.with_parent) == signal.SIGINT:
         raise KeyboardInterrupt
     return Answer("", PASS)

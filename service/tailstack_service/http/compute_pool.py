@@ -12,14 +12,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import socket
 import threading
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
-from math import inf
 from typing import Any, Literal
 
 from starlette.requests import Request
@@ -30,11 +27,10 @@ from ..clock import SYSTEM_CLOCK, Clock
 from ..environment import variable
 from ..operations.request import DesignReferenceUnresolved
 from ..problems import RefusedAt, TransportError
-from ..processes import frames
-from ..processes.frames import BEGUN, OTHER_CODE, Defect, Died, Estimate, OutOfDate
-from ..processes.interpreter import describe_ending
-from ..processes.nursery import prepare_children, start_child
-from ..processes.pulse import Pulse
+from ..processes import pool
+from ..processes.birth import prepare_children
+from ..processes.frames import OutOfDate, PutBack
+from ..processes.pool import ComputingProcess, Processes
 
 Warmth = Literal["warming up", "ready", "failed"]
 
@@ -45,7 +41,6 @@ QUICK_SECONDS = 0.05  # of CPU expected: what may use the process that is kept f
 OVERRUN_SECONDS = 2.0  # of CPU, after which what was expected to be quick is one of those that take long
 BIRTH_SECONDS = 0.1  # of CPU, for a new process to become ready: the price of a kill
 MOST_REMEMBERED = 1_000  # tenants
-LOOK_SECONDS = 0.25  # between looks whether the caller is still there, and whether the service stops
 WARMTH_LOOK_SECONDS, WARMTH_RETRY_SECONDS = 0.02, 5
 WORTH_SECONDS = 1.0  # of CPU: what has taken less is finished for a caller who left
 
@@ -113,7 +108,7 @@ class _Computation:
     def __init__(self, tenant: str, call: Callable[[], Any], expected: float) -> None:
         self.tenant, self.call, self.expected = tenant, call, expected  # s of CPU, by what is known so far
         self.quick = expected <= QUICK_SECONDS
-        self.place: asyncio.Future[_Process] = asyncio.get_running_loop().create_future()
+        self.place: asyncio.Future[ComputingProcess] = asyncio.get_running_loop().create_future()
         self.taken = 0.0  # s of CPU, in the process that computes it now
 
     @property
@@ -149,34 +144,27 @@ class ComputePool:
         most_bytes: int = 0, hang_seconds: float = 30.0, clock: Clock = SYSTEM_CLOCK,
     ) -> None:  # fmt: skip
         self._clock = clock
-        self.count, self.waiting, self.seconds, self._most_bytes = count, waiting, seconds, most_bytes
+        self.count, self.waiting, self.seconds = count, waiting, seconds
         self.warmth: Warmth = "warming up" if warm else "ready"
-        self.readiness: Warmth = self.warmth  # of every lane
         self.kills = 0  # of processes that computed
         self._stopping, self._warm, self._hang_seconds = stopping, warm, hang_seconds
-        self._processes: set[_Process] = set()
-        self._idle: list[_Process] = []
+        self._processes = Processes(PERFORM, most_bytes, clock)
         self._under_way = 0  # computations under way
         self._long = 0  # those of them that are expected to take long
         self._quick_turns, self._long_turns = FairQueue(), FairQueue()
-        self._tasks: set[asyncio.Task[Any]] = set()
         self._warming: asyncio.Task[Any] | None = None
 
     def begin(self) -> None:
         """Have everything loaded that a computation may need, and then the processes."""
         if self._warm:
-            self._warming = self._in_background(self._warm_all())
+            self._warming = asyncio.get_running_loop().create_task(self._warm_all())
 
     async def close(self) -> None:
         """Kill every process and return when they are gone; whoever waits for one is refused by ``run``."""
         self._stopping.set()
-        self._idle.clear()
         if self._warming is not None:
             self._warming.cancel()
-        for process in list(self._processes):
-            process.kill()
-            await process.close()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._processes.close()
 
     async def wait_until_warm(self, limit_seconds: float) -> None:
         """Return when the kernels are compiled, or cannot be.  Raises TransportError 503 after so many seconds.
@@ -191,7 +179,7 @@ class ComputePool:
 
     def pids(self) -> list[int]:
         """Of the computing processes."""
-        return [process.pid for process in self._processes if process.pid is not None]
+        return self._processes.pids()
 
     async def run(self, request: Request, call: Callable[[], Any], expected_seconds: float) -> Any:
         """What the call returns, which has to be a function of a module with plain arguments (``partial``).
@@ -206,7 +194,7 @@ class ComputePool:
         task = asyncio.ensure_future(self._compute(computation, request))
         task.add_done_callback(lambda task: task.cancelled() or task.exception())  # nobody may be there to look
         try:
-            while not await self._clock.wait_async(task, LOOK_SECONDS):
+            while not await self._clock.wait_async(task, pool.LOOK_SECONDS):
                 if self._stopping.is_set():
                     raise stopping_error()
                 if computation.worth_ending and await request.is_disconnected():
@@ -229,11 +217,13 @@ class ComputePool:
             if not computation.quick and await self._has_left(request, computation, process):
                 raise CallerLeft
             expected, computation.taken = computation.expected, 0.0
-            watch = _Watch(partial(self._may_go_on, computation), partial(self._watch, computation), self._hang_seconds)
+            may_go_on, look = partial(self._may_go_on, computation), partial(self._watch, computation)
             try:
-                return await process.compute(computation.call, watch)
+                return await process.compute(
+                    computation.call, may_go_on=may_go_on, look=look, hang_seconds=self._hang_seconds
+                )
             except OutOfDate as error:
-                self.warmth = self.readiness = "failed"  # a supervisor or an operator can act
+                self.warmth = "failed"  # a supervisor or an operator can act
                 raise _out_of_date_error(error) from None
             except TimeoutError:
                 if computation.taken > self.seconds:
@@ -253,7 +243,7 @@ class ComputePool:
                 self._leave(computation, process)
             computation.put_back(again)
 
-    async def _has_left(self, request: Request, computation: _Computation, process: _Process) -> bool:
+    async def _has_left(self, request: Request, computation: _Computation, process: ComputingProcess) -> bool:
         """Whether the caller left while it waited for its turn, which nobody has looked at for a moment.
 
         Then the process goes to the next: what was begun for nobody would have to be killed.
@@ -292,7 +282,7 @@ class ComputePool:
 
     # --- whose turn it is ---------------------------------------------------------------------------
 
-    async def _turn(self, computation: _Computation) -> _Process:
+    async def _turn(self, computation: _Computation) -> ComputingProcess:
         """A process, when it is this one's turn.  Raises TransportError when too many wait."""
         place = computation.place
         turns = self._quick_turns if computation.quick else self._long_turns
@@ -325,7 +315,7 @@ class ComputePool:
 
     def _serve(self) -> None:
         """Give processes to those whose turn it is."""
-        while self._under_way < self.count and (self._idle or len(self._processes) < self.count):
+        while self._under_way < self.count:
             turns = self._long_turns if self._long_turns and self._long_may_begin() else self._quick_turns
             if not turns or self._stopping.is_set():
                 return
@@ -334,16 +324,7 @@ class ComputePool:
                 continue
             self._under_way += 1
             self._long += not computation.quick
-            computation.place.set_result(self._take_idle() or self._start())
-
-    def _take_idle(self) -> _Process | None:
-        """A process that waits; those that were killed meanwhile are nobody's loss."""
-        while self._idle:
-            process = self._idle.pop()
-            if not process.ended:
-                return process
-            self._discard(process)
-        return None
+            computation.place.set_result(self._processes.take())
 
     def _long_may_begin(self) -> bool:
         """Whether one process besides is left for what is quick, where there is more than one."""
@@ -356,172 +337,22 @@ class ComputePool:
 
     # --- the processes --------------------------------------------------------------------------------
 
-    def _start(self) -> _Process:
-        process = _Process(self._most_bytes, warm=self._warm and self.warmth == "ready", clock=self._clock)
-        self._processes.add(process)
-        return process
-
-    def _leave(self, computation: _Computation, process: _Process) -> None:
+    def _leave(self, computation: _Computation, process: ComputingProcess) -> None:
         """A computation has ended, and gives its process back."""
         self._under_way -= 1
         self._long -= not computation.quick
-        self._give_back(process)
-
-    def _give_back(self, process: _Process) -> None:
-        if process.spent or (self._warm and self.warmth == "ready" and not process.warm):
-            self._discard(process)
-            if self._warm and not self._stopping.is_set():
-                self._idle.append(self._start())
-        else:
-            self._idle.append(process)
+        self._processes.give_back(process)
         self._serve()
-
-    def _discard(self, process: _Process) -> None:
-        self._processes.discard(process)
-        self._in_background(process.close())
 
     async def _warm_all(self) -> None:
         """Whatever was started before everything was loaded makes room for what is forked afterwards."""
         try:
-            # where the service stops meanwhile, whoever waits is let go and nothing else
-            await asyncio.shield(asyncio.wrap_future(prepare_children(WARM_UP, WARM_UP_OF)))
+            await prepare_children(WARM_UP, WARM_UP_OF)
             self.warmth = "ready"
         except (RuntimeError, OSError) as error:
-            if self._stopping.is_set():
-                return
             self.warmth = "failed"
             log.error("the kernels cannot be loaded: %s", error, extra={"action": "warm-up-failed"})
-        self.readiness = self.warmth
-        idle, self._idle = self._idle, []
-        for process in idle:
-            self._give_back(process)
-        while len(self._processes) < self.count and not self._stopping.is_set():
-            self._idle.append(self._start())
-        self._serve()
-
-    def _in_background(self, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
-        task = asyncio.get_running_loop().create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-        return task
-
-
-@dataclass(frozen=True, slots=True)
-class _Watch:
-    """Who looks at a computation while it goes on."""
-
-    may_go_on: Callable[[float], bool] = lambda seconds: True  # when it has read what it computes
-    look: Callable[[float], None] = lambda seconds: None  # at the s of CPU taken; raises TimeoutError to end it
-    hang_seconds: float = inf
-
-
-class PutBack(Exception):
-    """The request was read, and the rest, which will take so many seconds, was left for later."""
-
-    def __init__(self, seconds: float) -> None:
-        super().__init__(seconds)
-        self.seconds = seconds
-
-
-class _Process:
-    """A computing process, which does one call at a time (``processes.child``)."""
-
-    def __init__(self, most_bytes: int, *, warm: bool, clock: Clock = SYSTEM_CLOCK) -> None:
-        """warm: forked when everything was loaded."""
-        self._clock = clock
-        ours, theirs = socket.socketpair()
-        with theirs:
-            self._process = start_child(PERFORM, theirs.fileno(), theirs.fileno(), most_bytes)
-        self.spent = False  # it has ended, or is to be replaced
-        self.killed = False
-        self.warm = warm
-        self.seconds = 0.0  # of CPU, of the last call
-        self._socket = ours
-        self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
-
-    @property
-    def pid(self) -> int | None:
-        """None for one that is not there yet, or never was."""
-        return self._process.pid
-
-    @property
-    def ended(self) -> bool:
-        return self._process.poll() is not None
-
-    async def compute(self, call: Callable[[], Any], watch: _Watch | None = None) -> Any:
-        """What the call returned.
-
-        Raises Died, Defect, OutOfDate, PutBack, TimeoutError.  Whatever ends the wait but an outcome ends the process.
-        """
-        self.seconds = 0.0
-        try:
-            if self._streams is None:
-                await asyncio.to_thread(self._process.wait_for_birth)
-                self._streams = await asyncio.open_connection(sock=self._socket)
-                await self._exchange(bool, _Watch())  # it loads its modules, which is no part of the call
-            return await self._exchange(call, watch or _Watch())
-        except (EOFError, ConnectionError, ProcessLookupError):  # not every OSError: a TimeoutError is one
-            self.kill()
-            code = await asyncio.to_thread(self._process.wait)
-            if code == OTHER_CODE:
-                raise OutOfDate("the files of tailstack were replaced since this process was started") from None
-            raise Died(f"the computing process ended with {describe_ending(code)}") from None
-        except (Defect, PutBack):
-            raise
-        except BaseException:
-            self.kill()
-            raise
-
-    async def _exchange(self, call: Callable[[], Any], watch: _Watch) -> Any:
-        assert self._streams is not None
-        reader, writer = self._streams
-        writer.write(frames.pack(call))
-        await writer.drain()
-        assert await frames.receive_async(reader) == BEGUN
-        put_back: PutBack | None = None
-        while isinstance(message := await self._receive(reader, watch), Estimate):
-            if not watch.may_go_on(message.seconds):
-                put_back = PutBack(message.seconds)
-            writer.write(frames.pack(put_back is None))
-        outcome, raised, tired, self.seconds = message
-        self.spent = tired
-        if raised is not None:
-            raise Defect(raised)
-        if put_back is not None:
-            raise put_back
-        return outcome
-
-    async def _receive(self, reader: asyncio.StreamReader, watch: _Watch) -> Any:
-        """The next message; meanwhile the processor time of the process is looked at.  Raises TimeoutError."""
-        receiving = asyncio.ensure_future(frames.receive_async(reader))
-        assert self.pid is not None
-        pulse, begun = Pulse(self.pid), self._clock.monotonic()
-        pulse.look(0.0)
-        before = pulse.used_seconds
-        try:
-            while not await self._clock.wait_async(receiving, LOOK_SECONDS):
-                pulse.look(LOOK_SECONDS)
-                used = pulse.used_seconds
-                passed = self._clock.monotonic() - begun
-                watch.look(passed if used is None or before is None else used - before)
-                if pulse.silent_seconds >= watch.hang_seconds:
-                    raise Died(f"the computing process used no processor time for {pulse.silent_seconds:.0f} s")
-            return receiving.result()
-        finally:
-            receiving.cancel()
-
-    def kill(self) -> None:
-        self.spent = self.killed = True
-        self._process.kill()
-
-    async def close(self) -> None:
-        """Return when the process is gone."""
-        self._process.kill()
-        if self._streams is None:
-            self._socket.close()
-        else:
-            self._streams[1].close()
-        await asyncio.to_thread(self._process.wait)
+        self._processes.renew(self.count)
 
 
 def _warm_up_error(waited_seconds: float) -> TransportError:

@@ -186,7 +186,7 @@ async def readiness(service: TheService) -> Response:
         log.warning("not ready, for want of the database: %s", error, extra={"action": "database-not-ready"})
         workers = None
     document = Readiness(
-        status="stopping" if service.stopping.is_set() else service.pool.readiness,
+        status="stopping" if service.stopping.is_set() else service.pool.warmth,
         kernels=service.pool.warmth,
         database="not ready" if workers is None else "ready",
         workers=workers or 0,

@@ -26,7 +26,7 @@ from ..environment import temporary_directory, variable
 from ..jobs.store.schema import open_database
 from ..logs import log_to_stderr
 from ..problems import RequestError
-from ..processes.nursery import join_nursery, share_nursery
+from ..processes.birth import Nursery, join_nursery, share_nursery
 from ..settings import Settings
 from .access import is_loopback, read_token_settings
 from .origins import read_origins
@@ -214,9 +214,10 @@ class _Supervisor(Multiprocess):
         super().handle_term()
 
 
-def _app_of_child(settings: Settings, nursery: str) -> FastAPI:
-    """The application of one of several API processes, in that process; nursery: an address of the parent's."""
-    join_nursery(nursery)
+def _app_of_child(settings: Settings, nursery: Nursery | None) -> FastAPI:
+    """The application of one of several API processes, in that process; nursery: the parent's."""
+    if nursery is not None:
+        join_nursery(nursery)
     log_to_stderr(settings.log_format)
     from .app import create_app
 

@@ -21,9 +21,9 @@ from tailstack.errors import TailstackError
 
 from ..clock import SYSTEM_CLOCK, Clock
 from ..problems import StoreError, StoreUnavailable
+from ..processes.birth import share_nursery
 from ..processes.frames import PERFORM
 from ..processes.interpreter import make_command, make_environment
-from ..processes.nursery import share_nursery
 from ..settings import Settings, child_environment
 from .engines.engine import start_engine
 from .store.database import Database, now, parse_url, reading
@@ -82,8 +82,11 @@ def start_worker_process(settings: Settings, log: IO[bytes] | None = None) -> su
     stop the worker.  Its log lines go to ``log``, by default to this process's stderr.  Its computing processes are
     forked from the nursery of this process.
     """
+    nursery = share_nursery()
+    shared = () if nursery is None else ("--nursery", str(nursery))
     return subprocess.Popen(
-        make_command("tailstack_service.cli.main", "worker", "--with-parent", "--nursery", share_nursery()),
+        make_command("tailstack_service.cli.main", "worker", "--with-parent", *shared),
+        pass_fds=() if nursery is None else (nursery.wishes.fileno(),),
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=log,

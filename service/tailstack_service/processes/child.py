@@ -1,8 +1,8 @@
-"""A computing process: ``python -m tailstack_service.processes.child FUNCTION PARENT CODE MEMORY``.
+"""A computing process: ``python -m tailstack_service.processes.child FUNCTION CODE MEMORY``.
 
-Tasks come on stdin and outcomes leave on stdout, as frames.  The process ends with the one that started it, whatever
-ends that, and never outlives it.  A task that has read what it computes says how long it will take, and goes on when it
-is told to.
+Tasks come on stdin and outcomes leave on stdout, as frames, after the first, which is its pid.  The process ends with
+the one that wanted it, whatever ends that, and never outlives it.  A task that has read what it computes says how long
+it will take, and goes on when it is told to.
 
 On Linux it is forked from a process that has loaded what nearly every task needs (``processes.nursery``).
 """
@@ -18,15 +18,14 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from importlib import import_module
 from typing import IO, Any
 
 from tailstack.kernels.process import ignore_settings_of_folder
 
-from .frames import BEGUN, CHECK, OTHER_CODE, Estimate, receive, send
+from .frames import BEGUN, OTHER_CODE, Estimate, receive, send
 from .interpreter import digest_files
-from .linux import die_with_parent, limit_memory, resident_bytes
+from .linux import limit_memory, resident_bytes
 from .task import Estimated
 
 # CasADi keeps what it built and heaps fragment: a process that has grown is replaced between two tasks.  The count is
@@ -35,23 +34,15 @@ RESIDENT_BYTES = 1_500_000_000
 TASKS = 5_000
 
 
-def end_with(parent: int) -> None:
-    """Be killed when the process ``parent`` ends (Linux); leave at once if it already has."""
-    die_with_parent()
-    if hasattr(os, "getppid") and os.getppid() != parent and os.name != "nt":
-        os._exit(1)
-
-
-def main(function: str, parent: int, code: str, most_bytes: int) -> None:
+def main(function: str, code: str, most_bytes: int) -> None:
     """Compute until stdin ends, or until it is time for a fresh process.
 
-    code: digest of the parent's sources.  most_bytes: of memory; 0: any.
+    code: digest of the sources that it is to run.  most_bytes: of memory; 0: any.
     """
     # A Ctrl-C or a stop of the whole group is for the worker to act on: a unit that died of it would be blamed
     ignore_settings_of_folder()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    end_with(parent)
     limit_memory(most_bytes)
     if digest_files() != code:
         sys.exit(OTHER_CODE)
@@ -59,6 +50,10 @@ def main(function: str, parent: int, code: str, most_bytes: int) -> None:
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(tasks, waiting), name="tasks", daemon=True).start()
     compute = None
+    with suppress(Exception):  # the first task tries again, and says so
+        compute = load_function(function)
+    with suppress(OSError):  # nobody wants it any more, and so ends its stdin
+        send(outcomes, os.getpid())
     for count in range(1, TASKS + 1):
         task = waiting.get()
         send(outcomes, BEGUN)
@@ -95,14 +90,6 @@ def _read(tasks: IO[bytes], waiting: queue.SimpleQueue[Any]) -> None:
     os._exit(0)
 
 
-def list_warm_up_steps() -> list[tuple[Callable[[], object], tuple[str, ...]]]:
-    """Modules to import, then the compiled kernels, in the order in which they are to be called; each with the
-    computations whose kernels it calls (``tailstack.kernels.calls``)."""
-    optimiser = "tailstack.optimisation.course"
-    modules = ("numpy", "scipy.linalg", "tailstack.design", "tailstack.verification", optimiser, "casadi")
-    return [*((partial(import_module, name), ()) for name in modules), (load_function(CHECK), ("score", "verify"))]
-
-
 def load_function(name: str) -> Callable[..., Any]:
     """``"package.module:function"``.  Raises ImportError, AttributeError."""
     module, _, function = name.partition(":")
@@ -111,4 +98,4 @@ def load_function(name: str) -> Callable[..., Any]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), sys.argv[3], int(sys.argv[4]))
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]))

@@ -2,9 +2,9 @@
 
 A message is a frame: its length, then a pickle.  Both ends are the same version of the same program on one host.
 
-A computing process says ``BEGUN``, then perhaps an ``Estimate``, to which the answer is whether it is to go on (True)
-or to leave it at that, then the outcome: what came of it, the traceback of a defect, whether the process is to be
-replaced, and the seconds of CPU that it took.
+A computing process says its pid when it is ready.  Of each task it says ``BEGUN``, then perhaps an ``Estimate``, to
+which the answer is whether it is to go on (True) or to leave it at that, then the outcome: what came of it, the
+traceback of a defect, whether the process is to be replaced, and the seconds of CPU that it took.
 """
 
 from __future__ import annotations
@@ -64,6 +64,18 @@ def _exactly(stream: IO[bytes], count: int) -> bytes:
 
 class Died(Exception):
     """The process that was computing the task ended under it; no other task was in that process."""
+
+
+class NotBegun(Died):
+    """It ended before it took up the task."""
+
+
+class PutBack(Exception):
+    """The task was read, and the rest, which will take so many seconds, was left for later."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__(seconds)
+        self.seconds = seconds
 
 
 class Defect(Exception):

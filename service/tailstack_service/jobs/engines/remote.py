@@ -6,37 +6,59 @@ solvers that keep their state in globals, however many threads the Dask worker h
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import CancelledError, Future
+
 from ...processes.frames import GivenBack, OutOfDate
 from ...processes.interpreter import running_code
 from ...processes.task import Outcome, Task
-from .pool import Children
+from .pool import PoolEngine
 
-_children: dict[str, Children] = {}  # by function: one Dask worker serves every client that knows it
+MOST_PROCESSES = 1_000  # no limit: there are as many as the Dask worker has threads
+_lock = threading.Lock()
+_engines: dict[str, PoolEngine] = {}  # by function: one Dask worker serves every client that knows it
+_computed: dict[str, tuple[PoolEngine, Future[Outcome]]] = {}  # by key, at this moment
 
 
 def compute(task: Task, key: str, function: str, version: str, hang_seconds: float, most_bytes: int) -> Outcome:
     """Compute in a process of its own.  Raises Died, Defect, GivenBack."""
     if version != running_code():
         raise GivenBack(f"this Dask worker has tailstack {running_code()}, the job was claimed by {version}")
+    with _lock:
+        if function not in _engines:
+            _engines[function] = PoolEngine(
+                MOST_PROCESSES, function=function, hang_seconds=hang_seconds, most_bytes=most_bytes, ahead=0
+            )
+        engine = _engines[function]
+        future = engine.submit(task, key)
+        _computed[key] = engine, future
     try:
-        return _children.setdefault(function, Children(function, hang_seconds, most_bytes)).compute(task, key)
+        return future.result()
+    except CancelledError:
+        raise GivenBack("its process was stopped") from None
     except OutOfDate as error:  # this Dask worker is, and not the worker that asks it
         raise GivenBack(f"a Dask worker is to be started again: {error}") from None
+    finally:
+        del _computed[key]
 
 
 def seconds() -> dict[str, float]:
     """For how long each task has been computed on this Dask worker, s, by key."""
-    return {key: since for children in list(_children.values()) for key, since in children.seconds().items()}
+    return {key: engine.seconds(future) for key, (engine, future) in list(_computed.items())}
 
 
 def kill(keys: list[str]) -> None:
     """Kill the processes that compute these; called on every Dask worker."""
-    for children in list(_children.values()):
-        for key in keys:
-            children.kill(key)
+    for key in keys:
+        if key in _computed:
+            engine, future = _computed[key]
+            engine.kill(future)
 
 
 def close() -> None:
     """The Dask worker is leaving: what is computed here would keep it until it is done, and then be lost."""
-    for children in list(_children.values()):
-        children.close()
+    with _lock:
+        engines = list(_engines.values())
+        _engines.clear()
+    for engine in engines:
+        engine.close()

@@ -1,0 +1,197 @@
+"""Computing processes as whoever wants them sees them: forked from a nursery (Linux), or started by themselves.
+
+The processes of one service share the nursery of the one that started them, so that nothing is loaded twice: each holds
+the socket on which wishes are sent.  With a wish goes one end of a line, a socket of its own; on the other end is told
+how the process ended, and where that is hung up, by ``kill`` or by the end of whoever wanted it, it is killed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import pickle
+import signal
+import socket
+import subprocess
+import threading
+from contextlib import suppress
+from typing import NamedTuple
+
+from . import linux
+from .interpreter import digest_code, make_command, make_environment
+
+LARGEST_PACKET = 1 << 20  # an environment is some kilobytes
+LONGEST_CODE = 16  # digits
+PREPARED = b"prepared"
+NURSERY, CHILD = "tailstack_service.processes.nursery", "tailstack_service.processes.child"
+# What libraries read when they are loaded: with another of these, processes are forked from another nursery
+READ_AT_START = ("NUMBA_", "OMP_", "OPENBLAS_", "MKL_", "ARROW_", "PYTHON", "LD_", "XDG_CACHE_HOME", "HOME")
+
+
+class Birth(NamedTuple):
+    """A wish for a computing process, which comes with its line, and the descriptors of its stream and its stderr."""
+
+    function: str  # that it calls for each task, "package.module:function"
+    code: str  # digest of the sources that it is to run
+    most_bytes: int  # of memory; 0: any
+    environment: dict[str, str]
+
+
+class Preparation(NamedTuple):
+    """A wish that a function be called in the nursery, so that what it loads is there in whatever is born later.
+
+    On its line comes ``PREPARED``, or a traceback.
+    """
+
+    function: str
+    computations: tuple[str, ...]  # whose kernels it calls (``tailstack.kernels.calls``)
+
+
+class ForkedProcess:
+    """One that was asked for in a nursery, born or not yet; a small ``subprocess.Popen``."""
+
+    def __init__(self, line: socket.socket) -> None:
+        self._line = line
+
+    def poll(self) -> int | None:
+        with suppress(BlockingIOError):
+            return self._look(socket.MSG_DONTWAIT)
+        return None
+
+    def wait(self) -> int:
+        """Its exit code, or the signal that ended it, negative."""
+        return self._look(0)
+
+    def kill(self) -> None:
+        with suppress(OSError):  # it has ended
+            self._line.shutdown(socket.SHUT_WR)
+
+    def __enter__(self) -> ForkedProcess:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._line.close()
+
+    def _look(self, flags: int) -> int:
+        """What is told stays on the line, so that all who look see it."""
+        told = _peek(self._line, flags)
+        return int(told) if told else -signal.SIGKILL  # the nursery has ended, and with it what it had forked
+
+
+class Nursery(NamedTuple):
+    """A nursery as a process sees it that may send wishes to it."""
+
+    wishes: socket.socket
+    code: str  # digest of the sources that it has loaded
+    environment: dict[str, str] | None = None  # what libraries have read there; None: it was started by another process
+
+    @staticmethod
+    def read(text: str) -> Nursery:
+        """One that this process was told of when it was started, with the descriptor that it inherited."""
+        descriptor, _, code = text.partition(" ")
+        wishes = socket.socket(fileno=int(descriptor))
+        wishes.set_inheritable(False)
+        return Nursery(wishes, code)
+
+    def __str__(self) -> str:
+        return f"{self.wishes.fileno()} {self.code}"
+
+    def is_alive(self) -> bool:
+        with suppress(BlockingIOError):
+            return bool(_peek(self.wishes, socket.MSG_DONTWAIT))  # it says nothing there: this is the end
+        return True
+
+
+_finding = threading.Lock()
+_nursery: Nursery | None = None  # of this process
+_started: list[tuple[Nursery, subprocess.Popen[bytes]]] = []  # also those that have ended, or are about to
+_prepared: dict[str, tuple[str, ...]] = {}  # what is called in each
+
+
+def start_child(function: str, stream: int, most_bytes: int = 0) -> ForkedProcess | subprocess.Popen[bytes]:
+    """A computing process (``processes.child``) that calls ``function``, and ends with this process.
+
+    It is forked from one that has loaded what it needs (Linux), and may be there a moment later; elsewhere it is
+    started by itself.  stream: descriptor of a socket for tasks and outcomes, which stays the caller's.  most_bytes: of
+    memory that it may take; 0: any.  Raises OSError.
+    """
+    environment = make_environment()
+    if linux.HERE:
+        return ForkedProcess(_ask(Birth(function, digest_code(), most_bytes, environment), stream, 2))
+    command = make_command(CHILD, function, digest_code(), str(most_bytes))
+    return subprocess.Popen(command, stdin=stream, stdout=stream, env=environment)
+
+
+async def prepare_children(function: str, computations: tuple[str, ...]) -> None:
+    """Have a function called, "package.module:function", so that what it loads is there in whatever is started later.
+
+    computations: whose kernels it calls (``tailstack.kernels.calls``).  Where processes are not forked nothing happens.
+    Raises RuntimeError with what failed, OSError.
+    """
+    if not linux.HERE:
+        return
+    with _ask(Preparation(function, computations)) as line:
+        _prepared[function] = computations
+        line.setblocking(False)
+        told = await asyncio.get_running_loop().sock_recv(line, LARGEST_PACKET)
+    if told != PREPARED:
+        raise RuntimeError(told.decode() or "the process to fork from has ended")
+
+
+def share_nursery() -> Nursery | None:
+    """The nursery of this process, for processes that it starts (``join_nursery``); None: processes are not forked.
+
+    It goes there as multiprocessing pickles it, or by the descriptor of its socket.
+    """
+    return _find_nursery() if linux.HERE else None
+
+
+def join_nursery(nursery: Nursery) -> None:
+    """Have the computing processes of this process forked from a nursery that the one that started it has shared.
+
+    Where that cannot be, because it has ended or has loaded other code, they come from one of its own.
+    """
+    global _nursery
+    if nursery.code == digest_code():
+        _nursery = nursery._replace(environment=None)
+
+
+def _find_nursery() -> Nursery:
+    """The one of this process, or a new one where that has ended, or was started under another environment."""
+    global _nursery
+    environment = make_environment()
+    at_start = {name: value for name, value in environment.items() if name.startswith(READ_AT_START)}
+    with _finding:
+        if _nursery is None or not _nursery.is_alive() or _nursery.environment not in (None, at_start):
+            for nursery, process in _started:
+                with suppress(OSError):  # it has ended
+                    nursery.wishes.shutdown(socket.SHUT_WR)
+                process.poll()
+            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            _nursery = Nursery(ours, digest_code(), at_start)
+            with theirs:
+                nothing = subprocess.DEVNULL
+                process = subprocess.Popen(
+                    make_command(NURSERY), stdin=theirs.fileno(), stdout=nothing, env=environment
+                )
+            _started.append((_nursery, process))
+            for function, computations in _prepared.items():
+                _send(_nursery, Preparation(function, computations)).close()
+        return _nursery
+
+
+def _ask(wish: Birth | Preparation, *descriptors: int) -> socket.socket:
+    return _send(_find_nursery(), wish, *descriptors)
+
+
+def _send(nursery: Nursery, wish: Birth | Preparation, *descriptors: int) -> socket.socket:
+    """Our end of the line; the end of all that is said there where the nursery has just ended."""
+    line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with theirs, suppress(BrokenPipeError, ConnectionResetError):
+        socket.send_fds(nursery.wishes, [pickle.dumps(wish)], [theirs.fileno(), *descriptors])
+    return line
+
+
+def _peek(line: socket.socket, flags: int) -> bytes:
+    with suppress(ConnectionResetError):  # it ended before it had read everything
+        return line.recv(LONGEST_CODE, socket.MSG_PEEK | flags)
+    return b""
