@@ -6,7 +6,6 @@ no list of names in them.
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from dataclasses import fields, replace
@@ -33,7 +32,6 @@ from tailstack.studies.bench.levels import draw_time, share_draws
 from tailstack.studies.coupling import name_sources, remove_biases, study_coupling
 from tailstack.studies.linearity import Grid, study_linearity
 from tailstack.system import Drawn, Law, Sources, System, View, no_sources
-from tailstack_service.documents import from_json, to_json
 from tailstack_service.gate.design_rules import name_largest_share
 from tailstack_service.rendering.sentences import shares_of
 from tailstack_service.report.headline import headline_of
@@ -241,13 +239,3 @@ def test_a_connector_that_grows_has_the_share_of_localisation_of_its_structure()
     assert sum(shares.values()) == pytest.approx(1, abs=1e-9)
     assert shares == pytest.approx({key: expected[key] for key in shares}, abs=1e-9)
     assert shares["temperature", "difference"] > 1e-6
-
-
-def test_a_result_without_shares_of_localisation_is_read_by_the_rigid_rule(scored: Score) -> None:
-    old = json.loads(to_json(scored))
-    for target in old["targets"]:
-        for line in target["contributors"]:
-            del line["localisation_share"]
-    read = from_json(Score, json.dumps(old).encode())
-    for one, other in zip(read.targets[0].contributors, scored.targets[0].contributors, strict=True):
-        assert one.localisation_share == pytest.approx(other.localisation_share, abs=1e-9)

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
-Weights = NDArray[np.float64]  # (3, 6) per mm: of the error at the tool, x, y and z in tcp, then as located, in con
+    Weights = NDArray[np.float64]  # (3, 6) per mm: of the error at the tool, x, y and z in tcp, then as located, in con
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,9 +48,11 @@ class Measure:
 
 def at_each_target(first: int) -> Callable[[Mapping[str, NDArray[np.float64]], NDArray[np.float64]], tuple[Site, ...]]:
     """Sites of one of the two errors itself, at every target; first: its first column in the weights."""
-    picked = np.eye(6)[first : first + 3]
 
     def sites(targets: Mapping[str, NDArray[np.float64]], to_tcp: NDArray[np.float64]) -> tuple[Site, ...]:
+        import numpy as np  # here: who only names measures waits for no arrays
+
+        picked = np.eye(6)[first : first + 3]
         return tuple(Site(name, {name: picked}) for name in targets)
 
     return sites
