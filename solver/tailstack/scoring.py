@@ -244,6 +244,7 @@ class ErrorScore:
     limit_mm: float | None
     summary: LawSummary
     search: LossSearch | None = None  # where fiducials are missed
+    whole: bool = True  # false: fiducials are missed in some shots, and what that does to this measure is not known
 
     def law_at(self, quantile: float) -> ErrorLaw:
         """At the vertex that is worst for a quantile."""
@@ -284,7 +285,8 @@ def _score_error(system: System, model: ErrorModel, measure: Measure, search: Lo
     at = error_law(model, measure.name, P95)
     limit = tightest_limit(system, model.site, measure.name)
     if search is None or not system.loss_probability or measure not in POINTS:
-        return ErrorScore(model, at, limit, law_summary(at.law, P95, limit))
+        whole = not system.loss_probability
+        return ErrorScore(model, at, limit, law_summary(at.law, P95, limit), whole=whole)
     summary = search.shots(model.site, measure.name, P95).law.summary(P95, limit)
     return ErrorScore(model, at, limit, summary, search)
 
@@ -400,12 +402,16 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     trust: of shots in which no fiducial is missed.
     """
     p, fraction, shots = requirement.quantile, requirement.units_fraction, error.shots(requirement.quantile)
+    words, why = MEASURE[requirement.error].words, ""
     if not MEASURE[requirement.error].calibrated:
+        why = f"what first order errs by in {words} was not calibrated"
+    elif not error.whole:
+        why = f"no estimate is known of {words} where fiducials are missed"
+    if why:
         value, met = law_quantile(error.law_at(p).law, p).quantile_mm, None
         if fraction is not None:
             risk = error.unit_risk(p, requirement.limit_mm, fraction)
             value, met = risk.value_mm, risk.yield_fraction
-        why = f"what first order errs by in {MEASURE[requirement.error].words} was not calibrated"
         return judge(requirement, target, value, (0.0, inf), met, open_because=why)
     if fraction is None and shots is not None:
         return judge(

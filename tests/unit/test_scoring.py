@@ -28,15 +28,17 @@ from scenes import (
     with_unseen,
 )
 from tailstack import load_design, score, verify
-from tailstack.contributors import worst_case
+from tailstack.contributors import error_law, worst_case
 from tailstack.design import compile_design
 from tailstack.estimation.resection import project
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.nonlinearity import Nonlinearity
 from tailstack.propagation.validity import validity
 from tailstack.results import SlipReliability
+from tailstack.scoring import ErrorScore, check_requirement
 from tailstack.system import Law, Requirement, System
 from tailstack.tail import declared, sampling
+from tailstack.tail.declared import law_summary
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DATA = Path(__file__).parents[1] / "data"
@@ -318,7 +320,8 @@ def test_nothing_random_is_left_of_noise_that_vanishes(factor):
 def test_a_known_bias_of_a_hundred_spreads_is_scored_from_a_few_samples(monkeypatch):
     """independent: draws of the linear model's own sources at the worst vertex; 4 standard errors.
 
-    Work is counted, not timed: points drawn times columns drawn at each.  It was 8e8, two thirds of it for slopes.
+    Work is counted, not timed: points drawn times columns drawn at each.  It was 8e8, two thirds of it for slopes,
+    and is 6.4e7 since the 32 longest columns of a sharp law are drawn, whatever their lengths.
     """
     drawn = []
     make = sampling.sample
@@ -331,7 +334,7 @@ def test_a_known_bias_of_a_hundred_spreads_is_scored_from_a_few_samples(monkeypa
     design = load_design(DATA / "designs" / "large_known_bias.json")
     monkeypatch.setattr(declared, "sample", count)
     found = score(design).targets[0]
-    assert sum(drawn) < 5e7
+    assert sum(drawn) < 7e7
     assert "Monte-Carlo" in found.law
     assert found.law_error_mm < 1e-4
     model = linearise(compile_design(design), compile_design(design).targets[0])
@@ -456,3 +459,17 @@ def test_with_six_beads_nothing_is_ever_noticed_in_some_direction():
     some = score(with_unseen(cube8_system(), 0, ("F1",)), reliability=True).reliability
     assert len(some) == 15
     assert score(system).reliability == ()
+
+
+def test_an_estimate_without_missed_fiducials_decides_nothing_of_shots_that_miss_some() -> None:
+    """A measure that joins targets: what missed fiducials do to it is not estimated."""
+    system = cios_system()
+    model = linearise(system, system.targets[0])
+    at = error_law(model, "tcp", 0.95)
+    error = ErrorScore(model, at, None, law_summary(at.law, 0.95, None))
+    wide = Requirement("wide", "tcp", 0.95, 50.0, 0.95, (system.targets[0].name,))
+    trust = score(system).validity
+    assert check_requirement(wide, system.targets[0].name, trust, error).status == "pass"
+    check = check_requirement(wide, system.targets[0].name, trust, replace(error, whole=False))
+    assert check.status == "inconclusive"
+    assert "where fiducials are missed" in check.open_because
