@@ -115,9 +115,7 @@ def score(
         provenance=provenance(system, missed=bool(system.loss_probability)),
         losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
-        measures=tuple(
-            _score_measure(metrics[metric.key]) for metric in system.metrics if metric.measure not in POINTS
-        ),
+        measures=tuple(_score_measure(metrics[metric.key]) for metric in system.joined),
     )
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from .geometry.arrays import Array
 from .geometry.rotation import RotationForm
-from .measures import Metric, metrics_at
+from .measures import Metric, joined_at, metrics_at
 
 ArrayLike = Any  # numpy arrays of floats, of complex numbers or of CasADi scalars; static typing cannot say that
 
@@ -556,6 +556,11 @@ class System:
     def metrics(self) -> tuple[Metric, ...]:
         """Every measure wherever it is read."""
         return metrics_at({target.name: target.position_mm for target in self.targets}, self.T_tcp_con)
+
+    @property
+    def joined(self) -> tuple[Metric, ...]:
+        """The last of ``metrics``: of measures that join several targets."""
+        return joined_at({target.name: target.position_mm for target in self.targets}, self.T_tcp_con)
 
     @property
     def T_tcp_con(self) -> Array:

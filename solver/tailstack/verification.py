@@ -24,7 +24,7 @@ from .kernels.process import usable_cores
 from .losses import LossSearch
 from .measures import MEASURE, POINTS, Metric
 from .montecarlo import FINEST_PRECISION, MAX_TRIALS, PRECISION
-from .montecarlo.chain import run_indices
+from .montecarlo.chain import norms_of, run_indices
 from .montecarlo.estimators import (
     between_ranks,
     cvar_estimate,
@@ -301,8 +301,8 @@ def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     """(count,) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``."""
     rank, outcome = ceil(SHOTS * task.quantile) - 1, run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
     keys = [metric.key for metric in task.plan.system.metrics]
-    norms = np.linalg.norm(outcome.measured(task.plan.system)[keys.index((task.target, task.error))], axis=0)
-    norms = np.where(np.isnan(norms), np.inf, norms).reshape(count, SHOTS)
+    errors = outcome.measured(task.plan.system)[keys.index((task.target, task.error))]
+    norms = norms_of(errors).reshape(count, SHOTS)
     return np.asarray(np.partition(norms, rank, axis=1)[:, rank])
 
 
@@ -617,7 +617,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         verdict=conclude(checks, ready.findings + _remark_losses(drawn) + _remark_gaps(targets), basis),
         provenance=provenance(ready.system, simulated=True, missed=drawn is not None),
         losses=drawn,
-        measures=tuple(_estimate_measure(ready, sampled, each) for each in ready.system.metrics[2 * len(targets) :]),
+        measures=tuple(_estimate_measure(ready, sampled, each) for each in ready.system.joined),
     )
 
 

@@ -47,5 +47,10 @@ def metrics_at(targets: Mapping[str, NDArray[np.float64]], to_tcp: NDArray[np.fl
     to_tcp (4, 4) from con."""
     of_points = zip(*(measure.sites(targets, to_tcp) for measure in POINTS), strict=True)
     points = [Metric(*each) for sites in of_points for each in zip(POINTS, sites, strict=True)]
-    others = [Metric(each, site) for each in MEASURES[len(POINTS) :] for site in each.sites(targets, to_tcp)]
-    return (*points, *others)
+    return (*points, *joined_at(targets, to_tcp))
+
+
+def joined_at(targets: Mapping[str, NDArray[np.float64]], to_tcp: NDArray[np.float64]) -> tuple[Metric, ...]:
+    """Of ``metrics_at`` those of measures that join several targets, which are the last."""
+    joining = MEASURES[len(POINTS) :]
+    return tuple(Metric(measure, site) for measure in joining for site in measure.sites(targets, to_tcp))

@@ -40,6 +40,12 @@ _NOT_GIVEN = np.empty((0, 0))
 _NO_KEYS = np.zeros(2, dtype=np.uint64)
 
 
+def norms_of(errors: Array) -> Array:
+    """(n,) of errors (3, n), in their unit; infinite for a shot without an answer."""
+    norms = np.linalg.norm(errors, axis=0)
+    return np.where(np.isnan(norms), np.inf, norms)
+
+
 class TrialResults(NamedTuple):
     """Results of one run of trials, in the order of their indices."""
 
@@ -50,8 +56,7 @@ class TrialResults(NamedTuple):
 
     def norms(self, target: int, metric: int) -> Array:
         """(n,) mm; infinite for a shot without an answer."""
-        norms = np.linalg.norm(self.errors[target, metric], axis=0)
-        return np.where(np.isnan(norms), np.inf, norms)
+        return norms_of(self.errors[target, metric])
 
     def measured(self, system: System) -> Array:
         """(M, 3, n) of ``system.metrics``, each in its unit; contiguous.
@@ -60,7 +65,7 @@ class TrialResults(NamedTuple):
         """
         targets, _, _, count = self.errors.shape
         points = np.ascontiguousarray(self.errors).reshape(-1, 3, count)
-        joined = system.metrics[len(points) :]
+        joined = system.joined
         if not joined:
             return points
         places = {target.name: t for t, target in enumerate(system.targets)}
@@ -126,9 +131,10 @@ def _run(
 ) -> Results:
     """The kernel's results; of what it does not follow every trial is flagged."""
     n = len(trials)
+    flags = np.empty(n) if plan.runs_in_lanes else np.ones(n)
+    results = Results(np.empty(6 * len(plan.system.targets) * n), flags, np.empty(n if reprojection else 0))
     if not plan.runs_in_lanes:
-        return Results(np.empty(6 * len(plan.system.targets) * n), np.ones(n), np.empty(n if reprojection else 0))
-    results = Results(np.empty(6 * len(plan.system.targets) * n), np.empty(n), np.empty(n if reprojection else 0))
+        return results
     draws = Draws(keys, trials // plan.shots_per_unit, trials, given)
     run_trials(plan.tables, draws, results, _allocate_scratch(int(scratch_size(plan.tables.counts))))
     return results

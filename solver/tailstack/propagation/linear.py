@@ -368,8 +368,7 @@ def linearise_all(chain: Chain) -> dict[str, LinearModel]:
 
 def join_all(system: System, models: Mapping[str, LinearModel]) -> dict[str, ErrorModel]:
     """The linear models of all measures that join several targets, by their sites; models: at every target."""
-    joined = [metric for metric in system.metrics if metric.measure not in POINTS]
-    return {site.name: join(models, measure, site) for measure, site in joined}
+    return {site.name: join(models, measure, site) for measure, site in system.joined}
 
 
 def join(models: Mapping[str, LinearModel], measure: Measure, site: Site) -> ErrorModel:
