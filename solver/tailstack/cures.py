@@ -12,34 +12,11 @@ from difflib import get_close_matches
 from typing import Any
 
 from .field_names import convert_text, cure_name, read_name
+from .tables import read_table
 
-# Words of the trade for what a document calls otherwise.
-_SYNONYMS = {
-    "gaussian": "normal",
-    "gauss": "normal",
-    "rectangular": "uniform",
-    "rectangle": "uniform",
-    "flat": "uniform",
-    "box": "uniform",
-    "worstcase": "bounded",
-    "limit": "bounded",
-    "anteroposterior": "AP",
-    "frontal": "AP",
-    "lateral": "LAT",
-    "optimize": "optimise",
-    "localization": "localisation",
-    "tool": "tcp",
-    "tip": "tcp",
-    "pnp": "pose",
-    "epnp": "pose",
-    "solvepnp": "pose",
-    "path": "pointer",
-    "compare": "report",
-    "diff": "report",
-    "lint": "validate",
-    "simulate": "verify",
-    "montecarlo": "verify",
-}
+_WORDS = read_table("words")
+_SYNONYMS: dict[str, str] = _WORDS["synonyms"]  # words of the trade for what a document calls otherwise
+_OTHER_LAWS: dict[str, str] = _WORDS["laws"]  # words in the name of a law that none of ours is, and what comes nearest
 _COMMA = re.compile(r"\s*([-+]?\d+),(\d+)\s*")
 _THOUSANDS = re.compile(r"\s*([-+]?[0-9]{1,3})((?:[ .,'\u2019\u00a0\u202f][0-9]{3})+)(?:([.,])([0-9]+))?\s*")
 _ZONE = re.compile(r"\s*([-+]?[0-9.,]+)\s*(?:mm|deg|°|px)?\s*[/;| ]\s*([-+]\s*[0-9.,]+|0)\s*(?:mm|deg|°|px)?\s*")
@@ -94,20 +71,6 @@ def ask_meant(name: str, known: Iterable[str], otherwise: str = "") -> str:
                 return said.replace("WIDEST", "bounded" if "bounded" in known else "uniform")
     text, reading = cure_name(name, known)[0], read_name(name)
     return otherwise if reading.mark and not reading.unit else text or otherwise
-
-
-_OTHER_LAWS = {  # words in the name of a law that none of ours is, and what comes nearest
-    "halfnormal halfgauss folded onesided": "a half-normal law is one-sided, and none here is: its mean, 0.8 sigma, is "
-    "a bias, and its spread about it, 0.6 sigma, may be taken for normal; or give its reach as WIDEST",
-    "trunc": "normal is not cut off at the half-width: with coverage_factor: 3 a share of 0.0027 lies beyond it",
-    "log rayleigh weibull gamma beta exponential poisson chi maxwell gumbel skew pert": "a skewed law is none of "
-    "these: its mean is a bias, and its reach about that may be given as WIDEST",
-    "student cauchy laplace tdist lorentz": "its tails are heavier than those of normal, which would say too little: "
-    "give its reach as WIDEST",
-    "arcsin sine ushape bimodal twopoint bernoulli": "it lies at the ends more often than uniform: WIDEST is nearest",
-    "trapez cosine": "it lies between triangular and uniform, of which uniform has the wider spread",
-    "const fixed determin none known": "what does not vary is a bias: leave the tolerance out",
-}
 
 
 def cure_zone(upper: float, lower: float) -> str:

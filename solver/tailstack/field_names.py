@@ -15,6 +15,7 @@ from math import cos, hypot, isclose, pi, sin, sqrt
 from operator import mul, neg
 from typing import Any, NamedTuple
 
+from .tables import read_table
 from .units import Unit, read_unit
 
 NOTHING: Any = object()  # the value of a name that stands alone: a column, an option
@@ -23,47 +24,17 @@ LONGEST_NAME = 200
 LONGEST_LINE = 400  # characters of a value that is printed
 _Change = Callable[[Any], Any]
 
-_SAME = {  # words of the trade, and of the other side of an ocean
-    "isocenter": "isocentre", "iso": "isocentre", "center": "centre", "bead": "fiducial", "beads": "fiducial",
-    "marker": "fiducial", "markers": "fiducial", "focus": "source", "tube": "source", "panel": "detector",
-    "imager": "detector", "optimize": "optimise", "translations": "translation", "rotations": "rotation",
-    "likelihood": "probability", "pixelsize": "pixel", "pitch": "size", "sdd": "source detector",
-    "sad": "source isocentre", "compliance": "matrix", "stiffness": "matrix", "cte": "expansion",
-}  # fmt: skip
-_SPREADS = {  # what of a spread is stated, by the words that say it; the longest are looked for first
-    "half-width": ("half width", "half widths", "halfwidth", "halfwidths", "hw", "plus minus", "plusminus", "pm",
-                   "semi width", "half range", "half size", "half extent", "radius", "radii", "halfrange"),
-    "full width": ("full width", "full widths", "width", "widths", "range", "span", "peak to peak", "pp", "ptp",
-                   "total width", "zone", "diameter", "diameters", "dia", "diam", "size", "extent", "fullwidth"),
-    "standard deviation": ("standard deviation", "std dev", "stddev", "stdev", "std", "sd", "sigma", "one sigma",
-                           "1sigma", "1 sigma", "std deviation", "s d"),
-    "twice the standard deviation": ("two sigma", "2sigma", "2 sigma", "twosigma"),
-    "three times the standard deviation": ("three sigma", "3sigma", "3 sigma", "threesigma"),
-    "variance": ("variance", "var"),
-    "width at half maximum": ("fwhm",),
-    "tolerance": ("tolerance", "tol"),
-    "root mean square": ("rms", "rmse"),
-}  # fmt: skip
-_SIGMAS = {"standard deviation": 1.0, "twice the standard deviation": 0.5, "three times the standard deviation": 1 / 3,
-           "width at half maximum": 1 / sqrt(8 * 0.6931471805599453)}  # fmt: skip
-_MARKS = {
-    "inverse": ("inverse", "inv", "inverted"),
-    "transposed": ("transposed", "transpose", "column major", "columnmajor", "col major", "columns", "fortran",
-                   "matlab"),
-    "as written": ("row major", "rowmajor", "rows"),
-    "swapped": ("height width", "hw", "rows columns", "rows cols", "shape", "rc", "nrows ncols"),
-    "in order": ("width height", "wh"),
-    "negative": ("negative", "neg", "negated", "minus"),
-}  # fmt: skip
-_ROTATIONS = {  # how a rotation is written
-    "wxyz": ("quaternion wxyz", "quat wxyz", "q wxyz", "quaternion scalar first", "wxyz"),
-    "xyzw": ("quaternion xyzw", "quat xyzw", "q xyzw", "quaternion scalar last", "xyzw"),
-    "quaternion": ("quaternion", "quat", "quaternions", "q"),
-    "vector": ("rotation vector", "rotvec", "rotationvector", "rvec", "rodrigues", "axis angle", "axisangle"),
-    "rpy": ("roll pitch yaw", "rpy", "euler rpy"),
-    "ypr": ("yaw pitch roll", "ypr", "euler zyx", "zyx", "kuka abc"),
-    "euler": ("euler angles", "euler", "eulers", "euler xyz"),
+_WORDS = read_table("words")
+_SAME: dict[str, str] = _WORDS["same"]  # words of the trade, and of the other side of an ocean
+_SPREADS = _WORDS["spreads"]  # what of a spread is stated, by the words that say it
+_SIGMAS = {
+    "standard deviation": 1.0,
+    "twice the standard deviation": 0.5,
+    "three times the standard deviation": 1 / 3,
+    "width at half maximum": 1 / sqrt(8 * 0.6931471805599453),
 }
+_MARKS = _WORDS["marks"]  # how numbers are ordered, or turned round
+_ROTATIONS = _WORDS["rotations"]  # how a rotation is written
 _FILLERS = {"value", "values", "number", "the", "of", "in", "to", "matrix"}
 _TURNS = ("un", "non", "in", "im", "ab", "re", "de", "dis", "anti", "semi")  # beginnings that make another word of one
 LAW_SIGMAS = {"uniform": sqrt(3), "triangular": sqrt(6)}  # standard deviations in a half-width

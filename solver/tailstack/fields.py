@@ -16,7 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFu
 from pydantic_core import PydanticCustomError
 
 from .cures import ask_meant
-from .ranges import COVERAGE, DIRECTION, MATRIX, NOISE_PX, PLACE_MM, TURN_DEG, Meant
+from .ranges import COVERAGE, DIRECTION, IMAGE_PX, MATRIX, NOISE_PX, PIXEL_MM, PLACE_MM, TURN_DEG
 
 LENGTH = 1e5  # mm
 # The interfaces of the chain, called everywhere as in the design document, in the order of the chain
@@ -116,12 +116,7 @@ Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\
 Coordinate = Annotated[float, Field(ge=-LENGTH, le=LENGTH)]
 Length = Annotated[float, Field(ge=1e-6, le=LENGTH)]
 Distance = Annotated[float, Field(ge=1, le=LENGTH)]  # of a source
-PixelPitch = Annotated[
-    float,
-    Field(ge=1e-4, le=100),
-    Meant("pixel", "mm", 0.004, "finer than any camera behind a screen (some 0.007 mm)", 1.0,
-          "coarser than any X-ray detector (some 0.4 mm)", "length-too-small", "length-too-large"),
-]  # fmt: skip
+PixelPitch = Annotated[float, Field(ge=1e-4, le=100), PIXEL_MM]
 HalfWidth = Annotated[float, Field(ge=0, le=1e3)]
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 HalfWidthDegrees = Annotated[float, Field(ge=0, le=45)]
@@ -141,7 +136,7 @@ Quaternion = Annotated[tuple[Unit, Unit, Unit, Unit], _lenient, MATRIX]
 ImageSize = Annotated[
     tuple[Annotated[int, Field(ge=2, le=100_000)], Annotated[int, Field(ge=2, le=100_000)]],
     _lenient,
-    Meant("image", "px", 64, "fewer pixels than any detector has", 20_000, "more pixels than any detector has"),
+    IMAGE_PX,
 ]
 ImagePoint = Annotated[
     tuple[Annotated[float, Field(ge=-1e6, le=1e6)], Annotated[float, Field(ge=-1e6, le=1e6)]], _lenient

@@ -1,8 +1,9 @@
-"""What anybody means by a number of the design document: beside its field stand the least and the most of it.
+"""What anybody means by a number of the design document: beside its field stands a range, the least and the most of it.
 
-Domains of fields are wide, so that no honest design is refused; a range is narrower and refuses nothing.  A field
-carries it as an annotation, its own or that of its type; on a field that holds records it stands for all numbers in its
-unit below.  ``design.plausibility`` doubts by it, the JSON Schema has it as ``x-plausible``, docs/design.md as a table.
+Domains of fields are wide, so that no honest design is refused; a range is narrower and refuses nothing.  The ranges
+are a table, ``tables/ranges.json``.  A field carries one as an annotation, its own or that of its type; on a field that
+holds records it stands for all numbers in its unit below.  ``design.plausibility`` doubts by it, the JSON Schema has it
+as ``x-plausible``, docs/design.md as a table.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel
 
+from .tables import read_table
 from .units import OTHER_LENGTHS
 
 # What a number may have been written in, by the unit of its field, and how many of that unit one is; commonest first
@@ -143,109 +145,16 @@ def _largest(value: Any) -> float:
     return max(_largest(each) for each in value)
 
 
-# --- ranges that several fields share -------------------------------------------------------------------
+_RANGES = {name: Meant(**given) for name, given in read_table("ranges").items()}
 
-_FINE, _WIDE = "half-width-too-fine", "half-width-too-wide"
-_SHORT, _LONG = "length-too-small", "length-too-large"
-_STILL = "it does not vary at all"
 
-SEAT_DEG = Meant(
-    "half-width of a seat", "deg", 0.002, "finer than a kinematic coupling repeats (a judgement from its 0.1 um)",
-    1.0, "wider than the play of a clip-on seat (0.5 mm at pins 50 mm apart)", _FINE, _WIDE, _STILL,
-)  # fmt: skip
-SEAT_MM = Meant(
-    "half-width of a seat", "mm", 1e-4, "finer than a kinematic coupling repeats (0.1 um, Schouten 1997)",
-    1.0, "wider than the play of a clip-on seat (0.5 mm)", _FINE, _WIDE, _STILL,
-)  # fmt: skip
-BEAD_PLACE_MM = Meant(
-    "half-width of a bead's place", "mm", 5e-4, "finer than a coordinate measuring machine measures (0.5 um)",
-    1.0, "ten times what is asked of the beads of a calibration object (0.1 mm, XMALab), and more",
-    _FINE, _WIDE, _STILL,
-)  # fmt: skip
-HAND_EYE_DEG = Meant(
-    "half-width of a hand-eye calibration", "deg", 0.005, "finer than any calibration of hand to eye (some 0.02 deg)",
-    5.0, "wider than any calibration of hand to eye (some 1 deg)", _FINE, _WIDE, _STILL,
-)  # fmt: skip
-HAND_EYE_MM = Meant(
-    "half-width of a hand-eye calibration", "mm", 0.002, "finer than any calibration of hand to eye (some 0.02 mm)",
-    5.0, "wider than any calibration of hand to eye (0.65 mm standard deviation, arXiv 2404.05884)",
-    _FINE, _WIDE, _STILL,
-)  # fmt: skip
-MOTION_DEG = Meant(
-    "half-width of a motion", "deg", 0.0005, "finer than anything stays that is not one part", 10.0,
-    "wider than a part turns between two shots", _FINE, _WIDE, _STILL,
-)  # fmt: skip
-MOTION_MM = Meant(
-    "half-width of a motion", "mm", 0.0005, "finer than anything stays that is not one part", 50.0,
-    "wider than breathing moves (some 30 mm)", _FINE, _WIDE, _STILL,
-)  # fmt: skip
-TILT_DEG = Meant(
-    "tilt of a detector", "deg", 0.005, "finer than a tilt is measured from images (some 0.01 deg)", 1.0,
-    "more than is taken to first order", _FINE, _WIDE, _STILL,
-)  # fmt: skip
-KNOWN_DEG = Meant(
-    "known turn of a seat", "deg", 0.004, "less than is measured of a seat (2 um over 30 mm)", 20.0,
-    "more than anybody leaves a known error", together=True,
-)  # fmt: skip
-KNOWN_MM = Meant(
-    "known shift of a seat", "mm", 0.001, "less than a coordinate measuring machine measures (1 um)", 20.0,
-    "more than anybody leaves a known error", together=True,
-)  # fmt: skip
-KNOWN_HAND_EYE_DEG = Meant(
-    "known turn of a hand-eye calibration", "deg", 0.01, "less than is measured of it (some 0.02 deg)", 10.0,
-    "more than anybody leaves a known error", together=True,
-)  # fmt: skip
-KNOWN_HAND_EYE_MM = Meant(
-    "known shift of a hand-eye calibration", "mm", 0.003, "less than is measured of it (some 0.02 mm)", 20.0,
-    "more than anybody leaves a known error", together=True,
-)  # fmt: skip
-PLACE_MM = Meant(
-    "place of a seat, or shift of a frame", "mm", 0.5, "a place of its own that nobody can tell from the origin",
-    3000.0, "further away than a robot reaches", _SHORT, _LONG, together=True,
-)  # fmt: skip
-TARGET_MM = Meant(
-    "place of a target, an isocentre or a region", "mm", 0.2,
-    "a place of its own that nobody can tell from the origin", 3000.0, "further away than a C-arm reaches",
-    _SHORT, _LONG, together=True,
-)  # fmt: skip
-EXTENT_MM = Meant(
-    "size of a region", "mm", 0.1, "smaller than an image resolves", 1000.0, "larger than any C-arm shows",
-    _SHORT, _LONG, together=True,
-)  # fmt: skip
-SPACING_MM = Meant(
-    "distance that is kept", "mm", 0.3, "less than the smallest bead", 200.0, "as far as a structure is wide",
-    _SHORT, _LONG,
-)  # fmt: skip
-LIMIT_MM = Meant(
-    "limit", "mm", 0.01, "less than robots of a data sheet repeat", 20.0,
-    "wider than any anatomy a robot is asked to keep clear of (2 to 4 mm, at most some 10)", above="limit-too-wide",
-)  # fmt: skip
-SHARE = Meant(
-    "part of one", "of 1", 2e-5, "less than anybody knows it", 0.2,
-    "which is as many hundred per cent (errors of the focal length up to 0.14 were tried, arXiv 2603.14031)",
-    above="share-in-percent",
-)  # fmt: skip
-NOISE_PX = Meant(
-    "noise of an image", "px", 0.015,
-    "less than the best that was measured (0.015 to 0.05 px, Zhang 2015): the error comes out too small. Write 0.05 "
-    "for the best, 0.3 for typical, 0.5 for clinical images", 5.0,
-    "more than that of a bead clicked by hand (1 to 2 px). It is a standard deviation, in pixels",
-    "noise-too-small", "noise-too-large", None,
-)  # fmt: skip
-DISTANCE_PX = Meant(
-    "distance in an image", "px", 1.0, "less than images are told apart by", 1000.0, "as far as an image is wide"
-)
-TURN_DEG = Meant(
-    "turn of a frame", "deg", 0.01, "less than anybody turns a frame on purpose", 360.0, "more than one turn",
-    together=True,
-)  # fmt: skip
-CONE_DEG = Meant(
-    "turn of a beam", "deg", 1.0, "less than a C-arm is set to", 90.0, "all directions there are",
-)  # fmt: skip
-COVERAGE = Meant(
-    "coverage factor", "", 1.0, "a confidence, perhaps: it counts standard deviations, 2 for 95 %", 6.0,
-    "more than six sigma",
-)  # fmt: skip
+def __getattr__(name: str) -> Meant:
+    """A range by its name in ``tables/ranges.json``, to be imported as if it stood here."""
+    if name in _RANGES:
+        return _RANGES[name]
+    raise AttributeError(f"no range is called {name}")
+
+
 COUNT = AnySize("it is a number of things, and its domain says how many")
 MONEY = AnySize("it is in a currency of your own")
 DIRECTION = AnySize("a direction has any length")

@@ -1,4 +1,4 @@
-"""Units as people write them in names, what each measures, and how many of ours one is: the only table of them.
+"""Units as people write them in names, what each measures, and how many of ours one is: ``tables/words.json``.
 
 Ours are mm, deg, N, K, px, s and byte; a share has 1.  ``read_unit`` reads compounds too: ``um_per_m_k``, ``mm2``.
 """
@@ -7,52 +7,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from math import pi
 from typing import NamedTuple
 
-_TABLE = {  # dimension: how many of ours a unit is, by every way to write it
-    "length": {
-        "m metre metres meter meters": 1e3, "dm": 100.0, "cm centimetre centimetres centimeter centimeters": 10.0,
-        "mm millimetre millimetres millimeter millimeters": 1.0, "km": 1e6,
-        "um \N{MICRO SIGN}m micron microns micrometre micrometres micrometer micrometers": 1e-3,
-        "nm nanometre nanometres nanometer nanometers": 1e-6, "in inch inches": 25.4, "mil mils thou": 0.0254,
-        "ft foot feet": 304.8, "yd yard yards": 914.4, "angstrom angstroms": 1e-7,
-    },
-    "angle": {
-        "deg degree degrees \N{DEGREE SIGN}": 1.0, "rad radian radians": 180 / pi,
-        "mrad milliradian milliradians": 0.18 / pi, "nrad": 1.8e-7 / pi, "mdeg": 1e-3,
-        "urad \N{MICRO SIGN}rad microrad microradian microradians": 1.8e-4 / pi,
-        "arcmin arcmins arcminute arcminutes moa": 1 / 60,
-        "arcsec arcsecs arcsecond arcseconds": 1 / 3600, "gon grad grads gradian gradians": 0.9, "mgon": 9e-4,
-        "rev revs revolution revolutions turn turns": 360.0,
-    },
-    "force": {
-        "n newton newtons": 1.0, "kn kilonewton kilonewtons": 1e3, "mn millinewton millinewtons": 1e-3,
-        "un micronewton": 1e-6, "meganewton": 1e6, "dan": 10.0, "lbf lb lbs pound pounds": 4.4482216152605,
-        "ozf oz ounce ounces": 0.27801385095378125, "kgf kg kp kilogram kilograms": 9.80665,
-        "gf g gram grams": 9.80665e-3, "dyn dyne dynes": 1e-5,
-    },
-    "temperature": {
-        "k kelvin kelvins": 1.0, "mk millikelvin": 1e-3, "c degc celsius centigrade": 1.0,
-        "f degf fahrenheit r rankine": 5 / 9,
-    },
-    "image": {"px pix pixel pixels": 1.0},
-    "share": {"percent pct pc %": 0.01, "permille permil": 1e-3, "ppm": 1e-6, "ppb": 1e-9, "rel relative": 1.0},
-    "time": {
-        "s sec secs second seconds": 1.0, "ms millisecond milliseconds": 1e-3, "us \N{MICRO SIGN}s": 1e-6,
-        "min mins minute minutes": 60.0, "h hr hrs hour hours": 3600.0, "d day days": 86400.0,
-        "week weeks": 604800.0, "year years": 31557600.0,
-    },
-    "rate": {"hz fps": 1.0, "khz": 1e3, "mhz": 1e6, "rpm": 1 / 60},
-    "memory": {
-        "byte bytes b": 1.0, "kb kilobyte kilobytes": 1e3, "mb megabyte megabytes": 1e6, "gb gigabyte gigabytes": 1e9,
-        "kib": 1024.0, "mib": 1048576.0, "gib": 1073741824.0,
-    },
-}  # fmt: skip
-_SIMPLE = {
-    word: (dimension, factor) for dimension, units in _TABLE.items() for words, factor in units.items()
+from .tables import read_table
+
+_SIMPLE: dict[str, tuple[str, float]] = {
+    word: (dimension, factor)
+    for dimension, units in read_table("words")["units"].items()
+    for words, factor in units.items()
     for word in words.casefold().split()
-}  # fmt: skip
+}
 LENGTHS_MM = {
     unit: _SIMPLE[unit.casefold()][1] for unit in ("um", "\N{MICRO SIGN}m", "mm", "cm", "m", "in")
 }  # of tables

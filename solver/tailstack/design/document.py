@@ -8,7 +8,6 @@ are, then installation and execution errors, then the document as a whole.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import date
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -61,19 +60,28 @@ from ..geometry.rotation import RotationForm
 from ..measures import MEASURE, MEASURES, MeasureName
 from ..ranges import (
     BEAD_PLACE_MM,
+    COMPLIANCE,
     COUNT,
+    DETECTOR_MM,
     EXTENT_MM,
+    FOCAL_PX,
+    FOOT_SD_PX,
     HAND_EYE_DEG,
     HAND_EYE_MM,
+    ISOCENTRE_MM,
     KNOWN_HAND_EYE_DEG,
     KNOWN_HAND_EYE_MM,
     LEVEL,
     LIMIT_MM,
+    LOAD_HALF_WIDTH_N,
+    LOAD_N,
+    SCATTER_MM,
     SEAT_MM,
     SHARE,
+    SKEW_PX,
     TARGET_MM,
+    YIELD,
     AnySize,
-    Meant,
 )
 from ..system import DEFAULT_ESTIMATOR, Estimator, Reading, Triangulation
 from ..tolerances import Bias, Tolerances
@@ -81,27 +89,9 @@ from .compliance import check_passive
 from .optimise_document import Optimise
 from .presets import PRESETS
 
-DETECTOR_MM = Meant(
-    "source to detector", "mm", 200.0, "no C-arm is that short (published ones have 1020 to 1260)", 5000.0,
-    "no C-arm is that long", "source-distance", "source-distance", by="source-distance",
-)  # fmt: skip
-ISOCENTRE_MM = Meant(
-    "source to isocentre", "mm", 100.0, "no C-arm is that short (published ones have 530 to 810)", 5000.0,
-    "no C-arm is that long", "source-distance", "source-distance", by="source-distance",
-)  # fmt: skip
 FOOT_PX = AnySize("principal-point judges it by the middle of the image")
 KEEP_ONE = "keep one of them"
 ALONG = {"AP": (0.0, 1.0, 0.0), "LAT": (-1.0, 0.0, 0.0)}  # beam directions in con
-
-
-FOOT_SD_PX = Meant(
-    "standard deviation of a principal point",
-    "px",
-    0.02,
-    "finer than any calibration (some 0.1 px)",
-    500.0,
-    "as wide as the image",
-)
 
 
 class IntrinsicsPrior(Record):
@@ -264,21 +254,13 @@ class DistanceView(_Aimed):
 class Intrinsics(Record):
     """Pinhole intrinsics: u = fx x/z + skew y/z + cx, v = fy y/z + cy."""
 
-    focal_px: Annotated[
-        ImagePoint,
-        Meant(
-            "focal length",
-            "px",
-            200.0,
-            "shorter than the image of any X-ray source is wide",
-            1e6,
-            "longer than any detector is fine",
-        ),
-    ] = Field(description="[fx, fy], px: source-detector distance over pixel.", examples=[[5258, 5258]])
+    focal_px: Annotated[ImagePoint, FOCAL_PX] = Field(
+        description="[fx, fy], px: source-detector distance over pixel.", examples=[[5258, 5258]]
+    )
     principal_point_px: Annotated[ImagePoint, FOOT_PX] = Field(description="[cx, cy], px.", examples=[[767.5, 767.5]])
-    skew_px: Annotated[
-        Entry, Meant("skew", "px", 0.0, "it may be as small as it likes", 100.0, "a detector has right angles")
-    ] = Field(default=0.0, description="Skew of the pixel axes, px. Default 0.", examples=[0.0])
+    skew_px: Annotated[Entry, SKEW_PX] = Field(
+        default=0.0, description="Skew of the pixel axes, px. Default 0.", examples=[0.0]
+    )
 
     @model_validator(mode="after")
     def _focal_not_zero(self) -> Intrinsics:
@@ -485,26 +467,6 @@ class HandEye(Record):
     )
 
 
-SCATTER_MM = Meant(
-    "repeatability of a robot",
-    "mm",
-    5e-4,
-    "finer than any robot repeats (5 um, hexapods 1 um)",
-    1.0,
-    "no robot's data sheet (0.02 to 0.5 mm, ISO 9283)",
-    above="repeatability-too-wide",
-)
-LOAD_N = Meant(
-    "load of a tool",
-    "N",
-    0.05,
-    "less than the weight of 5 g",
-    500.0,
-    "more than anybody pushes a tool with",
-    together=True,
-)
-
-
 class Repeatability(Record):
     """Scatter of the robot's positioning, drawn at every shot, per axis of the tcp frame."""
 
@@ -543,18 +505,7 @@ class Repeatability(Record):
 class Compliance(Record):
     """Elastic deflection of the tool under a load: d = C f, in the tcp frame."""
 
-    matrix_mm_per_n: Annotated[
-        Rotation3,
-        Meant(
-            "compliance",
-            "mm/N",
-            1e-4,
-            "stiffer than any robot (10 N/um: hexapods have 1 to 7 along their softest)",
-            1.0,
-            "softer than 1 N/mm",
-            together=True,
-        ),
-    ] = Field(
+    matrix_mm_per_n: Annotated[Rotation3, COMPLIANCE] = Field(
         description="Compliance C, row by row: deflection in mm per newton, tcp frame. Symmetric, no eigenvalue below "
         "zero.",
         examples=[[[0.002, 0, 0], [0, 0.002, 0], [0, 0, 0.0005]]],
@@ -564,7 +515,7 @@ class Compliance(Record):
         description="Nominal load in newtons, tcp frame. Its deflection is a known bias. Default none.",
         examples=[[0.0, 0.0, -8.0]],
     )
-    load_half_width_n: Annotated[HalfWidth | HalfWidths | None, replace(LOAD_N, what="half-width of a load")] = Field(
+    load_half_width_n: Annotated[HalfWidth | HalfWidths | None, LOAD_HALF_WIDTH_N] = Field(
         default=None,
         description="Half-width of the load about its nominal value, N: one number or [x, y, z]. Absent: it is "
         "constant.",
@@ -810,11 +761,6 @@ class TargetDocument(Record):
             given = "both" if self.region is not None else "neither"
             raise refusal("one-of", f"a target has exactly one of position_mm and region; {given} arrived")
         return self
-
-
-YIELD = Meant(
-    "yield", "of 1", 0.5, "the part that fails, perhaps: it is the part of units that are good", 1.0, "all of them"
-)
 
 
 class RequirementDocument(Record):

@@ -20,12 +20,11 @@ from ..estimation.checks import sight
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import camera_centre, image_centre_px, intrinsic_matrix, projection_from_pose
 from ..geometry.rotation import rigid_transform, rotation_from_quaternion, rotation_xyz
+from ..ranges import DETECTOR_MM, ISOCENTRE_MM
 from ..system import View
 from ..units import OTHER_LENGTHS as UNITS
 from .cameras import aim_view, compile_transform, compile_view, find_detector
 from .document import (
-    DETECTOR_MM,
-    ISOCENTRE_MM,
     DesignDocument,
     DistanceView,
     MatrixView,

@@ -7,7 +7,7 @@ says what it met, why it doubts that, and what to do.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from math import asin, degrees, dist, hypot, pi
@@ -22,15 +22,14 @@ from ..effects.kind import Doubt, PlausibilityTest
 from ..errors import Problem
 from ..geometry.arrays import Array
 from ..geometry.camera import camera_centre, image_centre_px
-from ..ranges import SLIPS, Meant, Number, list_numbers
+from ..ranges import DETECTOR_MM, ISOCENTRE_MM, SLIPS, Meant, Number, list_numbers
 from ..results import Finding
 from ..system import ROTATIONS, System
+from ..tables import read_table
 from ..tolerances import Bias
 from ..units import OTHER_LENGTHS
 from .cameras import find_detector
 from .document import (
-    DETECTOR_MM,
-    ISOCENTRE_MM,
     DesignDocument,
     DistanceView,
     Interface,
@@ -457,109 +456,24 @@ def _doubt_targets_in_beads(subject: Subject) -> Iterator[Doubt]:
             yield Doubt(f"/targets/{index}/position_mm", message, float(away.min()), radius)
 
 
-_RULES: tuple[PlausibilityTest[Subject], ...] = (
-    PlausibilityTest(
-        "structure-size",
-        "A structure that is too small for its beads or too large for a detector",
-        "15 mm: five beads of 3 mm, a judgement. 750 mm: the space diagonal of a cube as wide as the widest detector "
-        "among the presets, 1440 px of 0.3 mm.",
-        _doubt_structure_size,
-        slip=True,
-    ),
-    PlausibilityTest(
-        "source-distance",
-        "A source that is nearer or further than that of any C-arm, or an isocentre behind the middle",
-        "Detector below 200 mm, isocentre (or, of a calibrated view, the middle of the fiducials) below 100 mm, either "
-        "above 5 m: a judgement. Published C-arms have 1020-1260 mm and 530-810 mm, which is 102-126 and 53-81 in cm, "
-        "and magnify 1.4 to 1.9 times: an isocentre nearer to the source is remarked where the detector is 900-1400 mm "
-        "away and the rest is a published distance.",
-        _doubt_source_distances,
-        slip=True,
-    ),
-    PlausibilityTest(
-        "detector-width",
-        "A detector of another width than that of its preset",
-        "1 %, of the larger difference of width and height: the widths of presets are published to some 0.1 %. A crop "
-        "is remarked too, because nothing tells it from an image that was binned.",
-        _doubt_detector_widths,
-        slip=True,
-    ),
-    PlausibilityTest(
-        "principal-point",
-        "A principal point far from the middle of the image",
-        "45 % of the image: detectors that are set aside on purpose (half a fan) have up to 40 %. Above 10 %, where "
-        "another reading (mm, from the middle, the other sign) is within 5 % of the middle: a judgement.",
-        _doubt_feet,
-        slip=True,
-    ),
-    PlausibilityTest(
-        "cone-too-wide",
-        "A focal length that is short for the width of the image",
-        "0.7 of the width, 71 degrees of fan: a judgement; C-arms have some 17, dental devices 24, micro-CT up to 40. "
-        "900 to 1400, which is a distance to a detector in mm, below 1.5 of the width.",
-        _doubt_cones,
-        slip=True,
-    ),
-    PlausibilityTest(
-        "angle-in-radians",
-        "An angle in a degree field that is a round angle in radians",
-        "Multiples of 30 and 45 degrees to 0.06 %, so that 1.57 counts: a judgement.",
-        _doubt_angles,
-        slip=True,
-    ),
-    PlausibilityTest(
-        "quaternion-order",
-        "A quaternion that is no turn with its scalar last",
-        "Within 16 degrees of half a turn about z: a judgement.",
-        _doubt_quaternions,
-        slip=True,
-    ),
-    PlausibilityTest(
-        TARGET,
-        "A target far from the tool that another reading of a transform brings to it",
-        "More than 20 mm from the tcp's origin, and by another unit, the inverse or another order of the quaternion at "
-        "a fifth of that or nearer; or 300 mm away: a judgement. A design without transforms is not remarked.",
-        partial(_doubt_tool, TARGET),
-    ),
-    PlausibilityTest(
-        PIVOT,
-        "A pivot of connector_flange far from the flange's origin that another reading brings to it",
-        "As target-off-tool; where the target is at the tool, only another unit of the pivot.",
-        partial(_doubt_tool, PIVOT),
-    ),
-    PlausibilityTest("length-too-small", "A place or a size that nobody means", BESIDE, slip=True),
-    PlausibilityTest("length-too-large", "A place or a size beyond the room", BESIDE, slip=True),
-    PlausibilityTest("half-width-too-fine", "A half-width finer than anybody makes, holds or measures", BESIDE),
-    PlausibilityTest("half-width-too-wide", "A half-width wider than the play of what holds it", BESIDE),
-    PlausibilityTest("noise-too-small", "Image noise of zero, or below the best that was measured", BESIDE),
-    PlausibilityTest("noise-too-large", "Image noise beyond that of a bead clicked by hand", BESIDE),
-    PlausibilityTest("repeatability-too-wide", "A robot that does not repeat a position", BESIDE),
-    PlausibilityTest("limit-too-wide", "A limit beyond any anatomy", BESIDE),
-    PlausibilityTest("share-in-percent", "A part of one that looks like per cent", BESIDE),
-    PlausibilityTest("expansion-too-small", "An expansion below that of glass ceramic, and not 0", BESIDE),
-    PlausibilityTest("value-too-small", "Another number below what anybody means", BESIDE),
-    PlausibilityTest("value-too-large", "Another number above what anybody means", BESIDE),
-    PlausibilityTest(
-        "no-lever-arm",
-        "A target at the pivot of a seat that may turn",
-        "3 mm: the diameter of a bead, a judgement.",
-        _doubt_lever_arms,
-    ),
-    PlausibilityTest(
-        "pivot-among-fiducials",
-        "A seat among the fiducials and targets that is behind them in centimetres or inches",
-        "Inside the box about fiducials and targets, and 10 or 25.4 times as far outside of it, on the far side from "
-        "the targets: a judgement. A pivot of [0, 0, 0], as when it is left out, is not remarked.",
-        _doubt_pivots,
-    ),
-    PlausibilityTest(
-        "target-in-bead",
-        "A target inside a fiducial",
-        "The radius that the design gives, otherwise 1.5 mm: that of a bead of 3 mm.",
-        _doubt_targets_in_beads,
-    ),
+_FINDERS: dict[str, Callable[[Subject], Iterator[Doubt]]] = {  # of the rules that look at several numbers
+    "structure-size": _doubt_structure_size,
+    "source-distance": _doubt_source_distances,
+    "detector-width": _doubt_detector_widths,
+    "principal-point": _doubt_feet,
+    "cone-too-wide": _doubt_cones,
+    "angle-in-radians": _doubt_angles,
+    "quaternion-order": _doubt_quaternions,
+    TARGET: partial(_doubt_tool, TARGET),
+    PIVOT: partial(_doubt_tool, PIVOT),
+    "no-lever-arm": _doubt_lever_arms,
+    "pivot-among-fiducials": _doubt_pivots,
+    "target-in-bead": _doubt_targets_in_beads,
+}
+_RULES = tuple(
+    PlausibilityTest(rule, said["title"], said.get("numbers", BESIDE), _FINDERS.get(rule), said.get("slip", False))
+    for rule, said in read_table("doubts").items()
 )
-
 _OF_EFFECTS = tuple(rule for kind in EFFECTS for rule in kind.doubts)
 _ALL: tuple[PlausibilityTest[Any], ...] = (*_RULES, *_OF_EFFECTS)
 PLAUSIBILITY = {rule.id: rule for rule in _ALL}

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from ..fields import Length, Record, Typical, refusal
 from ..geometry.arrays import frozen
 from ..geometry.camera import image_of
-from ..ranges import Meant
+from ..ranges import BALL_MM
 from ..system import Act, ArrayLike, Drawn, Effect, Place, Scene, System, no_sources
 from .kind import Doubt, EffectKind, PlausibilityTest, Setting
 
@@ -22,23 +22,7 @@ SHADOW = 0.8  # share of the outline's shift that the centroid of an even ball's
 class OfFiducials(Record):
     """What the fiducials say of it."""
 
-    diameter_mm: (
-        Annotated[
-            Length,
-            Typical(1.5, 10),
-            Meant(
-                "diameter of a ball",
-                "mm",
-                0.3,
-                "smaller than any that an X-ray image shows (radiostereometry: 0.5 to 1)",
-                40.0,
-                "larger than any bead",
-                "ball-size",
-                "ball-size",
-            ),
-        ]
-        | None
-    ) = Field(
+    diameter_mm: Annotated[Length, Typical(1.5, 10), BALL_MM] | None = Field(
         default=None,
         description="Diameter of the balls that are the fiducials, mm: the shift of a ball's image from the image of "
         "its centre is then a known bias. Absent, or where your software corrects it: none.",

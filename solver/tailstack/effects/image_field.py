@@ -23,7 +23,7 @@ from ..fields import (
 )
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import image_centre_px
-from ..ranges import Meant
+from ..ranges import FIELD_PX
 from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System
 from ..tolerances import coverage_of
 from .kind import EffectKind, Setting, name_views
@@ -40,14 +40,7 @@ class ImageField(Record):
         list[HalfWidth],
         Field(min_length=1, max_length=4),
         Typical(0.02, 1),
-        Meant(
-            "distortion that is left",
-            "px",
-            0.001,
-            "less than anybody measures of it",
-            30.0,
-            "more than a correction leaves",
-        ),
+        FIELD_PX,
     ] = Field(
         description="Half-width of the coefficients of degree 0, 1, 2, 3, px, in this order; every coefficient of a "
         "degree has the same one. Degrees 0 and 1 (shift, scale, shear) are absorbed by DLT.",

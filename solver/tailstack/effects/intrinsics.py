@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, Typical, check_law
 from ..geometry.arrays import frozen
-from ..ranges import SHARE, Meant
+from ..ranges import FOOT_ERROR_PX, SHARE
 from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Law, Place, Sources, System
 from ..tolerances import coverage_of
 from .kind import EffectKind, Limit, Proportional, Setting
@@ -44,26 +44,15 @@ class FocalError(Record):
         return self
 
 
-FOOT_PX = Meant(
-    "error of a principal point",
-    "px",
-    0.02,
-    "finer than any calibration (some 0.1 px)",
-    500.0,
-    "as wide as the image",
-    together=True,
-)
-
-
 class PrincipalPointError(Record):
     """Error of the assumed principal point."""
 
-    bias_px: Annotated[ImagePoint, Typical(-100, 100), FOOT_PX] = Field(
+    bias_px: Annotated[ImagePoint, Typical(-100, 100), FOOT_ERROR_PX] = Field(
         default=(0.0, 0.0),
         description="Known and fixed, [u, v], px: assumed less true. Default 0.",
         examples=[[5.0, 0.0]],
     )
-    half_width_px: Annotated[float, Field(ge=0, le=1e4), Typical(1, 200), FOOT_PX] = Field(
+    half_width_px: Annotated[float, Field(ge=0, le=1e4), Typical(1, 200), FOOT_ERROR_PX] = Field(
         default=0.0, description="Half-width h of each coordinate, px.", examples=[10.0]
     )
     distribution: RandomLaw | None = Field(

@@ -22,30 +22,10 @@ from ..fields import (
     check_law,
 )
 from ..geometry.arrays import frozen
-from ..ranges import Meant
+from ..ranges import DIFFERENCE_K, EXPANSION
 from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, no_sources
 from ..tolerances import coverage_of
 from .kind import EffectKind, Limit, Pivots, Proportional, Setting
-
-DIFFERENCE_K = Meant(
-    "difference of temperatures",
-    "K",
-    0.01,
-    "less than anybody measures in a room",
-    100.0,
-    "more than operation and measurement differ by: it is a difference, operation less measurement, not a temperature "
-    "(293 is 20 degrees Celsius on the absolute scale)",
-)
-EXPANSION = Meant(
-    "thermal expansion",
-    "um/(m K)",
-    0.02,
-    "less than that of glass ceramic (Zerodur, class 0: 0.02)",
-    300.0,
-    "more than that of any plastic (some 200)",
-    "expansion-too-small",
-    zero="nothing expands",
-)
 
 
 class Temperature(Record):
