@@ -209,11 +209,13 @@ class Play:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_random_interleavings_agree_with_the_model(store: Database, clock: Clock, seed: int, run_seed: int) -> None:
     play = Play(store, clock, seed + 10 * run_seed)
-    for number in range(STEPS):
+    for number in range(20 * STEPS):  # until each thing that can happen did: STEPS steps may leave out the rarest
         play.step()
         if number % 20 == 0:
             play.compare()
-    assert all(count > 0 for count in play.counted.values()), play.counted  # each thing that can happen did
+        if number >= STEPS and all(play.counted.values()):
+            break
+    assert all(play.counted.values()), play.counted  # each thing that can happen did
     assert all(check.ok for check in upkeep.check_database(store)), upkeep.check_database(store)
     clock.advance(10 * LEASE)
     while held := claim(store, "last", 3, solver_version="3"):
