@@ -85,7 +85,7 @@ def slsqp_on_library(task: Task, seed: int, seconds: float) -> list[Answer]:
         layout, half_width = _parts(task, x)
         quantile = quantile_mm(task.problem, term, layout, half_width)
         kept = rules(layout, task.scene[0], task.scene[1], *task.scene[10:])
-        return np.append(2 * np.log(demand.requirement.limit_mm / quantile), kept)
+        return np.append(2 * np.log(demand.requirement.limit / quantile), kept)
 
     return _multistart(task, seed, seconds, {"fun": fun})
 

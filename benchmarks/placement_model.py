@@ -63,7 +63,7 @@ def task_of(problem: PlacementProblem) -> Task:
     grid = np.array(np.meshgrid(*zip(box.low_mm, box.high_mm, strict=True))).reshape(3, -1).T
     assert all(margins[2] >= 0 for margins in _margins(problem, grid))
     limits = (
-        demand.requirement.limit_mm, float(ndtri(demand.requirement.quantile)), problem.min_spacing_mm,
+        demand.requirement.limit, float(ndtri(demand.requirement.quantile)), problem.min_spacing_mm,
         problem.min_projected_spacing_px, problem.target_clearance_px,
     )  # fmt: skip
     scene = (
@@ -106,7 +106,7 @@ def is_feasible(task: Task, answer: Answer) -> bool:
         and (half_width <= high * (1 + FEASIBLE)).all()
         and apart >= problem.min_spacing_mm * (1 - FEASIBLE)
         and min(min(margins) for margins in _margins(problem, layout)) >= -PIXEL
-        and quantile <= demand.requirement.limit_mm * (1 + FEASIBLE)
+        and quantile <= demand.requirement.limit * (1 + FEASIBLE)
         and abs(problem.cost(half_width) / answer.cost - 1) <= FEASIBLE
     )
 

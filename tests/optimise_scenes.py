@@ -184,7 +184,7 @@ def score_mm(problem: PlacementProblem, choice: Choice) -> list[float]:
     found = []
     for demand in problem.demands:
         (check,) = [c for c in scored.verdict.checks if (c.requirement, c.target) == demand.key]
-        found.append(float(check.value_mm))
+        found.append(float(check.value))
     return found
 
 

@@ -107,7 +107,7 @@ def draw() -> str:
     parts = []
     for k, view in enumerate(system.views):
         parts += detector(system, view, 24, 40 + 268 * k, 230)
-    limit = system.requirements[0].limit_mm
+    limit = system.requirements[0].limit
     parts += histogram(np.linalg.norm(errors, axis=0), check, limit, 300, 58, 560, 212)
     parts += bars(target, limit, 300, 338, 560)
     return (

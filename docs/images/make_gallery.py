@@ -33,7 +33,7 @@ def draw(design: Design, result: Score, name: str) -> str:
 def state(result: Score) -> str:
     """A design's result in one line: the value, limit and status of each requirement, and who is to blame most."""
     checks = ", ".join(
-        f"{check.value_mm:.3f} mm of {check.limit_mm:g} mm{' per unit' if check.risk == 'per_unit' else ''}:"
+        f"{check.value:.3f} mm of {check.limit:g} mm{' per unit' if check.risk == 'per_unit' else ''}:"
         f" **{check.status}**"
         for check in result.verdict.checks
     )

@@ -84,11 +84,11 @@ from .verdict import conclude
 
 BLOCK = 1024  # rows that are computed in one go
 OF_TARGETS = ("p95_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm")
-OF_REQUIREMENTS = ("value_mm",)  # the quantile that a requirement limits, at each of its targets
+OF_REQUIREMENTS = ("value",)  # the quantile that a requirement limits, at each of its targets
 OF_DESIGNS = ("within_limits", "verdict")
 COLUMNS = (*OF_TARGETS, *OF_REQUIREMENTS, *OF_DESIGNS)
 DEFAULT_COLUMNS = ("p95_mm", "mean_norm_mm", "bias_norm_mm", "within_limits")
-_ASK = {"value_mm", "within_limits", "verdict"}  # for the requirements
+_ASK = {"value", "within_limits", "verdict"}  # for the requirements
 REASON = "reason"  # name of the column that says why a row was not evaluated
 NO_REQUIREMENT = "no requirement"
 WITHIN = {True: "yes", False: "no"}
@@ -158,7 +158,7 @@ def score_batch(
 
     table: (n,) numbers by path, ``{"views.*.fiducial_noise_px": [...]}`` or a JSON pointer, in the unit of the field;
     a DataFrame of pandas or polars will do.  columns: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of
-    each target; value_mm, the quantile that each requirement limits; within_limits, whether all of these are; verdict,
+    each target; value, the quantile that each requirement limits; within_limits, whether all of these are; verdict,
     which also takes how far first order can be trusted, and costs some hundred times as much.  threads: the answer does
     not depend on them.
     ``progress(done, total)`` after each block.
@@ -414,11 +414,11 @@ class Batch:
             if column in OF_TARGETS:
                 cells += [of_target(column, target.name) for target in self.system.targets]
             elif column in OF_REQUIREMENTS:
-                cells += [each.value_mm for each in checks]
+                cells += [each.value for each in checks]
             elif column == "verdict":
                 cells.append(conclude(tuple(checks), (), "first order").status)
             else:
-                kept = all(each.value_mm <= each.limit_mm and not each.open_because for each in checks)
+                kept = all(each.value <= each.limit and not each.open_because for each in checks)
                 cells.append(WITHIN[kept] if checks else NO_REQUIREMENT)
         return cells
 
@@ -515,7 +515,7 @@ class _RowLoop:
         done &= np.isfinite(biases).all(axis=1) & np.isfinite(tails[..., 0]).all(axis=(1, 2))
         done &= np.isfinite(tails[:, :, self.asked.averaged, 1]).all(axis=(1, 2))
         values = [
-            (tails[:, names.index(name), self.places[item.error, item.quantile], 0], item.limit_mm)
+            (tails[:, names.index(name), self.places[item.error, item.quantile], 0], item.limit)
             for item, name in self.checked
         ]
         place = iter(columns)

@@ -365,7 +365,7 @@ class LossSearch:
         highest = int(np.argmax(values))
         return Mixture(
             quantile=quantile,
-            value_mm=values[highest] if values[highest] < inf else None,
+            value=values[highest] if values[highest] < inf else None,
             target=targets[highest],
             smallest_loss_probability=float(probability.min()),
             largest_loss_probability=float(probability.max()),

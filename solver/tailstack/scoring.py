@@ -163,27 +163,27 @@ def _losses(
     for item in system.requirements or (whole,):
         if MEASURE[item.error] not in POINTS:  # a loss is looked for at one target
             continue
-        p, values = item.quantile, [check.value_mm for check in checks if check.requirement == item.name]
+        p, values = item.quantile, [check.value for check in checks if check.requirement == item.name]
         if item.risk == "pooled" and (system.loss_probability or not values):
             values = [law_quantile(metrics[name, item.error].law_at(p).law, p).quantile_mm for name in item.targets]
         pair = len(system.fiducial_labels) <= PAIRS_UP_TO
         single, double = (_loss(search, item, lost) if lost == 1 or pair else None for lost in (1, 2))
         assert single is not None
-        limit = None if isinf(item.limit_mm) else item.limit_mm
+        limit = None if isinf(item.limit) else item.limit
         mixture = search.mixture(item.error, p, item.targets)
-        losses.append(Losses(item.name, limit, max(values), single, double, mixture))
+        losses.append(Losses(item.name, limit, max(values), single, double, mixture, MEASURE[item.error].unit))
     return tuple(losses)
 
 
 def _loss(search: LossSearch, item: Requirement, lost: int) -> Loss:
     """The worst loss of so many; where each unit has a limit, the one that is worst for all units together."""
     loss = search.worst(lost, item.error, item.quantile, item.targets)
-    if item.units_fraction is None or loss.value_mm is None:
+    if item.units_fraction is None or loss.value is None:
         return loss
     model = search.model_without(loss.target, loss.lost)
     at = error_law(model, item.error, item.quantile)
-    risk = risk_of_units(model, at, item.quantile, item.limit_mm, item.units_fraction)
-    return replace(loss, value_mm=risk.value_mm)
+    risk = risk_of_units(model, at, item.quantile, item.limit, item.units_fraction)
+    return replace(loss, value=risk.value_mm)
 
 
 def checked_system(design: Design | System) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:
@@ -353,8 +353,8 @@ def _per_unit(system: System, tcp: ErrorScore) -> PerUnit:
     each = [item for item in _list_requirements(system, tcp.model.site, "tcp") if item.risk == "per_unit"]
     quantile, fraction, limit_mm = P95, P95, tcp.limit_mm
     if each:
-        own = min(each, key=lambda item: item.limit_mm)
-        quantile, limit_mm, fraction = own.quantile, own.limit_mm, own.units_fraction or P95
+        own = min(each, key=lambda item: item.limit)
+        quantile, limit_mm, fraction = own.quantile, own.limit, own.units_fraction or P95
     risk = tcp.unit_risk(quantile, limit_mm, fraction)
     usual = risk if (quantile, fraction) == (P95, P95) else tcp.unit_risk(P95, None, P95)
     return PerUnit(
@@ -408,7 +408,7 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     if why:
         value, met = law_quantile(error.law_at(p).law, p).quantile_mm, None
         if fraction is not None:
-            risk = error.unit_risk(p, requirement.limit_mm, fraction)
+            risk = error.unit_risk(p, requirement.limit, fraction)
             value, met = risk.value_mm, risk.yield_fraction
         return judge(requirement, target, value, (0.0, inf), met, open_because=why)
     if fraction is None and shots is not None:
@@ -418,7 +418,7 @@ def check_requirement(requirement: Requirement, target: str, trust: Validity, er
     if fraction is None:
         quantile = error.summary.quantile if p == P95 else law_quantile(error.law_at(p).law, p)
         return judge(requirement, target, quantile.quantile_mm, _error_band(quantile.quantile_mm, trust, p))
-    risk = error.unit_risk(p, requirement.limit_mm, fraction)
+    risk = error.unit_risk(p, requirement.limit, fraction)
     if shots is not None:
         why = "no estimate is known of the risk of each unit where fiducials are missed"
         return judge(requirement, target, risk.value_mm, (0.0, inf), risk.yield_fraction, open_because=why)
@@ -439,7 +439,7 @@ def _error_band(value_mm: float, trust: Validity, quantile: float) -> Interval:
 
 def tightest_limit(system: System, target: str, error: str) -> float | None:
     """Smallest limit that a requirement sets on this error at this target, all units together, mm."""
-    limits = [r.limit_mm for r in _list_requirements(system, target, error) if r.risk == "pooled"]
+    limits = [r.limit for r in _list_requirements(system, target, error) if r.risk == "pooled"]
     return min(limits) if limits else None
 
 

@@ -437,7 +437,7 @@ class Requirement:
     name: str  # as in the design
     error: str  # name of the measure
     quantile: float  # 0.95 for P95
-    limit_mm: float  # what the quantile must not exceed; in the unit of the measure
+    limit: float  # what the quantile must not exceed, in the unit of the measure
     confidence: float  # two-sided confidence of the interval the verdict is taken from
     targets: tuple[str, ...]  # names of targets, or of the sites of a measure that joins several
     risk: str = "pooled"  # or "per_unit"

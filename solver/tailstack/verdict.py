@@ -13,19 +13,19 @@ from .system import Requirement
 Status = Literal["pass", "fail", "inconclusive"]
 
 
-def decide(interval_mm: Interval, limit_mm: float) -> Status:
+def decide(interval: Interval, limit: float) -> Status:
     """``pass`` only if the upper end is within the limit, ``fail`` only if the lower end is above it."""
-    low, high = interval_mm
-    if high <= limit_mm:
+    low, high = interval
+    if high <= limit:
         return "pass"
-    return "fail" if low > limit_mm else "inconclusive"
+    return "fail" if low > limit else "inconclusive"
 
 
 def judge(
     requirement: Requirement,
     target: str,
-    value_mm: float,
-    interval_mm: Interval,
+    value: float,
+    interval: Interval,
     yield_fraction: float | None = None,
     *,
     missed: bool = False,
@@ -36,19 +36,19 @@ def judge(
     Pooled, the value is the quantile over everything.  Per unit, it is what the required fraction of installed units
     keep their own quantile within; ``yield_fraction`` of units keep the limit.
     """
-    low, high = interval_mm
+    low, high = interval
     return Check(
         requirement=requirement.name,
         target=target,
         error=requirement.error,
         risk=requirement.risk,
         quantile=requirement.quantile,
-        value_mm=value_mm,
-        interval_mm=(low, high if isfinite(high) else None),
-        limit_mm=requirement.limit_mm,
+        value=value,
+        interval=(low, high if isfinite(high) else None),
+        limit=requirement.limit,
         yield_fraction=yield_fraction,
         min_yield=requirement.units_fraction,
-        status=decide(interval_mm, requirement.limit_mm),
+        status=decide(interval, requirement.limit),
         missed=missed,
         open_because=open_because,
     )
@@ -70,7 +70,7 @@ def conclude(checks: tuple[Check, ...], findings: tuple[Finding, ...], basis: st
 
 
 def _finding(check: Check, basis: str) -> Finding:
-    low, high = check.interval_mm
+    low, high = check.interval
     decimals = decimals_of((check,))
     ends = (
         f"(between {length(low, decimals)} and {length(high, decimals)})"
@@ -79,8 +79,8 @@ def _finding(check: Check, basis: str) -> Finding:
     )
     value = headline_of(check.quantile, check.min_yield, ERRORS[check.error], missed=check.missed)
     what = (
-        f"{value} is {length(check.value_mm, decimals)} {check.unit} by {name_basis(basis)} {ends}, "
-        f"limit {check.limit_mm:g} {check.unit}"
+        f"{value} is {length(check.value, decimals)} {check.unit} by {name_basis(basis)} {ends}, "
+        f"limit {check.limit:g} {check.unit}"
     )
     if check.yield_fraction is not None:
         what += f" ({in_percent(check.yield_fraction, 2)} of installed units meet it)"
@@ -101,6 +101,6 @@ def _finding(check: Check, basis: str) -> Finding:
         severity="error" if check.status == "fail" else "warning",
         message=f"{check.requirement}, target {check.target}: {what}{closing}",
         pointer="/requirements",
-        value=check.value_mm,
-        limit=check.limit_mm,
+        value=check.value,
+        limit=check.limit,
     )

@@ -556,7 +556,7 @@ def _goals(ready: PreparedDesign, vertex: Vertex) -> list[Goal]:
 def _questions(ready: PreparedDesign, vertex: Vertex, sampling: Sampling) -> tuple[LimitQuestion, ...]:
     """What the run at this vertex has to decide: pooled requirements, and what was asked besides."""
     required = (
-        LimitQuestion(name, requirement.error, requirement.quantile, requirement.limit_mm)
+        LimitQuestion(name, requirement.error, requirement.quantile, requirement.limit)
         for requirement in ready.system.requirements
         for name in requirement.targets
         if requirement.risk == "pooled"
@@ -794,7 +794,7 @@ def _judge_units(requirement: Requirement, name: str, own: list[Array], missed: 
         return max(float(ordered[rank - 1]) for ordered in at_each)
 
     interval = (0.0 if low is None else largest(low), inf if high is None else largest(high))
-    met = min(int((ordered <= requirement.limit_mm).sum()) for ordered in at_each)
+    met = min(int((ordered <= requirement.limit).sum()) for ordered in at_each)
     return judge(requirement, name, largest(ceil(drawn * fraction)), interval, met / drawn, missed=missed)
 
 

@@ -183,8 +183,8 @@ def test_a_result_of_the_gallery_is_what_score_says(
     stated = re.findall(r"([\d.]+) mm of ([\d.]+) mm[^:]*: \*\*(\w+)\*\*", result)
     assert len(stated) == len(record["verdict"]["checks"])
     for (value, limit, status), check in zip(stated, record["verdict"]["checks"], strict=True):
-        assert abs(float(value) - check["value_mm"]) <= 5.001e-4
-        assert (float(limit), status) == (check["limit_mm"], check["status"])
+        assert abs(float(value) - check["value"]) <= 5.001e-4
+        assert (float(limit), status) == (check["limit"], check["status"])
     whole = [entry for entry in record["targets"][0]["contributors"] if entry["component"] == "all"]
     most = max(whole, key=lambda entry: entry["variance_share"])
     assert result.endswith(f"Largest share: {100 * most['variance_share']:.0f} %, {most['label']}.")

@@ -89,7 +89,7 @@ def test_the_sheet_names_the_worst_loss_of_one_bead_and_of_two(course: dict[str,
     losses = score(load_design(course["design"]), losses=True).losses[0]
     for loss in (losses.single, losses.double):
         line = f"tip-accuracy without {' and '.join(loss.lost)}, mm"
-        assert course["whole"]["score"]["lines"][line] == loss.value_mm
+        assert course["whole"]["score"]["lines"][line] == loss.value
 
 
 def test_saved_positions_are_the_optimisers_and_an_undo_restores_them(course: dict[str, Any]) -> None:

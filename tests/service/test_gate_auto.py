@@ -58,7 +58,7 @@ def test_as_many_trials_as_the_decision_needs(
     assert design.trials == CAP if most is None else design.trials <= most
     (number,) = design.numbers
     assert number.error_rate == 0.025
-    low, high = number.interval_mm
+    low, high = number.interval
     assert high is not None
     assert (high <= number.limit) == (verdict == "pass")
     assert (low > number.limit) == (verdict == "fail")
@@ -84,13 +84,13 @@ def test_a_rare_exceedance_is_decided_and_never_passed_for_want_of_trials(p95: f
     few = gate(limited(3 * p95), mode="auto", policy=policy(rules, verification={"max_trials": 2000}))
     (number,) = [entry for entry in few.designs[0].numbers if entry.rule == "exceedance"]
     if few.designs[0].basis == "Monte Carlo":
-        assert number.interval_mm[1] is None
+        assert number.interval[1] is None
         assert (few.exit_code, number.status) == (4, "inconclusive")
     tight = {"exceedance": {"limit_mm": 1.02 * first_order_quantile(0.9999), "max_probability": 0.0001}}
     few = gate(limited(3 * p95), mode="auto", policy=policy(tight, verification={"max_trials": 2000}))
     (number,) = [entry for entry in few.designs[0].numbers if entry.rule == "exceedance"]
     assert few.designs[0].basis == "Monte Carlo"
-    assert number.interval_mm[1] is None, "2000 trials have no upper end of a 99.99 % quantile"
+    assert number.interval[1] is None, "2000 trials have no upper end of a 99.99 % quantile"
     assert (few.exit_code, number.status) == (4, "inconclusive")
     for mode in ("auto", "verify"):
         failing = {"exceedance": {"limit_mm": 0.9 * first_order_quantile(0.9999), "max_probability": 0.0001}}
@@ -102,7 +102,7 @@ def first_order_quantile(quantile: float) -> float:
     from tailstack import score
 
     design = sound_design(requirements=[{"name": "far", "limit_mm": 9.0, "quantile": quantile}])
-    return score(load_design(design)).verdict.checks[0].value_mm
+    return score(load_design(design)).verdict.checks[0].value
 
 
 def test_up_to_where_a_waiver_accepts_is_decided_too(p95: float) -> None:

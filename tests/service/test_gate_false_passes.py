@@ -78,9 +78,9 @@ def test_the_interval_of_a_score_holds_what_an_independent_chain_found(name: str
     first, truth, error = CASES[name]
     found = scored(name)
     (check,) = found.verdict.checks
-    assert check.value_mm == pytest.approx(first, rel=2e-3)
+    assert check.value == pytest.approx(first, rel=2e-3)
     assert check.status == "inconclusive"
-    low, high = check.interval_mm
+    low, high = check.interval
     assert low <= truth + error
     assert high is None or high >= truth - error
     assert found.validity.status in ("good to 20 %", "not valid")
@@ -112,8 +112,8 @@ def test_the_interval_of_a_score_holds_what_motion_and_turns_do(name: str) -> No
     first, least, most = UNSEEN[name]
     found = score(load_design(document_of(name)))
     (check,) = found.verdict.checks
-    assert check.value_mm == pytest.approx(first, rel=2e-3)
-    low, high = check.interval_mm
+    assert check.value == pytest.approx(first, rel=2e-3)
+    low, high = check.interval
     assert low <= most
     assert high is None or high >= least
     assert found.validity.status in ("good to 20 %", "not valid")

@@ -157,9 +157,9 @@ def test_cvar_is_judged_with_an_interval_that_holds_the_truth() -> None:
     truth = (
         verify(load_design(sound_design()), trials=10 * (record.designs[0].trials or 0), seed=99).targets[0].cvar95_mm
     )
-    assert number.interval_mm[1] is not None
-    assert number.interval_mm[0] < truth < number.interval_mm[1]
-    assert number.interval_mm[1] - number.interval_mm[0] < 0.1 * number.value
+    assert number.interval[1] is not None
+    assert number.interval[0] < truth < number.interval[1]
+    assert number.interval[1] - number.interval[0] < 0.1 * number.value
     assert number.status == "pass"
 
 
@@ -467,7 +467,7 @@ def test_one_rule_says_what_first_order_decides(rule: str) -> None:
         record = gate(held, mode="analytic", policy=rules)
         assert (record.verdict, record.exit_code) == ("inconclusive", 4)
         assert {number.status for number in record.designs[0].numbers} == {"inconclusive"}
-        assert {number.interval_mm for number in record.designs[0].numbers} == {(0.0, None)}
+        assert {number.interval for number in record.designs[0].numbers} == {(0.0, None)}
         assert all(rule in finding.message for finding in of_rule(record, "inconclusive"))
     assert gate(held, mode="auto", policy=rules).designs[0].basis == "Monte Carlo"
 
@@ -542,8 +542,8 @@ def test_rules_and_policy_name_the_same_rules() -> None:
 def test_a_limit_that_a_loss_breaks_is_a_finding_where_the_policy_asks() -> None:
     """brute force: the score of the design without the fiducial that is named."""
     whole = score(load_design(limited(1.0))).losses[0]
-    assert whole.value_mm < whole.single.value_mm < whole.double.value_mm
-    between = (whole.single.value_mm + whole.double.value_mm) / 2
+    assert whole.value < whole.single.value < whole.double.value
+    between = (whole.single.value + whole.double.value) / 2
     assert of_rule(gate(limited(between)), "survives-loss") == []
     assert of_rule(gate(limited(between), policy=policy({"survives-loss": {"lost": 1}})), "survives-loss") == []
     record = gate(limited(between), policy=policy({"survives-loss": {"lost": 2}}))

@@ -62,7 +62,7 @@ planned = ends[1] - ends[0]
 executed = planned[:, None] + errors[1] - errors[0]
 across = np.linalg.norm(np.cross(executed.T, planned), axis=1)
 angles = np.rad2deg(np.arctan2(across, planned @ executed))
-table = score_batch(design, {"views.*.target_noise_px": [0.3, 0.6]}, columns=("value_mm", "within_limits"))
+table = score_batch(design, {"views.*.target_noise_px": [0.3, 0.6]}, columns=("value", "within_limits"))
 told = [[each.site, each.unit, each.p95, each.limit] for each in (*first.measures, *check.measures)]
 checks = [[each.verdict.checks[-1].status, each.verdict.checks[-1].unit] for each in (first, check)]
 values = next(column.tolist() for name, column in table.columns.items() if "straight" in name)

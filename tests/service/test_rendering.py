@@ -86,8 +86,8 @@ def test_no_name_loses_a_letter_whatever_stands_beside_it() -> None:
 def test_a_requirement_with_a_long_name_has_it_whole_above_its_row(width: int) -> None:
     long = "sella-99-percent-of-all-shots-for-the-file"
     checks = [
-        check("pass", requirement=name, target="Clivus, lowest point", value_mm=0.51, interval_mm=(0.504, 0.515),
-              limit_mm=0.9)
+        check("pass", requirement=name, target="Clivus, lowest point", value=0.51, interval=(0.504, 0.515),
+              limit=0.9)
         for name in (long, "tip")
     ]  # fmt: skip
     with write_on(Page(width=width)):
@@ -178,8 +178,8 @@ def test_what_is_known_of_a_source_has_a_row_of_its_own_beside_what_varies() -> 
 
 def check(status: str, **changes: object) -> Check:
     fields: dict[str, object] = {
-        "requirement": "tip", "target": "entry", "error": "tcp", "risk": "pooled", "quantile": 0.95, "value_mm": 1.25,
-        "interval_mm": (1.2, 1.3), "limit_mm": 1.5, "yield_fraction": None, "min_yield": None, "status": status,
+        "requirement": "tip", "target": "entry", "error": "tcp", "risk": "pooled", "quantile": 0.95, "value": 1.25,
+        "interval": (1.2, 1.3), "limit": 1.5, "yield_fraction": None, "min_yield": None, "status": status,
     }  # fmt: skip
     return Check(**{**fields, **changes})  # type: ignore[arg-type]
 
@@ -202,7 +202,7 @@ def test_checks_show_value_interval_limit_and_status() -> None:
 
 def test_a_yield_is_shown_against_what_is_required() -> None:
     units = {"risk": "per_unit", "yield_fraction": 0.9, "min_yield": 0.95}
-    failing = check("fail", requirement="each", interval_mm=(1.55, 1.6), value_mm=1.57, **units)
+    failing = check("fail", requirement="each", interval=(1.55, 1.6), value=1.57, **units)
     with write_on(Page(120, details=True)):
         text = requirements_text(judged(failing, check("pass")))
     cells = " ".join(text.split("\n")[-2].split())
@@ -213,7 +213,7 @@ def test_a_yield_is_shown_against_what_is_required() -> None:
 def test_each_requirement_has_one_row_at_the_target_that_decides_it() -> None:
     with write_on(Page(120)):
         text = requirements_text(judged(
-        check("pass", target="far", value_mm=1.3, interval_mm=(1.28, 1.32)), check("pass", target="near"),
+        check("pass", target="far", value=1.3, interval=(1.28, 1.32)), check("pass", target="near"),
         check("pass", requirement="all", target="a"), check("inconclusive", requirement="all", target="b"),
         ))  # fmt: skip
     rows = [" ".join(line.split()) for line in text.split("\n")[3:]]
@@ -280,7 +280,7 @@ def test_before_and_after() -> None:
     old = yaml.safe_load((EXAMPLES / "demo.yaml").read_text(encoding="utf-8"))
     new = {**old, "views": [{**view, "fiducial_noise_px": 0.1} for view in old["views"]]}
     text = before_after(full_result(design_before=old, design=new))
-    values = [score(load_design(data)).verdict.checks[0].value_mm for data in (old, new)]
+    values = [score(load_design(data)).verdict.checks[0].value for data in (old, new)]
     expected = ["tip-accuracy", "tip", *(f"{value:.2f}" for value in values), "1.00"]
     assert row_of(text, "tip-accuracy") == expected
     assert "cost: 1120, before 2000 (-44 %); " in text

@@ -128,7 +128,7 @@ def test_a_design_has_one_p95_though_its_check_alone_would_stop_sooner(
     assert made.first.verification is not None
     (difference,) = made.differences
     shown = (difference.first_p95_mm, difference.second_p95_mm)
-    assert shown == (made.first.headline.value_mm, made.second.headline.value_mm)
+    assert shown == (made.first.headline.value, made.second.headline.value)
     assert difference.difference_mm == shown[1] - shown[0]
     fixed = verify(load_design(pair[0]), trials=made.first.verification.trials, seed=3)
     assert shown[0] == fixed.targets[0].p95_mm, "the same trials, asked for by their number"
@@ -331,9 +331,9 @@ def test_a_design_with_missed_beads_is_reported_and_compared() -> None:
     report = compute_report(load_design(missed), options)
     mixture = report.score.losses[0].mixture
     assert mixture is not None
-    assert mixture.value_mm is not None
+    assert mixture.value is not None
     page = render("report", to_json(report), "html").decode()
-    assert f"with each bead missed in 2 % of shots, 95 % of all shots are within {mixture.value_mm:.3f} mm" in page
+    assert f"with each bead missed in 2 % of shots, 95 % of all shots are within {mixture.value:.3f} mm" in page
     assert compute_comparison(load_design(missed), load_design(limited(0.9)), options).differences
     missed["fiducials"]["loss_probability"] = 0.05
     whole = ReportContents(trials=TRIALS)

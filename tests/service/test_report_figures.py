@@ -493,9 +493,9 @@ def test_where_the_limit_is_met_the_score_is_at_it() -> None:
 def test_curves_of_another_error_and_quantile() -> None:
     """independent: the check that the score made of the same requirement."""
     design = example("slicer_markups")
-    check = max(score(design).verdict.checks, key=lambda entry: entry.value_mm)
+    check = max(score(design).verdict.checks, key=lambda entry: entry.value)
     found = tolerance_curves(design, check.target, Judgement("localisation", check.quantile))
-    assert found.quantile_mm == pytest.approx(check.value_mm, rel=1e-9)
+    assert found.quantile_mm == pytest.approx(check.value, rel=1e-9)
     with pytest.raises(ValueError, match="no target"):
         tolerance_curves(design, "elsewhere")
 

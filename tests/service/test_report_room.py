@@ -87,7 +87,7 @@ def test_another_quantile_and_error_are_judged_by_their_own_requirement() -> Non
     assert found.requirement == "deep"
     assert found.at_limit is not None
     checks = score(load_design(with_width(design, "rx", found.at_limit))).verdict.checks
-    assert checks[0].value_mm == pytest.approx(0.5, rel=1e-6)
+    assert checks[0].value == pytest.approx(0.5, rel=1e-6)
 
 
 @pytest.mark.long("slicer_markups")
@@ -118,9 +118,9 @@ def test_slack_is_to_the_requirement_that_decides() -> None:
     data["interfaces"]["connector_flange"]["tolerances"]["rx"]["half_width_deg"] = rx.at_limit
     tried = load_design(data)
     (estimate,) = [check for check in score(tried).verdict.checks if check.requirement == "every-unit"]
-    assert estimate.value_mm == pytest.approx(0.6, rel=1e-6)
+    assert estimate.value == pytest.approx(0.6, rel=1e-6)
     (drawn,) = [check for check in verify(tried, trials=2**17).verdict.checks if check.requirement == "every-unit"]
-    low, high = drawn.interval_mm
+    low, high = drawn.interval
     assert high is not None
     assert low / 1.01 <= 0.6 <= high * 1.01  # an estimate is within 1 % of a simulation
 

@@ -230,7 +230,7 @@ def test_a_changed_number_of_a_page_is_found(files: dict[str, bytes]) -> None:
 
 CHANGED = (
     ("score", "targets", 0, "p95_mm"), ("verification", "targets", 0, "worst_mm"),
-    ("verification", "reprojection", "mean_px"), ("headline", "value_mm"), ("allowances", 5, "cost"),
+    ("verification", "reprojection", "mean_px"), ("headline", "value"), ("allowances", 5, "cost"),
     ("distributions", 0, "sampled", 4),
 )  # fmt: skip
 

@@ -53,7 +53,7 @@ def values() -> dict[tuple[float, float | None], float]:
     asked = list(product(QUANTILES, YIELDS))
     design = sound_design(requirements=[requirement(*key, 50.0, f"r{k}") for k, key in enumerate(asked)])
     checks = json.loads(to_json(score(load_design(design))))["verdict"]["checks"]
-    return {key: check["value_mm"] for key, check in zip(asked, checks, strict=True)}
+    return {key: check["value"] for key, check in zip(asked, checks, strict=True)}
 
 
 @pytest.fixture(scope="module")
@@ -74,21 +74,21 @@ def words_of(check: dict[str, Any]) -> str:
 def agree(checks: list[dict[str, Any]]) -> None:
     """Status, margin, interval, value and yield of checks in JSON say the same."""
     for check in checks:
-        low, high = check["interval_mm"]
-        assert low <= check["value_mm"] <= high
-        assert check["margin_mm"] == check["limit_mm"] - high
-        assert (check["status"] == "pass") == (check["margin_mm"] >= 0)
-        assert (check["status"] == "fail") == (low > check["limit_mm"])
+        low, high = check["interval"]
+        assert low <= check["value"] <= high
+        assert check["margin"] == check["limit"] - high
+        assert (check["status"] == "pass") == (check["margin"] >= 0)
+        assert (check["status"] == "fail") == (low > check["limit"])
         assert check["headline"] == words_of(check)
         if check["min_yield"] is not None:
-            assert (check["yield_fraction"] >= check["min_yield"]) == (check["value_mm"] <= check["limit_mm"])
+            assert (check["yield_fraction"] >= check["min_yield"]) == (check["value"] <= check["limit"])
 
 
 def same_row(cells: list[str], check: dict[str, Any]) -> None:
     """A row of a table as printed: value, ends of the interval, limit, margin, ..., status."""
     numbers = [float(cell.replace("−", "-")) for cell in cells[-6:-1]]
-    low, high = check["interval_mm"]
-    expected = [check["value_mm"], low, high, check["limit_mm"], check["margin_mm"]]
+    low, high = check["interval"]
+    expected = [check["value"], low, high, check["limit"], check["margin"]]
     assert numbers == pytest.approx(expected, abs=6e-4), check["requirement"]
     assert cells[-1] == check["status"]
     assert (cells[-1] == "pass") == (not cells[-2].startswith(("-", "−")))
@@ -111,9 +111,9 @@ def test_pass_is_a_margin_that_is_not_negative_at_every_quantile_and_yield(desig
     assert [set(found) for found in by_factor.values()] == [{"fail"}, {"inconclusive"}, {"pass"}]
     for quantile, fraction in product(QUANTILES, YIELDS[1:]):
         same = [c for c in checks if (c["quantile"], c["min_yield"]) == (quantile, fraction)]
-        assert len({c["value_mm"] for c in same}) == 1
+        assert len({c["value"] for c in same}) == 1
     for quantile in QUANTILES:  # what more units keep is more
-        rising = [next(c["value_mm"] for c in checks if (c["quantile"], c["min_yield"]) == (quantile, y))
+        rising = [next(c["value"] for c in checks if (c["quantile"], c["min_yield"]) == (quantile, y))
                   for y in YIELDS[1:]]  # fmt: skip
         assert rising == sorted(rising)
         assert rising[-1] > 1.02 * rising[0]
@@ -130,7 +130,7 @@ def checks(report: bytes) -> dict[str, dict[str, Any]]:
     agree(record["score"]["verdict"]["checks"])
     headline = record["headline"]
     assert headline["status"] == "fail"
-    assert headline["margin_mm"] == headline["limit_mm"] - headline["interval_mm"][1] < 0
+    assert headline["margin"] == headline["limit"] - headline["interval"][1] < 0
     return {check["requirement"]: check for check in record["score"]["verdict"]["checks"]}
 
 
@@ -185,7 +185,7 @@ def test_a_spreadsheet_has_them_as_numbers(report: bytes, checks: dict[str, dict
         assert found.keys() == checks.keys()
         for name, row in found.items():
             check = checks[name]
-            expected = (check["value_mm"], *check["interval_mm"], check["limit_mm"], check["margin_mm"])
+            expected = (check["value"], *check["interval"], check["limit"], check["margin"])
             assert [row[number] for number in numbers] == pytest.approx(expected, rel=1e-15)
             assert (row["Status"] == "pass") == (row["Margin, mm"] >= 0)
             assert row["Status"] == check["status"]
@@ -254,9 +254,9 @@ def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dic
     assert set(numbers) == set(checks)
     for name, number in numbers.items():
         check = checks[name]
-        same = ("headline", "value_mm", "interval_mm", "limit_mm", "margin_mm", "status")
+        same = ("headline", "value", "interval", "limit", "margin", "status")
         assert {key: number[key] for key in same} == {key: check[key] for key in same}
-        assert (number["status"] == "pass") == (number["margin_mm"] >= 0)
+        assert (number["status"] == "pass") == (number["margin"] >= 0)
     with write_on(Page(160, details=True)):
         texts = {name: render(record) for name, render in FORMATS.items()}
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in texts["markdown"].splitlines()]
@@ -276,12 +276,12 @@ def test_a_gate_says_the_same_in_each_of_its_formats(design: Design, checks: dic
         same_row([*cells[:-2], cells[-1]], check)
         assert (cases[name].find("failure") is None) == (check["status"] == "pass")
         if name in sarif:
-            low, high = check["interval_mm"]
+            low, high = check["interval"]
             stated = r"is ([\d.]+) mm \(between ([\d.]+) and ([\d.]+)\), limit ([\d.]+) mm"
             for words in (sarif[name], cases[name].find("failure").get("message")):  # type: ignore[union-attr]
                 printed = [float(number) for number in re.search(stated, words).groups()]  # type: ignore[union-attr]
-                assert printed[:3] == pytest.approx([check["value_mm"], low, high], abs=6e-4)
-                assert printed[3] == pytest.approx(check["limit_mm"], abs=1e-9)
+                assert printed[:3] == pytest.approx([check["value"], low, high], abs=6e-4)
+                assert printed[3] == pytest.approx(check["limit"], abs=1e-9)
                 assert words_of(check) in words.replace(" of the error at the tool", "")
 
 
@@ -310,7 +310,7 @@ def test_a_check_decides_at_the_yield_that_is_asked_for(values: dict[tuple[float
         same_row([*cells[:-2], cells[-1]], check)
         same_row(without_units(next(row for row in reader.rows if row[0] == check["requirement"])), check)
         # first order agrees where it is calibrated
-        assert check["value_mm"] == pytest.approx(values[check["quantile"], check["min_yield"]], rel=0.04)
+        assert check["value"] == pytest.approx(values[check["quantile"], check["min_yield"]], rel=0.04)
     assert "FAIL" in page.upper()
 
 
@@ -319,5 +319,5 @@ def test_a_yield_that_so_few_units_cannot_show_is_open_and_its_margin_not_known(
     (check,) = json.loads(to_json(verify(load_design(sound_design(requirements=[entry])), trials=5000)))["verdict"][
         "checks"
     ]
-    assert (check["status"], check["interval_mm"][1], check["margin_mm"]) == ("inconclusive", None, None)
+    assert (check["status"], check["interval"][1], check["margin"]) == ("inconclusive", None, None)
     assert check["yield_fraction"] == 1.0

@@ -60,7 +60,7 @@ def test_whoever_opens_the_address_is_one_click_from_a_score(service: Served) ->
     assert awaited == ["scores"]  # by a page that is opened again, until its number is there
     record = json.loads(to_json(score(load_design(EXAMPLES / "demo.yaml"))))
     assert found["score"] == record  # to the last digit
-    assert found["p95"] == f"{record['verdict']['checks'][0]['value_mm']:.2f}"  # good to 1 % of a limit of 1 mm
+    assert found["p95"] == f"{record['verdict']['checks'][0]['value']:.2f}"  # good to 1 % of a limit of 1 mm
 
 
 @pytest.mark.long
@@ -238,8 +238,8 @@ def test_a_bead_that_is_lost_is_not_among_those_that_a_view_sees_either(service:
     assert "F3" not in found["labels"]
     mixture = score(load_design(design)).losses[0].mixture
     assert mixture is not None
-    assert mixture.value_mm is not None
-    assert f"of all shots: {mixture.value_mm:.2f} mm" in found["losses"]
+    assert mixture.value is not None
+    assert f"of all shots: {mixture.value:.2f} mm" in found["losses"]
     assert found["before"] == found["after"]
 
 

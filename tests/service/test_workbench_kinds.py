@@ -85,7 +85,7 @@ def simulated(estimate: dict[str, Any], factor: float) -> dict[str, Any]:
         for target, own in zip(record["targets"], estimate["targets"], strict=True)
     ]  # fmt: skip
     checks = [
-        {**check, "interval_mm": [0.99 * check["value_mm"], 1.01 * check["value_mm"]], "status": "fail"}
+        {**check, "interval": [0.99 * check["value"], 1.01 * check["value"]], "status": "fail"}
         for check in record["verdict"]["checks"]
     ]
     return {
@@ -163,7 +163,7 @@ def mixtures(each: dict[str, Any], seen: list[dict[str, Any]]) -> tuple[list[str
     differences = [abs(a - b) for those in decisive.values() for a in those for b in those]
     mixed = [abs(a - b) for a in decisive["estimate"] for b in decisive["simulation"]]
     stated = [float(token) for token in re.findall(r"\d+\.?\d*", json.dumps([state["design"] for state in states]))]
-    stated += [check["limit_mm"] for state in states for check in state["score"]["verdict"]["checks"]]
+    stated += [check["limit"] for state in states for check in state["score"]["verdict"]["checks"]]
     wrong, looked = [], {"estimate": 0, "simulation": 0}
     for moment in seen:
         for line in moment["lines"]:
@@ -187,7 +187,7 @@ def mixtures(each: dict[str, Any], seen: list[dict[str, Any]]) -> tuple[list[str
 def decided(record: dict[str, Any]) -> list[float]:
     """What may be the number of a record that is compared."""
     checks: list[dict[str, Any]] = record["verdict"]["checks"]
-    return [*(check["value_mm"] for check in checks), *(target["p95_mm"] for target in record["targets"])]
+    return [*(check["value"] for check in checks), *(target["p95_mm"] for target in record["targets"])]
 
 
 def look_at(names: list[str]) -> None:

@@ -102,7 +102,7 @@ def test_strip_run_slack_and_variants_speak_of_the_requirement_that_decides(serv
     assert estimate is not None
     assert (estimate.requirement, estimate.status) == ("every-unit", "fail")
     found = shown(service, "units", UNITS.read_text(encoding="utf-8"))
-    assert found["p95"] == f"{estimate.value_mm:.3f}"
+    assert found["p95"] == f"{estimate.value:.3f}"
     assert len(found["variants"]) == 2  # now, and A
     for row in found["variants"]:
         assert row.split("\t")[1:5] == ["Fail by estimate", found["p95"], "–", "0.600"]

@@ -81,7 +81,7 @@ globalThis.fetch = async (address, { method, body }) => {
   if (path === "/v1/scores") return k < 0 ? answers(422, { errors: [] }) : answers(200, states[k].score);
   if (path === "/v1/scores/batch") {
     const rows = Object.values(given.table)[0].length, [check] = states[k].score.verdict.checks;
-    return answers(200, { columns: { [`value_mm:${check.requirement}:${check.target}`]: Array(rows).fill(job.advised), verdict: Array(rows).fill("pass") } });
+    return answers(200, { columns: { [`value:${check.requirement}:${check.target}`]: Array(rows).fill(job.advised), verdict: Array(rows).fill("pass") } });
   }
   if (path === "/v1/reports") return answers(202, jobOf(`${k}`));
   if (path.startsWith("/v1/jobs/")) return answers(200, jobOf(path.split("/").pop()));

@@ -73,8 +73,8 @@ def scored(document: dict[str, Any]) -> dict[str, Any] | None:
         cells[f"bias_norm_mm:{target.name}"] = float(np.linalg.norm(target.bias_mm))
         cells[f"localisation_p95_mm:{target.name}"] = target.localisation.p95_mm
     for check in found.verdict.checks:
-        cells[f"value_mm:{check.requirement}:{check.target}"] = check.value_mm
-    kept = [check.value_mm <= check.limit_mm for check in found.verdict.checks]
+        cells[f"value:{check.requirement}:{check.target}"] = check.value
+    kept = [check.value <= check.limit for check in found.verdict.checks]
     cells["within_limits"] = ("yes" if all(kept) else "no") if kept else "no requirement"
     return cells
 

@@ -243,7 +243,7 @@ def test_a_design_made_from_the_schema_alone():
     }
     VALIDATOR.validate(design)
     system, _, _ = check_design(load_design(design))
-    assert system.requirements[0].limit_mm == 2.0
+    assert system.requirements[0].limit == 2.0
 
 
 # What the reader refuses by structure alone is refused by the schema; what it refuses by its meaning may be valid there

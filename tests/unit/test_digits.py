@@ -29,7 +29,7 @@ def test_the_last_digit_is_of_the_decade_of_the_error(size_mm: float, error: flo
 
 
 def judged(value: float, low: float, high: float | None, limit: float) -> Any:
-    return SimpleNamespace(value_mm=value, interval_mm=(low, high), limit_mm=limit)
+    return SimpleNamespace(value=value, interval=(low, high), limit=limit)
 
 
 def test_an_answer_has_the_decimals_of_its_finest_requirement() -> None:

@@ -154,10 +154,10 @@ def meet_losses(own: Subject, folder: Path) -> None:
         points = own.data["fiducials"]["points"]
         return p95_of({**own.data, "fiducials": {**own.data["fiducials"], "points": points[:k] + points[k + 1 :]}})
 
-    assert found.single.value_mm is not None
+    assert found.single.value is not None
     worst = own.system.fiducial_labels.index(found.single.lost[0])
-    assert without(worst) == pytest.approx(found.single.value_mm, rel=1e-9)
-    assert without(worst - 1) <= found.single.value_mm
+    assert without(worst) == pytest.approx(found.single.value, rel=1e-9)
+    assert without(worst - 1) <= found.single.value
 
 
 def meet_coupling(own: Subject, folder: Path) -> None:

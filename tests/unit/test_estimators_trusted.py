@@ -371,7 +371,7 @@ def test_an_unknown_upper_end_is_null_and_never_passes() -> None:
     result = score(load_design(data))
     assert result.validity.status == "not valid"
     document = json.loads(to_json(result))
-    assert [check["interval_mm"][1] for check in document["verdict"]["checks"]] == [None, None]
+    assert [check["interval"][1] for check in document["verdict"]["checks"]] == [None, None]
     assert [check["status"] for check in document["verdict"]["checks"]] == ["inconclusive", "inconclusive"]
     assert read_record("score", to_json(result)) == result
     text = " ".join(OPERATIONS["score"].write(result).split())

@@ -77,7 +77,7 @@ def test_the_worst_losses_are_those_of_brute_force(seed):
     (found,) = score(limited(system, error, quantile)).losses
     for lost, worst in ((1, found.single), (2, found.double)):
         expected = brute_force(system, lost, error, quantile)
-        assert np.isinf(expected) if worst.value_mm is None else worst.value_mm == pytest.approx(expected, rel=1e-9)
+        assert np.isinf(expected) if worst.value is None else worst.value == pytest.approx(expected, rel=1e-9)
         assert len(worst.lost) == lost
 
 
@@ -99,12 +99,12 @@ def test_the_worst_loss_at_many_neighbouring_targets_is_that_of_brute_force(seed
     error, quantile = ("tcp", 0.95) if seed % 2 else ("localisation", 0.99)
     system = replace(random_system(rng, 9, 2), targets=neighbours(rng, 30))
     (found,) = score(limited(system, error, quantile)).losses
-    assert found.single.value_mm == pytest.approx(brute_force(system, 1, error, quantile), rel=1e-9)
+    assert found.single.value == pytest.approx(brute_force(system, 1, error, quantile), rel=1e-9)
     rest = taken(system, [system.fiducial_labels.index(label) for label in found.double.lost])
     law = error_law(
         linearise(rest, next(t for t in rest.targets if t.name == found.double.target)), error, quantile
     ).law
-    assert found.double.value_mm == pytest.approx(law_quantile(law, quantile).quantile_mm, rel=1e-9)
+    assert found.double.value == pytest.approx(law_quantile(law, quantile).quantile_mm, rel=1e-9)
 
 
 @pytest.mark.parametrize("estimator", [Estimator.DLT, Estimator.POSE])
@@ -115,7 +115,7 @@ def test_the_worst_loss_among_all_effects_is_that_of_brute_force(estimator, erro
     rng = np.random.default_rng(8)
     system = replace(every_effect(rng), targets=neighbours(rng, 3), estimator=estimator)
     (found,) = score(limited(system, error)).losses
-    assert found.single.value_mm == pytest.approx(brute_force(system, 1, error), rel=1e-9)
+    assert found.single.value == pytest.approx(brute_force(system, 1, error), rel=1e-9)
 
 
 @pytest.mark.parametrize("bias", [0.0, 0.3])
@@ -128,7 +128,7 @@ def test_the_worst_loss_beside_bounded_components_is_that_of_brute_force(bias):
     system = replace(random_system(rng, 8, 3), targets=neighbours(rng, 2), connector_flange=seat)
     (found,) = score(limited(system)).losses
     for lost, worst in ((1, found.single), (2, found.double)):
-        assert worst.value_mm == pytest.approx(brute_force(system, lost), rel=1e-9)
+        assert worst.value == pytest.approx(brute_force(system, lost), rel=1e-9)
 
 
 def test_a_limit_on_each_unit_is_held_against_the_structure_without_the_lost():
@@ -139,7 +139,7 @@ def test_a_limit_on_each_unit_is_held_against_the_structure_without_the_lost():
     for loss in (found.single, found.double):
         rest = taken(system, [system.fiducial_labels.index(label) for label in loss.lost])
         (check,) = (c for c in score(rest, losses=False).verdict.checks if c.target == loss.target)
-        assert loss.value_mm == pytest.approx(check.value_mm, rel=1e-9)
+        assert loss.value == pytest.approx(check.value, rel=1e-9)
 
 
 @pytest.mark.parametrize("make", [cios_system, lambda: random_system(np.random.default_rng(6), 12)])
@@ -153,17 +153,17 @@ def test_exact_laws_are_asked_where_a_loss_may_be_the_worst(make, monkeypatch):
     monkeypatch.setattr(losses, "law_quantile", lambda *law: asked.append(law) or exact(*law))
     monkeypatch.setattr(losses, "linearise_at", None)
     one, two = (search.worst(lost, "tcp", 0.95, list(search.models)) for lost in (1, 2))
-    assert one.value_mm < two.value_mm
+    assert one.value < two.value
     assert 2 <= len(asked) <= 2 * 2.5 * len(places)
 
 
 def test_the_reference_cube_loses_little_with_one_bead_and_all_with_two():
     """oracle: 0.252 mm with all, 0.297 at worst without one, 3.59 at worst without two (estimators.json)."""
     (found,) = score(cube8_system()).losses
-    assert found.value_mm == pytest.approx(0.252, abs=5e-4)
-    assert found.single.value_mm == pytest.approx(0.297, abs=5e-4)
-    assert found.double.value_mm == pytest.approx(3.59, abs=5e-3)
-    assert (found.requirement, found.limit_mm, found.keeps(1)) == ("", None, None)
+    assert found.value == pytest.approx(0.252, abs=5e-4)
+    assert found.single.value == pytest.approx(0.297, abs=5e-4)
+    assert found.double.value == pytest.approx(3.59, abs=5e-3)
+    assert (found.requirement, found.limit, found.keeps(1)) == ("", None, None)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -181,18 +181,18 @@ def test_the_worst_loss_is_that_of_brute_force_where_the_intrinsics_are_wrong(se
         point["position_mm"] = (np.array(point["position_mm"]) + rng.normal(0, 8, 3)).tolist()
     system = compile_design(load_design(data))
     (found,) = score(system).losses
-    assert found.single.value_mm == pytest.approx(brute_force(system, 1), rel=1e-9)
+    assert found.single.value == pytest.approx(brute_force(system, 1), rel=1e-9)
 
 
 def test_too_few_that_are_left_are_the_worst_of_all_and_said_so():
     rng = np.random.default_rng(3)
     seven = system_of(rng.uniform(-50, 50, (7, 3)) + np.array([0, 0, -20.0]))
     (found,) = score(seven).losses
-    assert found.single.value_mm is not None
-    assert found.double.value_mm is None
+    assert found.single.value is not None
+    assert found.double.value is None
     assert "left with 5 fiducials" in found.double.reason
     (found,) = score(with_unseen(seven, 1, ("F2",))).losses
-    assert found.single.value_mm is None
+    assert found.single.value is None
     assert found.single.lost != ("F2",)
     assert "view view1 is left with 5" in found.single.reason
 
@@ -202,7 +202,7 @@ def test_a_rest_in_one_plane_is_the_worst_of_all_and_said_so():
     system = system_of(np.array([*plate, [10.0, 5.0, -50.0], [-20.0, 10.0, 40.0]]) + np.array([0, 0, -40.0]))
     (found,) = score(system).losses
     assert found.double.lost == ("F7", "F8")
-    assert found.double.value_mm is None
+    assert found.double.value is None
     assert "in one plane" in found.double.reason
 
 
@@ -213,13 +213,13 @@ def test_a_limit_that_a_loss_breaks_is_not_kept():
     assert (found.keeps(1), found.keeps(2)) == (True, False)
     per_unit = replace(limited.requirements[0], risk="per_unit", min_yield=0.9)
     (units,) = score(replace(limited, requirements=(per_unit,))).losses
-    assert units.single.value_mm == pytest.approx(found.single.value_mm, rel=0.01)  # there is nothing but noise
+    assert units.single.value == pytest.approx(found.single.value, rel=0.01)  # there is nothing but noise
 
 
 def test_every_pair_of_very_many_is_not_tried():
     rng = np.random.default_rng(1)
     (found,) = score(system_of(rng.uniform(-50, 50, (31, 3)) + np.array([0, 0, -20.0]))).losses
-    assert found.single.value_mm is not None
+    assert found.single.value is not None
     assert found.double is None
     assert found.keeps(2) is None
     assert score(cube8_system(), losses=False).losses == ()
@@ -229,9 +229,9 @@ def test_known_intrinsics_survive_what_eleven_unknowns_do_not():
     """oracle: 0.205 mm with all, 0.237 at worst without two (estimators.json); brute force for one."""
     system = replace(cube8_system(), estimator=Estimator.POSE)
     (found,) = score(system).losses
-    assert found.value_mm == pytest.approx(0.2049, abs=5e-5)
-    assert found.double.value_mm == pytest.approx(0.237, abs=5e-4)
-    assert found.single.value_mm == pytest.approx(brute_force(system, 1), rel=1e-9)
+    assert found.value == pytest.approx(0.2049, abs=5e-5)
+    assert found.double.value == pytest.approx(0.237, abs=5e-4)
+    assert found.single.value == pytest.approx(brute_force(system, 1), rel=1e-9)
 
 
 # --- lost at random -----------------------------------------------------------------------------------------
@@ -276,8 +276,8 @@ def test_the_quantile_of_shots_with_beads_missed_is_that_of_a_sample(scene):
     (found,) = score(limited(replace(system, targets=system.targets[:1]))).losses
     shots = 200_000
     norms = sampled_mixture(system, shots, rng)
-    assert found.mixture.value_mm > 1.02 * found.value_mm
-    within = (norms <= found.mixture.value_mm).mean()
+    assert found.mixture.value > 1.02 * found.value
+    within = (norms <= found.mixture.value).mean()
     assert within == pytest.approx(0.95, abs=4.5 * np.sqrt(0.95 * 0.05 / shots))
     lacking = np.isinf(norms).mean()
     doubt = 4.5 * np.sqrt(lacking * (1 - lacking) / shots)
@@ -290,7 +290,7 @@ def test_beads_that_nothing_can_do_without_leave_no_bound():
     (found,) = score(replace(seven, loss_probability=(0.1,) * 7)).losses
     assert found.mixture.probability_of_none == pytest.approx(0.9**7)
     assert found.mixture.probability_unaccounted == pytest.approx(1 - 0.9**7 - 7 * 0.1 * 0.9**6)
-    assert found.mixture.value_mm is None
+    assert found.mixture.value is None
 
 
 def missed(change=None):
@@ -307,9 +307,9 @@ def test_a_document_says_how_often_beads_are_missed():
     count = len(DEMO["fiducials"]["points"])
     assert plain.losses[0].mixture is None
     assert line.mixture.probability_of_none == pytest.approx(0.99**count)
-    assert line.value_mm < line.mixture.value_mm < line.double.value_mm
-    assert line.value_mm == plain.targets[0].p95_mm
-    assert line.mixture.value_mm == found.targets[0].p95_mm == found.verdict.checks[0].value_mm
+    assert line.value < line.mixture.value < line.double.value
+    assert line.value == plain.targets[0].p95_mm
+    assert line.mixture.value == found.targets[0].p95_mm == found.verdict.checks[0].value
     assert found.targets[0].second_order.status == "applied"
 
     def one_often(data):
@@ -347,7 +347,7 @@ def demo(probability, *requirements, beads=range(8)):
 
 
 def values(data):
-    return [check.value_mm for check in score(load_design(data)).verdict.checks]
+    return [check.value for check in score(load_design(data)).verdict.checks]
 
 
 @pytest.mark.parametrize(("quantile", "error"), [(0.95, "tcp"), (0.9, "localisation"), (0.99, "tcp")])
@@ -360,9 +360,9 @@ def test_every_door_judges_all_shots(quantile, error):
     design = load_design(data)
     found = score(design)
     (check,), (line,) = found.verdict.checks, found.losses
-    assert check.value_mm == line.mixture.value_mm
-    assert line.value_mm == pytest.approx(whole, rel=1e-12)
-    assert check.interval_mm[0] < mixed < check.interval_mm[1]
+    assert check.value == line.mixture.value
+    assert line.value == pytest.approx(whole, rel=1e-12)
+    assert check.interval[0] < mixed < check.interval[1]
     assert found.verdict.status != "pass"
     assert is_of_all_shots(found.verdict)
     assert check.missed
@@ -370,11 +370,11 @@ def test_every_door_judges_all_shots(quantile, error):
     assert MISSED in checks_sentence([check])
     assert "missed-fiducials" in {finding.rule for finding in found.verdict.findings}
     table = {NOISE: [DEMO["views"][0]["fiducial_noise_px"]]}
-    rows = score_batch(design, table, columns=["p95_mm", "localisation_p95_mm", "value_mm", "within_limits", "verdict"])
+    rows = score_batch(design, table, columns=["p95_mm", "localisation_p95_mm", "value", "within_limits", "verdict"])
     cells = {name.partition(":")[0]: column[0] for name, column in rows.columns.items()}
     target = found.targets[0]
     assert (cells["p95_mm"], cells["localisation_p95_mm"]) == (target.p95_mm, target.localisation.p95_mm)
-    assert (cells["value_mm"], cells["within_limits"]) == (check.value_mm, "no")
+    assert (cells["value"], cells["within_limits"]) == (check.value, "no")
     assert cells["verdict"] == found.verdict.status
     (point,) = sweep(design, table).points
     assert (point.verdict, point.targets[0].p95_mm) == (found.verdict.status, target.p95_mm)
@@ -397,8 +397,8 @@ def test_where_first_order_cannot_tell_nothing_passes_however_far_the_limit(prob
     assert found.verdict.status == "inconclusive"
     assert {check.status for check in found.verdict.checks[1:]} == {"inconclusive"}
     for check in found.verdict.checks:
-        assert (check.interval_mm[1] is None) == bool(check.open_because)
-        assert check.value_mm < inf
+        assert (check.interval[1] is None) == bool(check.open_because)
+        assert check.value < inf
     stated = [each for each in found.verdict.findings if each.rule == "requirement-inconclusive"]
     assert all("missed" in each.message or "shots" in each.message or "calibrated" in each.message for each in stated)
     assert found.validity.expected_error_percent is None or found.validity.expected_error_percent > 5
@@ -410,9 +410,9 @@ def test_seven_beads_of_which_some_are_missed_are_not_said_to_be_well_known():
     """sampled: 2^15 trials, an interval of 99.7 %.  Was: 5 % at most, said of a P95 that was out by more than that."""
     design = load_design(demo(0.04, {}, beads=SEVEN))
     found, drawn = score(design), verify(design, trials=2**15, seed=1)
-    low, high = found.verdict.checks[0].interval_mm
-    assert drawn.verdict.checks[0].interval_mm[1] >= low
-    assert high is None or drawn.verdict.checks[0].interval_mm[0] <= high
+    low, high = found.verdict.checks[0].interval
+    assert drawn.verdict.checks[0].interval[1] >= low
+    assert high is None or drawn.verdict.checks[0].interval[0] <= high
 
 
 def test_where_a_quantile_over_shots_lies_is_that_of_the_sums_of_its_structures():
@@ -482,10 +482,10 @@ def still(bias=(0.0,) * 6, points=None, **changes):
 def test_a_loss_leaves_the_error_what_it_is(bias, moved):
     """closed_form: the structure is 0.07 mm off, and six or seven beads without noise find that as eight do."""
     (line,) = score(still(bias)).losses
-    assert line.value_mm == pytest.approx(moved, abs=1e-9)
+    assert line.value == pytest.approx(moved, abs=1e-9)
     for loss in (line.single, line.double):
         assert loss.reason == ""
-        assert loss.value_mm == pytest.approx(moved, abs=1e-9)
+        assert loss.value == pytest.approx(moved, abs=1e-9)
 
 
 def test_what_determines_nothing_is_found_though_nothing_varies():
@@ -493,7 +493,7 @@ def test_what_determines_nothing_is_found_though_nothing_varies():
     flat = [(x, y, 0.0) for x, y in ((-40, -40), (40, -35), (-35, 40), (40, 40), (0, 10), (20, -5), (-10, 25))]
     points = read_only(np.array([*flat, (5.0, 5.0, 40.0), (-20.0, 10.0, 35.0)]) - [0, 0, 60])
     (line,) = score(still(SHIFT, points)).losses
-    assert line.single.value_mm is None
+    assert line.single.value is None
     assert line.single.lost in (("F8",), ("F9",))
     assert "lie in one plane" in line.single.reason
 
@@ -502,7 +502,7 @@ def test_shots_with_missed_beads_have_an_answer():
     """closed_form: 0.98^8 of the shots miss nothing, and all that keep six beads or more err by the bias."""
     system = still(SHIFT, loss_probability=(0.02,) * 8)
     (line,) = score(system).losses
-    assert line.mixture.value_mm == pytest.approx(0.07, abs=1e-9)
+    assert line.mixture.value == pytest.approx(0.07, abs=1e-9)
     found = verify(system, trials=2000).targets[0]
     assert found.p95_mm == pytest.approx(0.07, abs=1e-9)
 
@@ -520,4 +520,4 @@ def test_a_design_that_says_so_in_its_document():
         "interfaces": {"structure_connector": seat},
     }
     (line,) = score(replace(compile_design(load_design(data)), requirements=())).losses
-    assert [line.single.value_mm, line.double.value_mm] == pytest.approx([0.07, 0.07], abs=1e-9)
+    assert [line.single.value, line.double.value] == pytest.approx([0.07, 0.07], abs=1e-9)

@@ -91,8 +91,8 @@ def test_the_check_and_the_score_agree_on_what_missing_beads_does():
     line = score(system).losses[0]
     check = verify(system, trials=400_000, seed=2)
     target = check.targets[0]
-    assert target.first_order_p95_mm == pytest.approx(line.mixture.value_mm, rel=0.002)
-    assert target.first_order_p95_mm > 1.01 * line.value_mm
+    assert target.first_order_p95_mm == pytest.approx(line.mixture.value, rel=0.002)
+    assert target.first_order_p95_mm > 1.01 * line.value
     assert check.first_order_ratio == pytest.approx(1, abs=0.01)
     assert not [finding for finding in check.verdict.findings if finding.rule == "first-order-gap"]
 
@@ -256,7 +256,7 @@ def test_a_unit_misses_beads_shot_by_shot():
     assert (lost.any(axis=1) & ~lost.all(axis=1)).all()
     unit = Requirement("unit", "tcp", 0.95, 5.0, 0.95, ("target",), "per_unit", 0.9)
     each = replace(system, requirements=(unit,))
-    plain, often = (verify(one, trials=2000).verdict.checks[0].value_mm for one in (each, missed(each, 0.01)))
+    plain, often = (verify(one, trials=2000).verdict.checks[0].value for one in (each, missed(each, 0.01)))
     assert often > 1.01 * plain
 
 

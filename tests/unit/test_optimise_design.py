@@ -56,7 +56,7 @@ def test_the_new_design_scores_and_verifies_as_promised() -> None:
     assert result.p95_after_mm > 0.98 * limit
     check = result.certificate.verification
     assert check.verdict.status == "pass"
-    assert max(item.interval_mm[1] for item in check.verdict.checks) <= limit
+    assert max(item.interval[1] for item in check.verdict.checks) <= limit
     again = verify(revised, precision=0.005, seed=987654321).targets[0]
     low, high = again.p95_interval_mm
     assert low <= limit * 1.005
@@ -152,10 +152,10 @@ def test_another_quantile_of_another_error() -> None:
     checks = result.certificate.verification.verdict.checks
     assert len(checks) == 8
     assert {(item.quantile, item.error) for item in checks} == {(0.9, "localisation")}
-    assert max(item.interval_mm[1] for item in checks) <= 0.6
+    assert max(item.interval[1] for item in checks) <= 0.6
     scored = score(load_design(result.design))
     assert result.p95_after_mm == pytest.approx(max(t.localisation.p95_mm for t in scored.targets), rel=1e-9)
-    assert 0.59 < max(item.value_mm for item in scored.verdict.checks) <= 0.6
+    assert 0.59 < max(item.value for item in scored.verdict.checks) <= 0.6
     # interface 2 comes after localisation: nothing depends on it
     widths = [item.after_half_width for item in result.tolerances if item.contributor == "connector_flange"]
     assert widths == pytest.approx([0.5] * 2)
@@ -243,7 +243,7 @@ def test_stopped_it_returns_the_best_so_far_verified() -> None:
     assert ("check", 1, 6) in seen
     checks = result.certificate.verification.verdict.checks
     assert result.status == "verified"
-    assert max(item.interval_mm[1] for item in checks) <= 1.0
+    assert max(item.interval[1] for item in checks) <= 1.0
     assert score(load_design(result.design)).targets[0].p95_mm == pytest.approx(result.p95_after_mm, rel=1e-9)
 
 

@@ -189,7 +189,7 @@ def _exact_worst(solution: PlacementSolution, choice: Choice) -> float:
         means = [model.bias_mm(error) + sum((s * end for s, end in zip(row, ends, strict=True)), np.zeros(3))
                  for row in signs]  # fmt: skip
         worst = max(law_quantile(declared_law(model, error, mean)[0], 0.95).quantile_mm for mean in means)
-        found.append(worst / demand.requirement.limit_mm)
+        found.append(worst / demand.requirement.limit)
     return max(found)
 
 

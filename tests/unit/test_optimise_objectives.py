@@ -46,7 +46,7 @@ def widths_of(data: Any, which: list[tuple[str, str]]) -> dict[tuple[str, str], 
 def assert_passes(result: Optimisation) -> None:
     checks = result.certificate.verification.verdict.checks
     assert result.status == "verified"
-    assert all(check.status == "pass" and check.interval_mm[1] <= check.limit_mm for check in checks)
+    assert all(check.status == "pass" and check.interval[1] <= check.limit for check in checks)
     scored = score(load_design(result.design))
     assert max(target.p95_mm for target in scored.targets) == pytest.approx(result.p95_after_mm, rel=1e-9)
 
@@ -230,11 +230,11 @@ def test_every_limit_that_is_asked_for_is_verified() -> None:
     asked = {("accuracy", "tip"), ("accuracy", "entry"), ("display", "tip")}
     held = {(check.requirement, check.target): check for check in checks}
     assert set(held) == asked | {("dream", "tip"), ("dream", "entry")}
-    assert all(held[key].status == "pass" and held[key].interval_mm[1] <= held[key].limit_mm for key in asked)
+    assert all(held[key].status == "pass" and held[key].interval[1] <= held[key].limit for key in asked)
     # what was not asked for is judged, and the verdict is of all
     assert (held["dream", "tip"].status, result.verdict_status, result.not_asked) == ("fail", "fail", ("dream",))
     scored = {(check.requirement, check.target): check for check in score(load_design(result.design)).verdict.checks}
-    ratios = {key: scored[key].value_mm / scored[key].limit_mm for key in asked}
+    ratios = {key: scored[key].value / scored[key].limit for key in asked}
     assert max(ratios.values()) <= 1
     # the two at the tip bind: one sets the seat, the other what is left for the flange
     assert {key for key, ratio in ratios.items() if ratio > MARGIN - 0.005} == {("accuracy", "tip"), ("display", "tip")}
@@ -244,7 +244,7 @@ def test_every_limit_that_is_asked_for_is_verified() -> None:
     again = verify(load_design(result.design), trials=2**20, seed=4).verdict.checks
     assert asked < {(check.requirement, check.target) for check in again}
     # the aim is three standard errors below the limit: false in 0.1 % of seeds, this one is fixed
-    assert all(check.value_mm <= check.limit_mm for check in again if (check.requirement, check.target) in asked)
+    assert all(check.value <= check.limit for check in again if (check.requirement, check.target) in asked)
 
 
 @pytest.mark.long
@@ -432,11 +432,11 @@ def test_limits_as_stated_on_two_requirements() -> None:
     for index, point in enumerate(result.front):
         checks = score(load_design(at_point(data, result, index))).verdict.checks
         factor = point.limit_mm / 1.0
-        ratios = [check.value_mm / (check.limit_mm * factor) for check in checks]
+        ratios = [check.value / (check.limit * factor) for check in checks]
         assert 0.99 < max(ratios) <= 1
         assert point.factor == pytest.approx(factor)
         first = [check for check in checks if check.requirement != "display"]
-        assert point.quantile_mm == pytest.approx(max(check.value_mm for check in first), rel=1e-6)
+        assert point.quantile_mm == pytest.approx(max(check.value for check in first), rel=1e-6)
         assert point.verified_upper_mm is not None
         assert point.verified_upper_mm <= point.limit_mm
 

@@ -308,7 +308,7 @@ SCENES: dict[str, tuple[PlacementProblem, float]] = {
 
 
 def _refusal(problem: PlacementProblem, limit_mm: float, starts: int = 2) -> tuple[str, str]:
-    wanted = replace(problem, requirements=(replace(problem.requirements[0], limit_mm=limit_mm),))
+    wanted = replace(problem, requirements=(replace(problem.requirements[0], limit=limit_mm),))
     found = _only(InfeasibleError, solve_placement, wanted, starts=starts, seed=1, threads=1)
     assert found.code == "limit-out-of-reach"
     return found.detail, found.hint

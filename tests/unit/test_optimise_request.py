@@ -83,7 +83,7 @@ def assert_scores_as_promised(result: Optimisation) -> None:
     """The written document scores what the record says, within the limits."""
     scored = score(load_design(result.design))
     assert max(target.p95_mm for target in scored.targets) == pytest.approx(result.p95_after_mm, rel=1e-9)
-    assert all(check.value_mm <= check.limit_mm for check in scored.verdict.checks)
+    assert all(check.value <= check.limit for check in scored.verdict.checks)
 
 
 @pytest.mark.long
@@ -400,7 +400,7 @@ def test_what_survives_a_loss_beats_what_was_not_asked_to(plain, safe, lost):
         design = load_design(record.design)
         (losses,) = score(design).losses
         worst = losses.single if lost == 1 else losses.double
-        assert (worst.value_mm > found.limit_mm) == beaten
+        assert (worst.value > found.limit_mm) == beaten
         left = copy.deepcopy(design.source.data)
         labels = [point["label"] for point in left["fiducials"]["points"]]
         gone = [labels.index(label) for label in worst.lost]

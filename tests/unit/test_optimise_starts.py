@@ -184,8 +184,8 @@ def test_the_exchange_weighs_targets_by_their_limits() -> None:
     near = replace(near, system=replace(near.system, targets=(*near.system.targets, far), connector_flange=turned))
     first = near.requirements[0]
     alone = starting_layouts(*given(near), 3, 3)
-    for limit_mm, same in ((100.0, True), (first.limit_mm, False)):
-        second = replace(first, name="far", targets=("far",), limit_mm=limit_mm)
+    for limit, same in ((100.0, True), (first.limit, False)):
+        second = replace(first, name="far", targets=("far",), limit=limit)
         both = starting_layouts(*given(replace(near, requirements=(first, second))), 3, 3)
         assert np.array_equal(both, alone) == same
 

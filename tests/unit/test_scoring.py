@@ -214,7 +214,7 @@ def test_the_summary_per_unit_is_that_of_the_requirement_on_each_unit():
     result = score(cube8_system(connector_flange=installed, requirements=(pooled, each)))
     unit, check = result.targets[0].per_unit, result.verdict.checks[1]
     assert (unit.limit_mm, unit.quantile, unit.units_fraction) == (0.8, 0.99, 0.9)
-    assert (unit.value_mm, unit.yield_fraction) == (check.value_mm, check.yield_fraction)
+    assert (unit.value_mm, unit.yield_fraction) == (check.value, check.yield_fraction)
     assert 0.0 < unit.yield_fraction < 1.0
     assert unit.p95_of_units_mm == score(cube8_system(connector_flange=installed)).targets[0].per_unit.p95_of_units_mm
     assert result.targets[0].limit_mm == 0.5
@@ -360,7 +360,7 @@ def test_intervals_above_p95_are_wider_as_tails_err_more(quantile, times):
     """closed form: the calibrated error of P95 times what was calibrated for the quantile."""
     requirement = Requirement("r", "tcp", quantile, 10.0, 0.95, ("target",))
     result = score(cube8_system(requirements=(requirement,)))
-    low, high = result.verdict.checks[0].interval_mm
+    low, high = result.verdict.checks[0].interval
     assert result.validity.status == "good to 1 %"
     assert high / low == pytest.approx((1 + times / 100) ** 2, rel=1e-9)
 

@@ -216,7 +216,7 @@ def test_lists_and_mappings_can_be_set() -> None:
     moved = DEMO.with_value("fiducials.points.0.position_mm", (-41.0, 30, -60))
     assert moved.fiducials.positions_mm[0] == (-41.0, 30.0, -60.0)
     tighter = DEMO.with_value("requirements", [{"name": "tip-accuracy", "limit_mm": 0.5}])
-    assert score(tighter).verdict.checks[0].limit_mm == 0.5
+    assert score(tighter).verdict.checks[0].limit == 0.5
 
 
 @pytest.mark.parametrize(

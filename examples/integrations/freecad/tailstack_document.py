@@ -223,8 +223,8 @@ def _list_losses(score: dict[str, Any]) -> list[list[Any]]:
     for entry in score.get("losses", ()):
         for loss in (entry["single"], entry["double"]):
             if loss is not None:
-                words = f"{entry['requirement'] or 'P95'} without {' and '.join(loss['lost'])}, mm"
-                lines.append([words, "undetermined" if loss["value_mm"] is None else loss["value_mm"]])
+                words = f"{entry['requirement'] or 'P95'} without {' and '.join(loss['lost'])}, {entry['unit']}"
+                lines.append([words, "undetermined" if loss["value"] is None else loss["value"]])
     return lines
 
 

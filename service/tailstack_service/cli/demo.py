@@ -177,11 +177,11 @@ def summary_text(before: Verification, after: Verification, result: Optimisation
     for words, side in (("before:", before), ("after:", after)):
         for check in side.verdict.checks:
             decimals = decimals_of((check,))
-            low, high = (decimal(end, decimals) for end in check.interval_mm)
-            value = decimal(check.value_mm, decimals)
+            low, high = (decimal(end, decimals) for end in check.interval)
+            value = decimal(check.value, decimals)
             lines.append(
                 f"{words:<8}{side.verdict.status}: {check.headline} at {visible(check.target)} {value} {check.unit} "
-                f"({low} to {high}), limit {check.limit_mm:g} {check.unit}"
+                f"({low} to {high}), limit {check.limit:g} {check.unit}"
             )
     return "\n".join([*lines, *_change_lines(result)]) + "\n"
 

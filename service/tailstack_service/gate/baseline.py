@@ -13,6 +13,7 @@ from tailstack.design import Design
 from tailstack.design.reading import show
 from tailstack.design.refusals import escape, place, refuse
 from tailstack.errors import Problem
+from tailstack.measures import MEASURE
 from tailstack.version import __version__
 
 from .case import Case, describe_requirement, name_targets, point_at_requirement
@@ -192,8 +193,9 @@ def _list_less(entry: GateRequirement, demand: GateRequirement) -> list[tuple[st
     less: list[tuple[str, str]] = []
     if demand.error != entry.error:
         less.append(("error", f"it is about the {entry.error} error, and was about the {demand.error} error"))
-    if entry.limit_mm > demand.limit_mm * (1 + ROUNDING):
-        less.append(("limit_mm", f"limit raised from {demand.limit_mm:g} to {entry.limit_mm:g} mm"))
+    if entry.limit > demand.limit * (1 + ROUNDING):
+        field = MEASURE[entry.error].limit_field
+        less.append((field, f"limit raised from {demand.limit:g} to {entry.limit:g} {entry.unit}"))
     if entry.quantile < demand.quantile - ROUNDING:
         less.append(("quantile", f"quantile lowered from {demand.quantile:g} to {entry.quantile:g}"))
     if (entry.min_yield or 0.0) < (demand.min_yield or 0.0) - ROUNDING:
@@ -219,7 +221,7 @@ def _describe_relaxed(case: Case, demand: GateRequirement, targets: Sequence[str
     if missing := [name for name in targets if name not in namesake.targets]:
         changes.append(("targets", f"it is not asked for any more {name_targets(missing)}"))
     field = next((field for field, _ in changes if field), "")
-    values = (namesake.limit_mm, demand.limit_mm) if field == "limit_mm" else (None, None)
+    values = (namesake.limit, demand.limit) if field.startswith("limit_") else (None, None)
     message = f"{begin}: {'; '.join(words for _, words in changes)}"
     return Remark(point_at_requirement(case.design, namesake, field), message, *values)
 

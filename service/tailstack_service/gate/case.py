@@ -13,7 +13,6 @@ from math import inf
 
 from tailstack.design import Design, design_to_data, load_design
 from tailstack.estimation.checks import DETERMINATION
-from tailstack.measures import MEASURE
 from tailstack.propagation.validity import error_percent
 from tailstack.results import ERRORS, Check, Score, Verification
 from tailstack.results.verdicts import is_of_all_shots
@@ -93,7 +92,7 @@ def add_policy_limits(design: Design, limits: Mapping[str, GateRequirement]) -> 
     data = design_to_data(design, inline=True)
     for name, limit in limits.items():
         if limit.rule != "cvar" and limit.severity != "off":
-            entry = {"name": name, "quantile": limit.quantile, "limit_mm": limit.limit_mm}
+            entry = {"name": name, "quantile": limit.quantile, "limit_mm": limit.limit}
             units = {} if limit.min_yield is None else {"risk": "per_unit", "min_yield": limit.min_yield}
             data.setdefault("requirements", []).append({**entry, **units, "confidence": limit.confidence})
     return load_design(data)
@@ -116,7 +115,7 @@ def list_requirements(
             severity=(rules.per_unit_yield if units else rules.p95).severity,
             error=entry.error,
             quantile=entry.quantile,
-            limit_mm=entry.limit_mm,
+            limit=entry.limit,
             min_yield=entry.min_yield,
             confidence=entry.confidence,
             targets=tuple(check.target for check in score.verdict.checks if check.requirement == entry.name),
@@ -161,7 +160,7 @@ def compare_numbers(
             own = requirement.confidence if check.risk == "per_unit" else largest
             rate = None if verification is None else _error_rate(own)
             if doubted:
-                check = replace(check, interval_mm=UNKNOWN, status="inconclusive")
+                check = replace(check, interval=UNKNOWN, status="inconclusive")
             known = {field.name: getattr(check, field.name) for field in fields(Check)}
             number = GateNumber(**(known | {"requirement": requirement.name}), rule=requirement.rule, error_rate=rate)
             comparisons.append(LimitComparison(requirement, number))
@@ -179,7 +178,7 @@ def _compare_cvar(
     score: Score, verification: Verification | None, requirement: GateRequirement, looks: int
 ) -> list[LimitComparison]:
     estimates: list[tuple[str, float, tuple[float, float]]] = []
-    confidence, limit = requirement.confidence, requirement.limit_mm
+    confidence, limit = requirement.confidence, requirement.limit
     if verification is None:
         ratio = 1 + error_percent(score.validity, CVAR_LIKE) / 100
         for target in score.targets:
@@ -222,7 +221,7 @@ def is_near_limit(
         waived = waived_up_to(number) if number.status == "fail" else ()
         if waived and number.min_yield is not None:
             return True  # to first order no waiver covers a yield
-        if any(abs(number.value_mm - limit) <= band * limit for limit in (number.limit_mm, *waived)):
+        if any(abs(number.value - limit) <= band * limit for limit in (number.limit, *waived)):
             return True
     return False
 
@@ -291,9 +290,8 @@ def find_unjudged(case: Case) -> list[Remark]:
 def describe_requirement(entry: GateRequirement) -> str:
     """What is asked, in one phrase."""
     if entry.rule == "cvar":
-        return f"the mean of the worst 5 % (CVaR95) of {ERRORS[entry.error]} within {entry.limit_mm:g} mm"
-    unit = MEASURE[entry.error].unit
-    what = f"P{100 * entry.quantile:g} of {ERRORS[entry.error]} within {entry.limit_mm:g} {unit}"
+        return f"the mean of the worst 5 % (CVaR95) of {ERRORS[entry.error]} within {entry.limit:g} mm"
+    what = f"P{100 * entry.quantile:g} of {ERRORS[entry.error]} within {entry.limit:g} {entry.unit}"
     return what if entry.min_yield is None else f"{what} for {100 * entry.min_yield:g} % of installed units"
 
 

@@ -97,41 +97,40 @@ def _make_remark(case: Case, comparison: LimitComparison, hint: str) -> Remark:
         message += f"; the largest share is {share}"
     bound: float | None = None  # to first order only the status of a yield is known
     if number.min_yield is None:
-        bound = number.interval_mm[1]
+        bound = number.interval[1]
     elif case.verification is not None:
-        bound = bound_yield(number.value)
+        bound = bound_yield(number.found)
     return Remark(
-        _point_at_limit(case, comparison), message, number.value, number.limit, number.target,
+        _point_at_limit(case, comparison), message, number.found, number.asked, number.target,
         bound=bound, about=number.rule, unbounded=bound is None,
     )  # fmt: skip
 
 
 def _describe_number(comparison: LimitComparison) -> str:
     number, requirement = comparison.number, comparison.requirement
-    low, high = number.interval_mm
-    decimals = count_decimals(number.limit_mm, error_of(number.value_mm, (low, high)))
+    low, high = number.interval
+    decimals = count_decimals(number.limit, error_of(number.value, (low, high)))
     ends = f"(between {length(low, decimals)} and {'an unknown end' if high is None else length(high, decimals)})"
-    unit = MEASURE[requirement.error].unit
-    value_text = f"{length(number.value_mm, decimals)} {unit} {ends}"
+    value_text = f"{length(number.value, decimals)} {number.unit} {ends}"
     quantile = f"P{100 * requirement.quantile:g}"
     if number.yield_fraction is not None and number.min_yield is not None:
         value = headline_of(requirement.quantile, number.min_yield, ERRORS[requirement.error])
         good = (
             f"{in_percent(number.yield_fraction, 2)} of installed units are good, {100 * number.min_yield:g} % required"
         )
-        return f"{value} is {value_text}, limit {number.limit_mm:g} {unit}: {good}"
+        return f"{value} is {value_text}, limit {number.limit:g} {number.unit}: {good}"
     if number.rule == "exceedance":
-        asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit_mm:g} mm"
+        asked = f"more than {100 * (1 - requirement.quantile):g} % of shots may miss by over {number.limit:g} mm"
         return f"{asked}: {quantile} is {value_text}"
     what = "the mean of the worst 5 % (CVaR95)" if number.rule == "cvar" else quantile
-    return f"{what} of {ERRORS[requirement.error]} is {value_text}, limit {number.limit_mm:g} {unit}"
+    return f"{what} of {ERRORS[requirement.error]} is {value_text}, limit {number.limit:g} {number.unit}"
 
 
 def _point_at_limit(case: Case, comparison: LimitComparison) -> str:
     """The limit in the design; for a limit of the policy, the target that misses it."""
     if comparison.requirement.origin == "design":
         names = [requirement.name for requirement in case.design.document.requirements]
-        field = "min_yield" if comparison.number.min_yield is not None else "limit_mm"
+        field = "min_yield" if comparison.number.min_yield is not None else MEASURE[comparison.number.error].limit_field
         return f"/requirements/{names.index(comparison.requirement.name)}/{field}"
     return point_at_target(case, [target.name for target in case.score.targets].index(comparison.number.target))
 
@@ -214,9 +213,9 @@ def find_fatal_losses(case: Case) -> list[Remark]:
     remarks = []
     for line in case.score.losses:
         tried = (line.single, line.double)[: case.rules.survives_loss.lost or 0]
-        if line.limit_mm is None or not tried:
+        if line.limit is None or not tried:
             continue
-        broken = [worst for worst in tried if worst is None or not worst.keeps(line.limit_mm)]
+        broken = [worst for worst in tried if worst is None or not worst.keeps(line.limit)]
         if not broken:
             continue
         worst = broken[-1]
@@ -225,14 +224,12 @@ def find_fatal_losses(case: Case) -> list[Remark]:
             message = (
                 f"{line.requirement}: with so many fiducials no pair was tried, so that nobody knows what a loss does"
             )
-            remarks.append(Remark(pointer, message, limit=line.limit_mm, unbounded=True))
+            remarks.append(Remark(pointer, message, limit=line.limit, unbounded=True))
             continue
         lost = " and ".join(worst.lost)
-        comes_to = worst.reason or f"{worst.value_mm:.4g} mm, limit {line.limit_mm:g} mm"
-        message = f"{line.requirement}: {line.value_mm:.4g} mm with all fiducials; without {lost}: {comes_to}"
-        remarks.append(
-            Remark(pointer, message, worst.value_mm, line.limit_mm, worst.target, unbounded=worst.value_mm is None)
-        )
+        comes_to = worst.reason or f"{worst.value:.4g} {line.unit}, limit {line.limit:g} {line.unit}"
+        message = f"{line.requirement}: {line.value:.4g} {line.unit} with all fiducials; without {lost}: {comes_to}"
+        remarks.append(Remark(pointer, message, worst.value, line.limit, worst.target, unbounded=worst.value is None))
     return remarks
 
 
@@ -257,8 +254,10 @@ def find_unseen_slips(case: Case) -> list[Remark]:
 
 def _point_at_requirement(case: Case, name: str) -> str:
     """The limit of a requirement of the design; for one of the policy, the targets."""
-    names = [requirement.name for requirement in case.design.document.requirements]
-    return f"/requirements/{names.index(name)}/limit_mm" if name in names else "/targets"
+    for index, requirement in enumerate(case.design.document.requirements):
+        if requirement.name == name:
+            return f"/requirements/{index}/{MEASURE[requirement.error].limit_field}"
+    return "/targets"
 
 
 def find_narrow_margins(case: Case) -> list[Remark]:

@@ -190,7 +190,7 @@ def plan_check(gate: Gate, scored: ScoredDesign) -> Sampling | None:
         for requirement in scored.requirements.values()
         if requirement.rule == "cvar" and requirement.severity != "off"
         for target in requirement.targets
-        for value in (requirement.limit_mm, *waived_up_to("cvar", target))
+        for value in (requirement.limit, *waived_up_to("cvar", target))
     ]
     auto = gate.mode == "auto"
     return Sampling(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from tailstack.design import Design
-from tailstack.measures import MeasureName
+from tailstack.measures import MEASURE, MeasureName
 from tailstack.results import Vector3
 from tailstack.results.digits import decimals_of
 from tailstack.results.outline import Bar, Bars, Frame, Outline, frame, row_of
@@ -51,14 +51,14 @@ class GateNumber(Check):
             object.__setattr__(self, "headline", "CVaR95")
 
     @property
-    def value(self) -> float:
+    def found(self) -> float:
         """What findings and waivers are about: the yield, otherwise what decided."""
-        return self.value_mm if self.yield_fraction is None else self.yield_fraction
+        return self.value if self.yield_fraction is None else self.yield_fraction
 
     @property
-    def limit(self) -> float:
+    def asked(self) -> float:
         """What that was held against."""
-        return self.limit_mm if self.min_yield is None else self.min_yield
+        return self.limit if self.min_yield is None else self.min_yield
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,14 +95,19 @@ class GateRequirement:
     """Measure that is limited: tcp (error at the tool), localisation (of the target)."""
     quantile: float
     """Quantile of the error's norm, 0.95 for P95; of cvar, where the tail begins."""
-    limit_mm: float
-    """The limit, mm."""
+    limit: float
+    """The limit, in `unit`."""
     min_yield: float | None
     """Fraction of units that must keep it; null: the risk is pooled."""
     confidence: float
     """Confidence with which it is judged, 0 to 1."""
     targets: tuple[str, ...]
     """Targets that it is about."""
+    unit: str = ""
+    """Unit of the limit: mm, unless the measure has another."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "unit", MEASURE[self.error].unit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,7 +326,7 @@ def findings_table(name: str, caption: str, findings: Sequence[GateFinding]) -> 
 def _p95_limit(design: GatedDesign) -> float | None:
     """The tightest limit on P95 of the error at the tool that a design was held against, mm."""
     limits = [
-        entry.limit_mm
+        entry.limit
         for entry in design.requirements
         if (entry.error, entry.quantile, entry.min_yield) == ("tcp", 0.95, None) and entry.rule != "cvar"
     ]

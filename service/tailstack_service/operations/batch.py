@@ -54,13 +54,13 @@ if TYPE_CHECKING:
     from .request import Request
 
 ColumnName = Literal[
-    "p95_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "value_mm", "within_limits", "verdict"
+    "p95_mm", "mean_norm_mm", "bias_norm_mm", "localisation_p95_mm", "value", "within_limits", "verdict"
 ]
 
 
 TABLE = "a table of designs"  # heading of flags
 COLUMNS = Flag(
-    "what is added: p95_mm, mean_norm_mm, bias_norm_mm, localisation_p95_mm, value_mm (of each requirement), "
+    "what is added: p95_mm, mean_norm_mm, bias_norm_mm, localisation_p95_mm, value (of each requirement), "
     "within_limits, verdict (much slower); default the first three and within_limits",
     metavar="A,B",
     heading=TABLE,
@@ -79,7 +79,7 @@ class BatchOptions(Options):
     columns: Annotated[list[ColumnName], Field(min_length=1), COLUMNS] = Field(
         ["p95_mm", "mean_norm_mm", "bias_norm_mm", "within_limits"],
         description="What is wanted: p95_mm, mean_norm_mm, bias_norm_mm and localisation_p95_mm of each target; "
-        "value_mm, the quantile that each requirement limits; within_limits (yes, no), whether all of these are within "
+        "value, the quantile that each requirement limits; within_limits (yes, no), whether all of these are within "
         "their limits; verdict, which also takes how far the estimate can be trusted, and costs more.",
     )
 

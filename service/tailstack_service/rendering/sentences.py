@@ -58,21 +58,21 @@ def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
     """What a requirement comes to without the fiducials whose loss is worst; its quantile is that of its checks."""
     limited = next((f"P{100 * check.quantile:g}" for check in checks if check.requirement == line.requirement), "P95")
     what = f"{limited} of {line.requirement or 'the error at the tool'}"
-    decimals = decimals_of(checks, line.value_mm)
-    clauses = [f"{what} is {length(line.value_mm, decimals)} mm with all of them"]
+    decimals = decimals_of(checks, line.value)
+    clauses = [f"{what} is {length(line.value, decimals)} {line.unit} with all of them"]
     for worst in (line.single, line.double):
         if worst is None:
             clauses.append("every pair was not tried, there are too many")
             continue
         lost = " and ".join(worst.lost)
-        if worst.value_mm is None:
+        if worst.value is None:
             clauses.append(f"without {lost} nothing can be estimated: {worst.reason}")
             continue
-        limit = line.limit_mm
-        broken = limit is not None and line.value_mm <= limit < worst.value_mm
-        beyond = f", beyond the limit of {limit:g} mm" if broken else ""
+        limit = line.limit
+        broken = limit is not None and line.value <= limit < worst.value
+        beyond = f", beyond the limit of {limit:g} {line.unit}" if broken else ""
         clauses.append(f"without {lost}, the worst {'one' if len(worst.lost) == 1 else 'two'} to lose, "
-                    f"{length(worst.value_mm, decimals)} mm{beyond}")  # fmt: skip
+                    f"{length(worst.value, decimals)} {line.unit}{beyond}")  # fmt: skip
     if line.mixture is not None:
         clauses.append(mixture_sentence(line.mixture, line, decimals))
     return "; ".join(clauses) + "."
@@ -83,13 +83,13 @@ def mixture_sentence(mixture: Mixture, line: Losses, decimals: int) -> str:
     low, high = (100 * p for p in (mixture.smallest_loss_probability, mixture.largest_loss_probability))
     often = f"{high:g} %" if low == high else f"{low:g} to {high:g} %"
     quantile = f"{100 * mixture.quantile:g} %"
-    if mixture.value_mm is None:
+    if mixture.value is None:
         bound = f"there is no bound that {quantile} of all shots keep"
     else:
-        limit = line.limit_mm
-        broken = limit is not None and line.value_mm <= limit < mixture.value_mm
-        beyond = f", beyond the limit of {limit:g} mm" if broken else ""
-        bound = f"{quantile} of all shots are within {length(mixture.value_mm, decimals)} mm{beyond}"
+        limit = line.limit
+        broken = limit is not None and line.value <= limit < mixture.value
+        beyond = f", beyond the limit of {limit:g} {line.unit}" if broken else ""
+        bound = f"{quantile} of all shots are within {length(mixture.value, decimals)} {line.unit}{beyond}"
     none, rest = percent(mixture.probability_of_none, 2), percent(mixture.probability_unaccounted, 4)
     return (
         f"with each bead missed in {often} of shots, {bound} (estimate; all beads are there in {none} % of shots, and "
@@ -187,20 +187,20 @@ NO_ERROR_MM = 50.0  # beyond it no tolerance is to blame: as far as a structure 
 
 def margin_sentence(check: Check, sources: Sequence[ErrorSource], decimals: int) -> str:
     """How much is left to the limit or missing, and which step brings most."""
-    what, spare = check.headline, check.margin_mm
-    if check.unit == "mm" and check.value_mm is not None and check.value_mm > NO_ERROR_MM:
+    what, spare = check.headline, check.margin
+    if check.unit == "mm" and check.value is not None and check.value > NO_ERROR_MM:
         most = f"; most of it comes from {sources[0].name}" if sources else ""
         return (
-            f"{what} is {check.value_mm:.0f} mm, which is no error of positioning any more{most}. A unit, a sign or a "
+            f"{what} is {check.value:.0f} mm, which is no error of positioning any more{most}. A unit, a sign or a "
             "pivot in the design is off: look at that before any tolerance."
         )
     if spare is None:
         return f"How far {what} is from its limit is not known: it takes a simulation."
     if spare >= 0:
-        share = in_percent(spare / check.limit_mm)
+        share = in_percent(spare / check.limit)
         first = f"{what} has at least {length(spare, decimals)} {check.unit} to spare ({share} of the limit)"
     else:
-        share = in_percent(-spare / check.value_mm)
+        share = in_percent(-spare / check.value)
         first = f"{what} has to come down by {length(-spare, decimals)} {check.unit} ({share}) to pass for certain"
     steps = [source for source in sources if source.tenth_mm is not None]
     if check.error != "tcp" or not steps:  # the budget's slopes are of the error at the tool

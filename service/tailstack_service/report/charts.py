@@ -163,23 +163,28 @@ class Scaled:
     """A quantile with its interval beside its limit; ``others`` are further numbers, in mm."""
 
     target: str
-    value_mm: float
-    interval_mm: tuple[float, float | None]
-    limit_mm: float | None
+    value: float
+    interval: tuple[float, float | None]
+    limit: float | None
     others: tuple[tuple[str, float], ...] = ()
     quantile: str = "P95"
     error: str = "tcp"
     decimals: int = 3  # of what is written
     reach_mm: float = 0.0  # the scale goes as far at least, so that two pictures can be laid beside one another
 
+    @property
+    def unit(self) -> str:
+        """Of value, interval and limit."""
+        return MEASURE[self.error].unit
+
 
 def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
     """The quantile with its interval on one scale with the limit, on a page so wide."""
-    value, limit, (low, high) = shown.value_mm, shown.limit_mm, shown.interval_mm
+    value, limit, (low, high) = shown.value, shown.limit, shown.interval
     end = 1.3 * max(value, high or 0.0, limit or 0.0, *(at for _, at in shown.others), shown.reach_mm, 1e-9)
     left, right_edge, y = 22, width - (WIDTH - RIGHT), 56
     with open_page(name, 136, width) as page:
-        unit = MEASURE[shown.error].unit
+        unit = shown.unit
         title = f"error at the tool, {unit}" if shown.error == "tcp" else f"error of {shown.error}, {unit}"
         axes = page.axes(left, 22, right_edge, 96, title)
         axes.grid(False)
@@ -202,10 +207,10 @@ def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
             aside = "center" if not near or limit is None else "right" if at < limit else "left"
             beside(axes, (at, 82), words, ({"right": 3, "left": -3}.get(aside, 0), 0), ha=aside)
         size = shown.decimals
-        words = f"{shown.quantile} at target {shown.target} is {value:.{size}f} mm"
-        words += "" if high is None else f", between {low:.{size}f} and {high:.{size}f} mm"
-        words += "" if limit is None else f"; the limit is {limit:g} mm"
-        words += "".join(f"; {other} {at:.{size}f} mm" for other, at in shown.others) + "."
+        words = f"{shown.quantile} at target {shown.target} is {value:.{size}f} {unit}"
+        words += "" if high is None else f", between {low:.{size}f} and {high:.{size}f} {unit}"
+        words += "" if limit is None else f"; the limit is {limit:g} {unit}"
+        words += "".join(f"; {other} {at:.{size}f} {unit}" for other, at in shown.others) + "."
         return page.svg(f"{shown.quantile} and limit at target {shown.target}", words)
 
 
@@ -214,10 +219,11 @@ def _place_label(shown: Scaled, top: float, end: float, per_mm: float) -> tuple[
 
     It stands beside the bar and on one side of the limit's line, without its first word where that leaves no room.
     """
-    value, limit, gap = shown.value_mm, shown.limit_mm, 8 / per_mm
-    after, before = max(top, value + 5 / per_mm) + gap, min(shown.interval_mm[0], value - 5 / per_mm) - gap
+    value, limit, gap = shown.value, shown.limit, 8 / per_mm
+    after, before = max(top, value + 5 / per_mm) + gap, min(shown.interval[0], value - 5 / per_mm) - gap
     edges = [0.0, *([] if limit is None else [limit]), end]
-    for label in (millimetres(value, shown.quantile, shown.decimals), f"{value:.{shown.decimals}f} mm"):
+    short = f"{value:.{shown.decimals}f} {shown.unit}"
+    for label in (f"{shown.quantile} {short}", short):
         half = (CHARACTER * 1.08 * FONT * columns(label) + 10) / per_mm / 2
         sides = [before - half, after + half]
         for middle in reversed(sides) if limit is not None and limit < value else sides:

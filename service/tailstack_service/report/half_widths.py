@@ -68,7 +68,7 @@ def judgement_of(check: Check | None) -> Judgement:
     """What a check looks at; without one, P95 of the error at the tool."""
     if check is None:
         return P95_OF_TCP
-    return Judgement("tcp" if check.error == "tcp" else "localisation", check.quantile, check.limit_mm, check.min_yield)
+    return Judgement("tcp" if check.error == "tcp" else "localisation", check.quantile, check.limit, check.min_yield)
 
 
 def lines_with_one_half_width(model: LinearModel) -> list[BudgetEntry]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from tailstack.measures import MEASURE
 from tailstack.results import Optimisation, Provenance, Score, Verification
 from tailstack.results.record import Published
 from tailstack.results.verdicts import headline_of as name_headline
@@ -28,12 +29,12 @@ class Headline:
     """Target of the check that decides."""
     quantile: float
     """Quantile of the error's norm, 0.95 for P95."""
-    value_mm: float
-    """The value that decides, mm."""
-    interval_mm: tuple[float, float | None]
-    """Its lower and upper end, mm; a null upper end is not known."""
-    limit_mm: float | None
-    """The limit, mm; null without requirement."""
+    value: float
+    """The value that decides."""
+    interval: tuple[float, float | None]
+    """Its lower and upper end; a null upper end is not known."""
+    limit: float | None
+    """The limit; null without requirement."""
     matters: tuple[str, ...]
     """What matters most, at most three sentences."""
     error: str = "tcp"
@@ -42,14 +43,17 @@ class Headline:
     """Fraction of units that must keep the limit; null: the risk is pooled."""
     headline: str = ""
     """What the value is, in words: "P95 that 90 % of units keep"."""
-    margin_mm: float | None = None
-    """Limit less the upper end of the interval, mm; null where one of them is not known."""
+    margin: float | None = None
+    """Limit less the upper end of the interval; null where one of them is not known."""
+    unit: str = ""
+    """Unit of value, interval, limit and margin: mm, unless the measure has another."""
 
     def __post_init__(self) -> None:
-        high = self.interval_mm[1]
-        margin = None if high is None or self.limit_mm is None else self.limit_mm - high
+        object.__setattr__(self, "unit", MEASURE[self.error].unit)
+        high = self.interval[1]
+        margin = None if high is None or self.limit is None else self.limit - high
         object.__setattr__(self, "headline", name_headline(self.quantile, self.min_yield))
-        object.__setattr__(self, "margin_mm", margin)
+        object.__setattr__(self, "margin", margin)
 
 
 @dataclass(frozen=True, slots=True)

@@ -130,11 +130,11 @@ const BEADS = /^(fiducial_noise:.*|fiducial_manufacturing)$/, ELSEWHERE = /^(tar
 
 async function look(asked: Json, given: Known): Promise<void> {
   const estimate = given.estimate!, { decides: worst, target } = estimate, { off } = standingOf(given), simulated = given.simulation?.decides;
-  const limit = (simulated ?? worst)?.limit_mm;
+  const limit = (simulated ?? worst)?.limit;
   if (!worst || limit === undefined) return;
   const aim = limit * (1 + (off ?? 0)), bias = Math.hypot(...target.bias_mm), give = (found: Omit<Advice, "design" | "shots">) => { if (design.value === asked) advice.value = { design: asked, shots: shots(given), ...found }; };
   if (bias > limit) return give({ step: null, places: null, seats: null, wall: `The known bias of ${brief(bias)} mm is beyond the limit by itself: no tolerance and no place of a bead cures it, correct for it.` });
-  const widths = widthsOf(asked, target), goal = (aim / worst.value_mm) ** 2, place = ({ path }: Width) => pointerOf(path);
+  const widths = widthsOf(asked, target), goal = (aim / worst.value) ** 2, place = ({ path }: Width) => pointerOf(path);
   const tried = candidatesOf(widths, goal).flatMap((each) => triesOf(each).map((value) => ({ each, value, set: new Map(each.widths.filter(({ now }) => now > value).map((width) => [place(width), value])) })));
   const finest = new Map(widths.map((width) => [place(width), finestOf(width)])), beads = new Map<string, number>();
   if (target.contributors.every(({ name }) => BEADS.test(name) || ELSEWHERE.test(name))) for (const c of target.contributors) {
@@ -144,10 +144,10 @@ async function look(asked: Json, given: Known): Promise<void> {
   const rows = [...tried.map(({ set }) => set), finest, beads], table: Record<string, number[]> = {};
   for (const pointer of new Set(rows.flatMap((row) => [...row.keys()]))) table[pointer] = rows.map((row) => row.get(pointer) ?? valueAt(asked, pathOf(pointer)));
   if (!Object.keys(table).length) return;
-  const response = await send("POST", "/v1/scores/batch", { design: asked, table, columns: ["value_mm", "verdict"] }).catch(() => null);
+  const response = await send("POST", "/v1/scores/batch", { design: asked, table, columns: ["value", "verdict"] }).catch(() => null);
   if (!response?.ok) return;
   const { columns } = (await response.json()) as { columns: Record<string, Json[]> };
-  const found: (number | null)[] = columns[`value_mm:${worst.requirement}:${worst.target}`] ?? columns[Object.keys(columns).find((name) => name.startsWith("value_mm:"))!];
+  const found: (number | null)[] = columns[`value:${worst.requirement}:${worst.target}`] ?? columns[Object.keys(columns).find((name) => name.startsWith("value:"))!];
   const passes = (k: number) => (off === null ? columns.verdict[k] === "pass" : found[k] !== null && found[k] <= aim), last = rows.length - 2;
   const stepOf = (k: number): Step => {
     const { each, value } = tried[k], changed = each.widths.filter(({ now }) => now > value), [{ words, unit }] = changed;

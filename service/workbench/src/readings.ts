@@ -40,7 +40,7 @@ const ORDER: Record<string, number> = { fail: 0, inconclusive: 1, pass: 2 };
 
 /** The check that the verdict rests on, as the service's reports have it: the worst status, then the largest value over its limit. */
 export function decisive(checks: readonly Check[]): Check | undefined {
-  const urgency = (check: Check): [number, number] => [ORDER[check.status] ?? 1, -check.value_mm / check.limit_mm];
+  const urgency = (check: Check): [number, number] => [ORDER[check.status] ?? 1, -check.value / check.limit];
   return [...checks].sort((a, b) => urgency(a)[0] - urgency(b)[0] || urgency(a)[1] - urgency(b)[1])[0];
 }
 
@@ -52,7 +52,7 @@ export function read<K extends Kind>(record: Records[K] & { schema: Records[K]["
   const target = targets.find(({ name }) => name === decides?.target) ?? [...targets].sort((a, b) => b.p95_mm - a.p95_mm)[0];
   return {
     kind: KINDS[record.schema] as K, record, sha: provenance.design_sha256, decides, target: target as Records[K]["targets"][number],
-    mm: decides?.value_mm ?? target.p95_mm, decimals: decimalsOf(record as Score),
+    mm: decides?.value ?? target.p95_mm, decimals: decimalsOf(record as Score),
   };
 }
 const ofScore = (score: Score): Reading<"estimate"> => read<"estimate">(score);
@@ -110,7 +110,7 @@ export function standingOf({ estimate, simulation }: Known): Standing {
   const { validity } = estimate.record, error = validity.expected_error_percent;
   if (!simulation) return { holds: error !== null, words: trust(validity), off: null };
   const same = simulation.decides && estimate.record.verdict.checks.find(({ requirement, target }) => requirement === simulation.decides!.requirement && target === simulation.decides!.target);
-  const found = same?.value_mm ?? estimate.record.targets.find(({ name }) => name === simulation.target.name)?.p95_mm ?? estimate.mm, off = found / simulation.mm - 1;
+  const found = same?.value ?? estimate.record.targets.find(({ name }) => name === simulation.target.name)?.p95_mm ?? estimate.mm, off = found / simulation.mm - 1;
   const holds = Math.abs(off) <= Math.max(LOOSE, (error ?? 0) / 100) + precisionOf(simulation);
   const side = `${(100 * Math.abs(off)).toFixed(Math.abs(off) < 0.1 ? 1 : 0)} % ${off < 0 ? "below" : "above"} it`;
   return { holds, off, words: holds ? `The estimate is ${side}.` : `The estimate is ${side}: it does not hold here, and nor do the budget and the slack, which are estimates (grey).` };
@@ -119,8 +119,8 @@ export const standing = computed(() => standingOf(known.value));
 
 /** Relative half-width of the interval of what decides. */
 export function precisionOf({ decides, record }: Reading<"simulation">): number {
-  const [low, high] = decides?.interval_mm ?? [null, null];
-  return decides && low != null && high != null && decides.value_mm > 0 ? (high - low) / 2 / decides.value_mm : record.precision_reached;
+  const [low, high] = decides?.interval ?? [null, null];
+  return decides && low != null && high != null && decides.value > 0 ? (high - low) / 2 / decides.value : record.precision_reached;
 }
 
 // --- what a change has come to ------------------------------------------------------------------------------------------

@@ -17,14 +17,14 @@ export function countDecimals(size: number, error = ESTIMATE): number {
 }
 
 interface Judged {
-  verdict: { checks: readonly { value_mm: number; interval_mm: readonly (number | null)[]; limit_mm: number }[] };
+  verdict: { checks: readonly { value: number; interval: readonly (number | null)[]; limit: number }[] };
   targets: readonly { p95_mm: number }[];
   precision_reached?: number; // of a simulation
 }
 /** Decimals of every length of an answer: those that its finest requirement asks for. */
 export function decimalsOf({ verdict: { checks }, targets, precision_reached: error }: Judged): number {
-  const wide = ({ value_mm: value, interval_mm: [low, high] }: Judged["verdict"]["checks"][number]) => (high === null || value <= 0 ? 0 : (high - low!) / 2 / value) || ESTIMATE;
-  return checks.length ? Math.max(...checks.map((check) => countDecimals(check.limit_mm, wide(check)))) : countDecimals(Math.max(...targets.map(({ p95_mm: p95 }) => p95)), error);
+  const wide = ({ value, interval: [low, high] }: Judged["verdict"]["checks"][number]) => (high === null || value <= 0 ? 0 : (high - low!) / 2 / value) || ESTIMATE;
+  return checks.length ? Math.max(...checks.map((check) => countDecimals(check.limit, wide(check)))) : countDecimals(Math.max(...targets.map(({ p95_mm: p95 }) => p95)), error);
 }
 
 /** A change, with an arrow for its sign: "▼ 0.046". */

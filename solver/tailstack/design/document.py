@@ -73,6 +73,7 @@ from ..ranges import (
     KNOWN_HAND_EYE_MM,
     LEVEL,
     LIMIT_MM,
+    LIMITS,
     LOAD_HALF_WIDTH_N,
     LOAD_N,
     SCATTER_MM,
@@ -826,7 +827,7 @@ def with_limits(record: type[RequirementDocument]) -> Any:
         return self
 
     fields: dict[str, Any] = {
-        name: (Annotated[Length, LIMIT_MM] | None, Field(default=None, description=f"The limit in {unit}."))
+        name: (Annotated[Length, LIMITS[unit]] | None, Field(default=None, description=f"The limit, {unit}."))
         for name, unit in units.items()
     }
     validators: dict[str, Any] = {"_own_limit": model_validator(mode="after")(check)}

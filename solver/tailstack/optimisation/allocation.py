@@ -422,7 +422,7 @@ def budgets_of(program: Program) -> Budgets:
         images, offset = ca.SX.sym("images", 15 + 3 * len(term.common)), ca.SX.sym("offset")
         signs = ca.SX.sym("signs", len(term.at_ends))
         law = error_moments(term, ImageParts.of(elements(images)), half_width, mechanics, elements(signs))
-        limit = 2 * float(np.log(term.demand.requirement.limit_mm))
+        limit = 2 * float(np.log(term.demand.requirement.limit))
         rows.append(ca.log(squared_quantile(term.demand, law)) + offset - limit - s)
         parameters += [images, offset, signs]
     cost = log_cost(problem, logs)

@@ -107,13 +107,13 @@ def mark_dominated(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
 def _empty(
     problem: PlacementProblem, factor: float, status: Literal["out of reach", "not tried"], note: str
 ) -> FrontPoint:
-    limit = problem.requirements[0].limit_mm * factor
+    limit = problem.requirements[0].limit * factor
     return FrontPoint(factor, limit, status, note, None, None, None, (), (), (), ())
 
 
 def front_factors(request: OptimiseRequest, search: Search) -> tuple[float, ...]:
     """Multiples of the requirement's limit, evenly spaced in logarithm."""
-    limit = search.program.problem.requirements[0].limit_mm
+    limit = search.program.problem.requirements[0].limit
     front = request.section.front
     low = front.min_limit_mm / limit if front is not None and front.min_limit_mm is not None else None
     high = front.max_limit_mm / limit if front is not None and front.max_limit_mm is not None else LOOSEST
@@ -139,12 +139,12 @@ def _point(problem: PlacementProblem, search: Search, verified: VerifiedOptimum,
     checks = [check for check in verified.verification.verdict.checks if check.requirement == first.name]
     return FrontPoint(
         factor=factor,
-        limit_mm=first.limit_mm * factor,
+        limit_mm=first.limit * factor,
         status="verified",
         note="",
         cost=verified.optimum.cost,
         quantile_mm=max(evaluate_demand(problem, term, choice).exact_mm for term in own),
-        verified_upper_mm=max(check.upper_mm for check in checks),
+        verified_upper_mm=max(check.upper for check in checks),
         half_widths=tuple(for_people(problem, k, float(value))[0] for k, value in enumerate(choice.half_width)),
         pivots_mm=tuple(vector3(pivot) for pivot in choice.pivots_mm),
         locator_scales=tuple(float(scale) for scale in choice.spacing),

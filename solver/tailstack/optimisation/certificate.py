@@ -65,7 +65,7 @@ def _upper_text(program: Program, t: int, row: ConstraintRow) -> str:
     requirement = program.terms[t].demand.requirement
     if program.problem.objective == "quantile":
         return f"{row.text}: the largest part of its limit ({requirement.name})"
-    return f"{row.text}, limit {requirement.limit_mm:g} mm ({requirement.name})"
+    return f"{row.text}, limit {requirement.limit:g} mm ({requirement.name})"
 
 
 def _minimum(problem: PlacementProblem, kind: str) -> str:
@@ -177,7 +177,7 @@ def price_bounds(
             float(rows[t]) for t, term in enumerate(program.terms) if term.demand.requirement.name == requirement.name
         )
         if not quantile_least:
-            limit = requirement.limit_mm
+            limit = requirement.limit
             step = 10.0 ** floor(log10(limit / 10))  # small enough for a derivative to mean something
             name = "limit" if len(problem.requirements) == 1 else f"limit of {requirement.name}"
             phrase = f"the {name} ({limit:g} mm)" if " of " in name else f"the limit of {limit:g} mm"
@@ -332,7 +332,7 @@ def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple
         fixed = error_moments(term, images, nothing, mechanics_of(problem, choice), np.zeros(0))
         noise.append((fixed.unit + fixed.shot).astype(float))
         gains.append(term.free_gain.T)
-        limits.append(term.demand.requirement.limit_mm)
+        limits.append(term.demand.requirement.limit)
     p = search.terms[0].demand.requirement.quantile
     within = partial(
         allocate,

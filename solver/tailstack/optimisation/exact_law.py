@@ -83,7 +83,7 @@ def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     keys = [(sources[b].contributor, sources[b].index) for b in terms.at_ends]
     return Evaluation(
         exact_mm=exact.value_mm,
-        limit_mm=requirement.limit_mm,
+        limit_mm=requirement.limit,
         density=exact.density,
         relative_error=exact.relative_error,
         mean_mm=exact.worst.mean_mm,

@@ -59,19 +59,19 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
     worst, term = evaluations[k], program.terms[k]
     requirement = term.demand.requirement
     tight = ", every free half-width at its smallest" if problem.half_widths else ""
-    aim = f"the limit of {requirement.limit_mm:g} mm"
-    if parameters is not None and parameters.log_limits[k] < np.log(requirement.limit_mm * (1 - 1e-4)):
+    aim = f"the limit of {requirement.limit:g} mm"
+    if parameters is not None and parameters.log_limits[k] < np.log(requirement.limit * (1 - 1e-4)):
         aim += f" (with the margin the Monte Carlo check needs: {at_most(float(np.exp(parameters.log_limits[k])))} mm)"
     shares = _shares(worst, requirement.error)
     own = aim_of(worst, term.demand, trials_for(len(problem.targets)))
-    left = own if parameters is None else min(own, float(np.exp(parameters.log_limits[k])) / requirement.limit_mm)
+    left = own if parameters is None else min(own, float(np.exp(parameters.log_limits[k])) / requirement.limit)
     enough = at_least(worst.exact_mm / left * (1 + INTERIOR))
     which = "the limit" if not term.demand.lost else "limit_mm of survive"
     raised = f"raise {which} to {enough} mm or more, which leaves the check its margin"
     if left * FAR_OFF < own:
         raised = f"the check finds {at_least(own / left, 2)} times what the estimate that guides the search says: "
         raised += "spread the fiducials or reduce the noise"
-    cures = [*_cures(problem, term.demand, worst.model, requirement.limit_mm * left), *_room(program, point)]
+    cures = [*_cures(problem, term.demand, worst.model, requirement.limit * left), *_room(program, point)]
     return InfeasibleError(
         Problem(
             "/optimise",
@@ -399,7 +399,7 @@ def _layout(problem: PlacementProblem, demand: QuantileConstraint) -> Finding | 
         f"{what} cost: down to {floor:.4g} mm ({-100 * gain:+.1f} %)",
         problem.places[0].pointer,
         floor,
-        demand.requirement.limit_mm,
+        demand.requirement.limit,
     )
 
 

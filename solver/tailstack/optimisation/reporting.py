@@ -197,12 +197,12 @@ def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
     limits = ", ".join(
         f"P{100 * item.quantile:g} of {ERRORS[item.error]}"
         + (f" of each of {100 * item.min_yield:g} % of units" if item.min_yield is not None else "")
-        + f" within {item.limit_mm:g} mm"
+        + f" within {item.limit:g} mm"
         for item in problem.requirements
     )
     if problem.survival is not None:
         limits += (
-            f", and P95 of {ERRORS['tcp']} within {problem.survival.requirement.limit_mm:g} mm when any "
+            f", and P95 of {ERRORS['tcp']} within {problem.survival.requirement.limit:g} mm when any "
             f"{problem.survival.lost} fiducial{'s are' if problem.survival.lost > 1 else ' is'} lost"
         )
     count = len(problem.half_widths)
@@ -260,7 +260,7 @@ def _shadow_prices(verified: VerifiedOptimum) -> tuple[ShadowPrice, ...]:
 
 def _largest_mm(verified: VerifiedOptimum) -> float:
     sized = zip(verified.optimum.ratios, verified.search.terms, strict=True)
-    return max(ratio * term.demand.requirement.limit_mm for ratio, term in sized)
+    return max(ratio * term.demand.requirement.limit for ratio, term in sized)
 
 
 def _list_moves(before: System, after: System, problem: PlacementProblem) -> tuple[MovedFiducial, ...]:

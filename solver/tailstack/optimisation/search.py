@@ -474,7 +474,7 @@ def start_at(program: Program, layout: Array) -> Start:
     if len(choice.half_width):
         choice = replace(choice, half_width=_half_widths(program, worst))
     parameters = Parameters(
-        np.log([term.demand.requirement.limit_mm for term in program.terms]),
+        np.log([term.demand.requirement.limit for term in program.terms]),
         np.array([item.signs for item in evaluations]).reshape(len(evaluations), -1),
         tuple(no_correction(problem, term) for term in program.terms),
         program.pieces_of(choice),

@@ -176,7 +176,7 @@ def _exchange_model(
 ) -> ExchangeModel:
     """Errors relative to their limits, free half-widths at their smallest."""
     smallest = problem.lower * [per for _, per in free_laws(problem)]
-    limits = np.array([term.demand.requirement.limit_mm for term in terms])
+    limits = np.array([term.demand.requirement.limit for term in terms])
     share = limits.min() / limits
     constant = [
         term.bias_mm @ term.bias_mm + np.trace(term.covariance) + ((term.free_gain * smallest) ** 2).sum()

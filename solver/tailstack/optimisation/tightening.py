@@ -206,10 +206,8 @@ def _check_loss(
     )
     verification = verify(left, seed, trials, UNITS, control.threads)
     (check,) = verification.verdict.checks
-    limit = survival.requirement.limit_mm
-    survived = SurvivedLoss(
-        limit, lost, target.name, ratio * limit, check.value_mm, check.interval_mm, verification.trials
-    )
+    limit = survival.requirement.limit
+    survived = SurvivedLoss(limit, lost, target.name, ratio * limit, check.value, check.interval, verification.trials)
     return check, survived
 
 
@@ -235,7 +233,7 @@ def _system_to_check(design: Design, problem: PlacementProblem, settings: CheckS
         named = {name for item in requirements for name in item.targets}
         targets = tuple(target for target in system.targets if target.name in named)
     else:
-        requirements = tuple(replace(item, limit_mm=item.limit_mm * settings.limits) for item in problem.requirements)
+        requirements = tuple(replace(item, limit=item.limit * settings.limits) for item in problem.requirements)
         targets = problem.targets
     return replace(system, requirements=requirements, targets=targets)
 
@@ -253,25 +251,25 @@ def first_aims(search: Search, trials: int) -> Array:
 
 def _tightening(check: Check, attempt: int) -> float:
     """Factor on the aim of one demand, from what its check measured; the margin grows with every failure."""
-    upper = check.upper_mm
-    if upper <= check.limit_mm:
+    upper = check.upper
+    if upper <= check.limit:
         return 1.0
     # A fresh seed moves the estimate within its interval.
-    return (check.limit_mm / upper) * (1 - (MARGIN - 1 + attempt / 2) * (upper / check.value_mm - 1))
+    return (check.limit / upper) * (1 - (MARGIN - 1 + attempt / 2) * (upper / check.value - 1))
 
 
 def _explain_miss(optimum: Optimum, checks: dict[tuple[str, ...], Check], problem: PlacementProblem) -> InfeasibleError:
-    worst = max(checks.values(), key=lambda check: check.upper_mm / check.limit_mm)
+    worst = max(checks.values(), key=lambda check: check.upper / check.limit)
     within = "" if problem.cost_limit is None else f" within the cost limit of {problem.cost_limit:g}"
-    first = max(optimum.ratios) * worst.limit_mm
+    first = max(optimum.ratios) * worst.limit
     return InfeasibleError(
         Problem(
             "/optimise",
             "limit-out-of-reach",
             f"the smallest error found{within} is {first:.4g} mm by estimate and at most "
-            f"{at_least(worst.upper_mm)} mm by Monte Carlo at target {worst.target!r}, which is not within the limit "
-            f"of {worst.limit_mm:g} mm ({worst.requirement})",
-            f"raise the limit to {at_least(worst.upper_mm)} mm or more, or "
+            f"{at_least(worst.upper)} mm by Monte Carlo at target {worst.target!r}, which is not within the limit "
+            f"of {worst.limit:g} mm ({worst.requirement})",
+            f"raise the limit to {at_least(worst.upper)} mm or more, or "
             + ("free tolerances" if not problem.half_widths else "raise the cost limit"),
         )
     )

@@ -129,7 +129,7 @@ class AimSearch:
         except TailstackError:
             return inf
         return max(
-            (target if asked.error == "tcp" else target.localisation).p95_mm / asked.limit_mm
+            (target if asked.error == "tcp" else target.localisation).p95_mm / asked.limit
             for asked in self.requirements
             for target in targets
             if target.name in asked.targets

@@ -22,11 +22,11 @@ class JudgedValue(Protocol):
     """A value, where it may lie, and its limit."""
 
     @property
-    def value_mm(self) -> float: ...
+    def value(self) -> float: ...
     @property
-    def interval_mm(self) -> tuple[float, float | None]: ...
+    def interval(self) -> tuple[float, float | None]: ...
     @property
-    def limit_mm(self) -> float: ...
+    def limit(self) -> float: ...
 
 
 def count_decimals(size_mm: float, error: float = ESTIMATE) -> int:
@@ -37,13 +37,13 @@ def count_decimals(size_mm: float, error: float = ESTIMATE) -> int:
 
 def decimals_of(checks: Sequence[JudgedValue], otherwise_mm: float = 1.0, error: float = ESTIMATE) -> int:
     """Decimals of every length of an answer, by its checks; without any by the largest value and its relative error."""
-    asked = [count_decimals(check.limit_mm, _error_of(check)) for check in checks]
+    asked = [count_decimals(check.limit, _error_of(check)) for check in checks]
     return max(asked, default=count_decimals(otherwise_mm, error))
 
 
 def _error_of(check: JudgedValue) -> float:
-    low, high = check.interval_mm
-    wide = ESTIMATE if high is None or check.value_mm <= 0 else (high - low) / 2 / check.value_mm
+    low, high = check.interval
+    wide = ESTIMATE if high is None or check.value <= 0 else (high - low) / 2 / check.value
     return wide or ESTIMATE
 
 

@@ -240,14 +240,14 @@ class Loss:
     """Labels of the fiducials that are lost."""
     target: str
     """Target at which the error is then largest."""
-    value_mm: float | None
-    """The quantile of the error's norm there without them, mm; null where nothing can be estimated any more."""
+    value: float | None
+    """The quantile of what is limited there without them, in its unit; null where nothing can be estimated any more."""
     reason: str = ""
     """Why nothing can be estimated any more; empty otherwise."""
 
-    def keeps(self, limit_mm: float) -> bool:
+    def keeps(self, limit: float) -> bool:
         """Whether this limit is kept all the same."""
-        return self.value_mm is not None and self.value_mm <= limit_mm
+        return self.value is not None and self.value <= limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,9 +258,9 @@ class Mixture:
 
     quantile: float
     """Fraction of shots within the value: that of the requirement, otherwise 0.95."""
-    value_mm: float | None
-    """The quantile of the error's norm over shots with and without losses, mm, what is not accounted for beyond it;
-    null where that alone is more than the quantile leaves.
+    value: float | None
+    """The quantile of what is limited over shots with and without losses, in its unit, what is not accounted for beyond
+    it; null where that alone is more than the quantile leaves.
     """
     target: str
     """Target at which it is largest."""
@@ -282,23 +282,25 @@ class Losses:
 
     requirement: str
     """Name of the requirement; empty where the design has none and P95 of the error at the tool is meant."""
-    limit_mm: float | None
-    """Its limit, mm; null where the design has none."""
-    value_mm: float
-    """What it limits, with all fiducials and at the worst of its targets, mm."""
+    limit: float | None
+    """Its limit, in `unit`; null where the design has none."""
+    value: float
+    """What it limits, with all fiducials and at the worst of its targets, in `unit`."""
     single: Loss
     """The worst loss of one."""
     double: Loss | None
     """The worst loss of two; null where there are too many fiducials to try every pair."""
     mixture: Mixture | None = None
     """What it comes to over shots with and without losses; null where the design states no probability of a loss."""
+    unit: str = "mm"
+    """Unit of limit and values."""
 
     def keeps(self, lost: int) -> bool | None:
         """Whether the limit is kept whichever fiducials are lost, so many at once; None where that is not known."""
         worst = self.single if lost == 1 else self.double
-        if worst is None or self.limit_mm is None:
+        if worst is None or self.limit is None:
             return None
-        return worst.keeps(self.limit_mm)
+        return worst.keeps(self.limit)
 
 
 @dataclass(frozen=True, slots=True)

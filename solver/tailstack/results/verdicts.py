@@ -57,14 +57,14 @@ class Check:
     """pooled: over installations and shots together; per_unit: of each unit by itself."""
     quantile: float
     """Quantile of the error's norm that is limited, 0.95 for P95."""
-    value_mm: float
-    """What decides, mm. pooled: the quantile; per_unit: what `min_yield` of units keep their own quantile within."""
-    interval_mm: tuple[float, float | None]
-    """Lower and upper end, mm. Monte Carlo: confidence interval; first order: calibrated error of the linearisation. A
-    null upper end: not known, as first order is not valid.
+    value: float
+    """What decides. pooled: the quantile; per_unit: what `min_yield` of units keep their own quantile within."""
+    interval: tuple[float, float | None]
+    """Its ends. Monte Carlo: confidence interval; first order: calibrated error of the linearisation. A null upper end:
+    not known, as first order is not valid.
     """
-    limit_mm: float
-    """Limit of the requirement, mm."""
+    limit: float
+    """Limit of the requirement."""
     yield_fraction: float | None
     """per_unit: fraction of units whose own quantile is within the limit; null for pooled."""
     min_yield: float | None
@@ -74,9 +74,9 @@ class Check:
     """
     headline: str = ""
     """What the value is, in words: "P95 that 90 % of units keep"."""
-    margin_mm: float | None = None
-    """Limit less the upper end of the interval, mm: not negative just where the status is pass. Null where that end is
-    not known.
+    margin: float | None = None
+    """Limit less the upper end of the interval: not negative just where the status is pass. Null where that end is not
+    known.
     """
     missed: bool = False
     """Whether shots that miss fiducials, as often as the design says, are in the value."""
@@ -86,15 +86,15 @@ class Check:
     """Unit of value, interval, limit and margin: mm, unless the measure has another."""
 
     def __post_init__(self) -> None:
-        high = self.interval_mm[1]
+        high = self.interval[1]
         object.__setattr__(self, "unit", MEASURE[self.error].unit)
         object.__setattr__(self, "headline", headline_of(self.quantile, self.min_yield, missed=self.missed))
-        object.__setattr__(self, "margin_mm", None if high is None else self.limit_mm - high)
+        object.__setattr__(self, "margin", None if high is None else self.limit - high)
 
     @property
-    def upper_mm(self) -> float:
+    def upper(self) -> float:
         """Upper end of the interval, infinite where there is none."""
-        high = self.interval_mm[1]
+        high = self.interval[1]
         return inf if high is None else high
 
 
@@ -260,7 +260,7 @@ _Checked = TypeVar("_Checked", bound=Check)
 
 def urgency(check: Check) -> tuple[int, float]:
     """Sorts checks: failures before open questions before the rest, then by value over limit, largest first."""
-    return _ORDER[check.status], -check.value_mm / check.limit_mm
+    return _ORDER[check.status], -check.value / check.limit
 
 
 def decisive_check(checks: Sequence[Check]) -> Check | None:
@@ -319,15 +319,15 @@ def _describe(check: Check) -> str:
     else:
         shots = f"{100 * check.min_yield:.6g} % of installed units, in {shots}their own shots"
     shots += f", {MISSED}" if check.missed else ""
-    low, high = check.interval_mm
+    low, high = check.interval
     ends = "no upper end is known" if high is None else f"between {length(low, decimals)} and {length(high, decimals)}"
-    limit = f"the limit of {check.limit_mm:g} {check.unit}"
+    limit = f"the limit of {check.limit:g} {check.unit}"
     held = {"pass": f"within {limit}", "fail": f"above {limit}", "inconclusive": f"and {limit} lies in between"}
     where = f"so whether it keeps {limit} is open" if high is None else held[check.status]
     units = "" if check.yield_fraction is None else f"; {in_percent(check.yield_fraction, 1)} of units keep it"
     return (
         f"{check.requirement}: in {shots}, {ERRORS[check.error]} (target {check.target}) is at most "
-        f"{length(check.value_mm, decimals)} {check.unit} (P{100 * check.quantile:.6g}; {ends}), {where}{units}"
+        f"{length(check.value, decimals)} {check.unit} (P{100 * check.quantile:.6g}; {ends}), {where}{units}"
     )
 
 
@@ -386,11 +386,11 @@ def check_columns(checks: Sequence[Check]) -> tuple[Column, ...]:
             "Limited", on=TERMINAL | On.NOTEBOOK, brief="what is\nlimited", of=lambda row: _limited_briefly(row.check)
         ),
         *own,
-        Column("Value", unit, "fixed", decimals, brief=f"value\n{unit}", of=lambda row: row.check.value_mm),
-        Column("From", unit, "fixed", decimals, brief=f"from\n{unit}", of=lambda row: row.check.interval_mm[0]),
-        Column("To", unit, "fixed", decimals, brief=f"to\n{unit}", of=lambda row: row.check.interval_mm[1]),
-        Column("Limit", unit, "stated", decimals, brief=f"limit\n{unit}", of=lambda row: row.check.limit_mm),
-        Column("Margin", unit, "signed", decimals, brief=f"to spare\n{unit}", of=lambda row: row.check.margin_mm),
+        Column("Value", unit, "fixed", decimals, brief=f"value\n{unit}", of=lambda row: row.check.value),
+        Column("From", unit, "fixed", decimals, brief=f"from\n{unit}", of=lambda row: row.check.interval[0]),
+        Column("To", unit, "fixed", decimals, brief=f"to\n{unit}", of=lambda row: row.check.interval[1]),
+        Column("Limit", unit, "stated", decimals, brief=f"limit\n{unit}", of=lambda row: row.check.limit),
+        Column("Margin", unit, "signed", decimals, brief=f"to spare\n{unit}", of=lambda row: row.check.margin),
         *(of_units if any(check.min_yield is not None for check in checks) else ()),
         Column("Status", kind="status", of=lambda row: row.check.status),
     )

@@ -50,7 +50,7 @@ scenarios.reach = async () => {
   await sha(page);
   await page.locator(".wall").waitFor();
   found.wall = await page.locator(".wall").innerText();
-  found.limit = (await state(page)).score.verdict.checks[0].limit_mm;
+  found.limit = (await state(page)).score.verdict.checks[0].limit;
   await strip(page).getByRole("button", { name: "Optimise this design" }).click();
   await page.locator(".wall", { hasText: "Out of reach" }).waitFor();
   found.out = [await page.locator(".wall").innerText(), await page.locator(".acts").innerText(), await next.count()];
@@ -61,7 +61,7 @@ scenarios.reach = async () => {
 // A design without a requirement gets one under all fields, a second, and loses it; another gets one by the strip
 scenarios.grow = async () => {
   const page = await begun(await newContext()), found = [], all = await part(page, "All fields");
-  const look = async () => { await sha(page); found.push((await state(page)).score.verdict.checks.map(({ requirement, limit_mm: limit }) => [requirement, limit])); };
+  const look = async () => { await sha(page); found.push((await state(page)).score.verdict.checks.map(({ requirement, limit }) => [requirement, limit])); };
   await look();
   await all.getByLabel("Add a field to the design").selectOption("requirements");
   await look();

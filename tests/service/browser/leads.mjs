@@ -83,7 +83,7 @@ scenarios.job = async () => {
 scenarios.next = async () => {
   const page = await begun(await newContext()), found = {}, numbers = async () => (await page.locator('[data-testid="numbers"] dd').first().innerText()).replace(/\s+/g, " ");
   const first = await sha(page), [x, y] = await centre(bead(page, "F2"));
-  const look = async () => ({ numbers: await numbers(), value: (await state(page)).score.verdict.checks[0].value_mm, outlines: await page.locator(".picture .was circle").count(), deltas: await page.locator(".budget .delta").count(), states: await page.locator(".trail .state").count() });
+  const look = async () => ({ numbers: await numbers(), value: (await state(page)).score.verdict.checks[0].value, outlines: await page.locator(".picture .was circle").count(), deltas: await page.locator(".budget .delta").count(), states: await page.locator(".trail .state").count() });
   found.begin = await look();
   await page.mouse.move(x, y);
   await page.mouse.down();
@@ -105,7 +105,7 @@ scenarios.next = async () => {
   await next.click();
   await sha(page);
   const { text, score } = await state(page);
-  return { ...found, text, status: score.verdict.status, value: score.verdict.checks[0].value_mm };
+  return { ...found, text, status: score.verdict.status, value: score.verdict.checks[0].value };
 };
 
 // An optimisation of a design that says nothing of one; a report of what is on the page

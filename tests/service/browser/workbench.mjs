@@ -356,7 +356,7 @@ scenarios.slack = async () => {
   const slack = await page.locator(`.slide:has([data-pointer="${asked.pointer}"]) .slack`).innerText(), field = page.locator(`[data-pointer="${asked.pointer}"]`).first();
   await page.locator(`.slide:has([data-pointer="${asked.pointer}"]) .slack button`).click();
   await current(page);
-  return { slack, width: Number(await field.inputValue()), value: (await state(page)).score.verdict.checks[0].value_mm };
+  return { slack, width: Number(await field.inputValue()), value: (await state(page)).score.verdict.checks[0].value };
 };
 
 // A slider stops at the process grades that the design lists for this tolerance

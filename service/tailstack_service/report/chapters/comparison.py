@@ -116,7 +116,7 @@ def _at(report: Report, name: str) -> tuple[TargetScore | TargetEstimate, float 
     """What is known of a target, and the limit that its P95 is held against."""
     judged = report.verification or report.score
     limits = [
-        check.limit_mm
+        check.limit
         for check in judged.verdict.checks
         if (check.target, check.error, check.risk, check.quantile) == (name, "tcp", "pooled", P95)
     ]

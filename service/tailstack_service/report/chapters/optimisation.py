@@ -214,13 +214,13 @@ def change_blocks(optimisation: Optimisation, now: Known | None, before: Known |
 def _requirements_table(optimisation: Optimisation, now: Known | None, before: Known | None) -> Table:
     """What each requirement limits, by estimate in the design as it stood and in the new one, at one target."""
     checks = optimisation.certificate.verification.verdict.checks
-    decimals = max((count_decimals(check.limit_mm) for check in checks), default=3)  # of an estimate
+    decimals = max((count_decimals(check.limit) for check in checks), default=3)  # of an estimate
 
     def look_up(known: Known | None) -> Callable[[tuple[Check, int]], float | None]:
         of = (
             {}
             if known is None
-            else {(check.requirement, check.target): check.value_mm for check in known[1].verdict.checks}
+            else {(check.requirement, check.target): check.value for check in known[1].verdict.checks}
         )
         return lambda row: of.get((row[0].requirement, row[0].target))
 
@@ -229,7 +229,7 @@ def _requirements_table(optimisation: Optimisation, now: Known | None, before: K
         Column("Target", of=lambda row: row[0].target),
         Column("Before", "mm", "fixed", decimals, of=look_up(before)),
         Column("After", "mm", "fixed", decimals, of=look_up(now)),
-        Column("Limit", "mm", "stated", decimals, of=lambda row: row[0].limit_mm),
+        Column("Limit", "mm", "stated", decimals, of=lambda row: row[0].limit),
     )
     return tabulate("Before and after", "Requirements by estimate, before and after", columns, decided_by(checks))
 

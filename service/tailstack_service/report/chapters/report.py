@@ -67,7 +67,7 @@ def report_document(report: Report, sha256: str) -> Document:
         Section("The design", (design_listing(report.design, "The design document, as YAML"),), reader="auditor"),
     ]
     judged = report.verification or report.score
-    decimals = decimals_of(judged.verdict.checks, headline.value_mm)
+    decimals = decimals_of(judged.verdict.checks, headline.value)
     return Document(
         kind="Tolerance-budget report",
         title=report.title,

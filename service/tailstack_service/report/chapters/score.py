@@ -7,7 +7,6 @@ from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from tailstack.measures import MEASURE
 from tailstack.results import ERRORS, MeasureResult, Score, TargetEstimate, TargetScore
 from tailstack.results import headline_of as headline_words
 from tailstack.results.digits import decimal, in_percent, length, percent, signed_decimal
@@ -208,21 +207,21 @@ def reliability_blocks(score: Score) -> tuple[Block, ...]:
 
 def key_numbers(headline: Headline, decimals: int) -> tuple[KeyNumber, ...]:
     """What decides, its limit and the margin, in large type."""
-    low, high = headline.interval_mm
+    low, high = headline.interval
     end = "unknown" if high is None else length(high, decimals)
-    unit = MEASURE[headline.error].unit
+    unit = headline.unit
     ends = f"{length(low, decimals)} to {end} {unit}, {name_basis(headline.basis)}"
     error = "the error" if headline.error == "tcp" else ERRORS[headline.error]
     label = f"{headline.headline} of {error}" if headline.min_yield is None else headline.headline
-    numbers = [KeyNumber(label, f"{length(headline.value_mm, decimals)} {unit}", ends)]
-    if headline.limit_mm is None:
+    numbers = [KeyNumber(label, f"{length(headline.value, decimals)} {unit}", ends)]
+    if headline.limit is None:
         return (*numbers, KeyNumber("Limit", "none", "no requirement is stated"))
     what = f"{headline.requirement}, target {headline.target}"
-    numbers.append(KeyNumber("Limit", f"{headline.limit_mm:g} {unit}", what))
-    margin = headline.margin_mm
+    numbers.append(KeyNumber("Limit", f"{headline.limit:g} {unit}", what))
+    margin = headline.margin
     if margin is None:
         return (*numbers, KeyNumber("Margin", "not known", "the interval has no upper end"))
-    share = in_percent(abs(margin) / headline.limit_mm)
+    share = in_percent(abs(margin) / headline.limit)
     detail = f"{share} of the limit is left above the interval" if margin >= 0 else f"the interval ends {share} beyond"
     return (*numbers, KeyNumber("Margin", f"{signed_decimal(margin, decimals)} {unit}".replace("-", "−"), detail))
 
@@ -246,7 +245,7 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
     its own distribution.  What units keep has another, of which these are not known.
     """
     shown = Scaled(
-        headline.target, headline.value_mm, headline.interval_mm, headline.limit_mm, _beside(headline, targets),
+        headline.target, headline.value, headline.interval, headline.limit, _beside(headline, targets),
         headline.headline, headline.error, decimals,
     )  # fmt: skip
     size = f"Size of {ERRORS[headline.error]}, target {headline.target}"
@@ -333,13 +332,13 @@ def budget_blocks(score: Score, allowances: Sequence[Allowance] = ()) -> tuple[B
 def what_binds(score: Score, allowances: Sequence[Allowance]) -> tuple[str, ...]:
     """The requirement nearest to its limit, the tolerances that it leaves no room, those at their bounds."""
     sentences, decimals = [], score.decimals
-    tightest = max(score.verdict.checks, key=lambda check: check.value_mm / check.limit_mm, default=None)
+    tightest = max(score.verdict.checks, key=lambda check: check.value / check.limit, default=None)
     if tightest is not None:
         error = f"{ERRORS[tightest.error]} at {tightest.target}"
         what = headline_words(tightest.quantile, tightest.min_yield, error)
         sentences.append(
             f"Nearest to its limit is {tightest.requirement}: {what}, an estimated "
-            f"{length(tightest.value_mm, decimals)} {tightest.unit} against {tightest.limit_mm:g} {tightest.unit}."
+            f"{length(tightest.value, decimals)} {tightest.unit} against {tightest.limit:g} {tightest.unit}."
         )
         named = {entry.target: None for entry in allowances if entry.status != "no requirement"}
         target = tightest.target if tightest.target in named else next(iter(named), "")

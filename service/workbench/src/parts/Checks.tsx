@@ -11,16 +11,17 @@ export function Checks({ of: { kind, record, decimals: d }, label }: { of: AnyRe
   const checks: readonly Check[] = record.verdict.checks;
   if (!checks.length) return null;
   const units = checks.some((check) => check.yield_fraction !== null);
+  const unit = new Set(checks.map((check) => check.unit)).size === 1 ? `, ${checks[0].unit}` : "";
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label={label}>
       <table class="checks" data-kind={kind}>
-        <thead><tr><th><Term word="requirement">Requirement</Term></th><th>Status</th><th class="number">{kind === "simulation" ? "Simulated, mm" : "Estimate, mm"}</th><th class="number">Between, mm</th><th class="number">Limit, mm</th>{units && <th class="number">Units within it (asked for)</th>}</tr></thead>
+        <thead><tr><th><Term word="requirement">Requirement</Term></th><th>Status</th><th class="number">{`${kind === "simulation" ? "Simulated" : "Estimate"}${unit}`}</th><th class="number">{`Between${unit}`}</th><th class="number">{`Limit${unit}`}</th>{units && <th class="number">Units within it (asked for)</th>}</tr></thead>
         <tbody>
           {checks.slice(0, 400).map((check) => (
             <tr key={check.requirement + check.target}>
               <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline}${check.error === "tcp" ? "" : " as located"}; ${check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each by itself"}`}</span></th>
               <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
-              <td class="number">{mm(check.value_mm, d)}</td><td class="number">{interval(check.interval_mm, d)}</td><td class="number">{stated(check.limit_mm, d)}</td>
+              <td class="number">{mm(check.value, d)}</td><td class="number">{interval(check.interval, d)}</td><td class="number">{stated(check.limit, d)}{!unit && ` ${check.unit}`}</td>
               {units && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} (${percent(check.min_yield)})`}</td>}
             </tr>
           ))}

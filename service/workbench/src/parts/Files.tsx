@@ -355,7 +355,7 @@ function Judged({ of, now }: { of: Known | undefined; now?: Known }) {
   return (
     <>
       <td class={`status ${shown?.record.verdict.status ?? ""}`}>{shown ? VERDICTS[shown.record.verdict.status] ?? shown.record.verdict.status : of ? VERDICTS["not-evaluated"] : ""}{shown && ` ${BY[shown.kind]}`}</td>
-      {cell(of?.estimate, by?.estimate)}{cell(of?.simulation, by?.simulation)}<td class="number">{decides && shown ? stated(decides.limit_mm, shown.decimals) : "–"}</td>
+      {cell(of?.estimate, by?.estimate)}{cell(of?.simulation, by?.simulation)}<td class="number">{decides && shown ? stated(decides.limit, shown.decimals) : "–"}</td>
       <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : shown ? "no requirement: the largest P95" : ""}</td>
     </>
   );

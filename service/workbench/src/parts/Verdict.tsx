@@ -55,12 +55,12 @@ export function Verdict() {
               <dt><Term word={!worst || worst.headline === "P95" ? "P95" : "requirement"} quiet>{worst?.headline ?? "P95"}</Term>{` of the error ${!worst || worst.error === "tcp" ? "at the tool" : "as located"}, target ${reading.target.name}`}</dt>
               <dd>
                 {now && <span class="was">{`${mm(now.from, now.decimals)} → `}</span>}
-                <output id="p95" aria-live="off">{mm(reading.mm, now?.decimals ?? d)}</output> mm
+                <output id="p95" aria-live="off">{mm(reading.mm, now?.decimals ?? d)}</output> {worst?.unit ?? "mm"}
                 {now && <span class={now.to < now.from ? "delta less" : "delta more"}>{` (${changed(now.to - now.from, now.decimals)})`}</span>}
               </dd>
             </div>
-            {worst && <div><dt>Between</dt><dd>{interval(worst.interval_mm, d)}</dd></div>}
-            {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{limit ? <NumberField path={limit} label={`limit of ${worst.requirement}`} unit="mm" hidden /> : stated(worst.limit_mm, d)} mm</dd></div>}
+            {worst && <div><dt>Between</dt><dd>{interval(worst.interval, d)}</dd></div>}
+            {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{limit ? <NumberField path={limit} label={`limit of ${worst.requirement}`} unit={worst.unit} hidden /> : stated(worst.limit, d)} {worst.unit}</dd></div>}
             {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
             <div class={isBiased(reading) ? "leads" : ""}><dt><Term word="bias" quiet>{reading.kind === "simulation" ? "Bias" : "Known bias"}</Term></dt><dd>{mm(bias, d)} mm</dd></div>
             <div><dt>Mean error</dt><dd>{mm(reading.target.mean_norm_mm, d)} mm</dd></div>
@@ -89,7 +89,8 @@ function Reach() {
 /** Where the limit of a requirement stands in the design. */
 function limitOf(data: Json, requirement: string): Path | null {
   const all: Json[] = Array.isArray(data?.requirements) ? data.requirements : [], k = all.length === 1 ? 0 : all.findIndex((each) => each?.name === requirement);
-  return typeof all[k]?.limit_mm === "number" ? ["requirements", k, "limit_mm"] : null;
+  const field = Object.keys(all[k] ?? {}).find((name) => name.startsWith("limit_"));
+  return field && typeof all[k][field] === "number" ? ["requirements", k, field] : null;
 }
 
 /** Whether what is known and the same each time is most of the error: it is taken away before any tolerance. */
@@ -197,24 +198,24 @@ function Losses({ score }: { score: Score }) {
   const last = useRef<Score["losses"]>([]), shown = score.losses.length ? score.losses : last.current;
   useEffect(() => void (last.current = shown), [shown]);
   if (!shown.length) return null;
-  const words = (loss: Score["losses"][number]["single"] | null) =>
-    loss === null ? "too many pairs to try" : `${loss.lost.join(" and ")}: ${loss.value_mm === null ? loss.reason : `${mm(loss.value_mm, decimals.value)} mm`}`;
+  const words = (loss: Score["losses"][number]["single"] | null, unit: string) =>
+    loss === null ? "too many pairs to try" : `${loss.lost.join(" and ")}: ${loss.value === null ? loss.reason : `${mm(loss.value, decimals.value)} ${unit}`}`;
   const mixed = shown.some(({ mixture }) => mixture); // the design says how often fiducials are missed
-  const verdict = (loss: { value_mm: number | null } | null, limit: number | null) =>
-    loss === null || limit === null ? "" : loss.value_mm !== null && loss.value_mm <= limit ? "status pass" : "status fail";
+  const verdict = (loss: { value: number | null } | null, limit: number | null) =>
+    loss === null || limit === null ? "" : loss.value !== null && loss.value <= limit ? "status pass" : "status fail";
   return (
     <div class="scroll" tabIndex={0} role="region" aria-label="Lost fiducials">
       <table class={score.losses.length ? "" : "old"} data-kind="estimate">
         <caption>If fiducials are not found: the worst of all losses, by estimate</caption>
-        <thead><tr><th>Requirement</th><th class="number">With all, mm</th><th>Without one</th><th>Without two</th>{mixed && <th>Missed as often as stated</th>}</tr></thead>
+        <thead><tr><th>Requirement</th><th class="number">With all</th><th>Without one</th><th>Without two</th>{mixed && <th>Missed as often as stated</th>}</tr></thead>
         <tbody>
           {shown.map((loss) => (
             <tr key={loss.requirement}>
-              <th>{loss.requirement || "P95 at the tool"}</th><td class="number">{mm(loss.value_mm, decimals.value)}</td>
-              <td class={verdict(loss.single, loss.limit_mm)}>{words(loss.single)}</td><td class={verdict(loss.double, loss.limit_mm)}>{words(loss.double)}</td>
+              <th>{loss.requirement || "P95 at the tool"}</th><td class="number">{`${mm(loss.value, decimals.value)} ${loss.unit}`}</td>
+              <td class={verdict(loss.single, loss.limit)}>{words(loss.single, loss.unit)}</td><td class={verdict(loss.double, loss.limit)}>{words(loss.double, loss.unit)}</td>
               {loss.mixture && (
-                <td class={verdict(loss.mixture, loss.limit_mm)}>
-                  {loss.mixture.value_mm === null ? "no bound: too many shots have no answer" : `${percent(loss.mixture.quantile)} of all shots: ${mm(loss.mixture.value_mm, decimals.value)} mm`}
+                <td class={verdict(loss.mixture, loss.limit)}>
+                  {loss.mixture.value === null ? "no bound: too many shots have no answer" : `${percent(loss.mixture.quantile)} of all shots: ${mm(loss.mixture.value, decimals.value)} ${loss.unit}`}
                 </td>
               )}
             </tr>
