@@ -45,6 +45,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from .lane_least_squares import WORK, resect_by_least_squares
 from .lane_motion import (
+    act,
     growth,
     image_fiducials,
     image_shift,
@@ -57,18 +58,32 @@ from .lane_motion import (
 from .lane_resection import carry_to_object_frame, resect, squared_reprojection
 from .lanes import (
     absolute,
+    add,
+    add_square,
+    add_to_diagonal,
     any_lane,
-    dot3,
+    dot,
     factor3,
     fma,
+    join,
     lane_entry,
     lane_jit,
     load,
+    loads,
+    multiply,
+    negative,
+    repeat,
     select,
+    size_of,
     solve3,
     splat,
+    splats,
     square_root,
     store,
+    subtract,
+    symmetric_times,
+    times,
+    times_from_left,
 )
 from .streams import fill_deviates
 from .tables import (
@@ -107,140 +122,115 @@ def scratch_size(counts):
 
 
 @lane_jit
-def target_image(tables, target, view, row, z):
-    """Noisy image of a target along u (row = 0) or v, px from the fiducials' nominal mean image."""
+def target_image(tables, target, view, z):
+    """Noisy image (u, v) of a target, px from the fiducials' nominal mean image."""
     n = tables.counts[FIDUCIALS]
-    deviate = load(z, 16 * view * (n + tables.counts[TARGETS]) + 16 * (n + target) + 8 * row)
-    image = fma(splat(tables.noise[view, 1]), deviate, splat(tables.target_images[target, view, row]))
-    if tables.counts[SHIFTING] != 0:
-        image = image + image_shift(tables, view, n + target, row, z)
-    return image
+    deviates = loads(z, 16 * view * (n + tables.counts[TARGETS]) + 16 * (n + target), 2)
+    image = fma(splat(tables.noise[view, 1]), deviates, splats(tables.target_images[target, view], 2))
+    return add(image, image_shift(tables, view, n + target, z)) if tables.counts[SHIFTING] != 0 else image
 
 
 @lane_jit
 def target_row(estimates, at, row, image):
     """Row of Eq 5 of one view's estimate (at ``at``), for an image along u (row = 0) or v, less its scale (4)."""
-    t = image - load(estimates, at + 96 + 8 * row)
-    p = at + 24 + 32 * row
-    return (
-        fma(t, load(estimates, at), -load(estimates, p)),
-        fma(t, load(estimates, at + 8), -load(estimates, p + 8)),
-        fma(t, load(estimates, at + 16), -load(estimates, p + 16)),
-        t - load(estimates, p + 24),
-    )
+    third = join(loads(estimates, at, 3), splat(1.0))
+    return fma(image - load(estimates, at + 96 + 8 * row), third, negative(loads(estimates, at + 24 + 32 * row, 4)))
 
 
 @lane_jit
 def normal_matrix(tables, target, estimates, z):
-    """``[[M, b], [b', c]]`` of the rows of all views: (m00, m01, m02, m11, m12, m22, b0, b1, b2, c)."""
-    zero = splat(0.0)
-    m00, m01, m02, m11, m12, m22, b0, b1, b2, c = zero, zero, zero, zero, zero, zero, zero, zero, zero, zero
+    """``[[M, b], [b', c]]`` of the rows of all views: a symmetric 4x4."""
+    g = repeat(splat(0.0), 10)
     for view in range(tables.counts[VIEWS]):
         at = 112 * view
         weight = load(estimates, at + 88)
-        factor = tables.row_factors[target, view]
-        f00, f10, f11 = splat(factor[0]), splat(factor[1]), splat(factor[2])
-        u0, u1, u2, u3 = target_row(estimates, at, 0, target_image(tables, target, view, 0, z))
-        v0, v1, v2, v3 = target_row(estimates, at, 1, target_image(tables, target, view, 1, z))
-        u0, u1, u2, u3 = fma(f10, v0, f00 * u0), fma(f10, v1, f00 * u1), fma(f10, v2, f00 * u2), fma(f10, v3, f00 * u3)
-        v0, v1, v2, v3 = f11 * v0, f11 * v1, f11 * v2, f11 * v3
-        for row in range(2):
-            r0, r1, r2, r3 = (u0, u1, u2, u3) if row == 0 else (v0, v1, v2, v3)
-            h0, h1, h2, h3 = weight * r0, weight * r1, weight * r2, weight * r3
-            m00, m01, m02, b0 = fma(h0, r0, m00), fma(h0, r1, m01), fma(h0, r2, m02), fma(h0, r3, b0)
-            m11, m12, b1 = fma(h1, r1, m11), fma(h1, r2, m12), fma(h1, r3, b1)
-            m22, b2, c = fma(h2, r2, m22), fma(h2, r3, b2), fma(h3, r3, c)
-    return m00, m01, m02, m11, m12, m22, b0, b1, b2, c
+        f00, f10, f11 = splats(tables.row_factors[target, view], 3)
+        image = target_image(tables, target, view, z)
+        u, v = target_row(estimates, at, 0, image[0]), target_row(estimates, at, 1, image[1])
+        u = fma(f10, v, multiply(f00, u))
+        v = multiply(f11, v)
+        g = add_square(g, multiply(weight, u), u)
+        g = add_square(g, multiply(weight, v), v)
+    return g
 
 
 @lane_jit
 def triangulate(tables, target, estimates, z):
-    """Target in the object frame from all views: (y0, y1, y2, mask of proven lanes)."""
+    """Target in the object frame from all views: (y (3), mask of proven lanes)."""
     one, zero = splat(1.0), splat(0.0)
-    m00, m01, m02, m11, m12, m22, b0, b1, b2, c = normal_matrix(tables, target, estimates, z)
-    f = factor3(m00, m01, m02, m11, m12, m22)
-    y0, y1, y2 = solve3(f, -b0, -b1, -b2)
+    g = normal_matrix(tables, target, estimates, z)
+    f = factor3(g)
+    y = solve3(f, negative((g[3], g[6], g[8])))
     active = one > zero
     eigenvalue = zero
     for _ in range(MAX_STEPS):
-        e0 = fma(m00, y0, fma(m01, y1, fma(m02, y2, b0)))
-        e1 = fma(m01, y0, fma(m11, y1, fma(m12, y2, b1)))
-        e2 = fma(m02, y0, fma(m12, y1, fma(m22, y2, b2)))
-        e3 = fma(b0, y0, fma(b1, y1, fma(b2, y2, c)))
-        norm2 = fma(y0, y0, fma(y1, y1, fma(y2, y2, one)))
-        eigenvalue = fma(e0, y0, fma(e1, y1, fma(e2, y2, e3))) / norm2
-        x0, x1, x2 = solve3(f, fma(-eigenvalue, y0, e0), fma(-eigenvalue, y1, e1), fma(-eigenvalue, y2, e2))
-        y0, y1, y2 = select(active, y0 - x0, y0), select(active, y1 - x1, y1), select(active, y2 - x2, y2)
-        step = absolute(x0) + absolute(x1) + absolute(x2)
-        active = active & ~(step <= splat(STEP) * square_root(norm2))
+        point = join(y, one)
+        e = symmetric_times(g, point)
+        norm2 = dot(point, point)
+        eigenvalue = dot(e, point) / norm2
+        step = solve3(f, fma(-eigenvalue, y, e[0:3]))
+        y = select(active, subtract(y, step), y)
+        active = active & ~(size_of(step) <= splat(STEP) * square_root(norm2))
         if not any_lane(active):
             break
-    trace = m00 + m11 + m22
+    trace = g[0] + g[4] + g[7]
     proven = eigenvalue * trace * trace * (f[3] * f[4] * f[5]) < splat(4.0)
-    return y0, y1, y2, f[6] & proven & ~active
+    return y, f[6] & proven & ~active
 
 
 @lane_jit
 def triangulate_in_metric(tables, target, estimates, z, metric):
-    """The same for the length ``k y'y + 2 g'y + h`` of (y, 1) instead of ``y'y + 1``; metric: k, g (3), h."""
+    """The same for the length ``k y'y + 2 c'y + h`` of (y, 1) instead of ``y'y + 1``; metric: k, c (3), h."""
     one, zero = splat(1.0), splat(0.0)
-    m00, m01, m02, m11, m12, m22, b0, b1, b2, c = normal_matrix(tables, target, estimates, z)
-    k, g0, g1, g2, h = metric
-    f = factor3(m00, m01, m02, m11, m12, m22)
-    y0, y1, y2 = solve3(f, -b0, -b1, -b2)
+    g = normal_matrix(tables, target, estimates, z)
+    k, c, h = metric
+    f = factor3(g)
+    y = solve3(f, negative((g[3], g[6], g[8])))
     active = one > zero
     eigenvalue, tau = zero, zero
     for step in range(MAX_STEPS + 1):
-        e0 = fma(m00, y0, fma(m01, y1, fma(m02, y2, b0)))
-        e1 = fma(m01, y0, fma(m11, y1, fma(m12, y2, b1)))
-        e2 = fma(m02, y0, fma(m12, y1, fma(m22, y2, b2)))
-        e3 = fma(b0, y0, fma(b1, y1, fma(b2, y2, c)))
-        q0, q1, q2 = fma(k, y0, g0), fma(k, y1, g1), fma(k, y2, g2)
-        q3 = fma(g0, y0, fma(g1, y1, fma(g2, y2, h)))
-        norm2 = fma(q0, y0, fma(q1, y1, fma(q2, y2, q3)))
-        eigenvalue = fma(e0, y0, fma(e1, y1, fma(e2, y2, e3))) / norm2
+        point = join(y, one)
+        e = symmetric_times(g, point)
+        q = join(fma(k, y, c), dot(join(c, h), point))
+        eigenvalue = dot(e, point) / dot(q, point)
         if step == 0:
             # A Rayleigh quotient is not below the smallest eigenvalue; if M - tau K is positive definite no other lies
             # below tau.  Rounding makes the quotient of the last step a little larger than that of the first.
-            tau = eigenvalue + splat(1e-9) * (m00 + m11 + m22) / (k + k + k)
-            f = factor3(fma(-tau, k, m00), m01, m02, fma(-tau, k, m11), m12, fma(-tau, k, m22))
-        x0, x1, x2 = solve3(f, fma(-eigenvalue, q0, e0), fma(-eigenvalue, q1, e1), fma(-eigenvalue, q2, e2))
-        y0, y1, y2 = select(active, y0 - x0, y0), select(active, y1 - x1, y1), select(active, y2 - x2, y2)
-        size = absolute(x0) + absolute(x1) + absolute(x2)
-        active = active & ~(size <= splat(STEP) * (one + absolute(y0) + absolute(y1) + absolute(y2)))
+            tau = eigenvalue + splat(1e-9) * (g[0] + g[4] + g[7]) / (k + k + k)
+            f = factor3(add_to_diagonal(g, -tau, (k, k, k, zero)))
+        x = solve3(f, fma(-eigenvalue, q[0:3], e[0:3]))
+        y = select(active, subtract(y, x), y)
+        active = active & ~(size_of(x) <= splat(STEP) * (one + absolute(y[0]) + absolute(y[1]) + absolute(y[2])))
         if not any_lane(active):
             break
-    return y0, y1, y2, f[6] & (eigenvalue <= tau) & ~active
+    return y, f[6] & (eigenvalue <= tau) & ~active
 
 
 @lane_jit
-def fit_images(tables, target, estimates, z, y0, y1, y2):
-    """The target whose images are off least, by steps from a point: (y0, y1, y2, mask of lanes that are at rest)."""
+def fit_images(tables, target, estimates, z, y):
+    """The target whose images are off least, by steps from a point y (3): (y, mask of lanes that are at rest)."""
     one, zero = splat(1.0), splat(0.0)
     active = one > zero
     for _ in range(FIT_STEPS):
-        h00, h01, h02, h11, h12, h22, g0, g1, g2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
+        g = repeat(zero, 10)
+        point = join(y, one)
         for view in range(tables.counts[VIEWS]):
             at = 112 * view
-            a0, a1, a2 = load(estimates, at), load(estimates, at + 8), load(estimates, at + 16)
-            inverse = one / fma(a0, y0, fma(a1, y1, fma(a2, y2, one)))
+            third = loads(estimates, at, 3)
+            inverse = one / dot(join(third, one), point)
+            image = target_image(tables, target, view, z)
             for row in range(2):
-                image = target_image(tables, target, view, row, z)
-                r0, r1, r2, r3 = target_row(estimates, at, row, image)
-                left = inverse * fma(r0, y0, fma(r1, y1, fma(r2, y2, r3)))
+                r = target_row(estimates, at, row, image[row])
+                left = inverse * dot(r, point)
                 # a row of Eq 5 at the image where the point is imaged, (t - left) p3 - p, is its slope but for -depth
-                r0, r1, r2 = inverse * fma(left, a0, -r0), inverse * fma(left, a1, -r1), inverse * fma(left, a2, -r2)
-                h00, h01, h02, g0 = fma(r0, r0, h00), fma(r0, r1, h01), fma(r0, r2, h02), fma(r0, left, g0)
-                h11, h12, g1 = fma(r1, r1, h11), fma(r1, r2, h12), fma(r1, left, g1)
-                h22, g2 = fma(r2, r2, h22), fma(r2, left, g2)
-        f = factor3(h00, h01, h02, h11, h12, h22)
-        x0, x1, x2 = solve3(f, g0, g1, g2)
-        y0, y1, y2 = select(active, y0 + x0, y0), select(active, y1 + x1, y1), select(active, y2 + x2, y2)
-        size = absolute(x0) + absolute(x1) + absolute(x2)
-        active = active & ~(size <= splat(STEP) * (one + absolute(y0) + absolute(y1) + absolute(y2)))
+                slope = join(multiply(inverse, fma(left, third, negative(r[0:3]))), left)
+                g = add_square(g, slope, slope)
+        step = solve3(factor3(g), (g[3], g[6], g[8]))
+        y = select(active, add(y, step), y)
+        active = active & ~(size_of(step) <= splat(STEP) * (one + absolute(y[0]) + absolute(y[1]) + absolute(y[2])))
         if not any_lane(active):
             break
-    return y0, y1, y2, ~active
+    return y, ~active
 
 
 @lane_jit
@@ -248,65 +238,37 @@ def point_metric(tables, pose):
     """Metric of :func:`triangulate_in_metric`, of con mm.
 
     A point is ``X = R (E y + c - p) + p + t``, the second and third with Eq 18 only, and its homogeneous length
-    ``|X|^2 + 1``: k the square of the unit of y, ``g = E'R'c'``, ``h = c'c' + 1``, c' the centroid as it is assumed.
+    ``|X|^2 + 1``: k the square of the unit of y, ``E'R'c'``, ``h = c'c' + 1``, c' the centroid as it is assumed.
     """
     one = splat(1.0)
-    c0, c1, c2 = splat(tables.centre[0]), splat(tables.centre[1]), splat(tables.centre[2])
+    centre = splats(tables.centre, 3)
+    assumed = centre
     if tables.counts[EQ18] != 0 and moves(tables.counts, SEAT):
-        p0, p1, p2 = splat(tables.pivots[SEAT, 0]), splat(tables.pivots[SEAT, 1]), splat(tables.pivots[SEAT, 2])
-        m0, m1, m2 = rotate(pose, SEAT, c0 - p0, c1 - p1, c2 - p2)
-        m0, m1, m2 = m0 + p0 + load(pose, 72), m1 + p1 + load(pose, 80), m2 + p2 + load(pose, 88)
-        h = fma(m0, m0, fma(m1, m1, fma(m2, m2, one)))
-        c0 = dot3(load(pose, 0), load(pose, 24), load(pose, 48), m0, m1, m2)
-        c1 = dot3(load(pose, 8), load(pose, 32), load(pose, 56), m0, m1, m2)
-        c2 = dot3(load(pose, 16), load(pose, 40), load(pose, 64), m0, m1, m2)
-    else:
-        h = fma(c0, c0, fma(c1, c1, fma(c2, c2, one)))
-    e = tables.out_of_frame
-    g0 = dot3(splat(e[0]), splat(e[3]), splat(e[6]), c0, c1, c2)
-    g1 = dot3(splat(e[1]), splat(e[4]), splat(e[7]), c0, c1, c2)
-    g2 = dot3(splat(e[2]), splat(e[5]), splat(e[8]), c0, c1, c2)
-    return splat(tables.object_scale[1]), g0, g1, g2, h
+        pivot = splats(tables.pivots[SEAT], 3)
+        assumed = add(add(rotate(pose, SEAT, subtract(centre, pivot)), pivot), loads(pose, 72, 3))
+        centre = times_from_left(assumed, loads(pose, 0, 9))
+    g = times_from_left(centre, splats(tables.out_of_frame, 9))
+    length = join(assumed, one)
+    return splat(tables.object_scale[1]), g, dot(length, length)
 
 
 @lane_jit
-def chain_errors(tables, target, pose, z, y0, y1, y2, results):
+def chain_errors(tables, target, pose, z, y, results):
     """Localisation error (con) and TCP error (tcp) of one target into ``results`` (6 vectors)."""
-    nominal = tables.targets_frame[target]
-    y0, y1, y2 = y0 - splat(nominal[0]), y1 - splat(nominal[1]), y2 - splat(nominal[2])
-    e = tables.out_of_frame
-    e0 = dot3(splat(e[0]), splat(e[1]), splat(e[2]), y0, y1, y2)
-    e1 = dot3(splat(e[3]), splat(e[4]), splat(e[5]), y0, y1, y2)
-    e2 = dot3(splat(e[6]), splat(e[7]), splat(e[8]), y0, y1, y2)
+    e = times(splats(tables.out_of_frame, 9), subtract(y, splats(tables.targets_frame[target], 3)))
     if tables.counts[EQ18] != 0 and moves(tables.counts, SEAT):
         # Eq 18: the estimate stands in the coordinates that were assumed, X = T_err1 (E y + c)
-        e0, e1, e2 = move_error(tables, SEAT, pose, tables.targets[target], e0, e1, e2)
-    store(results, 24, e0)
-    store(results, 32, e1)
-    store(results, 40, e2)
+        e = move_error(tables, SEAT, pose, tables.targets[target], e)
+    store(results, 24, e)
     if moves(tables.counts, FLANGE):
-        e0, e1, e2 = move_error(tables, FLANGE, pose, tables.targets[target], e0, e1, e2)
+        e = move_error(tables, FLANGE, pose, tables.targets[target], e)
     if tables.counts[GROWING] != 0:
-        n = tables.counts[FIDUCIALS]
-        e0, e1, e2 = e0 + growth(tables, z, n, 0), e1 + growth(tables, z, n, 1), e2 + growth(tables, z, n, 2)
-    r = tables.to_tcp
-    t0 = dot3(splat(r[0]), splat(r[1]), splat(r[2]), e0, e1, e2)
-    t1 = dot3(splat(r[3]), splat(r[4]), splat(r[5]), e0, e1, e2)
-    t2 = dot3(splat(r[6]), splat(r[7]), splat(r[8]), e0, e1, e2)
+        e = add(e, growth(tables, z, tables.counts[FIDUCIALS]))
+    t = times(splats(tables.to_tcp, 9), e)
     if moves(tables.counts, HAND_EYE):
-        t0, t1, t2 = move_error(tables, HAND_EYE, pose, tables.targets_tcp[target], t0, t1, t2)
-    t0 = t0 + splat(tables.execution_bias[0])
-    t1 = t1 + splat(tables.execution_bias[1])
-    t2 = t2 + splat(tables.execution_bias[2])
-    offset, k = tables.gain_starts[EXECUTION, 0], tables.gain_starts[EXECUTION, 1]
-    for j in range(k):
-        xi = load(z, 8 * (tables.starts[1 + EXECUTION] + j))
-        t0 = fma(splat(tables.gains[offset + j]), xi, t0)
-        t1 = fma(splat(tables.gains[offset + k + j]), xi, t1)
-        t2 = fma(splat(tables.gains[offset + 2 * k + j]), xi, t2)
-    store(results, 0, t0)
-    store(results, 8, t1)
-    store(results, 16, t2)
+        t = move_error(tables, HAND_EYE, pose, tables.targets_tcp[target], t)
+    t = add(t, splats(tables.execution_bias, 3))
+    store(results, 0, act(tables, EXECUTION, 0, z, t))
 
 
 @lane_jit
@@ -335,17 +297,16 @@ def run_chain(tables, z, points, images, estimates, pose, results, work, want_re
             squares = squares + squared_reprojection(tables, view, images, estimate)
     for target in range(targets):
         if tables.counts[PUBLISHED] != 0:
-            y0, y1, y2, proven = triangulate_in_metric(tables, target, estimates, z, point_metric(tables, pose))
+            y, proven = triangulate_in_metric(tables, target, estimates, z, point_metric(tables, pose))
         else:
-            y0, y1, y2, proven = triangulate(tables, target, estimates, z)
+            y, proven = triangulate(tables, target, estimates, z)
         good = good & proven
         if tables.counts[BY_IMAGES] != 0:
-            y0, y1, y2, at_rest = fit_images(tables, target, estimates, z, y0, y1, y2)
+            y, at_rest = fit_images(tables, target, estimates, z, y)
             good = good & at_rest
-        chain_errors(tables, target, pose, z, y0, y1, y2, results[48 * target : 48 * target + 48])
+        chain_errors(tables, target, pose, z, y, results[48 * target : 48 * target + 48])
     at = 48 * targets
-    store(results, at, select(good, splat(0.0), splat(1.0)))
-    store(results, at + 8, square_root(squares / splat(images_used)))
+    store(results, at, (select(good, splat(0.0), splat(1.0)), square_root(squares / splat(images_used))))
 
 
 class Draws(NamedTuple):
@@ -391,8 +352,7 @@ def run_trials(tables, draws, results_of, scratch):
     at += 48 * targets + 16
     work = scratch[at : at + 8 * WORK]
     for i in range(n):
-        for c in range(3):
-            store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]))
+        store(points, 24 * i, splats(tables.nominal[i], 3))
     rows = 6 * targets
     for group in range(0, trials.size, 8):
         if draws.given.shape[0] > 0:
@@ -427,48 +387,35 @@ def reduce_block(errors, n, norms, mean, scatter, norm_mean, lanes):
     about it (m, 3, 3) mm^2, norm_mean (m,) mm.  lanes: scratch of 48.  The norm is written without fused operations so
     that the last, incomplete eight have the digits they would have in a longer run.
     """
-    zero = splat(0.0)
     whole = n - n % 8
     for m in range(norm_mean.size):
         at = 3 * m * n
-        sx, sy, sz, sn = zero, zero, zero, zero
+        sums = repeat(splat(0.0), 4)
         for i in range(0, whole, 8):
             x, y, z = load(errors, at + i), load(errors, at + n + i), load(errors, at + 2 * n + i)
             norm = square_root(x * x + y * y + z * z)
             store(norms, m * n + i, norm)
-            sx, sy, sz, sn = sx + x, sy + y, sz + z, sn + norm
-        store(lanes, 0, sx)
-        store(lanes, 8, sy)
-        store(lanes, 16, sz)
-        store(lanes, 24, sn)
+            sums = add(sums, (x, y, z, norm))
+        store(lanes, 0, sums)
         tx, ty, tz, tn = lane_sum(lanes, 0), lane_sum(lanes, 1), lane_sum(lanes, 2), lane_sum(lanes, 3)
         for i in range(whole, n):
             x, y, z = errors[at + i], errors[at + n + i], errors[at + 2 * n + i]
             norms[m * n + i] = sqrt(x * x + y * y + z * z)
             tx, ty, tz, tn = tx + x, ty + y, tz + z, tn + norms[m * n + i]
-        ax, ay, az = tx / n, ty / n, tz / n
-        mean[m, 0], mean[m, 1], mean[m, 2], norm_mean[m] = ax, ay, az, tn / n
+        mean[m, 0], mean[m, 1], mean[m, 2], norm_mean[m] = tx / n, ty / n, tz / n, tn / n
 
-        xx, xy, xz, yy, yz, zz = zero, zero, zero, zero, zero, zero
+        middle = splats(mean[m], 3)
+        squares = repeat(splat(0.0), 6)
         for i in range(0, whole, 8):
-            x = load(errors, at + i) - splat(ax)
-            y = load(errors, at + n + i) - splat(ay)
-            z = load(errors, at + 2 * n + i) - splat(az)
-            xx, xy, xz = fma(x, x, xx), fma(x, y, xy), fma(x, z, xz)
-            yy, yz, zz = fma(y, y, yy), fma(y, z, yz), fma(z, z, zz)
-        store(lanes, 0, xx)
-        store(lanes, 8, xy)
-        store(lanes, 16, xz)
-        store(lanes, 24, yy)
-        store(lanes, 32, yz)
-        store(lanes, 40, zz)
-        cxx, cxy, cxz = lane_sum(lanes, 0), lane_sum(lanes, 1), lane_sum(lanes, 2)
-        cyy, cyz, czz = lane_sum(lanes, 3), lane_sum(lanes, 4), lane_sum(lanes, 5)
-        for i in range(whole, n):
-            x, y, z = errors[at + i] - ax, errors[at + n + i] - ay, errors[at + 2 * n + i] - az
-            cxx, cxy, cxz = cxx + x * x, cxy + x * y, cxz + x * z
-            cyy, cyz, czz = cyy + y * y, cyz + y * z, czz + z * z
-        scatter[m, 0, 0], scatter[m, 1, 1], scatter[m, 2, 2] = cxx, cyy, czz
-        scatter[m, 0, 1] = scatter[m, 1, 0] = cxy
-        scatter[m, 0, 2] = scatter[m, 2, 0] = cxz
-        scatter[m, 1, 2] = scatter[m, 2, 1] = cyz
+            e = load(errors, at + i), load(errors, at + n + i), load(errors, at + 2 * n + i)
+            x, y, z = subtract(e, middle)
+            squares = fma((x, x, x, y, y, z), (x, y, z, y, z, z), squares)
+        store(lanes, 0, squares)
+        entry = 0
+        for a in range(3):
+            for b in range(a, 3):
+                total = lane_sum(lanes, entry)
+                for i in range(at + whole, at + n):
+                    total += (errors[i + a * n] - mean[m, a]) * (errors[i + b * n] - mean[m, b])
+                scatter[m, a, b] = scatter[m, b, a] = total
+                entry += 1

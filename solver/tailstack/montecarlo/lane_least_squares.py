@@ -45,7 +45,26 @@ from __future__ import annotations
 
 from numba import literal_unroll
 
-from .lanes import any_lane, dot3, fma, lane_jit, load, select, splat, store
+from .lane_motion import act
+from .lanes import (
+    add,
+    any_lane,
+    cross,
+    dot,
+    fma,
+    join,
+    lane_jit,
+    load,
+    loads,
+    multiply,
+    negative,
+    repeat,
+    select,
+    splat,
+    splats,
+    store,
+    times,
+)
 from .tables import FIDUCIALS, UNKNOWNS, VIEWS, intrinsics_slot
 
 LEFT_PX = 1e-11
@@ -60,22 +79,10 @@ _V, _G, _H = 8 * 11, 8 * 22, 8 * 33  # where the slopes of v, g and H begin in `
 def assumed_camera(tables, view, z):
     """The intrinsics that the estimator assumes."""
     k = tables.intrinsics[view]
-    slot = intrinsics_slot(tables.counts[VIEWS], view)
-    offset, sources = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
-    focal, shift_u, shift_v = splat(k[5]), splat(k[6]), splat(k[7])
-    for j in range(sources):
-        xi = load(z, 8 * (tables.starts[1 + slot] + j))
-        focal = fma(splat(tables.gains[offset + j]), xi, focal)
-        shift_u = fma(splat(tables.gains[offset + sources + j]), xi, shift_u)
-        shift_v = fma(splat(tables.gains[offset + 2 * sources + j]), xi, shift_v)
-    larger = splat(1.0) + focal
-    return (
-        larger * splat(k[0]),
-        larger * splat(k[1]),
-        larger * splat(k[2]),
-        splat(k[3]) + shift_u,
-        splat(k[4]) + shift_v,
-    )
+    wrong = act(tables, intrinsics_slot(tables.counts[VIEWS], view), 0, z, splats(k[5:], 3))
+    nominal = splats(k, 5)
+    larger = multiply(splat(1.0) + wrong[0], nominal[0:3])
+    return larger + add(nominal[3:5], wrong[1:3])
 
 
 @lane_jit
@@ -86,33 +93,27 @@ def pose_at_start(tables, view, projection, camera):
     a principal point that is wrong by 50 px would otherwise be a step of 50 px.
     """
     k = tables.intrinsics[view]
-    (u0, u1, u2, u3), (v0, v1, v2, v3), (r20, r21, r22, d2) = projection
-    size = splat(tables.object_scale[0])
-    r20, r21, r22, d2 = size * r20, size * r21, size * r22, size * d2
-    point_u, point_v, skew = splat(k[3]), splat(k[4]), splat(k[1])
+    size, skew = splat(tables.object_scale[0]), splat(k[1])
+    u, v, w = multiply(size, projection[0]), multiply(size, projection[1]), multiply(size, projection[2])
     focal_u, focal_v = splat(1.0 / k[0]), splat(1.0 / k[2])
-    r10, r11 = focal_v * fma(-point_v, r20, size * v0), focal_v * fma(-point_v, r21, size * v1)
-    r12, d1 = focal_v * fma(-point_v, r22, size * v2), focal_v * fma(-camera[4], d2, size * v3)
-    r00 = focal_u * fma(-skew, r10, fma(-point_u, r20, size * u0))
-    r01 = focal_u * fma(-skew, r11, fma(-point_u, r21, size * u1))
-    r02 = focal_u * fma(-skew, r12, fma(-point_u, r22, size * u2))
-    d0 = focal_u * fma(-skew, d1, fma(-camera[3], d2, size * u3))
-    d2 = camera[2] / splat(k[2]) * d2
-    return r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2
+    # the principal point: the true one for the rotation, the assumed one for the shift
+    point_u, point_v = splat(k[3]), splat(k[4])
+    v = multiply(focal_v, fma(negative((point_v, point_v, point_v, camera[4])), w, v))
+    u = multiply(focal_u, fma(-skew, v, fma(negative((point_u, point_u, point_u, camera[3])), w, u)))
+    return u[0:3] + v[0:3] + w[0:3] + (u[3], v[3], camera[2] / splat(k[2]) * w[3])
 
 
 @lane_jit
 def image(tables, images, i, camera, pose):
     """One fiducial: M y (3), 1 / x_2, p, r, u, v from the principal point, and how far its image is off them, px."""
     focal_u, skew, focal_v, point_u, point_v = camera
-    r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2 = pose
-    y0, y1, y2 = splat(tables.nominal[i, 0]), splat(tables.nominal[i, 1]), splat(tables.nominal[i, 2])
-    x0, x1, x2 = dot3(r00, r01, r02, y0, y1, y2), dot3(r10, r11, r12, y0, y1, y2), dot3(r20, r21, r22, y0, y1, y2)
-    inverse = splat(1.0) / (x2 + d2)
-    p, r = inverse * (x0 + d0), inverse * (x1 + d1)
+    x = times(pose[0:9], splats(tables.nominal[i], 3))
+    d0, d1, d2 = pose[9:12]
+    inverse = splat(1.0) / (x[2] + d2)
+    p, r = inverse * (x[0] + d0), inverse * (x[1] + d1)
     u, v = fma(focal_u, p, skew * r), focal_v * r
     e, f = (load(images, 16 * i) - point_u) - u, (load(images, 16 * i + 8) - point_v) - v
-    return x0, x1, x2, inverse, p, r, u, v, e, f
+    return x, inverse, p, r, u, v, e, f
 
 
 @lane_jit
@@ -125,44 +126,29 @@ def write_gradient(tables, view, images, unknowns, camera, pose, work):
     k = tables.intrinsics[view]
     focal_u, skew, focal_v, _, _ = camera
     zero = splat(0.0)
-    g0, g1, g2, g3, g4, g5, g6, g7, g8 = zero, zero, zero, zero, zero, zero, zero, zero, zero
-    s0, s1, s2 = zero, zero, zero
+    shift, turned, grown = repeat(zero, 3), repeat(zero, 3), repeat(zero, 3)
+    rows = repeat(zero, 9)
     for i in range(tables.counts[FIDUCIALS]):
         if tables.products[view, i, 9] != 0.0:  # it is seen
-            x0, x1, x2, inverse, p, r, u, v, e, f = image(tables, images, i, camera, pose)
+            x, inverse, p, r, u, v, e, f = image(tables, images, i, camera, pose)
             if 6 < n < 11:
-                grown = fma(splat(k[0]), p, splat(k[1]) * r)
-                g6, g7, g8 = fma(e, grown, fma(f, splat(k[2]) * r, g6)), g7 + e, g8 + f
+                by_focal = fma(splat(k[0]), p, splat(k[1]) * r)
+                grown = fma(e, by_focal, fma(f, splat(k[2]) * r, grown[0])), grown[1] + e, grown[2] + f
             e, f = inverse * e, inverse * f
-            q0, q1, q2 = e * focal_u, fma(e, skew, f * focal_v), -fma(e, u, f * v)
-            s0, s1, s2 = s0 + q0, s1 + q1, s2 + q2
+            q = e * focal_u, fma(e, skew, f * focal_v), -fma(e, u, f * v)
+            shift = add(shift, q)
             if n == 11:
-                y0, y1, y2 = splat(tables.nominal[i, 0]), splat(tables.nominal[i, 1]), splat(tables.nominal[i, 2])
-                g0, g1, g2 = fma(q0, y0, g0), fma(q0, y1, g1), fma(q0, y2, g2)
-                g3, g4, g5 = fma(q1, y0, g3), fma(q1, y1, g4), fma(q1, y2, g5)
-                g6, g7, g8 = fma(q2, y0, g6), fma(q2, y1, g7), fma(q2, y2, g8)
+                y = splats(tables.nominal[i], 3)
+                rows = fma(repeat(q[0], 3) + repeat(q[1], 3) + repeat(q[2], 3), y + y + y, rows)
             else:
-                g3, g4, g5 = fma(x1, q2, fma(-x2, q1, g3)), fma(x2, q0, fma(-x0, q2, g4)), fma(x0, q1, fma(-x1, q0, g5))
-    store(work, _G, s0)
-    store(work, _G + 8, s1)
-    at = _G + 16
+                back = fma(negative((x[2], x[0], x[1])), (q[1], q[2], q[0]), turned)
+                turned = fma((x[1], x[2], x[0]), (q[2], q[0], q[1]), back)
     if n == 11:
-        store(work, at, g0)
-        store(work, at + 8, g1)
-        store(work, at + 16, g2)
-        at += 24
+        store(work, _G, shift[0:2] + rows)
     else:
-        store(work, at, s2)
-        at += 8
-    store(work, at, g3)
-    store(work, at + 8, g4)
-    store(work, at + 16, g5)
-    if n > 6:
-        store(work, at + 24, g6)
-    if n > 7:
-        store(work, at + 32, g7)
-    if n > 8:
-        store(work, at + 40, g8)
+        store(work, _G, shift + turned)
+    if 6 < n < 11:
+        store(work, _G + 48, grown)
 
 
 @lane_jit
@@ -171,41 +157,21 @@ def write_slopes(tables, view, images, i, unknowns, camera, pose, work):
     n = len(unknowns)
     k = tables.intrinsics[view]
     focal_u, skew, focal_v, _, _ = camera
-    x0, x1, x2, inverse, p, r, u, v, e, f = image(tables, images, i, camera, pose)
+    x, inverse, p, r, u, v, e, f = image(tables, images, i, camera, pose)
     zero, one = splat(0.0), splat(1.0)
     a0, a1, a2 = inverse * focal_u, inverse * skew, -(inverse * u)
     b1, b2 = inverse * focal_v, -(inverse * v)
-    store(work, 0, a0)
-    store(work, 8, a1)
-    store(work, _V, zero)
-    store(work, _V + 8, b1)
     if n == 11:
-        for c in range(3):
-            y = splat(tables.nominal[i, c])
-            store(work, 16 + 8 * c, a0 * y)
-            store(work, 40 + 8 * c, a1 * y)
-            store(work, 64 + 8 * c, a2 * y)
-            store(work, _V + 16 + 8 * c, zero)
-            store(work, _V + 40 + 8 * c, b1 * y)
-            store(work, _V + 64 + 8 * c, b2 * y)
+        y = splats(tables.nominal[i], 3)
+        store(work, 0, join((a0, a1), multiply(a0, y) + multiply(a1, y) + multiply(a2, y)))
+        store(work, _V, join((zero, b1, zero, zero, zero), multiply(b1, y) + multiply(b2, y)))
     else:
-        store(work, 16, a2)
-        store(work, 24, fma(x1, a2, -(x2 * a1)))
-        store(work, 32, fma(x2, a0, -(x0 * a2)))
-        store(work, 40, fma(x0, a1, -(x1 * a0)))
-        store(work, _V + 16, b2)
-        store(work, _V + 24, fma(x1, b2, -(x2 * b1)))
-        store(work, _V + 32, -(x0 * b2))
-        store(work, _V + 40, x0 * b1)
+        a = a0, a1, a2
+        store(work, 0, a + cross(x, a))
+        store(work, _V, (zero, b1, b2, fma(x[1], b2, -(x[2] * b1)), -(x[0] * b2), x[0] * b1))
     if 6 < n < 11:
-        store(work, 48, fma(splat(k[0]), p, splat(k[1]) * r))
-        store(work, _V + 48, splat(k[2]) * r)
-    if 7 < n < 11:
-        store(work, 56, one)
-        store(work, _V + 56, zero)
-    if 8 < n < 11:
-        store(work, 64, zero)
-        store(work, _V + 64, one)
+        store(work, 48, (fma(splat(k[0]), p, splat(k[1]) * r), one, zero))
+        store(work, _V + 48, (splat(k[2]) * r, zero, one))
     return e, f
 
 
@@ -276,39 +242,28 @@ def solve(unknowns, work):
 
 
 @lane_jit
-def turn_vector(scale, c0, c1, c2, x0, x1, x2):
+def turn_vector(scale, c, x):
     """A vector turned by ``1 + scale ([c]x + [c]x [c]x)``, scale = 2 / (1 + c'c): Cayley's rotation, exactly one."""
-    k0, k1, k2 = fma(c1, x2, -(c2 * x1)), fma(c2, x0, -(c0 * x2)), fma(c0, x1, -(c1 * x0))
-    return (
-        fma(scale, k0 + fma(c1, k2, -(c2 * k1)), x0),
-        fma(scale, k1 + fma(c2, k0, -(c0 * k2)), x1),
-        fma(scale, k2 + fma(c0, k1, -(c1 * k0)), x2),
-    )
+    k = cross(c, x)
+    return fma(scale, add(k, cross(c, k)), x)
 
 
 @lane_jit
 def turn(pose, work):
     """The pose after a step: shift (3), then turn (3)."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2 = pose
-    half, one = splat(0.5), splat(1.0)
-    c0, c1, c2 = half * load(work, _G + 24), half * load(work, _G + 32), half * load(work, _G + 40)
-    scale = splat(2.0) / fma(c0, c0, fma(c1, c1, fma(c2, c2, one)))
-    r00, r10, r20 = turn_vector(scale, c0, c1, c2, r00, r10, r20)
-    r01, r11, r21 = turn_vector(scale, c0, c1, c2, r01, r11, r21)
-    r02, r12, r22 = turn_vector(scale, c0, c1, c2, r02, r12, r22)
-    d0, d1, d2 = d0 + load(work, _G), d1 + load(work, _G + 8), d2 + load(work, _G + 16)
-    return r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2
+    c = multiply(splat(0.5), loads(work, _G + 24, 3))
+    whole = join(c, splat(1.0))
+    scale = splat(2.0) / dot(whole, whole)
+    r00, r10, r20 = turn_vector(scale, c, (pose[0], pose[3], pose[6]))
+    r01, r11, r21 = turn_vector(scale, c, (pose[1], pose[4], pose[7]))
+    r02, r12, r22 = turn_vector(scale, c, (pose[2], pose[5], pose[8]))
+    return join((r00, r01, r02, r10, r11, r12, r20, r21, r22), add(pose[9:12], loads(work, _G, 3)))
 
 
 @lane_jit
 def change(pose, work):
     """The projection after a step of eleven unknowns: the shift but for its depth (2), then M (9)."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2 = pose
-    d0, d1 = d0 + load(work, _G), d1 + load(work, _G + 8)
-    r00, r01, r02 = r00 + load(work, _G + 16), r01 + load(work, _G + 24), r02 + load(work, _G + 32)
-    r10, r11, r12 = r10 + load(work, _G + 40), r11 + load(work, _G + 48), r12 + load(work, _G + 56)
-    r20, r21, r22 = r20 + load(work, _G + 64), r21 + load(work, _G + 72), r22 + load(work, _G + 80)
-    return r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2
+    return add(pose[0:9], loads(work, _G + 16, 9)) + add(pose[9:11], loads(work, _G, 2)) + pose[11:12]
 
 
 @lane_jit
@@ -383,8 +338,8 @@ def resect_by_least_squares(tables, view, images, projection, z, estimate, work)
     n = tables.counts[UNKNOWNS]
     zero, one = splat(0.0), splat(1.0)
     if n == 11:
-        (u0, u1, u2, u3), (v0, v1, v2, v3), (w0, w1, w2, w3) = projection
-        camera, pose = (one, zero, one, zero, zero), (u0, u1, u2, v0, v1, v2, w0, w1, w2, u3, v3, w3)
+        u, v, w = projection
+        camera, pose = (one, zero, one, zero, zero), u[0:3] + v[0:3] + w[0:3] + (u[3], v[3], w[3])
     else:
         camera = assumed_camera(tables, view, z)
         pose = pose_at_start(tables, view, projection, camera)
@@ -392,24 +347,11 @@ def resect_by_least_squares(tables, view, images, projection, z, estimate, work)
     for unknowns in literal_unroll(LENGTHS):
         if n == len(unknowns):
             camera, pose, good = refine(tables, view, images, unknowns, camera, pose, work)
-    focal_u, skew, focal_v, point_u, point_v = camera
-    r00, r01, r02, r10, r11, r12, r20, r21, r22, d0, d1, d2 = pose
-    inverse = one / d2
-    focal_u, skew, focal_v = inverse * focal_u, inverse * skew, inverse * focal_v
-    r20, r21, r22 = inverse * r20, inverse * r21, inverse * r22
-    store(estimate, 0, r20)
-    store(estimate, 8, r21)
-    store(estimate, 16, r22)
-    store(estimate, 24, fma(focal_u, r00, skew * r10))
-    store(estimate, 32, fma(focal_u, r01, skew * r11))
-    store(estimate, 40, fma(focal_u, r02, skew * r12))
-    store(estimate, 48, fma(focal_u, d0, skew * d1))
-    store(estimate, 56, focal_v * r10)
-    store(estimate, 64, focal_v * r11)
-    store(estimate, 72, focal_v * r12)
-    store(estimate, 80, focal_v * d1)
-    store(estimate, 88, one / dot3(r20, r21, r22, r20, r21, r22))
-    store(estimate, 96, point_u)
-    store(estimate, 104, point_v)
+    depth = pose[11]
+    inverse = one / depth
+    focal_u, skew, focal_v = multiply(inverse, camera[0:3])
+    u, v, third = pose[0:3] + pose[9:10], pose[3:6] + pose[10:11], multiply(inverse, pose[6:9])
+    rows = fma(focal_u, u, multiply(skew, v)) + multiply(focal_v, v)
+    store(estimate, 0, third + rows + (one / dot(third, third),) + camera[3:5])
     # far away no image moves any more, whatever the pose: rest there is no estimate
-    return good & (d2 > splat(0.5) * start) & (d2 < splat(2.0) * start)
+    return good & (depth > splat(0.5) * start) & (depth < splat(2.0) * start)

@@ -7,7 +7,22 @@ motion before a shot; ``view`` and ``row``, numbers from 0; points and errors (x
 # mypy: ignore-errors
 from __future__ import annotations
 
-from .lanes import dot3, fma, lane_jit, load, splat, store
+from .lanes import (
+    add,
+    dot,
+    fma,
+    join,
+    lane_jit,
+    load,
+    loads,
+    multiply,
+    splat,
+    splats,
+    store,
+    subtract,
+    times,
+    times_from_left,
+)
 from .streams import sine_cosine
 from .tables import (
     EQ18,
@@ -28,180 +43,102 @@ from .tables import (
 
 
 @lane_jit
-def mount_torsor(tables, slot, z):
-    """The six components of one mount's torsor."""
-    gains = tables.gains
+def act(tables, slot, row, z, fixed):
+    """What is fixed in the rows of a slot from ``row`` on, a tuple of lanes, and what its random sources add."""
     offset, k = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
-    start = 8 * tables.starts[1 + slot]
-    t0, t1, t2 = splat(tables.torsors[slot, 0]), splat(tables.torsors[slot, 1]), splat(tables.torsors[slot, 2])
-    t3, t4, t5 = splat(tables.torsors[slot, 3]), splat(tables.torsors[slot, 4]), splat(tables.torsors[slot, 5])
     for j in range(k):
-        xi = load(z, start + 8 * j)
-        at = offset + j
-        t0 = fma(splat(gains[at]), xi, t0)
-        t1 = fma(splat(gains[at + k]), xi, t1)
-        t2 = fma(splat(gains[at + 2 * k]), xi, t2)
-        t3 = fma(splat(gains[at + 3 * k]), xi, t3)
-        t4 = fma(splat(gains[at + 4 * k]), xi, t4)
-        t5 = fma(splat(gains[at + 5 * k]), xi, t5)
-    return t0, t1, t2, t3, t4, t5
+        gains = splats(tables.gains[offset + row * k + j :: k], fixed)
+        fixed = fma(gains, load(z, 8 * (tables.starts[1 + slot] + j)), fixed)
+    return fixed
 
 
 @lane_jit
 def write_mount(tables, slot, z, pose):
     """Rotation (9, Rx Ry Rz or I + [w]x: Eqs 12, 13) and translation (3) of a mount into ``pose``."""
-    rx, ry, rz, tx, ty, tz = mount_torsor(tables, slot, z)
-    at = pose_at(slot)
+    rx, ry, rz, tx, ty, tz = act(tables, slot, 0, z, splats(tables.torsors[slot], 6))
     one = splat(1.0)
     if tables.counts[SMALL_ANGLE] != 0:
-        store(pose, at, one)
-        store(pose, at + 8, -rz)
-        store(pose, at + 16, ry)
-        store(pose, at + 24, rz)
-        store(pose, at + 32, one)
-        store(pose, at + 40, -rx)
-        store(pose, at + 48, -ry)
-        store(pose, at + 56, rx)
-        store(pose, at + 64, one)
+        rotation = one, -rz, ry, rz, one, -rx, -ry, rx, one
     else:
         sa, ca = sine_cosine(rx)
         sb, cb = sine_cosine(ry)
         sc, cc = sine_cosine(rz)
         sasb, casb = sa * sb, ca * sb
-        store(pose, at, cb * cc)
-        store(pose, at + 8, -(cb * sc))
-        store(pose, at + 16, sb)
-        store(pose, at + 24, fma(sasb, cc, ca * sc))
-        store(pose, at + 32, fma(-sasb, sc, ca * cc))
-        store(pose, at + 40, -(sa * cb))
-        store(pose, at + 48, fma(-casb, cc, sa * sc))
-        store(pose, at + 56, fma(casb, sc, sa * cc))
-        store(pose, at + 64, ca * cb)
-    store(pose, at + 72, tx)
-    store(pose, at + 80, ty)
-    store(pose, at + 88, tz)
+        rotation = (
+            cb * cc, -(cb * sc), sb,
+            fma(sasb, cc, ca * sc), fma(-sasb, sc, ca * cc), -(sa * cb),
+            fma(-casb, cc, sa * sc), fma(casb, sc, sa * cc), ca * cb,
+        )  # fmt: skip
+    store(pose, pose_at(slot), join(rotation, (tx, ty, tz)))
 
 
 @lane_jit
-def rotate(pose, slot, x, y, z):
-    at = pose_at(slot)
-    return (
-        dot3(load(pose, at), load(pose, at + 8), load(pose, at + 16), x, y, z),
-        dot3(load(pose, at + 24), load(pose, at + 32), load(pose, at + 40), x, y, z),
-        dot3(load(pose, at + 48), load(pose, at + 56), load(pose, at + 64), x, y, z),
-    )
+def rotate(pose, slot, x):
+    return times(loads(pose, pose_at(slot), 9), x)
 
 
 @lane_jit
-def move_error(tables, slot, pose, nominal, e0, e1, e2):
+def move_error(tables, slot, pose, nominal, e):
     """Error of ``nominal + e`` after the mount: ``R e + (R - 1)(nominal - p) + t``; no large numbers cancel."""
-    x = splat(nominal[0] - tables.pivots[slot, 0])
-    y = splat(nominal[1] - tables.pivots[slot, 1])
-    z = splat(nominal[2] - tables.pivots[slot, 2])
-    r0, r1, r2 = rotate(pose, slot, x, y, z)
-    f0, f1, f2 = rotate(pose, slot, e0, e1, e2)
-    at = pose_at(slot)
-    return (
-        f0 + ((r0 - x) + load(pose, at + 72)),
-        f1 + ((r1 - y) + load(pose, at + 80)),
-        f2 + ((r2 - z) + load(pose, at + 88)),
-    )
+    pivot = tables.pivots[slot]
+    x = splat(nominal[0] - pivot[0]), splat(nominal[1] - pivot[1]), splat(nominal[2] - pivot[2])
+    shift = add(subtract(rotate(pose, slot, x), x), loads(pose, pose_at(slot) + 72, 3))
+    return add(rotate(pose, slot, e), shift)
 
 
 @lane_jit
 def place_points(tables, z, points):
     """Fiducials with their manufacturing errors and grown by heat, object frame."""
-    n = tables.counts[FIDUCIALS]
-    into, spread, start = tables.into_frame, tables.spread, 8 * tables.starts[0]
-    for i in range(n):
-        for c in range(3):
-            store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]))
+    start = 8 * tables.starts[0]
+    for i in range(tables.counts[FIDUCIALS]):
+        point = splats(tables.nominal[i], 3)
         if tables.counts[MANUFACTURED] != 0:
-            m0 = splat(spread[i, 0]) * load(z, start + 24 * i)
-            m1 = splat(spread[i, 1]) * load(z, start + 24 * i + 8)
-            m2 = splat(spread[i, 2]) * load(z, start + 24 * i + 16)
-            for c in range(3):
-                moved = dot3(splat(into[3 * c]), splat(into[3 * c + 1]), splat(into[3 * c + 2]), m0, m1, m2)
-                store(points, 24 * i + 8 * c, splat(tables.nominal[i, c]) + moved)
+            made = multiply(splats(tables.spread[i], 3), loads(z, start + 24 * i, 3))
+            point = add(point, times(splats(tables.into_frame, 9), made))
         if tables.counts[GROWING] != 0:
-            for c in range(3):
-                at = 24 * i + 8 * c
-                store(points, at, load(points, at) + growth(tables, z, i, c))
+            point = add(point, growth(tables, z, i))
+        store(points, 24 * i, point)
 
 
 @lane_jit
-def growth(tables, z, i, c):
-    """What heat does to coordinate c of fiducial i, object frame; with i = N, to con at the flange, mm."""
-    slot = beads_slot(tables.counts[VIEWS])
-    offset, k = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
-    grown = splat(tables.growth[i, c])
-    for j in range(k):
-        grown = fma(
-            splat(tables.gains[offset + (3 * i + c) * k + j]), load(z, 8 * (tables.starts[1 + slot] + j)), grown
-        )
-    return grown
+def growth(tables, z, i):
+    """What heat does to fiducial i, object frame; with i = N, to con at the flange, mm."""
+    return act(tables, beads_slot(tables.counts[VIEWS]), 3 * i, z, splats(tables.growth[i], 3))
 
 
 @lane_jit
-def image_shift(tables, view, i, c, z):
-    """Shift of image i of a view along u (c = 0) or v, px: the ball's, and the field's; targets follow fiducials."""
+def image_shift(tables, view, i, z):
+    """Shift (u, v) of image i of a view, px: the ball's, and the field's; targets follow fiducials."""
     slot = images_slot(tables.counts[VIEWS], view)
-    offset, k = tables.gain_starts[slot, 0], tables.gain_starts[slot, 1]
-    shift = splat(tables.image_shifts[view, i, c])
-    for j in range(k):
-        shift = fma(
-            splat(tables.gains[offset + (2 * i + c) * k + j]), load(z, 8 * (tables.starts[1 + slot] + j)), shift
-        )
-    return shift
+    return act(tables, slot, 2 * i, z, splats(tables.image_shifts[view, i], 2))
 
 
 @lane_jit
-def moved_row(tables, slot, pose, a0, a1, a2, b):
+def moved_row(tables, slot, pose, a, b):
     """Row ``(A, b)`` of a projection whose points a mount moves first: ``X -> R (X - p) + p + t``.
 
     It comes as ``A R`` and what it is at a point x, ``A R (x - p) + A (p + t) + b``, less the first term: (3 lanes, 1).
     """
     at = pose_at(slot)
-    g0 = dot3(a0, a1, a2, load(pose, at), load(pose, at + 24), load(pose, at + 48))
-    g1 = dot3(a0, a1, a2, load(pose, at + 8), load(pose, at + 32), load(pose, at + 56))
-    g2 = dot3(a0, a1, a2, load(pose, at + 16), load(pose, at + 40), load(pose, at + 64))
-    s0 = load(pose, at + 72) + splat(tables.pivots[slot, 0])
-    s1 = load(pose, at + 80) + splat(tables.pivots[slot, 1])
-    s2 = load(pose, at + 88) + splat(tables.pivots[slot, 2])
-    return g0, g1, g2, dot3(a0, a1, a2, s0, s1, s2) + b
+    moved = add(loads(pose, at + 72, 3), splats(tables.pivots[slot], 3))
+    return times_from_left(a, loads(pose, at, 9)), dot(a, moved) + b
 
 
 @lane_jit
 def camera_row(tables, view, row, pose):
     """Row of the projection of the object frame, ``X = E y + c``, when interface 1 or a motion moves the structure."""
-    k = 4 * row
-    a0, a1, a2 = splat(tables.cameras[view, k]), splat(tables.cameras[view, k + 1]), splat(tables.cameras[view, k + 2])
-    b = splat(tables.cameras[view, k + 3])
+    whole = splats(tables.cameras[view, 4 * row :], 4)
+    a, b = whole[0:3], whole[3]
     shot = shot_slot(tables.counts[VIEWS], view)
     if moves(tables.counts, shot):
-        a0, a1, a2, b = moved_row(tables, shot, pose, a0, a1, a2, b)
-        p = tables.pivots[shot]
-        b = b - dot3(a0, a1, a2, splat(p[0]), splat(p[1]), splat(p[2]))
-    x0, x1, x2 = splat(tables.centre[0]), splat(tables.centre[1]), splat(tables.centre[2])
+        a, b = moved_row(tables, shot, pose, a, b)
+        b = b - dot(a, splats(tables.pivots[shot], 3))
+    x = splats(tables.centre, 3)
     if moves(tables.counts, SEAT) and tables.counts[EQ18] == 0:
-        a0, a1, a2, b = moved_row(tables, SEAT, pose, a0, a1, a2, b)
-        x0 = splat(tables.centre[0] - tables.pivots[SEAT, 0])
-        x1 = splat(tables.centre[1] - tables.pivots[SEAT, 1])
-        x2 = splat(tables.centre[2] - tables.pivots[SEAT, 2])
-    e = tables.out_of_frame
-    return (
-        dot3(a0, a1, a2, splat(e[0]), splat(e[3]), splat(e[6])),
-        dot3(a0, a1, a2, splat(e[1]), splat(e[4]), splat(e[7])),
-        dot3(a0, a1, a2, splat(e[2]), splat(e[5]), splat(e[8])),
-        dot3(a0, a1, a2, x0, x1, x2) + b,
-    )
-
-
-@lane_jit
-def fixed_row(tables, view, row):
-    k = 4 * row
-    m = tables.fixed_images
-    return splat(m[view, k]), splat(m[view, k + 1]), splat(m[view, k + 2]), splat(m[view, k + 3])
+        a, b = moved_row(tables, SEAT, pose, a, b)
+        c, p = tables.centre, tables.pivots[SEAT]
+        x = splat(c[0] - p[0]), splat(c[1] - p[1]), splat(c[2] - p[2])
+    return join(times_from_left(a, splats(tables.out_of_frame, 9)), dot(a, x) + b)
 
 
 @lane_jit
@@ -214,23 +151,20 @@ def true_projection(tables, view, pose):
             camera_row(tables, view, 1, pose),
             camera_row(tables, view, 2, pose),
         )
-    return fixed_row(tables, view, 0), fixed_row(tables, view, 1), fixed_row(tables, view, 2)
+    fixed = tables.fixed_images[view]
+    return splats(fixed, 4), splats(fixed[4:], 4), splats(fixed[8:], 4)
 
 
 @lane_jit
 def image_fiducials(tables, view, points, projection, images, z):
     """Noisy images of all fiducials, by the rows of :func:`true_projection`, into ``images``."""
-    n = tables.counts[FIDUCIALS]
-    (m00, m01, m02, m03), (m10, m11, m12, m13), (m20, m21, m22, m23) = projection
+    n, one = tables.counts[FIDUCIALS], splat(1.0)
     noise = splat(tables.noise[view, 0])
     start = 16 * view * (n + tables.counts[TARGETS])
-    one = splat(1.0)
     for i in range(n):
-        x0, x1, x2 = load(points, 24 * i), load(points, 24 * i + 8), load(points, 24 * i + 16)
-        inverse = one / fma(m20, x0, fma(m21, x1, fma(m22, x2, m23)))
-        u = fma(m00, x0, fma(m01, x1, fma(m02, x2, m03))) * inverse
-        v = fma(m10, x0, fma(m11, x1, fma(m12, x2, m13))) * inverse
+        x = join(loads(points, 24 * i, 3), one)
+        inverse = one / dot(projection[2], x)
+        image = multiply((dot(projection[0], x), dot(projection[1], x)), inverse)
         if tables.counts[SHIFTING] != 0:
-            u, v = u + image_shift(tables, view, i, 0, z), v + image_shift(tables, view, i, 1, z)
-        store(images, 16 * i, fma(noise, load(z, start + 16 * i), u))
-        store(images, 16 * i + 8, fma(noise, load(z, start + 16 * i + 8), v))
+            image = add(image, image_shift(tables, view, i, z))
+        store(images, 16 * i, fma(noise, loads(z, start + 16 * i, 2), image))

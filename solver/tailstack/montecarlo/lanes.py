@@ -6,6 +6,8 @@ NEON ones).  Every operation here is a single IEEE operation per lane: nothing i
 reassociated or handed to a maths library, so a trial has the same digits on every machine and in every
 company of seven neighbours.  Multiply-add is fused only where ``fma`` is written.
 
+A tuple of vectors (of one kind) is a vector or matrix of the trials; named functions take it element by element.
+
 Lanes (double) know ``+ - * /``, unary ``-``, ``< <= >``; Bits (integer, wrapping) ``+ * ^ & | << >>``
 with ``>>`` logical; Mask ``& | ~``.
 
@@ -16,6 +18,8 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from functools import partial
+from inspect import Parameter, Signature
 from typing import Any
 
 from llvmlite import ir
@@ -113,15 +117,77 @@ _operator(operator.or_, MASK, (MASK, MASK), lambda b, x, y: b.or_(x, y))
 _operator(operator.invert, MASK, (MASK,), lambda b, x: b.not_(x))
 
 
+def _intrinsic(name: str, parameters: str, define: Callable[..., Any]) -> Any:
+    """What ``define`` makes of the types of these parameters, as a function for compiled code."""
+
+    def typed(typingctx: Any, *arguments: Any) -> Any:
+        return define(*arguments)
+
+    typed.__name__ = typed.__qualname__ = name
+    names = ["typingctx", *parameters.split()]
+    typed.__signature__ = Signature([Parameter(each, Parameter.POSITIONAL_OR_KEYWORD) for each in names])
+    return intrinsic(prefer_literal=True)(typed)
+
+
+def _function(name: str, result: Any, operands: tuple[Any, ...], emit: Callable[..., Any]) -> Any:
+    """A function on vectors made by ``emit(builder, *values)``; on tuples of vectors, element by element."""
+
+    def define(*arguments: Any) -> Any:
+        sizes = {each.count for each in arguments if isinstance(each, types.UniTuple)}
+        if not sizes:
+            return signature(result, *operands), lambda context, builder, sig, args: emit(builder, *args)
+
+        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            each = [_parts(builder, *pair, sig.return_type.count) for pair in zip(args, sig.args, strict=True)]
+            parts = [emit(builder, *values) for values in zip(*each, strict=True)]
+            return context.make_tuple(builder, sig.return_type, parts)
+
+        (size,) = sizes
+        return signature(types.UniTuple(result, size), *arguments), codegen
+
+    return _intrinsic(name, " ".join("abc"[: len(operands)]), define)
+
+
+def _parts(builder: Any, value: Any, of: Any, count: int) -> list[Any]:
+    """The vectors of a tuple; the same one so many times where there is one."""
+    return [builder.extract_value(value, k) if isinstance(of, types.UniTuple) else value for k in range(count)]
+
+
 def _splat(builder: Any, value: Any, vector: ir.VectorType) -> Any:
     first_lane = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     order = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
     return builder.shuffle_vector(first_lane, ir.Constant(vector, ir.Undefined), order)
 
 
-def _call(builder: Any, name: str, result: ir.Type, args: list[Any]) -> Any:
-    function_type = ir.FunctionType(result, [a.type for a in args])
+def _call(builder: Any, name: str, *args: Any) -> Any:
+    function_type = ir.FunctionType(LANES.llvm, [a.type for a in args])
     return builder.call(cgutils.get_or_insert_function(builder.module, function_type, name), args)
+
+
+def _any_lane(builder: Any, mask: Any) -> Any:
+    return builder.icmp_unsigned("!=", builder.bitcast(mask, ir.IntType(8)), ir.Constant(ir.IntType(8), 0))
+
+
+# The same number in all lanes
+splat = _function("splat", LANES, (types.float64,), lambda b, x: _splat(b, x, LANES.llvm))
+splat_bits = _function("splat_bits", BITS, (types.uint64,), lambda b, x: _splat(b, x, BITS.llvm))
+# a * b + c, rounded once
+fma = _function("fma", LANES, (LANES,) * 3, lambda b, *x: _call(b, "llvm.fma.v8f64", *x))
+# The operators are for single vectors alone
+add = _function("add", LANES, (LANES,) * 2, lambda b, *x: b.fadd(*x))
+subtract = _function("subtract", LANES, (LANES,) * 2, lambda b, *x: b.fsub(*x))
+multiply = _function("multiply", LANES, (LANES,) * 2, lambda b, *x: b.fmul(*x))
+negative = _function("negative", LANES, (LANES,), lambda b, x: b.fneg(x))
+square_root = _function("square_root", LANES, (LANES,), lambda b, x: _call(b, "llvm.sqrt.v8f64", x))
+absolute = _function("absolute", LANES, (LANES,), lambda b, x: _call(b, "llvm.fabs.v8f64", x))
+# Lane by lane the first where the mask is set, the second elsewhere
+select = _function("select", LANES, (MASK, LANES, LANES), lambda b, *x: b.select(*x))
+any_lane = _function("any_lane", types.boolean, (MASK,), _any_lane)
+# Mask of the lanes whose integer is not zero
+bits_set = _function("bits_set", MASK, (BITS,), lambda b, x: b.icmp_unsigned("!=", x, ir.Constant(BITS.llvm, [0] * 8)))
+# The IEEE pattern of each double, and the doubles with these patterns
+as_bits = _function("as_bits", BITS, (LANES,), lambda b, x: b.bitcast(x, BITS.llvm))
+as_lanes = _function("as_lanes", LANES, (BITS,), lambda b, x: b.bitcast(x, LANES.llvm))
 
 
 def _address(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: ir.VectorType) -> Any:
@@ -129,147 +195,145 @@ def _address(context: Any, builder: Any, array_type: Any, array: Any, index: Any
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 
-@intrinsic
-def splat(typingctx, value):
-    """The same double in all lanes."""
-
-    def codegen(context, builder, sig, args):
-        return _splat(builder, args[0], LANES.llvm)
-
-    return LANES(types.float64), codegen
-
-
-@intrinsic
-def splat_bits(typingctx, value):
-    """The same 64-bit integer in all lanes."""
-
-    def codegen(context, builder, sig, args):
-        return _splat(builder, args[0], BITS.llvm)
-
-    return BITS(types.uint64), codegen
-
-
-@intrinsic
-def load(typingctx, array, index):
-    """Eight consecutive elements of a flat float64 array (Lanes) or (u)int64 array (Bits)."""
+def _load(array: Any, index: Any) -> Any:
     vector = LANES if array.dtype == types.float64 else BITS
 
-    def codegen(context, builder, sig, args):
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         pointer = _address(context, builder, sig.args[0], args[0], args[1], vector.llvm)
         return builder.load(pointer, align=8, typ=vector.llvm)
 
     return vector(array, types.intp), codegen
 
 
-@intrinsic
-def store(typingctx, array, index, value):
-    """Write eight consecutive elements of a flat float64 array."""
+def _store(array: Any, index: Any, values: Any) -> Any:
+    count = values.count if isinstance(values, types.UniTuple) else 1
 
-    def codegen(context, builder, sig, args):
-        builder.store(args[2], _address(context, builder, sig.args[0], args[0], args[1], LANES.llvm), align=8)
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        for k, part in enumerate(_parts(builder, args[2], values, count)):
+            at = builder.add(args[1], args[1].type(WIDTH * k))
+            builder.store(part, _address(context, builder, sig.args[0], args[0], at, LANES.llvm), align=8)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, LANES), codegen
+    return types.void(array, types.intp, values if count > 1 else LANES), codegen
 
 
-@intrinsic
-def fma(typingctx, a, b, c):
-    """a * b + c, rounded once."""
-
-    def codegen(context, builder, sig, args):
-        return _call(builder, "llvm.fma.v8f64", LANES.llvm, list(args))
-
-    return LANES(LANES, LANES, LANES), codegen
+def _count(of: Any) -> int:
+    return of.count if isinstance(of, types.UniTuple) else of.literal_value
 
 
-@intrinsic
-def square_root(typingctx, a):
-    def codegen(context, builder, sig, args):
-        return _call(builder, "llvm.sqrt.v8f64", LANES.llvm, list(args))
+def _tuple(parts: Callable[..., list[Any]], *arguments: Any) -> Any:
+    """A tuple of vectors, as many as the last argument says or has."""
+    count = _count(arguments[-1])
 
-    return LANES(LANES), codegen
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return context.make_tuple(builder, sig.return_type, parts(context, builder, sig.args[0], args, range(count)))
 
-
-@intrinsic
-def absolute(typingctx, a):
-    def codegen(context, builder, sig, args):
-        return _call(builder, "llvm.fabs.v8f64", LANES.llvm, list(args))
-
-    return LANES(LANES), codegen
+    return signature(types.UniTuple(LANES, count), *arguments), codegen
 
 
-@intrinsic
-def select(typingctx, mask, yes, no):
-    """Lane by lane: ``yes`` where the mask is set, ``no`` elsewhere."""
-
-    def codegen(context, builder, sig, args):
-        return builder.select(*args)
-
-    return LANES(MASK, LANES, LANES), codegen
+def _loads(context: Any, builder: Any, array_type: Any, args: Any, places: range) -> list[Any]:
+    at = [builder.add(args[1], args[1].type(WIDTH * k)) for k in places]
+    pointers = [_address(context, builder, array_type, args[0], each, LANES.llvm) for each in at]
+    return [builder.load(pointer, align=8, typ=LANES.llvm) for pointer in pointers]
 
 
-@intrinsic
-def any_lane(typingctx, mask):
-    def codegen(context, builder, sig, args):
-        byte = builder.bitcast(args[0], ir.IntType(8))
-        return builder.icmp_unsigned("!=", byte, ir.Constant(ir.IntType(8), 0))
-
-    return types.boolean(MASK), codegen
+def _splats(context: Any, builder: Any, array_type: Any, args: Any, places: range) -> list[Any]:
+    row = context.make_array(array_type)(context, builder, args[0])
+    at = [cgutils.get_item_pointer(context, builder, array_type, row, [ir.Constant(_I64, k)]) for k in places]
+    return [_splat(builder, builder.load(each), LANES.llvm) for each in at]
 
 
-@intrinsic
-def bits_set(typingctx, bits):
-    """Mask of the lanes whose integer is not zero."""
+def _join(a: Any, b: Any) -> Any:
+    counts = [each.count if isinstance(each, types.UniTuple) else 1 for each in (a, b)]
 
-    def codegen(context, builder, sig, args):
-        return builder.icmp_unsigned("!=", args[0], ir.Constant(BITS.llvm, [0] * WIDTH))
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        parts = [part for three in zip(args, sig.args, counts, strict=True) for part in _parts(builder, *three)]
+        return context.make_tuple(builder, sig.return_type, parts)
 
-    return MASK(BITS), codegen
-
-
-@intrinsic
-def as_bits(typingctx, lanes):
-    """The IEEE pattern of each double."""
-
-    def codegen(context, builder, sig, args):
-        return builder.bitcast(args[0], BITS.llvm)
-
-    return BITS(LANES), codegen
+    return types.UniTuple(LANES, sum(counts))(a, b), codegen
 
 
-@intrinsic
-def as_lanes(typingctx, bits):
-    """The doubles with these IEEE patterns."""
+def _dot(a: Any, b: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        *before, last = zip(*(_parts(builder, each, a, a.count) for each in args), strict=True)
+        total = builder.fmul(*last)
+        for pair in reversed(before):
+            total = _call(builder, "llvm.fma.v8f64", *pair, total)
+        return total
 
-    def codegen(context, builder, sig, args):
-        return builder.bitcast(args[0], LANES.llvm)
-
-    return LANES(BITS), codegen
+    return LANES(a, b), codegen
 
 
-# mypy: ignore-errors
+# Eight consecutive elements of a flat float64 array (Lanes) or (u)int64 array (Bits)
+load = _intrinsic("load", "array index", _load)
+# Write a vector, or the vectors of a tuple one after the other, to a flat float64 array
+store = _intrinsic("store", "array index values", _store)
+# Tuples of vectors, ``count`` of them or as many as another tuple has: what ``load`` gives one after the other, the
+# first numbers of a row, and the same vector again
+loads = _intrinsic("loads", "array index count", partial(_tuple, _loads))
+splats = _intrinsic("splats", "row count", partial(_tuple, _splats))
+repeat = _intrinsic("repeat", "value count", partial(_tuple, lambda c, b, t, args, places: [args[0] for _ in places]))
+# The vectors of two tuples, either of which may be one vector, as one tuple
+join = _intrinsic("join", "a b", _join)
+# a'b of two tuples of vectors, fused from the last on
+dot = _intrinsic("dot", "a b", _dot)
 
 
 @lane_jit
-def dot3(ax, ay, az, bx, by, bz):
-    return fma(ax, bx, fma(ay, by, az * bz))
-
-
-@lane_jit
-def symmetric_times(g, x0, x1, x2, x3):
-    """Product of a symmetric 4x4 (10 entries, upper triangle by rows) and a 4-vector."""
-    g00, g01, g02, g03, g11, g12, g13, g22, g23, g33 = g
+def cross(a, b):
+    """a x b."""
     return (
-        fma(g00, x0, fma(g01, x1, fma(g02, x2, g03 * x3))),
-        fma(g01, x0, fma(g11, x1, fma(g12, x2, g13 * x3))),
-        fma(g02, x0, fma(g12, x1, fma(g22, x2, g23 * x3))),
-        fma(g03, x0, fma(g13, x1, fma(g23, x2, g33 * x3))),
+        fma(a[1], b[2], -(a[2] * b[1])),
+        fma(a[2], b[0], -(a[0] * b[2])),
+        fma(a[0], b[1], -(a[1] * b[0])),
     )
 
 
 @lane_jit
-def factor3(k00, k01, k02, k11, k12, k22):
-    """LDL' of a symmetric 3x3: (l10, l20, l21, 1/d0, 1/d1, 1/d2, smallest pivot's sign mask)."""
+def times(m, x):
+    """M x of a matrix of three rows (9) and a vector (3)."""
+    return dot(m[0:3], x), dot(m[3:6], x), dot(m[6:9], x)
+
+
+@lane_jit
+def times_from_left(a, m):
+    """a'M."""
+    return dot(a, (m[0], m[3], m[6])), dot(a, (m[1], m[4], m[7])), dot(a, (m[2], m[5], m[8]))
+
+
+@lane_jit
+def rows_of(g):
+    """The four rows of a symmetric 4x4: of its 10 entries, the upper triangle by rows."""
+    return g[0:4], (g[1], g[4], g[5], g[6]), (g[2], g[5], g[7], g[8]), (g[3], g[6], g[8], g[9])
+
+
+@lane_jit
+def symmetric_times(g, x):
+    """Product of a symmetric 4x4 and a 4-vector."""
+    r0, r1, r2, r3 = rows_of(g)
+    return dot(r0, x), dot(r1, x), dot(r2, x), dot(r3, x)
+
+
+@lane_jit
+def add_square(g, x, y):
+    """The symmetric 4x4 with x y' added, whose upper triangle is what counts."""
+    x0, x1, x2, x3 = x
+    y0, y1, y2, y3 = y
+    return fma((x0, x0, x0, x0, x1, x1, x1, x2, x2, x3), (y0, y1, y2, y3, y1, y2, y3, y2, y3, y3), g)
+
+
+@lane_jit
+def add_to_diagonal(g, a, d):
+    """The symmetric 4x4 with ``a diag(d)`` added."""
+    g00, g01, g02, g03, g11, g12, g13, g22, g23, g33 = g
+    g00, g11, g22, g33 = fma(a, d, (g00, g11, g22, g33))
+    return g00, g01, g02, g03, g11, g12, g13, g22, g23, g33
+
+
+@lane_jit
+def factor3(g):
+    """LDL' of the leading 3x3 of a symmetric 4x4: (l10, l20, l21, 1/d0, 1/d1, 1/d2, mask of lanes where all d > 0)."""
+    k00, k01, k02, _, k11, k12, _, k22, _, _ = g
     one, zero = splat(1.0), splat(0.0)
     i0 = one / k00
     l10, l20 = k01 * i0, k02 * i0
@@ -283,8 +347,9 @@ def factor3(k00, k01, k02, k11, k12, k22):
 
 
 @lane_jit
-def solve3(f, b0, b1, b2):
+def solve3(f, b):
     l10, l20, l21, i0, i1, i2, _ = f
+    b0, b1, b2 = b
     y1 = fma(-l10, b0, b1)
     y2 = fma(-l21, y1, fma(-l20, b0, b2))
     x2 = y2 * i2
@@ -294,32 +359,28 @@ def solve3(f, b0, b1, b2):
 
 
 @lane_jit
-def reciprocal_shifted(d, inverse, shift):
-    """1 / (d - shift) by Newton's iteration from 1/d; relative error (shift/d)^8."""
-    x = fma(inverse, shift * inverse, inverse)
-    gap = splat(d) - shift
-    two = splat(1.0)
-    x = fma(x, fma(-gap, x, two), x)
-    return fma(x, fma(-gap, x, two), x)
+def size_of(x):
+    """The sum of the sizes of three numbers."""
+    return absolute(x[0]) + absolute(x[1]) + absolute(x[2])
 
 
 @lane_jit
-def sandwich(g, d0, d1, d2, d3):
+def reciprocal_shifted(d, inverse, shift):
+    """1 / (d - shift) by Newton's iteration from 1/d; relative error (shift/d)^8."""
+    x = fma(inverse, shift * inverse, inverse)
+    gap, one = splat(d) - shift, splat(1.0)
+    x = fma(x, fma(-gap, x, one), x)
+    return fma(x, fma(-gap, x, one), x)
+
+
+@lane_jit
+def sandwich(g, d):
     """Upper triangle of G diag(d) G for a symmetric G."""
-    g00, g01, g02, g03, g11, g12, g13, g22, g23, g33 = g
-    a00, a01, a02, a03 = g00 * d0, g01 * d1, g02 * d2, g03 * d3
-    a10, a11, a12, a13 = g01 * d0, g11 * d1, g12 * d2, g13 * d3
-    a20, a21, a22, a23 = g02 * d0, g12 * d1, g22 * d2, g23 * d3
-    a30, a31, a32, a33 = g03 * d0, g13 * d1, g23 * d2, g33 * d3
+    r0, r1, r2, r3 = rows_of(g)
+    a, b, c, e = multiply(r0, d), multiply(r1, d), multiply(r2, d), multiply(r3, d)
     return (
-        fma(a00, g00, fma(a01, g01, fma(a02, g02, a03 * g03))),
-        fma(a00, g01, fma(a01, g11, fma(a02, g12, a03 * g13))),
-        fma(a00, g02, fma(a01, g12, fma(a02, g22, a03 * g23))),
-        fma(a00, g03, fma(a01, g13, fma(a02, g23, a03 * g33))),
-        fma(a10, g01, fma(a11, g11, fma(a12, g12, a13 * g13))),
-        fma(a10, g02, fma(a11, g12, fma(a12, g22, a13 * g23))),
-        fma(a10, g03, fma(a11, g13, fma(a12, g23, a13 * g33))),
-        fma(a20, g02, fma(a21, g12, fma(a22, g22, a23 * g23))),
-        fma(a20, g03, fma(a21, g13, fma(a22, g23, a23 * g33))),
-        fma(a30, g03, fma(a31, g13, fma(a32, g23, a33 * g33))),
-    )
+        dot(a, r0), dot(a, r1), dot(a, r2), dot(a, r3),
+        dot(b, r1), dot(b, r2), dot(b, r3),
+        dot(c, r2), dot(c, r3),
+        dot(e, r3),
+    )  # fmt: skip
