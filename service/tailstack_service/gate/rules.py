@@ -1,6 +1,6 @@
 """The rules by id: title, which way is worse, the function that looks, and the page that ``--explain`` prints.
 
-The pages are docs/rules.md.
+Of a page, docs/rules.md has what the rule finds and what to do; what a policy may set is in the fields of its model.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
+from textwrap import fill
 from typing import Any, Literal
 
 from tailstack.design.document import without_null
@@ -50,8 +51,8 @@ class Rule:
 
     @property
     def page(self) -> str:
-        """What it means, and what to do."""
-        return _read_pages()[self.id]
+        """What it finds and what to do; what a policy may set, and up to what a waiver accepts it."""
+        return "\n\n".join([_read_pages()[self.id], *_describe_settings(self.id), _describe_waiver(self)])
 
 
 @cache
@@ -59,6 +60,26 @@ def _read_pages() -> dict[str, str]:
     """By rule, what stands below its title in docs/rules.md."""
     sections = (find_manual() / "rules.md").read_text(encoding="utf-8").split("\n## ")[1:]
     return {text.partition("\n")[0]: text.split("\n\n", 2)[2].strip() for text in sections}
+
+
+def _describe_settings(rule: str) -> list[str]:
+    """The fields that a policy has of a rule, one a line; none of a rule that no policy can change."""
+    entry = getattr(Rules(), rule.replace("-", "_"), None)
+    if entry is None:
+        return []
+    lines = []
+    for name, field in type(entry).model_fields.items():
+        said = str(field.description)
+        default = "" if "Default" in said or field.default is None else f" Default {field.default}."
+        lines.append(fill(f"- {name}: {said}{default}", 120, subsequent_indent="  "))
+    return ["In a policy:\n\n" + "\n".join(lines)]
+
+
+def _describe_waiver(rule: Rule) -> str:
+    if rule.worse == "fixed":
+        return "It has no waiver of its own."
+    bound = "max_value" if rule.worse == "more" else "min_value"
+    return f"In a waiver: {bound}, {rule.unit or 'in the unit of the finding'}."
 
 
 def find_severity(rules: Rules, rule: str) -> str:
@@ -115,7 +136,7 @@ RULES: dict[str, Rule] = {rule.id: rule for rule in _RULES}
 
 def explain(rule: Rule) -> str:
     """The page of a rule, as ``tailstack gate --explain`` prints it."""
-    return f"{rule.id}: {rule.title}\n\n{rule.page}\n\nseverity unless the policy says otherwise: {rule.severity}\n"
+    return f"{rule.id}: {rule.title}\n\n{rule.page}\n"
 
 
 def policy_json_schema() -> dict[str, Any]:
