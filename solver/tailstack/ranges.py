@@ -3,7 +3,7 @@
 Domains of fields are wide, so that no honest design is refused; a range is narrower and refuses nothing.  The ranges
 are a table, ``tables/ranges.json``.  A field carries one as an annotation, its own or that of its type; on a field that
 holds records it stands for all numbers in its unit below.  ``design.plausibility`` doubts by it, the JSON Schema has it
-as ``x-plausible``, docs/design.md as a table.
+as ``x-plausible``.
 """
 
 from __future__ import annotations
