@@ -1,7 +1,7 @@
 """The page of the Python interface, made from docstrings: ``python docs/python_api.py`` writes docs/python.md.
 
 Of each public name the page has the signature, the first sentence of the docstring and what is raised; of the records
-that are read most the fields with the first clause of the text below or beside them, of the others their names.
+that are read most also the names of the fields, of what is no record the first clause of what they mean.
 The rest is for ``help`` and ``tailstack schema``.  ``--check`` writes nothing and fails when the page differs.
 """
 
@@ -74,8 +74,8 @@ DESIGN_NAMES = (
 IMPORTED_FROM = "From `tailstack.integrations.conversion` and `tailstack.integrations.step`.\n"
 CONVERSION_NAMES = ("convert", "convert_file", "Conversion")
 STEP_NAMES = ("read_step", "StepSelection", "StepReading", "StepBody", "StepContact")
-READ_MOST = ("Score", "Verification", "Sweep", "TargetScore", "TargetEstimate", "Check", "Problem")
-NAMED_ONLY = ("tailstack.results", "tailstack.integrations.step", "tailstack.design.reading")
+READ_MOST = ("Score", "Verification", "Sweep", "TargetScore", "TargetEstimate", "Check")
+WITHOUT_FIELDS = ("tailstack.results", "tailstack.integrations.step", "tailstack.design.reading")
 VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
 
 
@@ -92,8 +92,8 @@ def page() -> str:
     parts.append(
         wrapped(
             "Frozen dataclasses; their fields are those of the JSON of `--json` and of the service. Vectors are tuples "
-            "`(x, y, z)`, matrices tuples of three rows, intervals `(low, high)`. Where only names stand here, "
-            "`tailstack schema` with the record around it has types and meanings."
+            "`(x, y, z)`, matrices tuples of three rows, intervals `(low, high)`. `tailstack schema score`, "
+            "`verification`, `optimisation` and `sweep` have all fields, with types and meanings."
         )
     )
     parts += [describe(kind, 3) for kind in records()]
@@ -126,8 +126,10 @@ def describe(thing: Any, level: int) -> str:
     if issubclass(thing, errors.TailstackError):
         parts.append(f"`slug`: `{thing.slug}`, exit code {thing.exit_code}.\n")
     rows = list(fields_of(thing))
-    with_meaning = thing.__name__ in READ_MOST or not thing.__module__.startswith(NAMED_ONLY)
-    parts += [listing(rows) if with_meaning else names(rows)] * bool(rows)
+    if thing.__name__ in READ_MOST:
+        parts.append(names(rows))
+    elif rows and not thing.__module__.startswith(WITHOUT_FIELDS):
+        parts.append(listing(rows))
     methods = members_of(thing, level + 1) if Result not in thing.__mro__ else ""
     return "\n".join(part for part in (*parts, methods) if part)
 
