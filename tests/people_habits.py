@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Sequence
 from datetime import date
 from decimal import Decimal
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -247,22 +246,19 @@ def outcome(reader: str, content: bytes, form: Format = "csv") -> str:
 
 
 def make_table() -> str:
-    """Habits by reader, in Markdown; those of which the same comes share a row."""
+    """Habits by reader, in Markdown; those of which the same comes share a row. A refusal says its cure itself."""
     rows: dict[tuple[str, ...], list[str]] = {}
     for habit, (write, of_step) in HABITS.items():
         cells = [outcome(reader, write(reader)) for reader in HEADERS]
-        rows.setdefault((*cells, "" if of_step is None else outcome(STEP, of_step)), []).append(habit)
+        cells.append("" if of_step is None else outcome(STEP, of_step))
+        rows.setdefault(tuple(cell.partition(":")[0] for cell in cells), []).append(habit)
     for habit, (content, form) in BINARY.items():
-        rows.setdefault(("", "", outcome("table of designs", content, form), ""), []).append(habit)
+        cell = outcome("table of designs", content, form).partition(":")[0]
+        rows.setdefault(("", "", cell, ""), []).append(habit)
     lines = ["| habit | fiducials | measurements | table of designs | STEP |", "|---|---|---|---|---|"]
-    return "\n".join([*lines, *(_row("; ".join(habits), cells) for cells, habits in rows.items())]) + "\n"
-
-
-def _row(habit: str, cells: Sequence[str]) -> str:
-    """A row, refusals by the first part of their cure; one like that in the cell to the left is a ditto mark."""
-    first = [re.split(r"(?<!refused)[:;] ", cell)[0] for cell in cells]
-    shown = ["″" if cell == left and ":" in cell else cell for left, cell in pairwise(("", *first))]
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in (habit, *shown)) + " |"
+    for cells, habits in rows.items():
+        lines.append("| " + " | ".join(["; ".join(habits).replace("|", "\\|"), *cells]) + " |")
+    return "\n".join(lines) + "\n"
 
 
 PAGE = Path(__file__).parents[1] / "docs" / "integrations" / "tables.md"
