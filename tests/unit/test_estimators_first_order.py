@@ -4,7 +4,6 @@ and what docs/estimators.md and docs/layouts.md say of it in numbers."""
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -244,22 +243,6 @@ def test_what_knowing_is_worth_to_the_drill_guide_is_what_the_study_says() -> No
     dlt, prior = (next(case for case in study.cases if case.estimator == name) for name in ("dlt", "pose_with_prior"))
     assert f"The drill guide goes from {dlt.p95_mm:.3f} to {prior.p95_mm:.3f} mm" in PAGE
     assert f"Its structure of {study.extent_mm:.0f} mm could shrink to {prior.same_size_mm:.0f} mm" in PAGE
-
-
-def test_the_changelog_quotes_the_layouts_that_the_page_shows() -> None:
-    """The two statements that hold for dlt alone now, in the numbers of the last table of layouts."""
-    table = (ROOT / "docs" / "layouts.md").read_text(encoding="utf-8").partition("## 8.")[2]
-    rows, estimator = {}, ""
-    for cells in re.findall(r"^\|(.+)\|$", table, re.MULTILINE):
-        first, edge, *values = (cell.strip() for cell in cells.split("|"))
-        estimator = first or estimator
-        if edge.isdecimal():
-            rows[estimator.split("`")[1], int(edge)] = [float(re.findall(r"[\d.]+", value)[0]) for value in values]
-    changes = " ".join((ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split())
-    small = rows["dlt", 30][0], rows["pose_with_prior", 30][0]
-    assert f"a box of 30 mm goes from {small[0]:.2f} to {small[1]:.2f} mm with known intrinsics" in changes
-    optimal, _, careless, *_ = rows["pose", 100]
-    assert f"under `pose` {100 * (careless / optimal - 1):.0f} % at 100 mm" in changes
 
 
 def test_the_published_figures_stand_side_by_side():
