@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, kstest, wishart
+from scipy.stats import chi2, kstest
 
 import reference_chain
 from scenes import broken_system, cube8_system, mount
@@ -21,7 +21,7 @@ from tailstack.montecarlo.plan import compile_plan
 from tailstack.propagation.linear import covariance, linearise
 from tailstack.studies.bench import levels
 from tailstack.studies.bench.compare import StudyComparison, study_comparison
-from tailstack.studies.bench.explain import Explanation, TargetLevel, explain, sample_law
+from tailstack.studies.bench.explain import Explanation, departure_p_value, explain
 from tailstack.studies.bench.file import Group, Measurements
 from tailstack.studies.bench.levels import (
     MOST_REPLICATES,
@@ -33,7 +33,6 @@ from tailstack.studies.bench.levels import (
     simulate_benches,
 )
 from tailstack.studies.bench.statistics import (
-    NormsAlong,
     departure,
     distance,
     holm,
@@ -93,20 +92,15 @@ def test_moments_are_those_of_numpy() -> None:
     assert moments_of(errors[:, :3], (1, 1, 1)).within is None
 
 
-@pytest.mark.parametrize(("freedom", "law"), [(2, chi2(6)), (400, chi2(6))])
-def test_departure_has_its_known_law(freedom: int, law: object) -> None:
-    """closed_form: the ratio of traces is chi-squared with 3 nu degrees over 3 nu; the likelihood ratio tends to
-    chi-squared with 6 (Anderson 2003).  4,000 Wishart matrices of SciPy, seed 2; a correct one fails once in 1000."""
-    rng = np.random.default_rng(2)
+@pytest.mark.parametrize("freedom", [2, 4, 5, 9, 400])
+def test_departure_has_its_known_law(freedom: int) -> None:
+    """closed_form: the ratio of traces is chi-squared with 3 nu degrees over 3 nu; the likelihood ratio nearly with 6
+    once its mean is 6 (Anderson 2003).  2,000 Wishart matrices of SciPy, seed 2: p-values are uniform; a correct one
+    fails once in 1000."""
     expected_covariance = np.array([[2.0, 0.3, 0.1], [0.3, 1.0, -0.2], [0.1, -0.2, 0.5]])
-    if freedom < 3:
-        normals = rng.multivariate_normal(np.zeros(3), expected_covariance, (4000, freedom))
-        samples = np.einsum("rni,rnj->rij", normals, normals) / freedom
-        found = 3 * freedom * departure(samples, expected_covariance, freedom)
-    else:
-        samples = wishart(freedom, expected_covariance).rvs(4000, random_state=rng) / freedom
-        found = departure(samples, expected_covariance, freedom)
-    assert kstest(found, law.cdf).pvalue > 1e-3  # type: ignore[attr-defined]
+    normals = np.linalg.cholesky(expected_covariance) @ np.random.default_rng(2).standard_normal((2000, 3, freedom))
+    found = departure(normals @ normals.swapaxes(1, 2) / freedom, expected_covariance, freedom)
+    assert kstest(departure_p_value(found, freedom), "uniform").pvalue > 1e-3
 
 
 def test_distance_is_mahalanobis() -> None:
@@ -283,19 +277,11 @@ def test_the_interval_of_a_factor_covers() -> None:
     """sampled: 40 benches with noise of 0.9 px instead of 0.5; the 95 % set of the factor (1.8) misses two of them on
     average, more than seven once in 1000.  Seed 10."""
     system, rng, missed = scene(), np.random.default_rng(10), 0
-    model = linearise(system, system.targets[0])
-    law = expect(model, "tcp", 0.0)
-    base = sample_law(system, 0, "tcp", SIZES, BenchDraws(0, 999))
-    kept = replace(
-        base, total=base.total[:499], displacements=(),
-        contributions=tuple(
-            replace(part, errors=part.errors[:499]) for part in base.contributions if part.name == "image_noise"
-        ),
-    )  # fmt: skip
     for _ in range(40):
-        errors = plain_bench(system, rng, SIZES, noise=0.9)
-        found = explain([TargetLevel("target", SIZES, errors, None, None, law, kept)], 0.05)
-        low, high = found[0].intervals[0] if found[0].intervals else (0.0, 0.0)
+        read = measured(plain_bench(system, rng, SIZES, noise=0.9), SIZES)
+        bench = levels.describe_bench(system, read, read.groups[0], "tcp", 0.0)
+        named = next(each for each in explain([bench], 0.0, "tcp", 0.05) if each.contributor == "image_noise")
+        low, high = named.intervals[0] if named.intervals else (0.0, 0.0)
         missed += not low <= 1.8 <= high
     assert missed <= 7
 
@@ -313,17 +299,6 @@ def test_the_interval_of_a_spread_is_that_of_its_scale() -> None:
     assert spread.interval == pytest.approx((spread.ratio / q2, spread.ratio / q1), rel=0.02)
 
 
-def test_the_first_order_benches_have_their_declared_covariances() -> None:
-    """closed_form: of every contributor, and of the mean of a bench; 20,000 benches, 4 % of a trace is 4 sigma."""
-    system = scene()
-    law = sample_law(system, 0, "tcp", (2, 2), BenchDraws(0, 20_000, instrument_sd_mm=0.1))
-    for part in law.contributions:
-        drawn = part.errors[:, 0]
-        np.testing.assert_allclose(np.cov(drawn.T), part.covariance, atol=0.04 * np.trace(part.covariance))
-    predicted = expect(linearise(system, system.targets[0]), "tcp", 0.1).of_mean((2, 2))
-    np.testing.assert_allclose(np.cov(law.total.mean(axis=1).T), predicted, atol=0.04 * np.trace(predicted))
-
-
 @pytest.mark.long
 def test_a_narrow_interval_is_not_stepped_over() -> None:
     """closed_form: 1,500 Gaussian errors tell their size to 1.1 % (one over the root of 2 * 3 * 1500), far less than
@@ -338,25 +313,9 @@ def test_a_narrow_interval_is_not_stepped_over() -> None:
         assert high - low < 0.1 * factor
 
 
-def test_a_narrow_value_is_not_stepped_over_in_norms() -> None:
-    """closed_form: a shift of 3.3 mm in 12 norms of a bench whose only error is noise of 0.1 mm: known to +-0.1 mm,
-    of either sign; and it moves nothing that the rays do not."""
-    system = cube8_system()
-    sigma = covariance(linearise(system, system.targets[0]), "tcp")
-    errors = np.array([0, 0, 3.3]) + np.random.default_rng(21).multivariate_normal(np.zeros(3), sigma, 12)
-    study = studied(system, np.linalg.norm(errors, axis=1), (12,))
-    named = found_in(study, "connector_flange", "tz")
-    assert len(named.intervals) == 2
-    for (low, high), truth in zip(named.intervals, (-3.3, 3.3), strict=True):
-        assert low < truth < high
-        assert high - low < 0.5
-    assert abs(abs(named.most_plausible or 0.0) - 3.3) < 0.2
-
-
 def test_the_interval_of_a_value_is_that_of_its_test() -> None:
     """closed_form: of a bench with noise alone whose mean is exactly 1 mm along z, the values v of
-    connector_flange.tz that keep (1 - v)^2 (S^-1)_zz n within the 95 % quantile of chi-squared with three degrees; 999
-    benches: to 8 %."""
+    connector_flange.tz that keep (1 - v)^2 (S^-1)_zz n within the 95 % quantile of chi-squared with three degrees."""
     system = cube8_system()
     sigma = covariance(linearise(system, system.targets[0]), "tcp")
     errors = np.random.default_rng(24).multivariate_normal(np.zeros(3), sigma, 10)
@@ -365,17 +324,7 @@ def test_the_interval_of_a_value_is_that_of_its_test() -> None:
     half = np.sqrt(chi2(3).ppf(0.95) / (10 * np.linalg.inv(sigma)[2, 2]))
     ((low, high),) = named.intervals
     assert (low + high) / 2 == pytest.approx(1.0, abs=1e-3)
-    assert (high - low) / 2 == pytest.approx(half, rel=0.08)
-
-
-def test_explaining_norms_is_the_quadratic_it_is_taken_for() -> None:
-    rng = np.random.default_rng(22)
-    start, direction, one = rng.normal(size=(5, 4, 3)), rng.normal(size=(5, 4, 3)), rng.normal(size=3)
-    for along in (direction, one):
-        found = NormsAlong.of(start, along)
-        np.testing.assert_allclose(found.at(-1.7), np.linalg.norm(start - 1.7 * along, axis=2), rtol=1e-9)
-        np.testing.assert_allclose(found.first(2).at(0.3), found.at(0.3)[:2], rtol=1e-12)
-    np.testing.assert_allclose(NormsAlong.of(start, start).at(-1.0), 0.0, atol=1e-7)
+    assert (high - low) / 2 == pytest.approx(half, rel=1e-3)
 
 
 def test_as_many_benches_are_simulated_as_the_tests_need() -> None:
@@ -419,7 +368,6 @@ def test_bounded_components_are_given_the_benefit_of_the_doubt() -> None:
 
 
 def test_norms_say_less_and_say_so() -> None:
-    """The sign of a component is not in a norm: its plausible values lie on both sides of zero."""
     bent = replace(
         scene(), connector_flange=replace(scene().connector_flange, known=np.array([np.deg2rad(0.5), 0, 0, 0, 0, 0]))
     )
@@ -427,10 +375,8 @@ def test_norms_say_less_and_say_so() -> None:
     study = studied(scene(), norms, (12,))
     assert study.verdict == "differs"
     assert study.levels[0].bias is None
-    named = found_in(study, "connector_flange", "rx")
-    assert len(named.intervals) == 2
-    assert any(low <= 0.5 <= high for low, high in named.intervals)
-    assert any(low <= -0.5 <= high for low, high in named.intervals)
+    assert study.explanations == ()
+    assert "which way" in study.conclusions[-1]
 
 
 def test_the_tail_is_held_against_order_statistics() -> None:

@@ -33,7 +33,7 @@ TAIL_ROWS, MOST_TAILS = 6, 4  # of a terminal and a page; a spreadsheet has all
 TONE: dict[str, Tone] = {"agrees": "pass", "differs": "fail", "not testable": "inconclusive"}
 
 
-def bench_document(study: StudyComparison, sha256: str) -> Document:
+def comparison_document(study: StudyComparison, sha256: str) -> Document:
     """Means and spreads beside the prediction, every test, the tail, and what would explain a difference."""
     tests = [test for level in study.levels for test in level.tests]
     file, benches = study.file, max((level.benches for level in study.levels), default=0)
@@ -56,7 +56,7 @@ def bench_document(study: StudyComparison, sha256: str) -> Document:
             KeyNumber("Levels", f"{len(study.levels):,}", f"{study.error} error"),
             KeyNumber("Tests that differ", f"{sum(test.differs for test in tests):,}", f"of {len(tests):,}"),
         ),
-        figure=("bench", partial(draw_bench, study), "Mean error by level beside what such benches would give."),
+        figure=("bench", partial(draw_comparison, study), "Mean error by level beside what such benches would give."),
         sections=(
             Section("Notes", notes, on=TERMINAL),
             Section("Means and spreads", (levels_table(study), *_unless_empty(axes_table(study)))),
@@ -260,7 +260,7 @@ MOST_PANELS = 6
 BAND = "#dbe8f3"
 
 
-def draw_bench(study: StudyComparison) -> str:
+def draw_comparison(study: StudyComparison) -> str:
     """Mean error by level beside what such benches would give; ordered errors against simulated ones."""
     every = [level for level in study.levels if level.quantiles]
     with_tail = every[:MOST_PANELS]

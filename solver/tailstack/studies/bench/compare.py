@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import partial
 from math import inf, log
 from pathlib import Path
 from typing import Literal
@@ -25,31 +25,21 @@ from ...results import Finding, Interval, Provenance, Validity
 from ...results.record import Published
 from ...scoring import checked_system, provenance, trust_of
 from ...system import System
-from .explain import Explanation, TargetLevel, explain, sample_law
+from .explain import Explanation, explain
 from .file import Measurements, read_measurements
 from .levels import (
     CONFIDENCE,
     UNKNOWN,
-    Bench,
     BenchDraws,
     LevelCompared,
     SpreadCompared,
     TestName,
-    choose_offset,
     compare_level,
     count_benches,
-    count_least_benches,
     count_tests,
     describe_bench,
-    stated_moments,
 )
 from .statistics import holm
-
-SAME_RATIO = 0.005  # error over reprojection error of two rows, as printed with three digits
-SHARE_OF_BENCHES = 0.5  # of the work, as progress reports it
-FEWEST_EXPLAINING = 199  # benches of the first-order law
-MOST_BENCHES = 999
-MOST_ROWS = 100_000  # their trials, all levels of a target together
 
 Progress = Callable[[float, float], None]
 
@@ -83,12 +73,16 @@ def study_comparison(
     draws = BenchDraws(seed, count, instrument_sd_mm=instrument_sd_mm, threads=threads)
     compared: list[LevelCompared] = []
     firsts: dict[str, int] = {}
-    for number, bench in enumerate(benches):
+    for bench in benches:
         first = firsts.setdefault(bench.group.level, len(firsts) << 36)
-        report = _report_part(progress, 0.0, SHARE_OF_BENCHES, number, len(benches))
+        report = None if progress is None else partial(_report_part, progress, len(compared), len(benches))
         compared.append(compare_level(bench, error, replace(draws, first=first), report))
     levels = _adjust_p_values(compared)
-    explained = _explain_targets(benches, levels, error, draws, progress)
+    tested = [bench for bench, level in zip(benches, levels, strict=True) if level.benches]
+    by_target = {name: [bench for bench in tested if bench.group.target == name] for name in names}
+    explained = tuple(
+        each for here in by_target.values() for each in explain(here, instrument_sd_mm, error, 1 - CONFIDENCE)
+    )
     verdict = judge_levels(levels)
     models = {bench.model.target.name: bench.model for bench in benches}
     return StudyComparison(
@@ -103,10 +97,15 @@ def study_comparison(
         explanations=explained,
         verdict=verdict,
         conclusions=write_conclusions(levels, explained, verdict),
-        findings=(*_state_assumptions(read, instrument_sd_mm), *find_remarks(levels, SAME_RATIO)),
+        findings=(*_state_assumptions(read, instrument_sd_mm), *find_remarks(levels)),
         validity=trust_of(system, models),
         provenance=provenance(system, simulated=True, also=("drift of the bench and its datum",)),
     )
+
+
+def _report_part(progress: Progress, number: int, count: int, share: float) -> None:
+    """What part ``number`` of ``count`` reports its share to."""
+    progress((number + share) / count, 1.0)
 
 
 def _state_assumptions(read: Measurements, instrument_sd_mm: float) -> tuple[Finding, ...]:
@@ -149,55 +148,7 @@ def _adjust_p_values(levels: Sequence[LevelCompared]) -> tuple[LevelCompared, ..
     return tuple(compared)
 
 
-# --- explanations ---------------------------------------------------------------------------------
-
-
-def _report_part(
-    progress: Progress | None, begin: float, end: float, number: int, count: int
-) -> Callable[[float], None]:
-    """What part ``number`` of ``count`` reports its share to, when all of them take progress from begin to end."""
-
-    def report(share: float) -> None:
-        if progress is not None:
-            progress(begin + (end - begin) * (number + share) / count, 1.0)
-
-    return report
-
-
-def _explain_targets(
-    benches: Sequence[Bench],
-    levels: Sequence[LevelCompared],
-    error: PointError,
-    draws: BenchDraws,
-    progress: Progress | None,
-) -> tuple[Explanation, ...]:
-    """Of every target, over all its levels that could be tested."""
-    tested = [bench for bench, level in zip(benches, levels, strict=True) if level.benches]
-    targets = list(dict.fromkeys(bench.group.target for bench in tested))
-    explanations: list[Explanation] = []
-    for number, target in enumerate(targets):
-        here = [bench for bench in tested if bench.group.target == target]
-        least = count_least_benches(sum(map(count_tests, here)), 1 - CONFIDENCE, FEWEST_EXPLAINING)
-        count = max(min(MOST_ROWS // sum(bench.trials for bench in here), MOST_BENCHES), least)
-        scenes = [
-            TargetLevel(
-                target=target,
-                sizes=bench.sizes,
-                errors=None if bench.vectors is None else bench.vectors - choose_offset(bench),
-                norms=bench.norms,
-                summary=stated_moments(bench),
-                expected=bench.expected,
-                law=sample_law(bench.system, bench.place, error, bench.sizes, replace(draws, count=count)),
-            )
-            for bench in here
-        ]
-        report = _report_part(progress, SHARE_OF_BENCHES, 1.0, number, len(targets))
-        explanations += explain(scenes, 1 - CONFIDENCE, draws.threads, report)
-    return tuple(explanations)
-
-
 MOST_LISTED = 6
-NORMAL_P95 = 1.645  # standard deviations from the mean of a normal law to its P95
 Verdict = Literal["agrees", "differs", "not testable"]
 
 
@@ -246,7 +197,7 @@ def _write_ratio(spread: SpreadCompared | None) -> str:
     return f": {spread.ratio:.3g} times ({low:.3g} .. {high:.3g})"
 
 
-def find_remarks(levels: Sequence[LevelCompared], same_ratio: float) -> tuple[Finding, ...]:
+def find_remarks(levels: Sequence[LevelCompared]) -> tuple[Finding, ...]:
     """What the numbers of the file themselves give away."""
     findings = []
     for level in levels:
@@ -262,39 +213,7 @@ def find_remarks(levels: Sequence[LevelCompared], same_ratio: float) -> tuple[Fi
             f"where the number of trials is not stated, the prediction beside it is of benches of {UNKNOWN} trials"
         )
         findings.append(Finding("assumed-trials", "note", message))
-    ratios = [level.ratio_to_reprojection_mm_per_px for level in levels]
-    known = [ratio for ratio in ratios if ratio]
-    if len(known) >= 2 and max(known) - min(known) <= same_ratio * max(known):
-        message = (
-            f"error over reprojection error is the same in all {len(known)} rows that have both, {known[0]:.3g} mm/px "
-            f"to within {100 * same_ratio:g} %: the two columns are one quantity times a constant, and carry one "
-            "degree of freedom between them"
-        )
-        findings.append(Finding("constant-ratio", "warning", message, value=known[0]))
-    return (*findings, *_describe_tails(levels))
-
-
-def _describe_tails(levels: Sequence[LevelCompared]) -> list[Finding]:
-    """What a stated P95 says of the tail, without a number of trials."""
-    shapes = [(level, level.tail_shape) for level in levels if level.tail_shape is not None]
-    findings = []
-    for level, shape in shapes:
-        if shape.standard_deviations is None:
-            continue
-        ours = shape.predicted_standard_deviations
-        message = (
-            f"level {level.level} at {level.target}: P95 stands {shape.standard_deviations:.2f} standard deviations "
-            f"above the mean, where a normal law has {NORMAL_P95}"
-            + ("" if ours is None else f" and benches like this one {ours:.2f}")
-            + ("" if shape.standard_deviations > NORMAL_P95 else ": no heavy tail at P95")
-        )
-        findings.append(Finding("tail-shape", "note", message, value=shape.standard_deviations))
-    if len(shapes) > 1:
-        listed = ", ".join(f"{shape.p95_over_mean:.4g}" for _, shape in shapes)
-        grows = all(a.p95_over_mean < b.p95_over_mean for (_, a), (_, b) in pairwise(shapes))
-        words = "grows from level to level" if grows else "does not grow with the level"
-        findings.append(Finding("tail-growth", "note", f"P95 over mean {words}: {listed}"))
-    return findings
+    return tuple(findings)
 
 
 def write_conclusions(
@@ -321,6 +240,10 @@ def write_conclusions(
     sentences += [
         f"Level {level.level} at {level.target}: {test.says} (p = {test.p_value:.2g})." for level, test in differing
     ]
+    if not explained:
+        sentences.append(
+            "A norm does not say which way: with points or error vectors, what would explain it is looked for."
+        )
     for target in dict.fromkeys(explanation.target for explanation in explained):
         here = [test.test for level, test in differing if level.target == target]
         if here:
@@ -379,11 +302,9 @@ def write_interval(explanation: Explanation) -> str:
     """``0.31 (0.25 .. 0.37)``; an end of the search is not an end."""
     if explanation.most_plausible is None:
         return "none"
-    ends = []
-    for low, high in explanation.intervals:
-        upper = "no upper end" if explanation.kind == "factor" and high >= explanation.search_end else f"{high:.3g}"
-        ends.append(f"{low:.3g} .. {upper}")
-    return f"{explanation.most_plausible:.3g} ({' or '.join(ends)})"
+    ((low, high),) = explanation.intervals
+    upper = "no upper end" if explanation.kind == "factor" and high >= explanation.search_end else f"{high:.3g}"
+    return f"{explanation.most_plausible:.3g} ({low:.3g} .. {upper})"
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,8 +32,6 @@ class Summary:
     n: int | None
     mean_mm: float
     sd_mm: float | None
-    p95_mm: float | None
-    reprojection_px: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,17 +143,8 @@ def _summary_group(table: MeasurementTable, level: str, target: str, rows: Seque
         detail = f"level {shown(level)} is summed up in line {rows[0].line} already"
         raise refusal(table.name, rows[1].line, "given-twice", detail)
     row = rows[0]
-    (mean,) = row.values
-    return Group(
-        level,
-        target,
-        _deliberate_of(row),
-        np.zeros(0),
-        (),
-        (),
-        row.line,
-        Summary(row.n, mean, row.sd, row.p95, row.reprojection_px),
-    )
+    summary = Summary(row.n, row.values[0], row.sd)
+    return Group(level, target, _deliberate_of(row), np.zeros(0), (), (), row.line, summary)
 
 
 def _trials_group(table: MeasurementTable, level: str, target: str, rows: Sequence[MeasuredRow]) -> Group:
@@ -216,7 +205,7 @@ EXAMPLES: dict[Form, str] = {
     "points": "level,installation,trial,target,x_mm,y_mm,z_mm",
     "vectors": "level,installation,trial,target,error_x_mm,error_y_mm,error_z_mm",
     "norms": "level,installation,trial,target,error_mm",
-    "summary": "level,target,n,mean_mm,sd_mm,p95_mm,reprojection_px",
+    "summary": "level,target,n,mean_mm,sd_mm",
 }
 LABELS: dict[Form, tuple[str, ...]] = {
     **dict.fromkeys(("points", "vectors", "norms"), ("level", "installation", "trial", "target")),
@@ -238,10 +227,8 @@ class MeasuredRow:
     labels: dict[str, str]
     values: tuple[float, ...]  # mm
     deliberate: tuple[float, ...] | None  # rad, mm
-    n: int | None  # of a summary, and the next three
+    n: int | None  # of a summary, as is the next
     sd: float | None  # mm
-    p95: float | None  # mm
-    reprojection_px: float | None
 
 
 def refusal(name: str, line: int | None, code: str, detail: str, hint: str = "", column: str = "") -> MeasurementError:
@@ -301,8 +288,8 @@ class MeasurementTable:
 
     def _is_missing(self, line: int, cells: Sequence[str]) -> bool:
         """Whether a tracker of NDI's did not see what was to be measured; such a row is left out, and counted."""
-        values = (self.text.find_number(cells[place], line, place) for place in map(self.columns.get, AXES[self.form])
-                  if place is not None)  # fmt: skip
+        places = [self.columns[axis] for axis in AXES[self.form]]
+        values = [self.text.find_number(cells[place], line, place) for place in places]
         missing = any(is_missing(value) for value in values if value is not None)
         if missing:
             self.text.counts.leave_out("missing", line)
@@ -328,17 +315,15 @@ class MeasurementTable:
         if not signed and min(values) < 0:
             axis = self.heads[AXES[self.form][int(np.argmin(values))]]
             raise refusal(self.name, line, "out-of-range", f"{axis} cannot be negative", column=axis)
-        sd, p95 = (self._optional_length(cells, line, column) for column in ("sd", "p95"))
-        px = self._optional(cells, line, "reprojection")
-        return MeasuredRow(line, labels, values, self._deliberate(cells, line), self._n(cells, line), sd, p95, px)
+        deliberate = self._deliberate(cells, line)
+        return MeasuredRow(line, labels, values, deliberate, self._n(cells, line), self._sd(cells, line))
 
     def _number(self, cells: Sequence[str], line: int, column: str) -> float:
         place, column = self.columns[column], self.heads[column]
         cell = cells[place]
         if not cell:
-            raise refusal(
-                self.name, line, "missing-value", f"{column} is empty", "leave out what was not measured", column
-            )
+            hint = "leave out what was not measured"
+            raise refusal(self.name, line, "missing-value", f"{column} is empty", hint, column)
         value = self.text.find_number(cell, line, place)
         if value is None:
             if re.fullmatch(r"[-+]?(nan|inf|infinity|#n/a|n/a|na)", cell.lower()):
@@ -376,24 +361,15 @@ class MeasurementTable:
             raise refusal(self.name, line, code, detail, hint, "n")
         return int(cell)
 
-    def _optional_length(self, cells: Sequence[str], line: int, column: str) -> float | None:
-        """A length that may be absent, mm."""
-        value = self._optional(cells, line, column)
-        if value is None:
+    def _sd(self, cells: Sequence[str], line: int) -> float | None:
+        if "sd" not in self.columns:
             return None
-        if LENGTHS_MM[self.unit] * value > FARTHEST_MM:
-            hint = "is the unit in the header the right one?"
-            raise refusal(self.name, line, "out-of-range", f"{self.heads[column]} is more than 100 m", hint)
-        return LENGTHS_MM[self.unit] * value
-
-    def _optional(self, cells: Sequence[str], line: int, column: str) -> float | None:
-        if column not in self.columns:
-            return None
-        value = self._number(cells, line, column)
+        value, head = LENGTHS_MM[self.unit] * self._number(cells, line, "sd"), self.heads["sd"]
         if value < 0:
-            raise refusal(
-                self.name, line, "out-of-range", f"{self.heads[column]} cannot be negative", "", self.heads[column]
-            )
+            raise refusal(self.name, line, "out-of-range", f"{head} cannot be negative", "", head)
+        if value > FARTHEST_MM:
+            hint = "is the unit in the header the right one?"
+            raise refusal(self.name, line, "out-of-range", f"{head} is more than 100 m", hint)
         return value
 
 
@@ -447,10 +423,7 @@ def _columns(name: str, line: int, headings: Sequence[str], form: Form, passed: 
         elif stem in ROTATIONS:
             if unit != "deg":
                 raise refusal(name, line, "csv-header", f"rotations are in degrees: {stem}_deg; got {shown(cell)}")
-        elif stem == "reprojection" and form == "summary":
-            if unit != "px":
-                raise refusal(name, line, "csv-header", f"reprojection is in px: reprojection_px; got {shown(cell)}")
-        elif stem in AXES[form] or stem in TRANSLATIONS or (stem in ("sd", "p95") and form == "summary"):
+        elif stem in AXES[form] or stem in TRANSLATIONS or (stem == "sd" and form == "summary"):
             if unit not in LENGTHS_MM:
                 detail = f"column {shown(cell)} has no known unit of length"
                 raise refusal(name, line, "csv-header", detail, f"for example {stem}_mm; units: {UNITS}")

@@ -27,7 +27,7 @@ from ...propagation.linear import Block, LinearModel, linearise
 from ...results import Interval, Vector3
 from ...scoring import vector3
 from ...system import Law, System
-from .file import Group, Measurements, Summary, refusal
+from .file import Group, Measurements, refusal
 from .statistics import (
     LEAST_FOR_TAIL,
     Expected,
@@ -96,20 +96,6 @@ class SpreadCompared:
 
 
 @dataclass(frozen=True, slots=True)
-class TailShape:
-    """How far the P95 of the error norm stands above its mean, of summary statistics; no test, as n is not enough."""
-
-    p95_over_mean: float
-    """Measured P95 of the error's norm over its mean."""
-    standard_deviations: float | None
-    """Measured P95 less the mean, over the standard deviation; a normal law has 1.645. Null: nothing varies."""
-    predicted_p95_over_mean: float
-    """The first ratio, median of simulated benches."""
-    predicted_standard_deviations: float | None
-    """The second ratio, median of simulated benches; null: nothing varies from trial to trial."""
-
-
-@dataclass(frozen=True, slots=True)
 class ComparisonTest:
     """One test of one level at one target."""
 
@@ -174,12 +160,8 @@ class LevelCompared:
     """The tests."""
     quantiles: tuple[QuantilePoint, ...]
     """Ordered norms against simulated benches."""
-    ratio_to_reprojection_mm_per_px: float | None
-    """Mean norm over the reprojection error that the file states, mm per px; null where it states none."""
     not_tested: str
     """Why nothing was tested; empty where it was."""
-    tail_shape: TailShape | None = None
-    """How far P95 stands above the mean, of summary statistics that state a P95; otherwise null."""
 
 
 CONFIDENCE = 0.95
@@ -309,8 +291,6 @@ def compare_level(
     tested = bool(bench.sizes) and not bench.reason
     degrees = np.array([180 / np.pi] * 3 + [1.0] * 3)
     stated = None if group.deliberate is None else tuple(float(v) for v in group.deliberate * degrees)
-    reprojection = None if group.summary is None else group.summary.reprojection_px
-    ratio = group.summary.mean_mm / reprojection if group.summary is not None and reprojection else None
     return LevelCompared(
         level=group.level,
         target=group.target,
@@ -324,23 +304,7 @@ def compare_level(
         spread_between=_compare_between(bench, errors, norms),
         tests=test_bench(bench, errors, norms) if tested else (),
         quantiles=() if bench.norms is None else _compare_quantiles(bench.norms, norms),
-        ratio_to_reprojection_mm_per_px=ratio,
         not_tested=bench.reason,
-        tail_shape=_compare_tail(group.summary, norms),
-    )
-
-
-def _compare_tail(summary: Summary | None, norms: Array) -> TailShape | None:
-    """Where a summary's P95 stands, beside the median of simulated benches (m, n)."""
-    if summary is None or summary.p95_mm is None or summary.mean_mm <= 0:
-        return None
-    means, deviations, tails = norms.mean(axis=1), norms.std(axis=1, ddof=1), np.quantile(norms, 0.95, axis=1)
-    moves = bool((deviations > 0).all())
-    return TailShape(
-        p95_over_mean=summary.p95_mm / summary.mean_mm,
-        standard_deviations=(summary.p95_mm - summary.mean_mm) / summary.sd_mm if summary.sd_mm else None,
-        predicted_p95_over_mean=float(np.median(tails / means)) if moves else 1.0,
-        predicted_standard_deviations=float(np.median((tails - means) / deviations)) if moves else None,
     )
 
 

@@ -67,38 +67,6 @@ def installation_means(values: Array, sizes: Sequence[int]) -> Array:
     return np.asarray(np.add.reduceat(values, starts, axis=1) / np.reshape(sizes, shape))
 
 
-def lengths(vectors: Array) -> Array:
-    """Norms (...,) of vectors (..., 3)."""
-    return np.asarray(np.sqrt(np.einsum("...i,...i", vectors, vectors)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NormsAlong:
-    """Norms of ``start + step * direction`` for any step, without going through the vectors again."""
-
-    fixed: Array  # (B, n) mm^2
-    linear: Array
-    square: Array
-
-    @classmethod
-    def of(cls, start: Array, direction: Array) -> NormsAlong:
-        """start (B, n, 3) mm; direction the same, or one vector (3,)."""
-        return cls(
-            np.einsum("...i,...i", start, start),
-            2 * np.einsum("...i,...i", start, direction),
-            np.asarray(np.einsum("...i,...i", direction, direction)),
-        )
-
-    def first(self, benches: int) -> NormsAlong:
-        return NormsAlong(
-            self.fixed[:benches], self.linear[:benches], self.square[:benches] if self.square.ndim else self.square
-        )
-
-    def at(self, step: float) -> Array:
-        """(B, n) mm."""
-        return np.asarray(np.sqrt(np.maximum(self.fixed + step * self.linear + step**2 * self.square, 0.0)))
-
-
 def bench_mean(values: Array, sizes: Sequence[int]) -> Array:
     """(R, ...) mean of a bench: every installation counts alike, however many trials it has.  values (R, n, ...)."""
     return np.asarray(installation_means(values, sizes).mean(axis=1))
