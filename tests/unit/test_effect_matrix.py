@@ -12,7 +12,7 @@ import io
 import json
 import textwrap
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -38,7 +38,7 @@ from tailstack.propagation.linear import linearise
 from tailstack.studies.bench.levels import BenchDraws, expect, simulate_benches
 from tailstack.studies.coupling import study_coupling
 from tailstack.studies.estimators import study_estimators
-from tailstack.studies.linearity import Grid, study_linearity
+from tailstack.studies.linearity import study_linearity
 from tailstack.studies.views import study_views
 from tailstack.system import Drawn
 from tailstack_service.cli.main import main
@@ -169,10 +169,12 @@ def meet_coupling(own: Subject, folder: Path) -> None:
 
 
 def meet_linearity(own: Subject, folder: Path) -> None:
-    grid = Grid(noises_px=(0.3,), rotations_deg=(0.0,), spreads=(1.0,), counts=(len(own.system.fiducials_mm),))
+    counts = (len(own.system.fiducials_mm),)
+    study = partial(
+        study_linearity, noises_px=(0.3,), rotations_deg=(0.0,), spreads=(1.0,), counts=counts, trials=2**13
+    )
     with_it, without = (
-        study_linearity(system, grid, trials=2**13).points[0].first_order_p95_mm
-        for system in (own.system, compile_design(load_design(PLAIN)))
+        study(system).points[0].first_order_p95_mm for system in (own.system, compile_design(load_design(PLAIN)))
     )
     assert with_it != pytest.approx(without, rel=1e-8)
 

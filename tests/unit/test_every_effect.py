@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +31,7 @@ from tailstack.propagation.linear import linearise
 from tailstack.results import Score
 from tailstack.studies.bench.levels import draw_time, share_draws
 from tailstack.studies.coupling import name_sources, remove_biases, study_coupling
-from tailstack.studies.linearity import Grid, study_linearity
+from tailstack.studies.linearity import study_linearity
 from tailstack.system import Drawn, Law, Sources, System, View, no_sources
 from tailstack_service.gate.design_rules import name_largest_share
 from tailstack_service.rendering.sentences import shares_of
@@ -158,12 +159,15 @@ def bound(sources: Sources) -> Sources:
 
 
 def test_every_place_that_may_be_bounded_is_noticed(scene: System) -> None:
-    grid = Grid(noises_px=(0.5,), rotations_deg=(0.0,), spreads=(1.0,), counts=(len(scene.fiducials_mm),))
-    assert "bounded" not in study_linearity(scene, grid, trials=2**13).varied
+    counts = (len(scene.fiducials_mm),)
+    study = partial(
+        study_linearity, noises_px=(0.5,), rotations_deg=(0.0,), spreads=(1.0,), counts=counts, trials=2**13
+    )
+    assert "bounded" not in study(scene).varied
     every = sources_of(scene)
     assert len(every) >= 8
     for place, system in every.items():
-        assert "bounded components stand" in study_linearity(system, grid, trials=2**13).varied, place
+        assert "bounded components stand" in study(system).varied, place
 
 
 def test_only_what_is_mounted_anew_is_drawn_at_each_installation(scene: System) -> None:

@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_paper_tables import ORACLE, scene
 
 from scenes import broken_system, cube8_system, mount, with_noise
-from tailstack import score, verify
+from tailstack import verify
 from tailstack.errors import StudyError
 from tailstack.propagation.linear import linearise
 from tailstack.studies.linearity import (
-    Grid,
     GridPoint,
     apply_place,
     calibrate,
@@ -76,8 +74,6 @@ def test_a_far_target_of_a_small_cluster_is_plainly_optimistic():
     assert point.ratio < 0.4
     assert (point.within, point.sure, point.errs) == ("beyond", True, "optimistic")
     assert point.promise == "not valid"
-    assert point.second_order_p95_mm is None
-    assert "diverges" in point.second_order_reason
     assert point.trials == TRIALS // 8
 
 
@@ -112,27 +108,6 @@ def test_intervals_hold_what_they_promise():
 )
 def test_classes_and_whether_they_are_sure(ratio: float, interval: tuple[float, float], expected: tuple[str, bool]):
     assert classify(ratio, interval) == expected
-
-
-def test_second_order_is_that_of_the_score():
-    """The same correction by another route: noise alone is Gaussian, so the ratio of Gaussian quantiles is exact."""
-    system = cube8_system(views=with_noise(5.0))
-    expected = score(system, second_order=True).targets[0].second_order
-    point = examine_place(system, 0, "tcp", GridPoint(5.0, 0.0, 1.0, 8), 2**13, 1)
-    assert expected.status == "applied"
-    assert point.second_order_p95_mm == pytest.approx(expected.p95_mm, rel=1e-6)
-    assert point.first_order_p95_mm == pytest.approx(score(system).targets[0].p95_mm, rel=1e-9)
-    assert point.second_order_ratio == pytest.approx(point.second_order_p95_mm / point.monte_carlo_p95_mm)
-
-
-def test_second_order_of_the_papers_scenario():
-    """oracle: P95 of the law with the mean and covariance of Hessians made elsewhere; its mean shift is a fiftieth of
-    the spread there."""
-    exact = ORACLE["A"]["exact"]
-    system = replace(scene("A", 2.0), triangulation=Triangulation.PUBLISHED)  # in metres: this form depends on units
-    point = examine_place(system, 0, "localisation", GridPoint(2.0, 0.0, 1.0, 8), 2**13, 1)
-    assert point.first_order_p95_mm == pytest.approx(exact["P95"], rel=1e-6)
-    assert point.second_order_p95_mm == pytest.approx(exact["second_order_P95"], rel=1e-5)
 
 
 def test_what_a_point_changes_and_what_it_leaves():
@@ -173,8 +148,8 @@ def test_the_grid_is_whole_and_repeatable():
         "spreads": (1.0, 0.3),
         "counts": (8, 6),
     }
-    first = study_linearity(cube8_system(), Grid(**axes), trials=2**13, seed=4, threads=1)
-    assert study_linearity(cube8_system(), Grid(**axes), trials=2**13, seed=4, threads=2) == first
+    first = study_linearity(cube8_system(), **axes, trials=2**13, seed=4, threads=1)
+    assert study_linearity(cube8_system(), **axes, trials=2**13, seed=4, threads=2) == first
     assert [(p.fiducials, p.spread, p.noise_px, p.rotation_deg) for p in first.points[:5]] == [
         (8, 1.0, 0.5, 0.0), (8, 1.0, 0.5, 1.0), (8, 1.0, 2.0, 0.0), (8, 1.0, 2.0, 1.0), (8, 0.3, 0.5, 0.0),
     ]  # fmt: skip
@@ -191,7 +166,7 @@ def test_the_grid_is_whole_and_repeatable():
 def test_a_point_that_determines_nothing_is_a_row_with_its_reason():
     """Too wide for the detector of the reference C-arm, whose field is 102 mm: refused, and the others are there."""
     study = study_linearity(
-        cube8_system(), Grid(noises_px=(0.5,), rotations_deg=(0.0,), spreads=(1.0, 5.0), counts=(8,)), trials=2**13
+        cube8_system(), noises_px=(0.5,), rotations_deg=(0.0,), spreads=(1.0, 5.0), counts=(8,), trials=2**13
     )
     good, bad = study.points
     assert (good.status, bad.status) == ("ok", "refused")
@@ -216,40 +191,13 @@ def test_a_locator_keeps_its_shift_and_loses_its_turn():
     assert both[0, 0] == 1e-3  # the design's own is not written to
 
 
-@pytest.mark.parametrize(
-    ("ratio", "interval", "second", "nearer"),
-    [
-        (0.97, (0.965, 0.975), 0.99, True),
-        (0.97, (0.965, 0.975), 0.92, False),
-        (0.97, (0.965, 0.975), 1.06, False),
-        (1.04, (1.03, 1.05), 1.01, True),
-        (1.010, (1.006, 1.014), 0.991, None),  # both sides alike: the middle is inside the interval
-        (1.04, (1.03, 1.05), 1.035, None),  # one cannot be told from the other
-        (1.0, (0.98, 1.02), 1.03, None),
-        (0.995, (0.985, 1.005), 1.03, False),
-    ],
-)
-def test_second_order_is_called_nearer_only_where_the_interval_says_so(
-    ratio: float, interval: tuple[float, float], second: float, nearer: bool | None
-):
-    """closed form: Monte Carlo anywhere in the interval, first and second order fixed."""
-    base = examine_place(cube8_system(), 0, "tcp", GridPoint(0.5, 0.0, 1.0, 8), 2**13, 1)
-    said = write_sentences([replace(base, ratio=ratio, ratio_interval=interval, second_order_ratio=second)])[-1]
-    counts = {True: (1, 0, 0), False: (0, 1, 0), None: (0, 0, 1)}[nearer]
-    words = "at 1 point: nearer to the simulation than the estimate at {}, farther at {}, open at {}."
-    assert words.format(*counts) in said
-    if nearer is not None:  # and it holds at both ends
-        for end in interval:
-            assert (abs(second * end / ratio - 1) < abs(end - 1)) == nearer
-
-
 def test_what_is_bounded_and_what_risk_is_read_are_said():
-    grid = Grid(noises_px=(0.5,), rotations_deg=(0.0,), spreads=(1.0,), counts=(8,))
-    said = study_linearity(cube8_system(), grid, trials=2**13).varied
+    grid: dict[str, Any] = {"noises_px": (0.5,), "rotations_deg": (0.0,), "spreads": (1.0,), "counts": (8,)}
+    said = study_linearity(cube8_system(), **grid, trials=2**13).varied
     assert "pooled" in said
     assert "bounded" not in said
     second = mount("connector_flange", (0, 0, -145), half_width=[0] * 3 + [0.2] * 3, law=Law.BOUNDED)
-    said = study_linearity(cube8_system(connector_flange=second), grid, trials=2**13).varied
+    said = study_linearity(cube8_system(connector_flange=second), **grid, trials=2**13).varied
     assert "bounded components stand where they are worst" in said
 
 
@@ -295,7 +243,7 @@ def test_words_and_calibration_count_what_is_there():
 )
 def test_refusals_of_axes(axes: dict, said: str):
     with pytest.raises(StudyError, match=said):
-        study_linearity(cube8_system(), Grid(**axes))
+        study_linearity(cube8_system(), **axes)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
     from ..settings import Settings
-    from .request import Request
 
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Count = Annotated[int, Field(ge=1)]
@@ -101,15 +100,6 @@ class CheckOptions(Options):
         if self.trials is not None and self.precision is not None:
             raise PydanticCustomError("one-of", "give trials or precision; both arrived", {"at": "/precision"})
         return self
-
-
-def check_trials(request: Request, settings: Settings) -> None:
-    """Trials of each case within the limit, designs that determine an answer.  Raises RefusedAt, LimitError."""
-    from tailstack.design import check_design
-
-    within(request.options.trials, "max_trials", settings, "/trials")
-    for which in range(len(request.designs)):
-        request.refuse_by(check_design, which)
 
 
 TRIAL_BYTES = 0.85  # some, that a job records of a trial at a target: the largest norms of its parts

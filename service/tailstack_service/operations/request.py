@@ -98,7 +98,7 @@ def read_request(
     Raises MalformedError, RequestError, LimitError, RefusedAt, DesignReferenceUnresolved.
     """
     if sent.form != "json":
-        options = _options_of_query(kind, sent.query)
+        options = options_of_query(kind, sent.query)
         design = load(sent.body, settings, "")
         return Request(options, (design,), {fields[0]: design.source.data}, ("",), True)
     body = parse_json(sent.body, settings, yaml=yaml)
@@ -209,7 +209,7 @@ def single(query: Query, name: str) -> str | None:
     return given[0] if given else None
 
 
-def _options_of_query(kind: type[O], query: Query) -> O:
+def options_of_query(kind: type[O], query: Query) -> O:
     """Options from the query.  Text becomes what the option takes; what cannot is refused like in JSON."""
     known = {option.query_name: option for option in list_options(kind)}
     refuse_query(query, tuple(known))

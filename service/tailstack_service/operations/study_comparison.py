@@ -11,7 +11,7 @@ rx_deg ... tz_mm state the installation error that a level sets.  Exit code 0: n
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
@@ -19,15 +19,14 @@ from tailstack.measures import PointError
 
 from ..console.answer import FAIL, INCONCLUSIVE, PASS
 from ..console.flags import NO_FLAG, Flag
-from .operation import Call, FigureFile, LateImport, Operation
+from .operation import Call
 from .options import Options, Seed
+from .study import list_arguments, refuse_undetermined, study_operation
 
 if TYPE_CHECKING:
     from tailstack.design import Design
-    from tailstack.studies.bench.compare import StudyComparison
     from tailstack.studies.bench.file import Measurements
 
-    from ..settings import Settings
     from .request import Request
 
 
@@ -68,48 +67,32 @@ def _read(design: Design, content: Path | bytes, name: str | None = None) -> Mea
     return read_measurements(content, [target.name for target in compile_design(design).targets], name)
 
 
-def _study(call: Call) -> StudyComparison:
-    from tailstack.studies.bench.compare import study_comparison
-
-    options = call.options
+def _arguments(call: Call) -> dict[str, Any]:
+    told = list_arguments(call)
+    name, sent = told.pop("name"), told["measurements"]
     if call.typed:
-        measured = _read(call.design, Path(options.measurements))
-    else:
-        measured = _read(call.design, options.measurements.encode("utf-8", "surrogatepass"), options.name)
-    return study_comparison(
-        call.design,
-        measured,
-        error=options.error,
-        seed=options.seed,
-        instrument_sd_mm=options.instrument_sd_mm,
-        threads=call.threads,
-        progress=call.progress,
-    )
+        return {**told, "measurements": _read(call.design, Path(sent))}
+    return {**told, "measurements": _read(call.design, sent.encode("utf-8", "surrogatepass"), name)}
 
 
-def _check(request: Request, settings: Settings) -> None:
-    """A design that determines an answer, measurements that can be read.  Raises RefusedAt, MeasurementError."""
-    from tailstack.design import check_design
-
-    request.refuse_by(check_design)
+def _check(request: Request) -> None:
+    """Measurements that can be read, too.  Raises MeasurementError."""
+    refuse_undetermined(request)
     _read(request.design, request.options.measurements.encode("utf-8", "surrogatepass"), request.options.name)
 
 
-OPERATION = Operation(
-    name="study-comparison",
-    verb="study compare",
-    path="/v1/studies/compare",
+OPERATION = study_operation(
+    "comparison",
+    verb="compare",
+    module="bench.compare",
     summary="Bench measurements against prediction",
     description="Bias and spread with intervals, calibrated tests, Q-Q of the tail, and how large which contributor "
     "would have to be to explain a difference.",
     title="answer of study compare: bench measurements against prediction",
     options=ComparisonStudyOptions,
     example={"measurements": MEASUREMENTS},
-    record=LateImport("tailstack.studies.bench.compare", "StudyComparison").load,
-    run=_study,
+    arguments=_arguments,
     check=_check,
-    document=LateImport("..report.studies.bench", "bench_document"),
     exit_code=lambda record: EXIT_CODE[record.verdict],
-    threads=True,
-    figure=FigureFile("means and Q-Q plots", LateImport("..report.studies.bench", "draw_bench")),
+    figure="means and Q-Q plots",
 )

@@ -7,19 +7,16 @@ As designed and at fixed installation errors of the structure, in both readings:
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field
 
 from tailstack.measures import PointError
 
 from ..console.flags import Flag
-from .operation import Call, Demand, FigureFile, LateImport, Operation
-from .options import Options, Seed, check_trials
-
-if TYPE_CHECKING:
-    from tailstack.studies.coupling import StudyCoupling
-
+from .operation import Call, Demand
+from .options import Options, Seed
+from .study import list_arguments, study_operation
 
 LEAST_TRIALS, MOST_TRIALS = 8192, 2**24  # of each case
 
@@ -75,38 +72,23 @@ class CouplingOptions(Options):
         return super().of_record(record, levels=[{"rotation_deg": r, "translation_mm": t} for r, t in levels])
 
 
-def _study(call: Call) -> StudyCoupling:
-    from tailstack.studies.coupling import LEVELS, study_coupling
-
-    options = call.options
-    pairs = [(level.rotation_deg, level.translation_mm) for level in options.levels or ()]
-    return study_coupling(
-        call.design,
-        trials=options.trials,
-        seed=options.seed,
-        levels=tuple(pairs or LEVELS),
-        error=options.error,
-        threads=call.threads,
-        progress=call.progress,
-    )
+def _arguments(call: Call) -> dict[str, Any]:
+    told = list_arguments(call)
+    if "levels" in told:
+        told["levels"] = [tuple(level.values()) for level in told["levels"]]
+    return told
 
 
-OPERATION = Operation(
-    name="study-coupling",
-    verb="study coupling",
-    path="/v1/studies/coupling",
+OPERATION = study_operation(
+    "coupling",
     summary="Is the tail of installation error and noise together more than the parts?",
     description="Installation error and noise together against the parts (noise gain, quadrature, plain sum, first "
     "order), as designed and at fixed installation errors of the structure, in both readings of such an error.",
     title="answer of study coupling: the tail together against its parts, with intervals",
     options=CouplingOptions,
     example={"levels": [{"rotation_deg": 1.0, "translation_mm": 2.0}], "trials": 8192},
-    record=LateImport("tailstack.studies.coupling", "StudyCoupling").load,
-    run=_study,
-    check=check_trials,
-    document=LateImport("..report.studies.coupling", "coupling_document"),
+    arguments=_arguments,
     demand=lambda record: Demand.of_cases(record.trials, len(record.cases), "Monte Carlo of every case"),
-    threads=True,
-    figure=FigureFile("the ratios", LateImport("..report.studies.coupling", "draw_coupling")),
+    figure="the ratios",
     target=True,
 )

@@ -6,7 +6,7 @@ Every axis takes V1,V2,... in place of its default values.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
@@ -14,14 +14,9 @@ from tailstack.measures import PointError
 
 from ..console.answer import exit_code_of_points
 from ..console.flags import Flag
-from .operation import Call, Csv, Demand, FigureFile, LateImport, Operation
-from .options import Options, Seed, refuse_unknown_target, within
-
-if TYPE_CHECKING:
-    from tailstack.studies.linearity import StudyLinearity
-
-    from ..settings import Settings
-    from .request import Request
+from .operation import Csv, Demand, LateImport
+from .options import Options, Seed
+from .study import study_operation
 
 LEAST_TRIALS, MOST_TRIALS = 8192, 2**22  # of each point
 
@@ -67,42 +62,16 @@ class LinearityOptions(Options):
     seed: Annotated[Seed, Flag("seed")] = Field(0, description="Seed of every point.")
 
 
-def _study(call: Call) -> StudyLinearity:
-    from dataclasses import fields
-
-    from tailstack.studies.linearity import Grid, study_linearity
-
-    options: dict[str, Any] = call.options.model_dump(exclude_none=True)
-    grid = Grid(**{name: options.pop(name) for name in [each.name for each in fields(Grid)] if name in options})
-    return study_linearity(call.design, grid, **options, threads=call.threads, progress=call.progress)
-
-
-def _check(request: Request, settings: Settings) -> None:
-    """A design that determines an answer, and a target that it has.  Raises RefusedAt, RequestError, LimitError."""
-    from tailstack.design import check_design
-
-    within(request.options.trials, "max_trials", settings, "/trials")
-    system, _, _ = request.refuse_by(check_design)
-    refuse_unknown_target(request.options.target, [target.name for target in system.targets], "/target")
-
-
-OPERATION = Operation(
-    name="study-linearity",
-    verb="study linearity",
-    path="/v1/studies/linearity",
+OPERATION = study_operation(
+    "linearity",
     summary="How far the estimate can be trusted: a map over noise, rotation, spread and count",
-    description="First order, second order and Monte Carlo over a grid of noise, rotation, spread and count: where the "
+    description="First order and Monte Carlo over a grid of noise, rotation, spread and count: where the "
     "first-order P95 is within 1, 5 and 20 %, where it is optimistic, and whether the validity number nu knew.",
     title="answer of study linearity: first order over Monte Carlo, point by point of a grid",
     options=LinearityOptions,
     example={"noises_px": [0.3, 3.0], "rotations_deg": [0.0, 1.0], "spreads": [1.0], "trials": 8192},
-    record=LateImport("tailstack.studies.linearity", "StudyLinearity").load,
-    run=_study,
-    check=_check,
-    document=LateImport("..report.studies.linearity", "linearity_document"),
     demand=lambda record: Demand.of_cases(record.trials, len(record.points), "Monte Carlo at every point"),
     exit_code=exit_code_of_points,
-    threads=True,
-    figure=FigureFile("the map", LateImport("..report.studies.linearity", "draw_linearity")),
+    figure="the map",
     csv=Csv("point", LateImport("..report.studies.linearity", "linearity_csv")),
 )

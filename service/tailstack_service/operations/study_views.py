@@ -12,13 +12,10 @@ from pydantic import Field
 
 from tailstack.measures import PointError
 
-from .operation import Call, LateImport, Operation
 from .options import Options
+from .study import refuse_undetermined, study_operation
 
 if TYPE_CHECKING:
-    from tailstack.studies.views import StudyViews
-
-    from ..settings import Settings
     from .request import Request
 
 
@@ -34,33 +31,22 @@ class ViewOptions(Options):
     error: PointError = Field("tcp", description="Which error.")
 
 
-def _study(call: Call) -> StudyViews:
-    from tailstack.studies.views import study_views
-
-    return study_views(call.design, **call.options.model_dump(), progress=call.progress)
-
-
-def _check(request: Request, settings: Settings) -> None:
-    """A design that determines an answer, and maps of a size that can be.  Raises RefusedAt, StudyError."""
-    from tailstack.design import check_design
+def _check(request: Request) -> None:
+    """Maps of a size that can be, first.  Raises StudyError."""
     from tailstack.studies.views import refuse_steps
 
     refuse_steps(request.options.cone_deg, request.options.step_deg)
-    request.refuse_by(check_design)
+    refuse_undetermined(request)
 
 
-OPERATION = Operation(
-    name="study-views",
-    verb="study views",
-    path="/v1/studies/views",
+OPERATION = study_operation(
+    "views",
     summary="Which view buys most, turned or added?",
     description="P95 by first order over the direction of each aimed view's beam within a cone, and over that of a "
     "view more; what a direction hides, the best one, its angles to the other views, and what it buys.",
     title="answer of study views: P95 over the directions of the views, and of one more",
     options=ViewOptions,
     example={"step_deg": 15.0},
-    record=LateImport("tailstack.studies.views", "StudyViews").load,
-    run=_study,
     check=_check,
-    document=LateImport("..report.studies.views", "views_document"),
+    threads=False,
 )

@@ -1,9 +1,6 @@
-"""The record of ``study linearity``: first order and second order beside Monte Carlo over a grid.
+"""Where first order holds for a design: a grid of noise, rotation, spread and count against Monte Carlo.
 
-Where first order holds for a design: a grid of noise, rotation, spread and count against Monte Carlo.
-
-At a point of the grid the design is changed; its first and second order are compared with Monte Carlo on the same
-deviates.
+At a point of the grid the design is changed; its first order is compared with Monte Carlo on the same deviates.
 """
 
 from __future__ import annotations
@@ -13,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from math import exp, log, prod, radians, sqrt
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +25,7 @@ from ..measures import POINT_ERRORS, PointError
 from ..montecarlo.chain import draw, evaluate
 from ..montecarlo.plan import ChainPlan, bounded_names, compile_plan
 from ..montecarlo.radial import gains_in_plan_order
-from ..propagation.linear import LinearModel, linearise
-from ..propagation.second_order import refuse_outside_range, second_order_moments
+from ..propagation.linear import linearise
 from ..propagation.validity import validity
 from ..results import Interval, Provenance
 from ..results.record import Published
@@ -37,7 +33,6 @@ from ..results.verdicts import P95
 from ..scoring import checked_system, provenance, score
 from ..system import ROTATIONS, DirectEffect, Law, Sources, System
 from ..tail.declared import law_quantile
-from ..tail.gaussian import norm_quantile
 
 Within = Literal["1 %", "5 %", "20 %", "beyond"]
 LEVELS: tuple[tuple[Within, float], ...] = (("1 %", 0.01), ("5 %", 0.05), ("20 %", 0.2))
@@ -69,18 +64,12 @@ class LinearityPoint:
     """Relative error of P95 that it promises, %; null where it says that first order is not valid."""
     first_order_p95_mm: float | None
     """First-order P95, mm; null where it was refused."""
-    second_order_p95_mm: float | None
-    """Second-order P95, mm; null where there is none."""
-    second_order_reason: str | None
-    """Why there is none; otherwise null."""
     monte_carlo_p95_mm: float | None
     """Sampled P95, mm; null where it was refused."""
     ratio: float | None
     """First order over Monte Carlo; null where it was refused."""
     ratio_interval: Interval | None
     """Confidence interval of that ratio; null where it was refused."""
-    second_order_ratio: float | None
-    """Second order over Monte Carlo; null where there is none."""
     within: Within | None
     """How far first order is from Monte Carlo, by the ratio; null where it was refused."""
     sure: bool | None
@@ -169,20 +158,22 @@ def default_counts(fiducials: int) -> tuple[int, ...]:
     return tuple(sorted({count for count in wanted if FEWEST_FIDUCIALS <= count <= fiducials}, reverse=True)[:3])
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(NamedTuple):
     """What is varied: every combination of these."""
 
-    noises_px: Sequence[float] = NOISES_PX  # of every image coordinate, in place of the design's
-    rotations_deg: Sequence[float] = ROTATIONS_DEG  # standard deviations of three rotations of the structure's mount
-    spreads: Sequence[float] = SPREADS  # factors on the layout about its centroid
-    counts: Sequence[int] | None = None  # fiducials kept, far apart; None: all, two thirds of them, the fewest
+    noises_px: Sequence[float]
+    rotations_deg: Sequence[float]
+    spreads: Sequence[float]
+    counts: Sequence[int]
 
 
 def study_linearity(
     design: Design | System,
-    grid: Grid = Grid(),
     *,
+    noises_px: Sequence[float] = NOISES_PX,
+    rotations_deg: Sequence[float] = ROTATIONS_DEG,
+    spreads: Sequence[float] = SPREADS,
+    counts: Sequence[int] | None = None,
     target: str | None = None,
     error: PointError = "tcp",
     trials: int = DEFAULT_TRIALS,
@@ -190,21 +181,24 @@ def study_linearity(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> StudyLinearity:
-    """First order, second order and Monte Carlo P95 of a design over a grid; what the grid leaves alone stays.
+    """First-order and Monte Carlo P95 of a design over a grid; what the grid leaves alone stays.
 
-    target: by default the one with the largest first-order P95.  trials of each point, one seed for all; same seed,
-    same digits, whatever ``threads``.  Raises DesignError, IllPosedError where the design itself is refused, StudyError
-    for an axis or a target that cannot be.
+    Every combination is a point: noises_px of every image coordinate, in place of the design's; rotations_deg, standard
+    deviations of three rotations of the structure's mount; spreads, factors on the layout about its centroid; counts of
+    fiducials kept, far apart, by default all, two thirds of them, the fewest.  target: by default the one with the
+    largest first-order P95.  trials of each point, one seed for all; same seed, same digits, whatever ``threads``.
+    Raises DesignError, IllPosedError where the design itself is refused, StudyError for an axis or a target that cannot
+    be.
     """
     system, _, _ = checked_system(design)
-    counts = default_counts(len(system.fiducials_mm)) if grid.counts is None else grid.counts
-    axes = replace(grid, counts=tuple(counts))
-    _refuse(system, axes, target, trials)
+    counts = default_counts(len(system.fiducials_mm)) if counts is None else counts
+    grid = Grid(tuple(noises_px), tuple(rotations_deg), tuple(spreads), tuple(counts))
+    _refuse(system, grid, target, trials)
     names = [entry.name for entry in system.targets]
     if target is None:
         target = max(score(system, losses=False).targets, key=lambda entry: entry.p95_mm).name
     chosen = names.index(target)
-    places = list_places(axes)
+    places = list_places(grid)
     bounded = bounded_names(apply_place(system, places[0]))
     points: list[LinearityPoint] = []
     with ThreadPoolExecutor(usable_cores() if threads is None else threads) as pool:
@@ -222,9 +216,9 @@ def study_linearity(
         confidence=CONFIDENCE,
         interval_method=f"both quantiles from the same deviates; Student's interval of the logarithms of {SECTIONS} "
         f"sections' ratios; {100 * CONFIDENCE:g} % each by itself, so some {round(100 * (1 - CONFIDENCE))} of 100 miss",
-        noises_px=tuple(grid.noises_px),
-        rotations_deg=tuple(grid.rotations_deg),
-        spreads=tuple(grid.spreads),
+        noises_px=tuple(noises_px),
+        rotations_deg=tuple(rotations_deg),
+        spreads=tuple(spreads),
         counts=tuple(counts),
         points=tuple(points),
         calibration=calibrate(points),
@@ -240,12 +234,12 @@ def study_linearity(
 def _refuse(system: System, grid: Grid, target: str | None, trials: int) -> None:
     """Raises StudyError with everything about a grid, a target and a number of trials that cannot be."""
     problems = []
-    fiducials, counts = len(system.fiducials_mm), grid.counts or ()
+    fiducials = len(system.fiducials_mm)
     axes: tuple[tuple[str, Sequence[float], float, float, Sequence[float]], ...] = (
         ("noise", grid.noises_px, 1e-3, 100.0, NOISES_PX),
         ("rotation", grid.rotations_deg, 0.0, 30.0, ROTATIONS_DEG),
         ("spread", grid.spreads, 1e-2, 10.0, SPREADS),
-        ("count", counts, FEWEST_FIDUCIALS, fiducials, default_counts(fiducials)),
+        ("count", grid.counts, FEWEST_FIDUCIALS, fiducials, default_counts(fiducials)),
     )
     for name, values, low, high, usual in axes:
         example = f"--{name} {','.join(f'{value:g}' for value in usual)}"
@@ -324,28 +318,7 @@ def write_sentences(points: Sequence[LinearityPoint]) -> tuple[str, ...]:
         )
     else:
         sentences.append(f"Nowhere on this grid is it surely further off than {name}.")
-    corrected = [_is_nearer(point) for point in done if point.second_order_ratio is not None]
-    if corrected:
-        sentences.append(
-            f"The second-order correction is offered at {_count_points(len(corrected))}: nearer to the simulation than "
-            f"the estimate at {corrected.count(True)}, farther at {corrected.count(False)}, open at "
-            f"{corrected.count(None)}. Elsewhere it is refused."
-        )
     return tuple(sentences)
-
-
-def _is_nearer(point: LinearityPoint) -> bool | None:
-    """Whether second order is nearer to Monte Carlo than first order; None where the interval leaves it open.
-
-    Monte Carlo's P95 lies on the side of one of the two, seen from the middle between them, and they differ by more
-    than it is known to.
-    """
-    ratio, second = point.ratio or 1.0, point.second_order_ratio or 1.0
-    low, high = point.ratio_interval or (1.0, 1.0)
-    middle = (1 + second / ratio) / 2  # over first order
-    if low * middle <= 1 <= high * middle or abs(second - ratio) <= (high - low) / 2:
-        return None
-    return abs(second - 1) < abs(ratio - 1)
 
 
 CONFIDENCE = 0.95
@@ -501,7 +474,6 @@ def _examine_place(
     plan = compile_plan(here, vertex=law.worst.vertex(model))
     gains = gains_in_plan_order(plan, model.blocks, 0, error)
     comparison = compare_quantiles(plan, gains, law.law.mean, first, error, trials, seed)
-    second, why = _correct(plan, model, error, law.law.mean, law.total_covariance, first)
     trust = validity(model.nonlinearity, here, model.turns)
     within, sure = classify(comparison.ratio, comparison.interval)
     low, high = comparison.interval
@@ -513,12 +485,9 @@ def _examine_place(
         promise=trust.status,
         promised_percent=trust.expected_error_percent,
         first_order_p95_mm=first,
-        second_order_p95_mm=second,
-        second_order_reason=why,
         monte_carlo_p95_mm=comparison.p95_mm,
         ratio=comparison.ratio,
         ratio_interval=comparison.interval,
-        second_order_ratio=None if second is None else second / comparison.p95_mm,
         within=within,
         sure=sure,
         trials=comparison.trials,
@@ -526,26 +495,7 @@ def _examine_place(
     )
 
 
-def _correct(
-    plan: ChainPlan, model: LinearModel, error: PointError, mean: Array, covariance: Array, first_mm: float
-) -> tuple[float | None, str | None]:
-    """The first-order P95 times what mean and covariance to second order do to the Gaussian one, or why there is
-    none."""
-    try:
-        refuse_outside_range(model.nonlinearity.divisor, plan.inputs)
-    except OutOfRangeError as refusal:
-        return None, refusal.problems[0].detail
-    scaled = np.hstack([block.scaled(error) for block in model.blocks])
-    unbounded = np.concatenate([[law is not Law.BOUNDED for law in block.laws] for block in model.blocks]).astype(bool)
-    metric = POINT_ERRORS.index(error)
-    shift, corrected = second_order_moments(
-        lambda z: evaluate(plan, z)[:, 0, metric], plan.standard_std, scaled[:, unbounded]
-    )
-    ratio = norm_quantile(P95, mean + shift, corrected) / norm_quantile(P95, mean, covariance)
-    return first_mm * ratio, None
-
-
 def list_places(grid: Grid) -> tuple[GridPoint, ...]:
     """Its points: count, spread, noise, rotation; the last runs fastest."""
-    axes = (grid.counts or (), grid.spreads, grid.noises_px, grid.rotations_deg)
+    axes = (grid.counts, grid.spreads, grid.noises_px, grid.rotations_deg)
     return tuple(GridPoint(noise, rotation, spread, count) for count, spread, noise, rotation in product(*axes))

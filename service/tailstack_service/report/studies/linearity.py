@@ -118,7 +118,6 @@ def points_table(study: StudyLinearity) -> Table:
         Column("Rotation", "deg", "given", of=lambda point: point.rotation_deg),
         Column("nu", kind="significant", digits=2, of=lambda point: point.nu),
         Column("Estimate", "mm", "significant", 4, of=lambda point: point.first_order_p95_mm),
-        Column("Second order", "mm", "significant", 4, on=On.SHEET, of=lambda point: point.second_order_p95_mm),
         Column("Monte Carlo", "mm", "significant", 4, of=lambda point: point.monte_carlo_p95_mm),
         Column("Ratio", kind="fixed", digits=4, of=lambda point: point.ratio),
         Column("Ratio from", kind="fixed", digits=4, of=lambda point: point.ratio_interval and point.ratio_interval[0]),
