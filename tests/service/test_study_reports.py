@@ -57,7 +57,7 @@ def test_no_row_of_a_study_is_left_out(name: str) -> None:
     blocks = [block for section in document.sections for block in section.blocks]
     tables = {block.name: block for block in blocks if isinstance(block, Table)}
     if name == "study-linearity":
-        assert [row.cells[8] for row in tables["Points"].rows] == [point["ratio"] for point in record["points"]]
+        assert [row.cells[7] for row in tables["Points"].rows] == [point["ratio"] for point in record["points"]]
     elif name == "study-coupling":
         assert [row.cells[6] for row in tables["Parts"].rows] == [case["p95_together_mm"] for case in record["cases"]]
     elif name == "study-estimators":

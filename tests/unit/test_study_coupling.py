@@ -79,7 +79,6 @@ def test_eq18_turns_the_noise_and_leaves_its_size(cube: StudyCoupling) -> None:
     case = case_of(cube, "eq18", 2.0)
     assert abs(case.gain.value - 1) < 1e-9
     assert max(abs(end - 1) for end in case.gain.interval) < 1e-9
-    assert "trial by trial, to rounding" in case.sentence
     rotation, shift = level_matrix(LEVEL)
     rng = np.random.default_rng(3)
     noise = rng.multivariate_normal(np.zeros(3), np.array(ORACLE["Sigma"]), 1_000_000)
@@ -117,7 +116,6 @@ def test_first_order_predicts_what_quadrature_does_not(cube: StudyCoupling) -> N
     for case in cube.cases:
         if case.rotation_deg is None:
             assert case.p95_installation_mm < 1e-12
-            assert "nothing couples" in case.sentence
             continue
         assert tell_side(case.against_quadrature) == 1
         assert tell_side(case.against_sum) == -1
@@ -262,8 +260,6 @@ def test_no_gain_is_given_where_the_noise_has_no_deviation(why: str) -> None:
     for case in study.cases:
         assert case.gain is None
         assert case.noise_rms_nominal_mm is None
-        if case.rotation_deg is not None:
-            assert "no noise gain is given" in case.sentence
     if why != "beyond nu 0.2":
         assert study_coupling(system, levels=()).trials == TRIALS_BEYOND
 

@@ -17,7 +17,7 @@ from plain_data import EXAMPLES
 from tailstack.design import load_design
 from tailstack.errors import StudyError
 from tailstack.scoring import score
-from tailstack.studies.views import BeamDirection, StudyViews, ViewMap, study_views
+from tailstack.studies.views import BeamDirection, StudyViews, ViewMap, refuse_steps, study_views
 
 LAT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # right, top and beam of its image, in con
 
@@ -120,8 +120,24 @@ def test_views_given_by_matrices_are_left_as_they_are_and_that_is_said() -> None
     assert all("is left as it is: it is given by a matrix or by intrinsics" in one.sentence for one in study.views)
 
 
-def test_a_map_that_would_never_end_is_refused() -> None:
-    with pytest.raises(StudyError, match="at most 15 steps") as refused:
-        study_views(load_design(EXAMPLES / "demo.yaml"), cone_deg=30, step_deg=1)
-    assert refused.value.problems[0].pointer == "/step_deg"
-    assert refused.value.problems[0].hint == "step_deg 2 or more"
+@pytest.mark.parametrize(
+    ("cone_deg", "step_deg", "refused", "hint"),
+    [
+        (30, 2, "", ""),
+        (90, 6, "", ""),
+        (30, 30, "", ""),
+        (30, 1.99, "at most 15 steps from its middle to its edge; got 15.08", "step_deg 2 or more"),
+        (31, 2, "at most 15 steps from its middle to its edge; got 15.5", "step_deg 2.1 or more"),
+        (3, 3.01, "a step of 3.01 deg leaves no direction within 3 deg", "step_deg 1"),
+    ],
+)
+def test_a_map_has_a_direction_and_an_end(cone_deg: float, step_deg: float, refused: str, hint: str) -> None:
+    """closed_form: at most 15 steps, at least one; what a hint asks for is taken."""
+    if not refused:
+        refuse_steps(cone_deg, step_deg)
+        return
+    with pytest.raises(StudyError, match=refused) as found:
+        study_views(load_design(EXAMPLES / "demo.yaml"), cone_deg=cone_deg, step_deg=step_deg)
+    (problem,) = found.value.problems
+    assert (problem.pointer, problem.hint) == ("/step_deg", hint)
+    refuse_steps(cone_deg, float(hint.split()[1]))

@@ -1,6 +1,4 @@
-"""The record of a study of coupling: installation error and noise together against the parts.
-
-Is the tail of installation error and noise together more than the parts?  Measured, with intervals.
+"""Is the tail of installation error and noise together more than the parts?  Measured, with intervals.
 
 Every comparison runs on the same deviates: what differs is the geometry alone.  With e(i, n) the error of the full
 chain under installation error i and noise n, the parts are e(i, 0) and e(0, n), the noise seen at the biased geometry
@@ -105,8 +103,6 @@ class CouplingCase:
     """P95 together over that of the first-order law."""
     coupling: Coupling
     """What the interval of `against_vector_sum` says."""
-    sentence: str
-    """The case as a sentence."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -378,7 +374,7 @@ def _compare_case(
         trials,
         first.together / first.vector_sum,
     )
-    record = CouplingCase(
+    return CouplingCase(
         reading=case.reading.value,
         installation=case.name,
         rotation_deg=None if case.level is None else case.level[0],
@@ -403,9 +399,7 @@ def _compare_case(
         against_vector_sum=against_added,
         against_first_order=over(lambda part: first.together, None),
         coupling=tell_coupling(against_added),
-        sentence="",
     )
-    return replace(record, sentence=write_sentence(record))
 
 
 @dataclass(frozen=True, slots=True)
@@ -562,43 +556,6 @@ def write_percent(ratio: Ratio, decimals: int | None = None) -> str:
     """How far a ratio is from one: ``+3.02 %``."""
     decimals = choose_decimals(ratio) if decimals is None else decimals
     return f"{round(100 * (ratio.value - 1), decimals) + 0.0:+.{decimals}f} %"
-
-
-def _write_comparison(ratio: Ratio, what: str) -> str:
-    where = tell_side(ratio)
-    if where == 0:
-        return f"cannot be told from {what} ({write_percent(ratio)})"
-    return f"is {'above' if where > 0 else 'below'} {what} ({write_percent(ratio)})"
-
-
-def write_sentence(case: CouplingCase) -> str:
-    gain = case.gain
-    if case.p95_installation_mm <= ROUNDING * case.p95_together_mm:
-        return (
-            f"{case.installation}, {case.reading} reading, at {case.target}: there is no installation error, so that "
-            f"nothing couples; P95 of the noise is {case.p95_together_mm:.4g} mm."
-        )
-    if gain is None:
-        statement = (
-            f"no noise gain is given, for the noise shows no standard deviation (nu = {case.nu:.2g}, one trial makes "
-            f"{100 * case.largest_share:.2g} % of a sum of squares)"
-        )
-    elif abs(gain.value - 1) <= ROUNDING and max(abs(end - 1) for end in gain.interval) <= ROUNDING:
-        statement = "the noise gain is the same as at the nominal geometry, trial by trial, to rounding"
-    elif tell_side(gain) == 0:
-        statement = f"no change of the noise gain is seen: {write_percent(gain)}"
-    else:
-        statement = (
-            f"the noise gain is {'larger' if tell_side(gain) > 0 else 'smaller'} than at the nominal geometry: "
-            + (f"{write_percent(gain)}, first order says {100 * ((gain.first_order or 1.0) - 1):+.2f} %")
-        )
-    against = _write_comparison(case.against_quadrature, "the quadrature sum of the parts")
-    return (
-        f"{case.installation}, {case.reading} reading, at {case.target}: {statement}. P95 together, "
-        f"{case.p95_together_mm:.4g} mm, {against}, {_write_comparison(case.against_sum, 'their plain sum')}, "
-        f"{_write_comparison(case.against_vector_sum, 'what the parts give when their vectors are added')}; "
-        f"it {_write_comparison(case.against_first_order, 'the first-order law of |bias + noise|')}."
-    )
 
 
 def write_conclusions(cases: Sequence[CouplingCase]) -> tuple[str, ...]:

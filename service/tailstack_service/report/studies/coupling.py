@@ -12,7 +12,7 @@ from tailstack.results.look import BLUE, INK, MUTED, VERMILION
 from tailstack.results.tables import EVERYWHERE, IN_DETAIL, LONG_TABLE, PAPER, Column, On, Table, fill
 from tailstack.studies.coupling import CouplingCase, Ratio, StudyCoupling
 
-from ...rendering.blocks import Bullets, Document, Facts, KeyNumber, Paragraph, Section, group
+from ...rendering.blocks import Document, Facts, KeyNumber, Paragraph, Section
 from ..page import beside, titled_page
 from ..svg import broken
 from .study import compose_study
@@ -56,7 +56,7 @@ def coupling_document(study: StudyCoupling, sha256: str, target: str | None = No
         question="Do installation error and image noise together make more error than each by itself lets expect?",
         method=f"installation error and noise together against the parts · {study.trials:,} trials of each case, seed "
         f"{study.seed} · both readings",
-        sentences=study.conclusions or (designed.sentence,),
+        sentences=study.conclusions,
         numbers=(
             KeyNumber("Together", f"{designed.p95_together_mm:.3f} mm", f"P95 at {designed.target}, as designed"),
             KeyNumber("Installation alone", f"{designed.p95_installation_mm:.3f} mm", "P95"),
@@ -67,11 +67,7 @@ def coupling_document(study: StudyCoupling, sha256: str, target: str | None = No
             Section("Parts", (Facts("Parts", (("installation", study.installation), ("noise", study.noise))),)),
             Section("Readings", (Facts("Readings", tuple(READINGS.items())),), on=IN_DETAIL),
             Section("P95 of the parts and together", (parts_table(study, shown, more),)),
-            Section(
-                "Ratios",
-                (ratios_table(study, shown), group(Bullets(tuple(case.sentence for case in shown)), on=~On.SHEET)),
-                on=On.DETAIL | PAPER,
-            ),
+            Section("Ratios", (ratios_table(study, shown),), on=On.DETAIL | PAPER),
         ),
         command=f"tailstack study coupling design.yaml {options} --error {study.error} --trials {study.trials} --seed "
         f"{study.seed} --json",
@@ -172,7 +168,7 @@ def draw_coupling(study: StudyCoupling, target: str | None = None) -> str:
             _draw_ratios(axes, [which(case) for case in shown])
         note = f"dot and bar: measured, {percent(study.confidence, 0)} % interval, each by itself; diamond: estimate"
         page.say(15, page.height - 14, f"{note}; {study.trials:,} trials each, seed {study.seed}", color=MUTED)
-        return page.svg(title, " ".join(case.sentence for case in shown))
+        return page.svg(title, " ".join(study.conclusions))
 
 
 def _draw_ratios(axes: Axes, ratios: Sequence[Ratio | None]) -> None:
