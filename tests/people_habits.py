@@ -106,7 +106,7 @@ def bracketed(reader: str) -> bytes:
 
 
 def step(change: Callable[[str], str] = str, codec: str = "utf-8") -> bytes:
-    return change(BALL).encode(codec)
+    return change(BALL.text).encode(codec)
 
 
 HABITS: dict[str, tuple[Callable[[str], bytes], bytes | None]] = {  # of a table; of a STEP file, where it has it

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.fields import Name
@@ -34,46 +34,15 @@ if TYPE_CHECKING:
     from tailstack.integrations.conversion import Conversion as Made
     from tailstack.integrations.step import StepBody, StepSelection
 
-    from ..processes.task import Query, RawRequest
+    from ..processes.task import RawRequest
     from ..settings import Settings
 
-F = TypeVar("F", bound=str)
 TargetFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
 SourceFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json", "step", "txt"]
-TARGETS: tuple[TargetFormat, ...] = get_args(TargetFormat)
 SOURCES: tuple[SourceFormat, ...] = get_args(SourceFormat)
 STEP_MEDIA = ("model/step", "application/step")
 IMPLIED: dict[str, SourceFormat] = {"text/csv": "csv", "yaml": "yaml", **dict.fromkeys(STEP_MEDIA, "step")}
 BEADS = "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\nF3,0,35,-10\n"
-BALL = """\
-ISO-10303-21;
-HEADER;
-FILE_DESCRIPTION((''),'2;1');
-FILE_NAME('bead.step','2026-01-01T00:00:00',(''),(''),'','','');
-FILE_SCHEMA(('AUTOMOTIVE_DESIGN'));
-ENDSEC;
-DATA;
-#1=SHAPE_DEFINITION_REPRESENTATION(#2,#6);
-#2=PRODUCT_DEFINITION_SHAPE('','',#3);
-#3=PRODUCT_DEFINITION('design','',#4,$);
-#4=PRODUCT_DEFINITION_FORMATION('','',#5);
-#5=PRODUCT('BEAD1','BEAD1','',$);
-#6=ADVANCED_BREP_SHAPE_REPRESENTATION('',(#7),#17);
-#7=MANIFOLD_SOLID_BREP('',#8);
-#8=CLOSED_SHELL('',(#9));
-#9=ADVANCED_FACE('',(#10),#14,.T.);
-#10=FACE_BOUND('',#11,.T.);
-#11=VERTEX_LOOP('',#12);
-#12=VERTEX_POINT('',#13);
-#13=CARTESIAN_POINT('',(10.,20.,28.5));
-#14=SPHERICAL_SURFACE('',#15,1.5);
-#15=AXIS2_PLACEMENT_3D('',#16,$,$);
-#16=CARTESIAN_POINT('',(10.,20.,30.));
-#17=(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT((#18))REPRESENTATION_CONTEXT('',''));
-#18=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));
-ENDSEC;
-END-ISO-10303-21;
-"""
 UNNAMED_VIEW = "camera"  # the name of the view that a camera becomes over HTTP, where no file says one
 Pattern = Annotated[str, Field(min_length=1, max_length=200)]
 
@@ -176,6 +145,14 @@ class ConversionOptions(FileOptions):
     base: dict[str, Any] | None = Field(
         None, description="A design whose fiducials, or one of whose views, the content replaces; the answer holds it."
     )
+
+
+_SOURCE = Field(None, description="What the content is; text/csv, model/step and YAML say it themselves.")
+BESIDE_FILE: dict[str, Any] = {
+    "from": (SourceFormat | None, _SOURCE),
+    "to": (TargetFormat, Field("yaml", description="What to make of it.")),
+}
+FileQuery: Any = create_model("FileQuery", __base__=FileOptions, **BESIDE_FILE)  # beside a file, in the query
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,21 +318,23 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
         cure_line_ends,
         design_of,
         limits_of,
+        options_of_query,
         parse_json,
         read_options,
-        refuse_query,
     )
 
     if sent.form == "json":
         data = parse_json(sent.body, settings)
-        options, place = read_options(ConversionOptions, data, ()), "/content"
+        options: Any = read_options(ConversionOptions, data, ())
         base = None if options.base is None else design_of(data, settings, "base")
-        content = options.content.encode("utf-8", "surrogatepass")
-        wish = Wish(content, _name_of(options.format), f"converted.{options.to}", options, base)
+        source, content, place = options.format, options.content.encode("utf-8", "surrogatepass"), "/content"
     else:
-        refuse_query(sent.query, QUERY_NAMES)
-        source, target, place = _source_format(sent), _format(sent.query, "to", TARGETS) or "yaml", ""
-        wish = Wish(sent.body, _name_of(source), f"converted.{target}", _file_options(sent.query))
+        options, base, content, place = options_of_query(FileQuery, sent.query), None, sent.body, ""
+        source = getattr(options, "from") or IMPLIED.get(sent.form)
+        if source is None:
+            detail, hint = "text/plain does not say which format it is", f"add ?from= one of {', '.join(SOURCES)}"
+            raise RequestError(Problem("/from", "missing-parameter", detail, hint))
+    wish = Wish(content, _name_of(source), f"converted.{options.to}", options, base)
     try:
         made = convert_wish(wish, limits_of(settings))
     except (DesignError, LimitError) as error:
@@ -364,7 +343,7 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
         raise RefusedAt.place(error, place) from None
     record = Conversion(
         schema="tailstack/conversion/1",
-        format=_known(wish.target.removeprefix("converted."), TARGETS),
+        format=options.to,
         content=made.text,
         fiducials=tuple(map(ConvertedPoint, made.fiducials.labels, made.fiducials.positions_mm)),
         notes=made.notes,
@@ -379,40 +358,6 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
 def _name_of(source: str) -> str:
     """What a content is called: refusals name it, and a view is called as the file that it was."""
     return f"{UNNAMED_VIEW if source == 'txt' else 'content'}.{source}"
-
-
-def _source_format(sent: RawRequest) -> str:
-    source = _format(sent.query, "from", SOURCES) or IMPLIED.get(sent.form)
-    if source is None:
-        hint = f"add ?from= one of {', '.join(SOURCES)}"
-        raise RequestError(Problem("/from", "missing-parameter", "text/plain does not say which format it is", hint))
-    return source
-
-
-def _file_options(query: Query) -> FileOptions:
-    """What the query says of a file.  Raises RequestError."""
-    from ..operations.request import from_text, read_options, single
-
-    schema = FileOptions.model_json_schema()["properties"]
-    given = {name: single(query, name) for name in schema}
-    return read_options(
-        FileOptions, {name: from_text(text, schema[name]) for name, text in given.items() if text is not None}, ()
-    )
-
-
-def _format(query: Query, name: str, known: tuple[F, ...]) -> F | None:
-    from ..operations.request import single
-
-    value = single(query, name)
-    return None if value is None else _known(value, known, name)
-
-
-def _known(value: str, known: tuple[F, ...], name: str = "to") -> F:
-    for form in known:
-        if form == value:
-            return form
-    detail = f"{name} is one of {', '.join(known)}; got {value[:40]!r}"
-    raise RequestError(Problem(f"/{name}", "unknown-value", detail))
 
 
 # --- the command ------------------------------------------------------------------------------------------
@@ -520,21 +465,10 @@ def describe_bodies(bodies: Sequence[StepBody]) -> str:
     return f"{text}\n{len(left)} were left:\n\n{draw_table(['in the file', 'because', *columns], rows, left=2)}\n{more}"
 
 
-CSV, A_BALL = ExampleBody("Csv", "The file itself", BEADS), ExampleBody("Step", "A STEP file with one ball", BALL)
-QUERY_NAMES = ("from", "to", *FileOptions.model_fields)
-
-
-def _query_schemas() -> dict[str, Any]:
-    named = {
-        "from": {
-            "type": "string",
-            "enum": list(SOURCES),
-            "description": "What the content is; text/csv, model/step and YAML say it themselves.",
-        },
-        "to": {"type": "string", "enum": list(TARGETS), "default": "yaml", "description": "What to make of it."},
-    }
-    return {**named, **FileOptions.model_json_schema()["properties"]}
-
+CSV = ExampleBody("Csv", "The file itself", BEADS)
+BALL = ExampleBody(
+    "Step", "A STEP file with one ball", Path(__file__).with_name("ball.step").read_text(encoding="ascii")
+)
 
 OPERATION = Operation(
     name="conversion",
@@ -551,9 +485,9 @@ OPERATION = Operation(
     immediate=True,
     body=Body(
         receive=receive,
-        query=_query_schemas,
+        query=lambda: FileQuery.model_json_schema()["properties"],
         media=("text/csv", "text/plain", *STEP_MEDIA),
-        samples={"text/csv": CSV, "text/plain": CSV, **dict.fromkeys(STEP_MEDIA, A_BALL)},
+        samples={"text/csv": CSV, "text/plain": CSV, **dict.fromkeys(STEP_MEDIA, BALL)},
         hint="format and to go into the body, beside the content",
         kernels=False,
         reading_seconds=text_reading_seconds,
