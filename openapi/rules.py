@@ -50,11 +50,11 @@ RATIOS = frozenset(
      "largest_loss_probability", "largest_share", "locator_scales", "loss_probability", "lowest_ratio",
      "max_scale", "min_scale", "min_yield", "normal", "nu", "nu_bias", "nu_crossing", "nu_depth", "nu_disagreement",
      "nu_gap", "nu_range", "nu_turns",
-     "over_monte_carlo", "p95_over_mean", "p_adjusted", "p_value", "precision", "precision_reached",
-     "precision_requested", "predicted_p95_over_mean", "predicted_standard_deviations", "probability",
+     "over_monte_carlo", "p_adjusted", "p_value", "precision", "precision_reached",
+     "precision_requested", "probability",
      "probability_of_none", "probability_unaccounted", "quantile", "quaternion_wxyz", "ratio", "ratio_interval",
-     "rotation", "sampled", "scale", "second_order_ratio", "smallest_loss_probability", "spread", "spreads",
-     "standard_deviations", "statistic", "units_fraction", "up_direction", "variance_share", "worst_ratio",
+     "rotation", "sampled", "scale", "smallest_loss_probability", "spread", "spreads",
+     "statistic", "units_fraction", "up_direction", "variance_share", "worst_ratio",
      "yield_fraction", "yield_standard_error", "z"}
 )  # fmt: skip
 PRICES = frozenset(  # in the unit in which the design states its own prices

@@ -78,7 +78,7 @@ class Measured:
 
 def explain(benches: Sequence[Bench], instrument_sd_mm: float, error: str, alpha: float) -> tuple[Explanation, ...]:
     """A factor for every contributor and a value for every component of a mount; benches of one target."""
-    shares: dict[str, list[tuple[Measured, Share]]] = {}
+    shares: dict[str, list[tuple[Measured, Contribution]]] = {}
     moved: dict[tuple[str, str], list[tuple[Measured, MountComponent]]] = {}
     for each in [Measured.of(bench) for bench in benches if bench.vectors is not None]:
         for share in _list_shares(each.bench.model, error, instrument_sd_mm):
@@ -93,7 +93,7 @@ def explain(benches: Sequence[Bench], instrument_sd_mm: float, error: str, alpha
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Share:
+class Contribution:
     """One contributor of a bench."""
 
     name: str
@@ -102,18 +102,18 @@ class Share:
     covariance: Array  # (3, 3) mm^2 of one draw
 
 
-def _list_shares(model: LinearModel, error: str, instrument_sd_mm: float) -> list[Share]:
+def _list_shares(model: LinearModel, error: str, instrument_sd_mm: float) -> list[Contribution]:
     """Every contributor; the noise of all images counts as one beside that of each."""
-    shares = [Share(b.contributor, b.label, draw_time(b), b.covariance(error)) for b in model.blocks]
+    shares = [Contribution(b.contributor, b.label, draw_time(b), b.covariance(error)) for b in model.blocks]
     noises = {block.contributor for block in model.blocks if block.grouped and block.effect.acts_at(Place.IMAGES)}
     seen = [share.covariance for share in shares if share.name in noises]
     if len(seen) > 1:
-        shares.insert(0, Share("image_noise", "image noise", "shot", np.sum(seen, axis=0)))
-    shares.append(Share("instrument", "instrument", "shot", instrument_sd_mm**2 * np.eye(3)))
+        shares.insert(0, Contribution("image_noise", "image noise", "shot", np.sum(seen, axis=0)))
+    shares.append(Contribution("instrument", "instrument", "shot", instrument_sd_mm**2 * np.eye(3)))
     return [share for share in shares if np.trace(share.covariance) > VANISHING_MM2]
 
 
-def _find_factor(pairs: Sequence[tuple[Measured, Share]], alpha: float) -> Explanation:
+def _find_factor(pairs: Sequence[tuple[Measured, Contribution]], alpha: float) -> Explanation:
     """The factors that no test refuses, of all that are tried, and the likeliest of them."""
     weighed = [each for measured, share in pairs for each in _weigh_factors(measured, share)]
     plausible = np.min([p for p, _ in weighed], axis=0) >= alpha / len(weighed)
@@ -134,7 +134,7 @@ def _find_factor(pairs: Sequence[tuple[Measured, Share]], alpha: float) -> Expla
     )
 
 
-def _weigh_factors(measured: Measured, share: Share) -> Iterator[tuple[Array, Array]]:
+def _weigh_factors(measured: Measured, share: Contribution) -> Iterator[tuple[Array, Array]]:
     """Of each test of a level, at every factor on a contributor: p-value and minus twice the log-likelihood, (F,) each.
 
     Where nothing would vary any more, these are 0 and infinite.
@@ -159,7 +159,7 @@ def _weigh_factors(measured: Measured, share: Share) -> Iterator[tuple[Array, Ar
             yield p, deviance
 
 
-def _scale(law: Expected, share: Share, factors: Array) -> Expected:
+def _scale(law: Expected, share: Contribution, factors: Array) -> Expected:
     """Expected moments, covariances (F, 3, 3), with one contributor's tolerance times each factor."""
     more = np.multiply.outer(factors**2 - 1, share.covariance)
     parts = {name: getattr(law, name) + (more if name == share.when else 0 * more) for name in TIMES}
