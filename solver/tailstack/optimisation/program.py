@@ -401,13 +401,15 @@ def solve(
         given |= {"lam_x0": warm.bound_multipliers, "lam_g0": warm.row_multipliers}
     result = solver(**given)
     stats = solver.stats()
-    x = np.clip(result["x"].full().ravel(), lower, upper)
-    x[program.idle] = upper[program.idle]  # the cost may fall too little on the way for the solver to go it
+    x, objective = np.clip(result["x"].full().ravel(), lower, upper), float(result["f"])
+    if program.idle.size:
+        x[program.idle] = upper[program.idle]  # the cost may fall too little on the way for the solver to go it
+        objective = float(program.constraints(x, given["p"])[0])
     return Point(
         x=x,
         row_multipliers=result["lam_g"].full().ravel(),
         bound_multipliers=result["lam_x"].full().ravel(),
-        objective=float(result["f"]),
+        objective=objective,
         solved=stats["return_status"] in SOLVED and bool(np.isfinite(x).all()),
         iterations=int(stats["iter_count"]),
     )
