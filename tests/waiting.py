@@ -9,9 +9,8 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Callable, Coroutine
-from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from collections.abc import Callable
+from typing import TypeVar
 
 LIMIT_SECONDS = float(os.environ.get("TAILSTACK_TESTS_LIMIT_SECONDS", "600"))  # of every wait in the tests
 LOOK_SECONDS = 0.01  # between the first looks at a condition
@@ -19,7 +18,6 @@ LOOK_SECONDS = 0.01  # between the first looks at a condition
 SHARE, MOST_LOOK_SECONDS = 0.1, 0.25
 
 T = TypeVar("T")
-P = ParamSpec("P")
 
 
 def until(condition: Callable[[], T], says: Callable[[], object] = lambda: "it never came true") -> T:
@@ -36,16 +34,6 @@ async def until_async(condition: Callable[[], T], says: Callable[[], object] = l
     while not (found := condition()):
         await asyncio.sleep(_gap(time.monotonic() - begun, says))
     return found
-
-
-def in_event_loop(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
-    """A test that is a coroutine, in an event loop of its own."""
-
-    @wraps(test)
-    def run(*arguments: P.args, **fixtures: P.kwargs) -> None:
-        asyncio.run(test(*arguments, **fixtures))
-
-    return run
 
 
 def _gap(waited: float, says: Callable[[], object]) -> float:

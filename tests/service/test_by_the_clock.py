@@ -31,7 +31,7 @@ from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
-from waiting import in_event_loop, until, until_async
+from waiting import until, until_async
 
 # --- the clock itself ---------------------------------------------------------------------------------
 
@@ -59,7 +59,6 @@ def test_who_waits_in_a_thread_goes_on_when_the_clock_is_turned(set_before: bool
     assert clock.passed == 60.0
 
 
-@in_event_loop
 async def test_who_waits_in_an_event_loop_goes_on_when_the_clock_is_turned() -> None:
     clock = TurnedClock()
     done, never = (asyncio.get_running_loop().create_future() for _ in range(2))
@@ -124,7 +123,6 @@ def test_a_process_that_ends_again_and_again_is_started_more_and_more_slowly() -
     assert len(started) == 4
 
 
-@in_event_loop
 async def test_a_stream_without_events_says_now_and_then_that_it_is_there() -> None:
     clock = TurnedClock(jumping=True)
 

@@ -12,7 +12,7 @@ import re
 import signal
 import sqlite3
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, closing
 from functools import partial
@@ -65,13 +65,6 @@ async def some(count: int = 2, waiting: int = 8, seconds: float = 60.0) -> Async
         assert not any(psutil.pid_exists(pid) for pid in pids)
 
 
-def tell(story: Callable[[], Awaitable[None]]) -> None:
-    async def told() -> None:
-        await asyncio.wait_for(story(), 2 * LIMIT_SECONDS)  # what waits in it has its own limit
-
-    asyncio.run(told())
-
-
 def looks(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Lets the pool look often at what is computed; gives what it had taken at each look, s of the processor.
 
@@ -95,243 +88,187 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compute_pool, "WORTH_SECONDS", 0.0)
 
 
-def test_what_a_call_returns_refuses_or_breaks_arrives() -> None:
-    async def story() -> None:
-        async with some() as computing:
-            assert await computing.run(request(), partial(operator.add, 40, 2), QUICK) == 42
-            sent = RawRequest("json", b'{"design": {"schema": "tailstack/design/1"}}')
-            with pytest.raises(RefusedAt) as refused:
-                await computing.run(request(), partial(computations.receive, "score", sent, Settings()), QUICK)
-            assert refused.value.slug == "invalid-design"
-            assert all(problem.pointer.startswith("/design") for problem in refused.value.problems)
-            with pytest.raises(Defect, match="ZeroDivisionError"):
-                await computing.run(request(), partial(operator.truediv, 1, 0), QUICK)
-            assert await computing.run(request(), partial(operator.add, 1, 1), LONG) == 2
-
-    tell(story)
+async def test_what_a_call_returns_refuses_or_breaks_arrives() -> None:
+    async with some() as computing:
+        assert await computing.run(request(), partial(operator.add, 40, 2), QUICK) == 42
+        sent = RawRequest("json", b'{"design": {"schema": "tailstack/design/1"}}')
+        with pytest.raises(RefusedAt) as refused:
+            await computing.run(request(), partial(computations.receive, "score", sent, Settings()), QUICK)
+        assert refused.value.slug == "invalid-design"
+        assert all(problem.pointer.startswith("/design") for problem in refused.value.problems)
+        with pytest.raises(Defect, match="ZeroDivisionError"):
+            await computing.run(request(), partial(operator.truediv, 1, 0), QUICK)
+        assert await computing.run(request(), partial(operator.add, 1, 1), LONG) == 2
 
 
-def test_a_process_that_dies_under_a_call_is_replaced() -> None:
-    async def story() -> None:
-        async with some(1) as computing:
-            with pytest.raises(Died, match="7"):
-                await computing.run(request(), partial(os._exit, 7), QUICK)
-            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+async def test_a_process_that_dies_is_replaced_and_while_it_waited_nobodys_loss() -> None:
+    async with some(1) as computing:
+        with pytest.raises(Died, match="7"):
+            await computing.run(request(), partial(os._exit, 7), QUICK)
+        assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+    async with some(1) as computing:
+        pid = await computing.run(request(), os.getpid, QUICK)
+        os.kill(pid, signal.SIGKILL)
+        await until_async(lambda: computing._processes.idle[0].ended)
+        assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+        assert computing.kills == 0
 
-    tell(story)
 
-
-def test_files_that_were_replaced_under_the_service_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_files_that_were_replaced_under_the_service_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is computed with some of the old sources and some of the new."""
     monkeypatch.setattr(birth, "digest_code", lambda: "of other sources")
-
-    async def story() -> None:
-        async with some(1) as computing:
-            with pytest.raises(TransportError, match="were replaced") as refused:
-                await computing.run(request(), os.getpid, QUICK)
-            assert (refused.value.slug, computing.warmth) == ("stopping", "failed")
-
-    tell(story)
+    async with some(1) as computing:
+        with pytest.raises(TransportError, match="were replaced") as refused:
+            await computing.run(request(), os.getpid, QUICK)
+        assert (refused.value.slug, computing.warmth) == ("stopping", "failed")
 
 
-def test_what_takes_longer_than_the_limit_is_killed(impatient: None) -> None:
-    async def story() -> None:
-        async with some(1, seconds=0.5) as computing:
-            with pytest.raises(LimitError, match="TAILSTACK_MAX_SECONDS"):
-                await computing.run(request(), BUSY, LONG)
-            assert computing.kills == 1
-            assert await computing.run(request(), os.getpid, QUICK) in computing.pids()
-
-    tell(story)
+async def test_what_takes_longer_than_the_limit_is_killed(impatient: None) -> None:
+    async with some(1, seconds=0.5) as computing:
+        with pytest.raises(LimitError, match="TAILSTACK_MAX_SECONDS"):
+            await computing.run(request(), BUSY, LONG)
+        assert computing.kills == 1
+        assert await computing.run(request(), os.getpid, QUICK) in computing.pids()
 
 
-def test_what_nobody_waits_for_any_more_is_killed(impatient: None) -> None:
-    async def story() -> None:
-        async with some(1) as computing:
-            pid = await computing.run(request(), os.getpid, QUICK)
-            leaving = Caller()
-            running = asyncio.create_task(computing.run(leaving.request(), stand_still, LONG))
-            waiting = asyncio.create_task(computing.run(leaving.request(), stand_still, LONG))
-            await until_async(lambda: computing._under_way == len(computing._long_turns) == 1)
-            leaving.gone = True
-            for task in (running, waiting):
-                with pytest.raises(CallerLeft):
-                    await task
-            await until_async(lambda: not psutil.pid_exists(pid))
-            assert await computing.run(request(), partial(operator.add, 1, 1), LONG) == 2
-
-    tell(story)
+async def test_what_nobody_waits_for_any_more_is_killed(impatient: None) -> None:
+    async with some(1) as computing:
+        pid = await computing.run(request(), os.getpid, QUICK)
+        leaving = Caller()
+        running = asyncio.create_task(computing.run(leaving.request(), stand_still, LONG))
+        waiting = asyncio.create_task(computing.run(leaving.request(), stand_still, LONG))
+        await until_async(lambda: computing._under_way == len(computing._long_turns) == 1)
+        leaving.gone = True
+        for task in (running, waiting):
+            with pytest.raises(CallerLeft):
+                await task
+        await until_async(lambda: not psutil.pid_exists(pid))
+        assert await computing.run(request(), partial(operator.add, 1, 1), LONG) == 2
 
 
-def test_what_has_just_begun_is_finished_for_who_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+async def test_what_has_just_begun_is_finished_for_who_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A new process costs more than what is left of it."""
     seen = looks(monkeypatch)
-
-    async def story() -> None:
-        async with some(1) as computing:
-            pid = await computing.run(request(), os.getpid, QUICK)
-            left = asyncio.create_task(
-                computing.run(Caller(gone=True).request(), partial(wait_for, tmp_path / "go"), QUICK)
-            )
-            before = len(seen)
-            await until_async(lambda: len(seen) > before + 5)
-            (tmp_path / "go").touch()
-            await left
-            assert computing.pids() == [pid]
-
-    tell(story)
+    async with some(1) as computing:
+        pid = await computing.run(request(), os.getpid, QUICK)
+        left = asyncio.create_task(
+            computing.run(Caller(gone=True).request(), partial(wait_for, tmp_path / "go"), QUICK)
+        )
+        before = len(seen)
+        await until_async(lambda: len(seen) > before + 5)
+        (tmp_path / "go").touch()
+        await left
+        assert computing.pids() == [pid]
 
 
-def test_a_stop_ends_what_runs_and_what_waits() -> None:
-    async def story() -> None:
-        async with some(1) as computing:
-            tasks = [asyncio.create_task(computing.run(request(), stand_still, LONG)) for _ in range(3)]
-            await until_async(lambda: (computing._under_way, len(computing._long_turns)) == (1, 2))
-            computing._stopping.set()
-            for task in (*tasks, computing.run(request(), os.getpid, QUICK)):
-                with pytest.raises(TransportError) as refused:
-                    await task
-                assert refused.value.slug == "stopping"
-
-    tell(story)
+async def test_a_stop_ends_what_runs_and_what_waits() -> None:
+    async with some(1) as computing:
+        tasks = [asyncio.create_task(computing.run(request(), stand_still, LONG)) for _ in range(3)]
+        await until_async(lambda: (computing._under_way, len(computing._long_turns)) == (1, 2))
+        computing._stopping.set()
+        for task in (*tasks, computing.run(request(), os.getpid, QUICK)):
+            with pytest.raises(TransportError) as refused:
+                await task
+            assert refused.value.slug == "stopping"
 
 
-def test_something_quick_never_waits_for_something_long(tmp_path: Path) -> None:
+async def test_something_quick_never_waits_for_something_long(tmp_path: Path) -> None:
     """Of two processes long computations have one, however many wait, and quick ones have both."""
-
-    async def story() -> None:
-        async with some(2) as computing:
-            long = [asyncio.create_task(computing.run(request(), stand_still, LONG)) for _ in range(4)]
-            await until_async(lambda: (computing._long, len(computing._long_turns)) == (1, 3))
-            for _ in range(3):
-                assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
-            assert not any(task.done() for task in long)
-            for task in long:
-                task.cancel()
-            await asyncio.gather(*long, return_exceptions=True)
-            call = partial(wait_for, tmp_path / "go")
-            at_once = [asyncio.create_task(computing.run(request(), call, QUICK)) for _ in range(2)]
-            await until_async(lambda: computing._under_way == 2)
-            (tmp_path / "go").touch()
-            await asyncio.gather(*at_once)
-            assert len(computing.pids()) == 2
-
-    tell(story)
+    async with some(2) as computing:
+        long = [asyncio.create_task(computing.run(request(), stand_still, LONG)) for _ in range(4)]
+        await until_async(lambda: (computing._long, len(computing._long_turns)) == (1, 3))
+        for _ in range(3):
+            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+        assert not any(task.done() for task in long)
+        for task in long:
+            task.cancel()
+        await asyncio.gather(*long, return_exceptions=True)
+        call = partial(wait_for, tmp_path / "go")
+        at_once = [asyncio.create_task(computing.run(request(), call, QUICK)) for _ in range(2)]
+        await until_async(lambda: computing._under_way == 2)
+        (tmp_path / "go").touch()
+        await asyncio.gather(*at_once)
+        assert len(computing.pids()) == 2
 
 
-def test_seconds_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+async def test_seconds_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What waits for the processor on a busy machine, or sleeps, uses none of its time."""
     seen = looks(monkeypatch)
-
-    async def story() -> None:
-        async with some(1, seconds=0.5) as computing:
-            waits = asyncio.create_task(computing.run(request(), partial(wait_for, tmp_path / "go"), LONG))
-            await until_async(lambda: len(seen) * pool.LOOK_SECONDS > 3 * computing.seconds)
-            (tmp_path / "go").touch()
-            await waits
-            assert computing.kills == 0
-
-    tell(story)
+    async with some(1, seconds=0.5) as computing:
+        waits = asyncio.create_task(computing.run(request(), partial(wait_for, tmp_path / "go"), LONG))
+        await until_async(lambda: len(seen) * pool.LOOK_SECONDS > 3 * computing.seconds)
+        (tmp_path / "go").touch()
+        await waits
+        assert computing.kills == 0
 
 
-def test_what_uses_no_processor_at_all_is_given_up(impatient: None) -> None:
-    async def story() -> None:
-        async with some(1) as computing:
-            computing._hang_seconds = 1.0
-            with pytest.raises(Died, match="no processor time"):
-                await computing.run(request(), stand_still, LONG)
-            assert computing.kills == 1
-
-    tell(story)
+async def test_what_uses_no_processor_at_all_is_given_up(impatient: None) -> None:
+    async with some(1) as computing:
+        computing._hang_seconds = 1.0
+        with pytest.raises(Died, match="no processor time"):
+            await computing.run(request(), stand_still, LONG)
+        assert computing.kills == 1
 
 
-def test_what_was_read_and_takes_long_goes_on_where_it_was_read(tmp_path: Path) -> None:
+async def test_what_was_read_and_takes_long_goes_on_where_it_was_read(tmp_path: Path) -> None:
     """... as one of the long ones, and nothing is killed or read again."""
-
-    async def story() -> None:
-        async with some(2) as computing:
-            call = partial(read_then, LONG, partial(wait_for, tmp_path / "go"))
-            slow = asyncio.create_task(computing.run(request(), call, QUICK))
-            await until_async(lambda: computing._long == 1)
-            for _ in range(3):
-                assert await computing.run(request("b"), partial(operator.add, 1, 1), QUICK) == 2
-            assert not slow.done()
-            (tmp_path / "go").touch()
-            await slow
-            assert (computing._long, computing._under_way, computing.kills) == (0, 0, 0)
-
-    tell(story)
+    async with some(2) as computing:
+        call = partial(read_then, LONG, partial(wait_for, tmp_path / "go"))
+        slow = asyncio.create_task(computing.run(request(), call, QUICK))
+        await until_async(lambda: computing._long == 1)
+        for _ in range(3):
+            assert await computing.run(request("b"), partial(operator.add, 1, 1), QUICK) == 2
+        assert not slow.done()
+        (tmp_path / "go").touch()
+        await slow
+        assert (computing._long, computing._under_way, computing.kills) == (0, 0, 0)
 
 
-def test_what_was_read_and_takes_long_waits_for_its_turn_where_the_long_ones_are_many(tmp_path: Path) -> None:
+async def test_what_was_read_and_takes_long_waits_for_its_turn_where_the_long_ones_are_many(tmp_path: Path) -> None:
     """Its process is given back: a flood of what looks short until it is read keeps nobody waiting."""
-
-    async def story() -> None:
-        async with some(2, waiting=20) as computing:
-            call = partial(read_then, LONG, partial(wait_for, tmp_path / "go"))
-            flood = [asyncio.create_task(computing.run(request("greedy"), call, QUICK)) for _ in range(6)]
-            await until_async(lambda: computing._long == 1 and len(computing._long_turns) == 5)
-            assert await computing.run(request("modest"), partial(operator.add, 1, 1), QUICK) == 2
-            assert not any(task.done() for task in flood)
-            (tmp_path / "go").touch()
-            await asyncio.gather(*flood)
-            assert (computing._long, computing._under_way, computing.kills) == (0, 0, 0)
-
-    tell(story)
+    async with some(2, waiting=20) as computing:
+        call = partial(read_then, LONG, partial(wait_for, tmp_path / "go"))
+        flood = [asyncio.create_task(computing.run(request("greedy"), call, QUICK)) for _ in range(6)]
+        await until_async(lambda: computing._long == 1 and len(computing._long_turns) == 5)
+        assert await computing.run(request("modest"), partial(operator.add, 1, 1), QUICK) == 2
+        assert not any(task.done() for task in flood)
+        (tmp_path / "go").touch()
+        await asyncio.gather(*flood)
+        assert (computing._long, computing._under_way, computing.kills) == (0, 0, 0)
 
 
-def test_processor_time_is_paid_for_and_not_waiting(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+async def test_processor_time_is_paid_for_and_not_waiting(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A small score that waits for a busy machine, or a disk, costs its tenant no turn."""
     seen = looks(monkeypatch)
-
-    async def story() -> None:
-        async with some(1) as computing:
-            await computing.run(request(), partial(operator.add, 1, 1), QUICK)
-            before = computing._quick_turns._used["a"]
-            waits = asyncio.create_task(computing.run(request(), partial(wait_for, tmp_path / "go"), QUICK))
-            seen.clear()
-            await until_async(lambda: len(seen) > 40)
-            (tmp_path / "go").touch()
-            await waits
-            waited = len(seen) * pool.LOOK_SECONDS  # at least
-            assert computing._quick_turns._used["a"] - before < waited / 2
-
-    tell(story)
+    async with some(1) as computing:
+        await computing.run(request(), partial(operator.add, 1, 1), QUICK)
+        before = computing._quick_turns._used["a"]
+        waits = asyncio.create_task(computing.run(request(), partial(wait_for, tmp_path / "go"), QUICK))
+        seen.clear()
+        await until_async(lambda: len(seen) > 40)
+        (tmp_path / "go").touch()
+        await waits
+        waited = len(seen) * pool.LOOK_SECONDS  # at least
+        assert computing._quick_turns._used["a"] - before < waited / 2
 
 
-def test_what_nobody_waits_for_any_more_is_never_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_nobody_waits_for_any_more_is_never_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     """... when its turn comes before anybody has looked whether its caller is there: it would have to be killed."""
     monkeypatch.setattr(pool, "LOOK_SECONDS", 30.0)
-
-    async def story() -> None:
-        async with some(1) as computing:
-            leaving = Caller()
-            tasks = [asyncio.create_task(computing.run(leaving.request(), BUSY, LONG)) for _ in range(3)]
-            await until_async(lambda: len(computing._long_turns) == 2)
-            leaving.gone = True
-            tasks[0].cancel()
-            for left in tasks[1:]:
-                with pytest.raises(CallerLeft):
-                    await left
-            assert (computing.kills, computing._under_way) == (1, 0)
-            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
-
-    tell(story)
+    async with some(1) as computing:
+        leaving = Caller()
+        tasks = [asyncio.create_task(computing.run(leaving.request(), BUSY, LONG)) for _ in range(3)]
+        await until_async(lambda: len(computing._long_turns) == 2)
+        leaving.gone = True
+        tasks[0].cancel()
+        for left in tasks[1:]:
+            with pytest.raises(CallerLeft):
+                await left
+        assert (computing.kills, computing._under_way) == (1, 0)
+        assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
 
 
-def test_a_process_that_was_killed_while_it_waited_is_nobodys_loss() -> None:
-    async def story() -> None:
-        async with some(1) as computing:
-            pid = await computing.run(request(), os.getpid, QUICK)
-            os.kill(pid, signal.SIGKILL)
-            await until_async(lambda: computing._processes.idle[0].ended)
-            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
-            assert computing.kills == 0
-
-    tell(story)
-
-
-def test_a_process_that_is_not_there_yet_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_process_that_is_not_there_yet_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its computation was cancelled while it was being forked: it counts as killed, and its place is free."""
     there = asyncio.Event()
 
@@ -341,79 +278,59 @@ def test_a_process_that_is_not_there_yet_is_given_up(monkeypatch: pytest.MonkeyP
 
     opened = ComputingProcess._open
     monkeypatch.setattr(ComputingProcess, "_open", wait)
-
-    async def story() -> None:
-        async with some(1) as computing:
-            early = asyncio.create_task(computing.run(request(), BUSY, LONG))
-            await until_async(lambda: computing._under_way == 1)
-            early.cancel()
-            await until_async(lambda: computing._under_way == 0)
-            assert computing.kills == 1
-            there.set()
-            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
-
-    tell(story)
+    async with some(1) as computing:
+        early = asyncio.create_task(computing.run(request(), BUSY, LONG))
+        await until_async(lambda: computing._under_way == 1)
+        early.cancel()
+        await until_async(lambda: computing._under_way == 0)
+        assert computing.kills == 1
+        there.set()
+        assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
 
 
-def test_what_is_soon_done_is_finished_for_a_caller_who_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+async def test_what_is_soon_done_is_finished_for_a_caller_who_left(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """By its processor time: on a busy machine it is no nearer to its end, and every process killed makes it busier."""
     seen = looks(monkeypatch)
     monkeypatch.setattr(compute_pool, "WORTH_SECONDS", 0.2)
-
-    async def story() -> None:
-        async with some(1) as computing:
-            leaving = Caller()
-            call = partial(read_then, 0.4, partial(wait_for, tmp_path / "go"))
-            running = asyncio.create_task(computing.run(leaving.request(), call, QUICK))
-            await until_async(lambda: computing._under_way == 1)
-            leaving.gone = True
-            await until_async(lambda: len(seen) * pool.LOOK_SECONDS > 0.8)  # longer than expected, unused
-            (tmp_path / "go").touch()
-            assert await running is None
-            assert computing.kills == 0
-
-    tell(story)
+    async with some(1) as computing:
+        leaving = Caller()
+        call = partial(read_then, 0.4, partial(wait_for, tmp_path / "go"))
+        running = asyncio.create_task(computing.run(leaving.request(), call, QUICK))
+        await until_async(lambda: computing._under_way == 1)
+        leaving.gone = True
+        await until_async(lambda: len(seen) * pool.LOOK_SECONDS > 0.8)  # longer than expected, unused
+        (tmp_path / "go").touch()
+        assert await running is None
+        assert computing.kills == 0
 
 
-def test_with_one_process_what_was_read_goes_on() -> None:
-    async def story() -> None:
-        async with some(1) as computing:
-            call = partial(read_then, LONG, partial(operator.add, 1, 1))
-            assert await computing.run(request(), call, QUICK) == 2
-
-    tell(story)
-
-
-def test_a_refusal_after_the_reading_arrives() -> None:
+async def test_what_goes_on_after_the_reading_ends_as_it_should() -> None:
     """Also from a process that goes on with what it has read."""
+    async with some() as computing:
+        with pytest.raises(Defect, match="ZeroDivisionError"):
+            await computing.run(request(), partial(read_then, LONG, partial(operator.truediv, 1, 0)), QUICK)
+        assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
+        assert computing.kills == 0
+    async with some(1) as computing:
+        call = partial(read_then, LONG, partial(operator.add, 1, 1))
+        assert await computing.run(request(), call, QUICK) == 2
 
-    async def story() -> None:
-        async with some() as computing:
-            with pytest.raises(Defect, match="ZeroDivisionError"):
-                await computing.run(request(), partial(read_then, LONG, partial(operator.truediv, 1, 0)), QUICK)
-            assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
-            assert computing.kills == 0
 
-    tell(story)
-
-
-def test_tenants_take_turns() -> None:
+async def test_tenants_take_turns() -> None:
     """One asks ten times before the other asks once: the other's comes after one of the ten."""
+    async with some(1, waiting=20) as computing:
+        ended: list[str] = []
 
-    async def story() -> None:
-        async with some(1, waiting=20) as computing:
-            ended: list[str] = []
+        async def ask(tenant: str) -> None:
+            await computing.run(request(tenant), os.getpid, QUICK)
+            ended.append(tenant)
 
-            async def ask(tenant: str) -> None:
-                await computing.run(request(tenant), os.getpid, QUICK)
-                ended.append(tenant)
-
-            greedy = [asyncio.create_task(ask("greedy")) for _ in range(10)]
-            await until_async(lambda: len(computing._quick_turns) == 9)
-            await asyncio.gather(*greedy, ask("other"))
-            assert ended.index("other") <= 2
-
-    tell(story)
+        greedy = [asyncio.create_task(ask("greedy")) for _ in range(10)]
+        await until_async(lambda: len(computing._quick_turns) == 9)
+        await asyncio.gather(*greedy, ask("other"))
+        assert ended.index("other") <= 2
 
 
 def taken(turns: FairQueue, *names: str, expected: float = 0.0) -> list[str]:
@@ -427,90 +344,65 @@ def test_the_order_of_turns() -> None:
     turns = FairQueue()
     assert taken(turns, "a1", "a2", "a3", "b1", "c1", "b2") == ["a1", "b1", "c1", "a2", "b2", "a3"]
     assert not turns
-
-
-def test_who_used_more_than_was_expected_pays_for_it() -> None:
-    """a overran by ten seconds: the next five of b, two seconds each, come before it."""
+    # a overran by ten seconds: the next five of b, two seconds each, come before it.
     turns = FairQueue()
     assert taken(turns, "a1", "b1", expected=2.0) == ["a1", "b1"]
     turns.charge("a", 9.0)
     names = [f"b{k}" for k in range(6)]
     assert taken(turns, "a2", *names, expected=2.0) == [*names[:5], "a2", names[5]]
-
-
-def test_what_was_not_used_is_not_saved_up() -> None:
-    """Who comes after a while is served in its turn, and not until it has used as much as the others."""
+    # Who comes after a while is served in its turn, and not until it has used as much as the others.
     turns = FairQueue()
     taken(turns, *(f"a{k}" for k in range(9)), expected=1.0)
     assert taken(turns, "a1", "b1", "a2", "b2", "b3", expected=1.0)[-1] != "a2"
 
 
-def test_who_fills_the_room_is_the_one_who_is_refused(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with some(1, waiting=3) as computing:
-            call = partial(wait_for, tmp_path / "go")
-            asked = [asyncio.create_task(computing.run(request("a"), call, LONG)) for _ in range(4)]
-            await until_async(lambda: len(computing._long_turns) == 3)
-            with pytest.raises(TransportError) as refused:
-                await computing.run(request("a"), os.getpid, LONG)
-            assert (refused.value.slug, refused.value.headers) == ("busy", {"Retry-After": "2"})
-            assert "3 wait, the limit" in str(refused.value)
-            modest = asyncio.create_task(computing.run(request("b"), os.getpid, LONG))
-            await until_async(asked[3].done)
-            (tmp_path / "go").touch()
-            assert await modest in computing.pids()
-            ends = await asyncio.gather(*asked, return_exceptions=True)
-            assert [isinstance(end, TransportError) for end in ends] == [False, False, False, True]
-
-    tell(story)
+async def test_who_fills_the_room_is_the_one_who_is_refused(tmp_path: Path) -> None:
+    async with some(1, waiting=3) as computing:
+        call = partial(wait_for, tmp_path / "go")
+        asked = [asyncio.create_task(computing.run(request("a"), call, LONG)) for _ in range(4)]
+        await until_async(lambda: len(computing._long_turns) == 3)
+        with pytest.raises(TransportError) as refused:
+            await computing.run(request("a"), os.getpid, LONG)
+        assert (refused.value.slug, refused.value.headers) == ("busy", {"Retry-After": "2"})
+        assert "3 wait, the limit" in str(refused.value)
+        modest = asyncio.create_task(computing.run(request("b"), os.getpid, LONG))
+        await until_async(asked[3].done)
+        (tmp_path / "go").touch()
+        assert await modest in computing.pids()
+        ends = await asyncio.gather(*asked, return_exceptions=True)
+        assert [isinstance(end, TransportError) for end in ends] == [False, False, False, True]
 
 
-def test_what_was_taken_for_quick_and_is_not_is_one_of_the_long_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_was_taken_for_quick_and_is_not_is_one_of_the_long_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     """... where it is; of two, one begins anew when the other is done, and pays for the process that it took."""
     monkeypatch.setattr(compute_pool, "OVERRUN_SECONDS", 0.3)
     monkeypatch.setattr(pool, "LOOK_SECONDS", 0.02)
-
-    async def story() -> None:
-        async with some(2) as computing:
-            slow = [asyncio.create_task(computing.run(request(), BUSY, QUICK)) for _ in range(2)]
-            await until_async(lambda: computing._long == 1 and computing.kills == 1)
-            assert await computing.run(request("b"), partial(operator.add, 1, 1), QUICK) == 2
-            assert not any(task.done() for task in slow)
-            assert computing._quick_turns._used["a"] > compute_pool.BIRTH_SECONDS
-            for task in slow:
-                task.cancel()
-            await asyncio.gather(*slow, return_exceptions=True)
-
-    tell(story)
+    async with some(2) as computing:
+        slow = [asyncio.create_task(computing.run(request(), BUSY, QUICK)) for _ in range(2)]
+        await until_async(lambda: computing._long == 1 and computing.kills == 1)
+        assert await computing.run(request("b"), partial(operator.add, 1, 1), QUICK) == 2
+        assert not any(task.done() for task in slow)
+        assert computing._quick_turns._used["a"] > compute_pool.BIRTH_SECONDS
+        for task in slow:
+            task.cancel()
+        await asyncio.gather(*slow, return_exceptions=True)
 
 
 # --- how long something takes ---------------------------------------------------------------------
 
 
-def sized(fiducials: int, views: int, targets: int) -> dict[str, Any]:
-    design = small_design()
-    point, view, target = design["fiducials"]["points"][0], design["views"][0], design["targets"][0]
-    return {
-        **design,
-        "fiducials": {"points": [point] * fiducials},
-        "views": [view] * views,
-        "targets": [target] * targets,
-    }
-
-
-@pytest.mark.parametrize(
-    ("size", "quick"),
-    [
+def test_size_and_form_say_what_is_quick() -> None:
+    for size, quick in (
         ((8, 2, 1), True),
         ((24, 2, 2), True),
         ((12, 2, 5), True),
         ((200, 8, 1), False),
         ((8, 2, 50), False),
         ((200, 8, 200), False),
-    ],
-)
-def test_size_says_what_is_quick(size: tuple[int, int, int], quick: bool) -> None:
-    assert (effort.score_seconds([effort.Size(*size)]) <= compute_pool.QUICK_SECONDS) == quick
+    ):
+        assert (effort.score_seconds([effort.Size(*size)]) <= compute_pool.QUICK_SECONDS) == quick
+    for form in ("application/vnd.apache.parquet", "model/step"):
+        assert effort.reading_seconds(RawRequest(form, b"x")) > compute_pool.QUICK_SECONDS
 
 
 @pytest.mark.parametrize(
@@ -656,11 +548,6 @@ def test_losses_count_in_a_gate_that_judges_them() -> None:
 
     judged = seconds({"survives-loss": {"lost": 1}})
     assert judged > seconds({"p95": {"limit_mm": 0.6}}) > 0.0
-
-
-@pytest.mark.parametrize("form", ["application/vnd.apache.parquet", "model/step"])
-def test_what_is_packed_is_long_whatever_its_size(form: str) -> None:
-    assert effort.reading_seconds(RawRequest(form, b"x")) > compute_pool.QUICK_SECONDS
 
 
 # --- over HTTP ------------------------------------------------------------------------------------

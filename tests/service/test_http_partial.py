@@ -26,7 +26,7 @@ from tailstack_service.operations.patches import merge
 from tailstack_service.problems import StoreUnavailable
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
-from waiting import in_event_loop, until_async
+from waiting import until_async
 
 MOVED = [12.0, -31.0, -44.0]
 NOWHERE = "0" * 64
@@ -247,7 +247,6 @@ class Table:
         self.rows |= {(tenant, sha256): body for tenant, sha256, body in entries}
 
 
-@in_event_loop
 async def test_a_design_is_found_at_once_where_it_came_and_soon_elsewhere() -> None:
     table, clock = Table(), TurnedClock()
     here, there = (KeptDesigns(table.read, table.write, clock=clock) for _ in range(2))
@@ -275,7 +274,6 @@ async def written(table: Table, count: int, clock: TurnedClock) -> None:
     await until_async(lambda: len(table.writes) == count)
 
 
-@in_event_loop
 async def test_what_comes_together_is_written_together_and_once() -> None:
     table, clock = Table(), TurnedClock()
     here = KeptDesigns(table.read, table.write, clock=clock)
@@ -287,7 +285,6 @@ async def test_what_comes_together_is_written_together_and_once() -> None:
     assert table.writes == [3]
 
 
-@in_event_loop
 async def test_a_design_that_was_written_long_ago_is_written_again() -> None:
     """By then the database may have forgotten it."""
     table, clock = Table(), TurnedClock()
@@ -302,7 +299,6 @@ async def test_a_design_that_was_written_long_ago_is_written_again() -> None:
     await written(table, 2, clock)
 
 
-@in_event_loop
 async def test_a_design_that_is_gone_is_written_again_when_it_is_sent_again() -> None:
     table, clock = Table(), TurnedClock()
     here = KeptDesigns(table.read, table.write, clock=clock)
@@ -315,7 +311,6 @@ async def test_a_design_that_is_gone_is_written_again_when_it_is_sent_again() ->
     assert table.rows == {("a", "1"): b"{}"}
 
 
-@in_event_loop
 async def test_a_database_that_does_not_answer_holds_no_stop_up() -> None:
     table, clock = Table(), TurnedClock()
 
@@ -331,7 +326,6 @@ async def test_a_database_that_does_not_answer_holds_no_stop_up() -> None:
     await closing
 
 
-@in_event_loop
 async def test_without_a_database_little_is_remembered_and_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kept_designs, "MOST_WAITING", 3)
     table = Table()

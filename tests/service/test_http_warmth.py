@@ -24,7 +24,7 @@ from tailstack_service.jobs.store.schema import open_database
 from tailstack_service.processes.frames import Died
 from tailstack_service.settings import Settings
 from turned_clock import TurnedClock
-from waiting import LIMIT_SECONDS, in_event_loop, until_async
+from waiting import LIMIT_SECONDS, until_async
 
 BODY = {"design": small_design()}
 GATE = {"designs": [{"file": "a.yaml", "design": small_design()}], "mode": "analytic"}
@@ -121,7 +121,6 @@ def test_what_needs_no_kernels_is_answered_at_once(tmp_path: Path) -> None:
     told(tmp_path, 0.0, story)
 
 
-@in_event_loop
 async def test_everything_is_loaded_once_and_what_was_forked_before_makes_room(tmp_path: Path) -> None:
     """What needs no kernels is computed meanwhile; who is killed is followed by a process that has all of them."""
     places = ComputePool(2, 8, 60.0, threading.Event(), warm=True)
