@@ -16,7 +16,7 @@ from typing import Any
 
 import node
 import pytest
-from postgres import required
+from postgres import go_without
 from service_scenes import EXAMPLES, ROOT
 
 from family import die_with_parent
@@ -153,9 +153,7 @@ def browser() -> None:
         chromium()
         node.tools(HOME)
     except (BrowserMissing, node.NodeMissing) as missing:
-        if required("chromium"):
-            pytest.fail(f"{missing}; TAILSTACK_TESTS_REQUIRE lists chromium")
-        pytest.skip(f"NOT TESTED: {missing}")
+        go_without("chromium", missing)
 
 
 def page_of(path: Path, **more: Any) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from postgres import required
+from postgres import go_without
 
 from family import die_with_parent
 from waiting import LIMIT_SECONDS, until
@@ -222,9 +222,7 @@ def dask_cluster() -> Iterator[Cluster]:
     """The cluster of this test process: a scheduler and two workers."""
     if not installed():
         words = "Dask is not installed (pip install 'tailstack[dask]')"
-        if required("dask"):
-            pytest.fail(f"{words}; TAILSTACK_TESTS_REQUIRE lists dask")
-        pytest.skip(f"NOT TESTED: {words}")
+        go_without("dask", words)
     import tailstack_service.jobs.engines.dask  # noqa: F401  # silences Dask's log once, for whatever test comes first
 
     with closing(

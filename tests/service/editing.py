@@ -12,7 +12,7 @@ from typing import Any
 
 import node
 import pytest
-from postgres import required
+from openapi_scenes import pinned_tools
 from service_scenes import ROOT
 
 from family import die_with_parent
@@ -31,12 +31,7 @@ SETTINGS = {
 @pytest.fixture(scope="session")
 def editor_tools() -> None:
     """The pinned language server is installed, or the test is skipped and says so."""
-    try:
-        node.tools(HOME)
-    except node.NodeMissing as missing:
-        if required("node"):
-            pytest.fail(f"{missing}; TAILSTACK_TESTS_REQUIRE lists node")
-        pytest.skip(f"NOT TESTED: {missing}")
+    pinned_tools(HOME)
 
 
 class Editor:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
 import node
 import pytest
-from postgres import required
+from postgres import go_without
 from rules import resolved
 from service_scenes import ROOT
 
@@ -30,15 +31,17 @@ def operations(document: dict[str, Any] = DOCUMENT) -> Iterator[tuple[str, str, 
                 yield path, method, item[method]
 
 
+def pinned_tools(home: Path = node.HERE) -> Path:
+    """Where the commands are that the files in ``home`` pin; without Node the test is left out and says so."""
+    try:
+        return node.tools(home)
+    except node.NodeMissing as missing:
+        go_without("node", missing)
+
+
 @pytest.fixture(scope="session")
 def node_tools() -> None:
-    """The pinned npm tools are installed, or the test is skipped and says so."""
-    try:
-        node.tools()
-    except node.NodeMissing as missing:
-        if required("node"):
-            pytest.fail(f"{missing}; TAILSTACK_TESTS_REQUIRE lists node")
-        pytest.skip(f"NOT TESTED: {missing}")
+    pinned_tools()
 
 
 needs_node = pytest.mark.usefixtures("node_tools")

@@ -22,7 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import psutil
 import psycopg
@@ -195,9 +195,12 @@ def find_binaries() -> Path | None:
     return next((path for path in candidates if (path / "initdb").exists() and (path / "postgres").exists()), None)
 
 
-def required(name: str) -> bool:
-    """Whether TAILSTACK_TESTS_REQUIRE (comma-separated) says that tests with this program must run."""
-    return name in os.environ.get("TAILSTACK_TESTS_REQUIRE", "").replace(" ", "").split(",")
+def go_without(name: str, missing: object) -> NoReturn:
+    """A test without this program is left out and says so; where TAILSTACK_TESTS_REQUIRE (comma-separated) lists it, it
+    fails."""
+    if name in os.environ.get("TAILSTACK_TESTS_REQUIRE", "").replace(" ", "").split(","):
+        pytest.fail(f"{missing}; TAILSTACK_TESTS_REQUIRE lists {name}")
+    pytest.skip(f"NOT TESTED: {missing}")
 
 
 @pytest.fixture(scope="session")
@@ -206,9 +209,7 @@ def postgres_server() -> Iterator[Server]:
     binaries = find_binaries()
     if binaries is None:
         words = "PostgreSQL is not installed (Debian: apt-get install postgresql)"
-        if required("postgresql"):
-            pytest.fail(f"{words}; TAILSTACK_TESTS_REQUIRE lists postgresql")
-        pytest.skip(f"NOT TESTED: {words}")
+        go_without("postgresql", words)
     with closing(Server(binaries)) as server:
         yield server
 

@@ -7,18 +7,22 @@ import json
 import os
 import random
 import re
+import shutil
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
 import pytest
+from service_scenes import EXAMPLES, ROOT
 
-from family import started
-from tailstack.kernels import calls
+from family import run_process, started
+from tailstack.kernels import calls, processor, store
 from tailstack_service.console.compilation import CAUTION, CompilationProgress
 from turned_clock import TurnedClock
 from waiting import LIMIT_SECONDS
@@ -156,3 +160,224 @@ def test_the_time_left_never_rises_and_comes_true() -> None:
 def test_an_unknown_verb_is_refused_with_those_that_there_are(refused: Any) -> None:
 
     assert "there is no verb 'scre'" in refused("warm-up", "--for", "scre")
+
+
+# --- both wheels in an environment of their own, without a network: nothing is compiled --------------
+
+
+COUNT = len(calls.CALLS["score"])
+
+BUILD = ROOT / "solver" / "kernels_wheel" / "build.py"
+
+SCORE = """
+import json, socket, sys
+def refuse(*_, **__):
+    raise OSError("there is no network")
+socket.socket.connect = refuse
+from tailstack_service.cli.main import main
+code = main(["score", "design.yaml"])
+from tailstack.kernels import store
+print(json.dumps([code, store.TRAFFIC.compiled, store.TRAFFIC.loaded, store.TRAFFIC.installed]), file=sys.stderr)
+"""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Where both wheels are installed."""
+
+    place: Path
+    python: str
+    packages: Path
+
+    def run(self, program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+        left_out = ("TAILSTACK_", "NUMBA_", "PYTHON", "XDG_")
+        given = {name: value for name, value in os.environ.items() if not name.startswith(left_out)}
+        given |= {"HOME": str(self.place / "home"), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+        return run_process(self.python, "-c", program, *arguments, cwd=self.place, env=given, timeout=3 * LIMIT_SECONDS)
+
+
+def quietly(*command: str, **variables: str) -> str:
+    done = run_process(*command, cwd=ROOT, env={**os.environ, **variables}, timeout=5 * LIMIT_SECONDS)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of tailstack as a release has it, and that of the kernels of a score for the highest level here."""
+    if not processor.levels_here():
+        pytest.skip("no kernels are distributed for this processor")
+    place = tmp_path_factory.mktemp("wheels")
+    quietly(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(place), TAILSTACK_RELEASE="1")
+    path = os.pathsep.join(path for path in sys.path if path)
+    quietly(
+        sys.executable, str(BUILD), "-o", str(place), "--only", "score", "--levels", processor.levels_here()[0],
+        "--store", str(store.writable_directory()), PYTHONPATH=path,
+    )  # fmt: skip
+    return place
+
+
+def packages_of(environment: Path) -> Path:
+    return next(environment.glob("lib/python*/site-packages"))
+
+
+@pytest.fixture(scope="module")
+def environment(wheels: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where both wheels are installed, as pip installs them."""
+    place = tmp_path_factory.mktemp("installed") / "environment"
+    quietly(sys.executable, "-m", "venv", "--without-pip", str(place))
+    (packages_of(place) / "libraries.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
+    quietly(
+        sys.executable, "-m", "pip", "--python", str(place / "bin" / "python"), "install", "--no-deps", "--no-index",
+        "--ignore-installed", *map(str, wheels.glob("*.whl")),
+    )  # fmt: skip
+    return place
+
+
+@pytest.fixture
+def installed(environment: Path, tmp_path: Path) -> Environment:
+    """A copy of it, which a test may change."""
+    copy = shutil.copytree(environment, tmp_path / "environment", symlinks=True)
+    shutil.copy(EXAMPLES / "demo.yaml", tmp_path / "design.yaml")
+    return Environment(tmp_path, str(copy / "bin" / "python"), packages_of(copy))
+
+
+@pytest.mark.long
+def test_the_first_score_after_an_installation_compiles_nothing(installed: Environment) -> None:
+    first = installed.run(SCORE)
+    assert first.returncode == 0, first.stderr
+    assert "compiling" not in first.stderr
+    code, compiled, loaded, from_installation = json.loads(first.stderr.splitlines()[-1])
+    assert (code in (0, 1), compiled) == (True, 0)
+    assert loaded == from_installation > 5
+    assert not (installed.place / "home").exists()  # nothing had to be kept
+    assert installed.run(SCORE).stdout == first.stdout
+    says = installed.run("from tailstack_service.cli.main import main; main(['warm-up', '--for', 'score'])").stdout
+    assert says == f"{COUNT} kernels: {COUNT} installed, for {processor.levels_here()[0]}; none compiled now\n"
+
+
+ASK = """
+from tailstack.kernels import store
+{}
+from tailstack_service.console.compilation import describe_calls
+print(describe_calls(["score"]))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("before", "words"),
+    [
+        ("store.BUILT_WITH = store.BUILT_WITH.replace('numba 0', 'numba 9')", "built with numba 0"),
+        ("store.BUILT_WITH = store.BUILT_WITH.replace('llvmlite 0', 'llvmlite 9')", "built with llvmlite 0"),
+        ("store.level_targets = lambda: []", "built for x86-64-v"),
+    ],
+    ids=["another numba", "another llvmlite", "a processor without a level"],
+)
+def test_kernels_that_do_not_fit_are_not_used_and_it_is_said_why(
+    installed: Environment, before: str, words: str
+) -> None:
+    said = installed.run(ASK.format(before))
+    assert f"{COUNT} kernels: {COUNT} not compiled yet (those installed were {words}" in said.stdout, said.stderr
+
+
+# Two that take a moment, as if a verb needed no others
+FEW = """
+import json
+import numpy as np
+from tailstack.kernels import calls, store
+from tailstack.kernels.process import prepare_with
+from tailstack_service.console import compilation, progress
+progress.QUIET_SECONDS = 0.01
+few = ("tail.lattice.balls", "tail.spectrum._law_fault")
+calls.calls_for = lambda _: tuple(call for call in calls.EVERY if call.kernel in few)
+prepare_with(lambda: compilation.compile_for(["score"]))
+from tailstack.tail.lattice import balls
+balls(1.0, np.array([0.5]))
+print(json.dumps([store.TRAFFIC.compiled, store.TRAFFIC.loaded, store.TRAFFIC.installed]))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("at_start", "words"),
+    [
+        ("import numba; numba.__version__ = '9.0'", r"built with numba [\d.]+, here is numba 9\.0"),
+        ("import os; os.environ['NUMBA_CPU_NAME'] = 'x86-64-v2'", r"built for x86-64-v\d, here is x86-64-v2"),
+        ("", ""),
+    ],
+    ids=["another numba", "a processor without a level", "as they were built"],
+)
+def test_kernels_that_do_not_fit_are_compiled_and_it_is_said_why(
+    installed: Environment, at_start: str, words: str
+) -> None:
+    (installed.packages / "zz_at_start.pth").write_text(at_start + "\n", encoding="utf-8")  # of every Python there
+    done = installed.run(FEW)
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stderr.split())
+    if words:
+        assert json.loads(done.stdout) == [0, 1, 0]  # compiled by a process of its own, for the user's cache
+        assert re.match(rf"kernels are compiled: those installed were {words} compiling kernels, once ", said), said
+        assert list((installed.place / "home" / ".cache" / "tailstack" / "kernels").glob("tail.lattice.balls-*"))
+    else:
+        assert (json.loads(done.stdout), said) == ([0, 1, 1], "")
+
+
+@pytest.mark.long
+def test_of_an_altered_source_only_its_own_kernels_are_compiled(installed: Environment) -> None:
+    with open(installed.packages / "tailstack" / "tail" / "per_unit.py", "a") as source:
+        source.write("# altered\n")
+    hasty = "from tailstack_service.console import progress\nprogress.QUIET_SECONDS = 0.01\n"
+    done = installed.run(hasty + SCORE)
+    code, compiled, loaded, from_installation = json.loads(done.stderr.splitlines()[-1])
+    assert code in (0, 1), done.stderr
+    assert done.stderr.startswith("kernels are compiled: those installed were built from other sources\ncompiling ")
+    # by a process of its own, and loaded from the user's cache: the two of that file, which no other imports
+    assert (compiled, loaded - from_installation) == (0, 2)
+    kept = installed.place / "home" / ".cache" / "tailstack" / "kernels"
+    assert {path.name.rpartition(".")[0].rpartition(".")[0] for path in kept.iterdir()} == {"tail.per_unit"}
+    says = installed.run("from tailstack_service.cli.main import main; main(['warm-up', '--for', 'score'])").stdout
+    assert f"{COUNT - 2} installed" in says
+    assert "2 in " in says
+    assert "(those installed were built from other sources)" in says
+
+
+@pytest.mark.long
+def test_the_wheel_of_a_release_asks_for_kernels_and_that_of_a_checkout_does_not(
+    installed: Environment, tmp_path: Path
+) -> None:
+    metadata = next(installed.packages.glob("tailstack-*.dist-info/METADATA")).read_text(encoding="utf-8")
+    version = next(line.split()[1] for line in metadata.splitlines() if line.startswith("Version: "))
+    assert re.search(rf"^Requires-Dist: tailstack-kernels ?=={re.escape(version)}\.\*$", metadata, re.MULTILINE)
+    quietly(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path), TAILSTACK_RELEASE="")
+    assert "tailstack-kernels" not in quietly("unzip", "-p", str(next(tmp_path.glob("*.whl"))), "*/METADATA")
+
+
+@pytest.mark.long
+def test_an_installer_that_may_not_take_the_kernels_takes_the_empty_wheel(tmp_path: Path) -> None:
+    """independent: pip's own resolver, between the two wheels of a version and one of a numba that is not ours."""
+    from kernels_wheel import build
+
+    build.write_wheel(tmp_path, "1.0.post1", ["py3-none-any"], {}, ["numba ==1.0"])
+    build.write_wheel(tmp_path, "1.0", ["py3-none-any"], {}, [])
+    for numba in ("1.0", "2.0"):
+        _empty_wheel(tmp_path, numba)
+    chosen = {}
+    for numba in ("1.0", "2.0"):
+        report = quietly(
+            sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--no-index", "--quiet",
+            "--report", "-", "--find-links", str(tmp_path), "tailstack-kernels==1.0.*", f"numba=={numba}",
+        )  # fmt: skip
+        packages = {one["metadata"]["name"]: one["metadata"]["version"] for one in json.loads(report)["install"]}
+        chosen[numba] = packages["tailstack-kernels"]
+    assert chosen == {"1.0": "1.0.post1", "2.0": "1.0"}
+
+
+def _empty_wheel(place: Path, version: str) -> None:
+    import zipfile
+
+    about = f"numba-{version}.dist-info"
+    with zipfile.ZipFile(place / f"numba-{version}-py3-none-any.whl", "w") as wheel:
+        wheel.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: numba\nVersion: {version}\n")
+        wheel.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        wheel.writestr(f"{about}/RECORD", "")

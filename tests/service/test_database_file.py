@@ -1,33 +1,50 @@
-"""The file of a SQLite database that is deleted, replaced, or on a full disk, under a service that runs.
+"""Databases that fail under a service: a file that is deleted, replaced or on a full disk, a server that stands still,
+and stored bytes that were changed behind the service's back.
 
-Commands that only read change nothing in it.
-"""
+Nobody waits longer than he may, readiness says so, nothing that was changed is served or computed with, and everything
+goes on by itself afterwards."""
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import os
 import shutil
+import signal
 import sqlite3
 import subprocess
+import threading
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import psutil
 import pytest
 import sqlalchemy as sa
+import strange_units
 from containers import contain, surroundings
+from postgres import Server
 from served import Served, served
-from service_scenes import client_of, small_design
+from service_scenes import client_of, client_with, small_design
 from sqlalchemy.exc import OperationalError
+from store_scenes import Clock, claim, claim_one, find, finish, record, split, submit, url_of
+from worker_scenes import finished, prepared_database, worker_process
+from worker_scenes import submit as submit_strange
 
 from family import COMMAND, run_process
 from tailstack_service.cli.main import main
+from tailstack_service.http import service as http_service
+from tailstack_service.http.server import running_service
+from tailstack_service.jobs.store import database, events, jobs, results, schema, upkeep, usage, workers
 from tailstack_service.jobs.store.database import Database, _find_closed, connect, find_reading_mode, reading, writing
 from tailstack_service.jobs.store.keys import create_key
 from tailstack_service.jobs.store.schema import migrate_database, open_database
-from tailstack_service.problems import StoreError
+from tailstack_service.problems import DamagedStore, StoreError, StoreUnavailable
+from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
 BODY = {"design": small_design(), "trials": 1000}
@@ -60,12 +77,8 @@ def service(disk: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Se
 @pytest.fixture
 def client(service: Served) -> Iterator[httpx.Client]:
     with client_of(service.url) as connected:
-        until(lambda: ready(connected) == 200)
+        until(lambda: ready(connected)[0] == 200)
         yield connected
-
-
-def ready(client: httpx.Client) -> int:
-    return client.get("/health/ready").status_code
 
 
 def count(client: httpx.Client) -> int:
@@ -84,7 +97,7 @@ def refuse(client: httpx.Client, slug: str, path: Path) -> None:
     assert (response.status_code, response.json()["type"]) == (503, f"/v1/problems/{slug}"), response.text
     assert int(response.headers["retry-after"]) > 0
     assert str(path.parent) not in response.text
-    until(lambda: ready(client) == 503)
+    until(lambda: ready(client)[0] == 503)
     assert client.get("/health/ready").json()["status"] == "no database"
 
 
@@ -115,7 +128,7 @@ def test_nothing_is_written_into_a_file_that_was_deleted(service: Served, client
         until(lambda: service.log.read_text().count("waiting for the database") > looked + 1)
         assert worker.pid not in [child.pid for child in workers_of(client)]
         assert not path.exists()
-    until(lambda: ready(client) == 200)
+    until(lambda: ready(client)[0] == 200)
     assert count(client) == before + 1
     again = accept(client)
     until(lambda: client.get(again).json()["state"] == "succeeded")
@@ -139,7 +152,7 @@ def test_nothing_is_written_beside_a_file_that_was_put_in_the_place_of_another(
     with without(path):
         shutil.copy(path.with_name(path.name + ".kept"), path)
         refuse(client, "store-error", path)
-    until(lambda: ready(client) == 200)
+    until(lambda: ready(client)[0] == 200)
     assert count(client) == before + 1
 
 
@@ -148,7 +161,7 @@ def test_nothing_is_written_without_the_log_of_the_file(client: httpx.Client, di
     accept(client)
     with without(path.with_name(path.name + "-wal")):
         refuse(client, "store-error", path)
-    until(lambda: ready(client) == 200)
+    until(lambda: ready(client)[0] == 200)
     assert count(client) == before + 1
 
 
@@ -203,19 +216,19 @@ def test_a_full_disk_shows_in_readiness_until_there_is_room_again(client: httpx.
         while shutil.disk_usage(disk).free > 0:
             file.write(bytes(min(1 << 20, shutil.disk_usage(disk).free)))
     try:
-        until(lambda: ready(client) == 503)
+        until(lambda: ready(client)[0] == 503)
         assert client.get("/health/ready").json()["status"] == "no database"
         assert client.get("/v1/jobs").status_code == 200  # what is there can be read
     finally:
         filler.unlink()
-    until(lambda: ready(client) == 200)
+    until(lambda: ready(client)[0] == 200)
     accept(client)
 
 
 # --- files that are only read ---------------------------------------------------------------------
 
 
-def url_of(path: Path) -> str:
+def url_at(path: Path) -> str:
     return f"sqlite:///{path}"
 
 
@@ -224,8 +237,8 @@ def file(tmp_path: Path) -> Path:
     """A database that nobody has open, in a folder of its own."""
     (tmp_path / "kept").mkdir()
     path = tmp_path / "kept" / "jobs.sqlite3"
-    migrate_database(url_of(path))
-    db = open_database(url_of(path))
+    migrate_database(url_at(path))
+    db = open_database(url_at(path))
     create_key(db, tenant="acme", name="ci", scopes=("read",), days=30)
     db.close()
     return path
@@ -245,25 +258,25 @@ def test_nothing_is_changed(file: Path, arguments: list[str], backup: bool, tmp_
             connection.execute(f"VACUUM INTO '{tmp_path / 'copies' / 'b'}'")
         file = tmp_path / "copies" / "b"
     before, status = file.read_bytes(), file.stat()
-    assert main([*arguments, "--database", url_of(file)]) == 0
+    assert main([*arguments, "--database", url_at(file)]) == 0
     assert file.read_bytes() == before
     assert file.stat().st_mtime_ns == status.st_mtime_ns
     assert [entry.name for entry in file.parent.iterdir()] == [file.name]
 
 
 def test_what_a_running_service_has_written_is_seen(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with closing(open_database(url_of(file))) as db:
+    with closing(open_database(url_at(file))) as db:
         create_key(db, tenant="later", name="n", scopes=("read",), days=30)  # is in the log as yet
         assert Path(f"{file}-wal").stat().st_size
         assert find_reading_mode(file) == "mode=ro"
-        assert main(["keys", "list", "--database", url_of(file)]) == 0
+        assert main(["keys", "list", "--database", url_at(file)]) == 0
         assert "later" in capsys.readouterr().out
-        assert main(["db", "check", "--database", url_of(file)]) == 0
+        assert main(["db", "check", "--database", url_at(file)]) == 0
         create_key(db, tenant="last", name="n", scopes=("read",), days=30)
 
 
 def test_nothing_can_be_written_through_it(file: Path) -> None:
-    for db in (connect(url_of(file), read_only=True), open_database(url_of(file), read_only=True)):
+    for db in (connect(url_at(file), read_only=True), open_database(url_at(file), read_only=True)):
         with pytest.raises(StoreError):
             create_key(db, tenant="acme", name="n", scopes=("read",), days=30)
         db.close()
@@ -273,7 +286,7 @@ def test_a_copy_on_a_disk_that_cannot_be_written(file: Path) -> None:
     """As root may write everywhere, the folder is mounted read-only for a user of no name."""
     mounted = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"'
     folder = str(file.parent)
-    command = contain(*COMMAND, "db", "check", "--database", url_of(file))
+    command = contain(*COMMAND, "db", "check", "--database", url_at(file))
     done = run_process("unshare", "--mount", "sh", "-c", mounted, folder, *command, env=surroundings(), cwd="/")
     assert done.returncode == 0, done.stderr
     assert "sound" in done.stdout
@@ -284,13 +297,13 @@ def test_a_log_that_cannot_be_read_is_no_reason_to_try_again(
 ) -> None:
     (tmp_path / "copy").mkdir()
     copy = tmp_path / "copy" / file.name
-    db = open_database(url_of(file))
+    db = open_database(url_at(file))
     create_key(db, tenant="later", name="n", scopes=("read",), days=30)
     for ending in ("", "-wal"):  # of a killed service
         shutil.copy(f"{file}{ending}", f"{copy}{ending}")
     db.close()
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert main(["db", "check", "--database", url_of(copy)]) == 3
+    assert main(["db", "check", "--database", url_at(copy)]) == 3
     said = capsys.readouterr().err
     assert f"{copy}-wal holds what is not in the file yet" in said
     assert "copy both to a folder that can be written" in said
@@ -300,7 +313,7 @@ def test_a_log_that_cannot_be_read_is_no_reason_to_try_again(
 def test_a_file_that_this_user_may_not_open_is_no_reason_to_try_again(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    db = connect(url_of(file))
+    db = connect(url_at(file))
     cause = sqlite3.OperationalError("unable to open database file")
     cause.sqlite_errorcode = sqlite3.SQLITE_CANTOPEN
     error = OperationalError("BEGIN", None, cause)
@@ -318,3 +331,351 @@ def test_of_postgresql_nothing_is_written_either(postgres_url: str) -> None:
     with reading(db) as connection:
         assert connection.exec_driver_sql("SHOW transaction_read_only").scalar_one() == "on"
     db.close()
+
+
+# --- a server that stands still -------------------------------------------------------------------
+
+
+@pytest.mark.long
+def test_a_transaction_gives_a_silent_server_up_and_the_next_one_works(
+    postgres_server: Server, postgres_url: str
+) -> None:
+    schema.migrate_database(postgres_url)
+    with closing(open_database(postgres_url)) as db:
+        job = submit(db)
+        for _ in range(2):  # with a connection of the pool, and without one
+            with postgres_server.frozen():
+                with pytest.raises(StoreUnavailable, match="did not answer within 1 s"):
+                    submit(db.within(1.0))
+                ending, asked = db.endable(), threading.Event()
+
+                def ask(ending: Database, asked: threading.Event) -> object:
+                    asked.set()
+                    return jobs.find_job(ending, "acme", job.id)
+
+                with ThreadPoolExecutor(1) as pool:
+                    waiting = pool.submit(ask, ending, asked)
+                    assert asked.wait(LIMIT_SECONDS)
+                    ending.end_within(0.3)
+                    with pytest.raises(StoreUnavailable):
+                        waiting.result(LIMIT_SECONDS)
+            assert jobs.find_job(db, "acme", job.id) == job
+
+
+def ready(client: httpx.Client) -> tuple[int, str]:
+    answer = client.get("/health/ready")
+    return answer.status_code, answer.json()["status"]
+
+
+@pytest.mark.long
+def test_readiness_tells_of_a_frozen_server_and_the_service_goes_on_when_it_wakes(
+    postgres_server: Server, postgres_url: str, tmp_path: Path
+) -> None:
+    schema.migrate_database(postgres_url)
+    body = {"design": small_design(), "trials": 1000}
+    with (
+        served(tmp_path, TAILSTACK_DATABASE=postgres_url, TAILSTACK_LEASE_SECONDS="3") as service,
+        client_of(service.url) as client,
+        ThreadPoolExecutor(24) as pool,
+    ):
+        serve = next(p for p in psutil.Process().children() if p.cmdline()[-3:] == ["serve", "--port", "0"])
+        accepted = client.post("/v1/verifications", json=body)
+        assert accepted.status_code == 202, accepted.text
+        with postgres_server.frozen():
+            waiting = [pool.submit(client.get, "/v1/jobs") for _ in range(16)]  # more than there are readers
+            for status, told in pool.map(ready, [client] * 5):
+                assert (status, told) == (503, "no database")
+            assert client.get("/health/live").status_code == 200
+            assert client.post("/v1/scores", json={"design": small_design()}).status_code == 200
+            for refused in waiting:
+                response = refused.result(LIMIT_SECONDS)
+                assert response.status_code == 503, response.text
+                assert response.json()["type"] == "/v1/problems/store-unavailable"
+            threads, files = serve.num_threads(), serve.num_fds()
+            for _ in range(3):
+                assert ready(client)[0] == 503
+            assert serve.num_threads() <= threads
+            assert serve.num_fds() <= files + 2
+        until(lambda: ready(client)[0] == 200)
+        assert len(client.get("/v1/jobs").json()["jobs"]) == 1
+        job = accepted.headers["location"]
+        until(lambda: client.get(job).json()["state"] == "succeeded")
+
+
+@pytest.mark.long
+def test_readiness_waits_for_nobody_who_waits(
+    postgres_server: Server, postgres_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those who read wait for as long as the server stands still, in every thread that there is for them."""
+    schema.migrate_database(postgres_url)
+    monkeypatch.setattr(database, "CONNECTING_SECONDS", LIMIT_SECONDS)
+    monkeypatch.setattr(http_service, "LOOK_SECONDS", 0.3)
+    listing: list[bool] = []
+    list_page = jobs.list_page
+
+    def listed(*arguments: Any, **named: Any) -> Any:
+        listing.append(True)
+        return list_page(*arguments, **named)
+
+    monkeypatch.setattr(jobs, "list_page", listed)
+    with client_with(Settings(database=postgres_url)) as client, ThreadPoolExecutor(16) as pool:
+        assert ready(client)[0] == 200
+        with postgres_server.frozen():
+            waiting = [pool.submit(client.get, "/v1/jobs") for _ in range(2 * http_service.THREADS)]
+            until(lambda: len(listing) == http_service.THREADS, lambda: listing)
+            for _ in range(3):
+                assert ready(client) == (503, "no database")
+            assert not any(each.done() for each in waiting)
+        assert [each.result(LIMIT_SECONDS).status_code for each in waiting] == [200] * len(waiting)
+        until(lambda: ready(client)[0] == 200)
+
+
+@pytest.mark.long
+def test_what_is_computed_while_the_database_stands_still_is_recorded_and_not_computed_again(
+    postgres_server: Server, postgres_url: str, tmp_path: Path
+) -> None:
+    """Two workers with units in their hands; by the time the server wakes every lease has run out."""
+    note, go = tmp_path / "note", tmp_path / "go"
+    request = strange_units.request("wait", units=3, note=str(note), until=str(go))
+    with prepared_database(postgres_url) as db, ExitStack() as stack:
+        for name in ("one", "other"):
+            stack.enter_context(worker_process(postgres_url, tmp_path / name))
+        until(lambda: len(workers.list_workers(db)) == 2)
+        made = submit_strange(db, request)
+        until(lambda: len(strange_units.begun(note)) == 4)
+        with postgres_server.frozen():
+            go.touch()
+            for name in ("one", "other"):  # by then no beat came through for longer than a lease
+                until(lambda name=name: "leases are not prolonged" in (tmp_path / name).read_text())  # type: ignore[misc]
+        ended = finished(db, made)
+    assert ended.state == "succeeded"
+    assert Counter(strange_units.units_begun(note)) == {0: 1, 1: 1, 2: 1}
+
+
+@pytest.mark.long
+def test_a_worker_stops_while_its_database_stands_still(
+    postgres_server: Server, postgres_url: str, tmp_path: Path
+) -> None:
+    with prepared_database(postgres_url) as db, worker_process(postgres_url, tmp_path / "log") as worker:
+        submit_strange(db, strange_units.request("wait"))
+        until(lambda: "begun" in (tmp_path / "log").read_text())
+        with postgres_server.frozen():
+            until(lambda: "leases are not prolonged" in (tmp_path / "log").read_text())
+            worker.send_signal(signal.SIGTERM)
+            assert worker.wait(LIMIT_SECONDS) == 0  # while it stands still
+
+
+async def test_calls_that_cannot_be_ended_are_not_waited_for_and_do_not_pile_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a disk that hangs: the thread stays where it is until the disk answers."""
+    monkeypatch.setattr(database, "BUSY_SECONDS", 0.3)
+    monkeypatch.setattr(http_service, "LOOK_SECONDS", 0.2)
+    monkeypatch.setattr(http_service, "LATE_SECONDS", 0.1)
+    url, answers = f"sqlite:///{tmp_path / 'a.sqlite3'}", threading.Event()
+    open_database(url, migrate=True).close()
+    begun: list[int] = []
+
+    def hang(_: object, number: int = -1) -> int:
+        begun.append(number)
+        answers.wait(LIMIT_SECONDS)
+        return number
+
+    kept = http_service.Storage(url)
+    before = threading.active_count()
+    looks = [kept.look(hang) for _ in range(5)]
+    calls = [kept.run(hang, number) for number in range(40)] + [kept.write(hang, number) for number in range(40)]
+    told = await asyncio.gather(*looks, *calls, return_exceptions=True)
+    assert {type(each) for each in told} == {StoreUnavailable}
+    assert threading.active_count() - before <= 2 * http_service.THREADS + 1
+    assert len(begun) == 2 * http_service.THREADS + 1  # what nobody waits for any more is not begun
+    answers.set()
+    assert await kept.look(hang) == -1
+    assert await kept.run(hang, 7) == 7
+    kept.close()
+
+
+# --- stored bytes that were changed behind the service's back -------------------------------------
+
+
+FORGED = b'{"schema":"tailstack/verification/1","p95_mm":0.0}'
+
+
+def change(db: Database, statement: str, value: bytes) -> None:
+    with writing(db) as connection:
+        mark = "?" if db.dialect == "sqlite" else "%s"
+        assert connection.exec_driver_sql(statement.replace("?", mark), (value,)).rowcount == 1
+
+
+# --- over HTTP, with a worker ---------------------------------------------------------------------
+
+
+@pytest.mark.long
+def test_a_changed_result_is_refused_its_job_says_so_and_asked_again_it_is_computed_anew(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "jobs.sqlite3"
+    settings = Settings(database=f"sqlite:///{path}", worker_processes=1, max_wait_seconds=600.0)
+    keyed = {"Idempotency-Key": "one", "Prefer": "wait=600"}
+    with (
+        running_service(settings, worker=True, worker_log=tmp_path / "worker.log") as (host, port),
+        client_of(f"http://{host}:{port}") as client,
+    ):
+        until(lambda: client.get("/health/ready").status_code == 200)
+        first = client.post("/v1/verifications", json=BODY, headers=keyed)
+        assert first.status_code == 200, first.text
+        result, job = first.headers["content-location"], first.headers["location"]
+        tag = {"If-None-Match": client.get(result).headers["etag"]}
+        assert client.get(result, headers=tag).status_code == 304
+        with closing(sqlite3.connect(path)) as other, other:
+            other.execute("UPDATE results SET body = ?", (FORGED,))
+
+        for _ in range(2):  # and it stays so
+            for address, headers in ((result, {}), (result, tag), (f"{result}/report", {}), (f"{job}/result", {})):
+                refused = client.get(address, headers=headers)
+                assert refused.status_code == 503, (address, refused.text)
+                assert refused.json()["type"] == "/v1/problems/store-error"
+                assert "immutable" not in refused.headers.get("cache-control", "")
+        document = client.get(job).json()
+        assert (document["state"], document["problem"]["type"]) == ("failed", "/v1/problems/store-error")
+        assert result.rpartition("/")[2] in document["problem"]["detail"]
+        assert document["result_sha256"] is None
+        stream = client.get(f"{job}/events").text
+        assert stream.count("event: state") >= 3
+        assert '"failed"' in stream
+        assert any(record.__dict__.get("action") == "damaged" for record in caplog.records)
+        assert "tailstack_jobs_damaged 1.0" in client.get("/metrics").text
+        assert main(["jobs", "show", job.rpartition("/")[2], "--url", str(client.base_url)]) == 0
+
+        again = client.post("/v1/verifications", json=BODY, headers=keyed)
+        assert again.status_code == 200, again.text
+        assert again.headers["location"] != job
+        assert again.content == first.content
+        assert client.get(result).content == first.content
+
+
+def test_garbage_is_not_served_to_who_waits_for_it(tmp_path: Path) -> None:
+    with client_with(Settings(database=f"sqlite:///{tmp_path / 'jobs.sqlite3'}")) as client:
+        missing = client.get("/v1/results/" + "0" * 64)
+        assert missing.status_code == 404
+
+
+# --- in the store ---------------------------------------------------------------------------------
+
+
+def finished_job(db: Database, answer: bytes = b'{"answer":1}', **changes: Any) -> jobs.Job:
+    made = split(db, 1, **changes)
+    finish(db, answer)
+    assert find(db, made).state == "succeeded"
+    return find(db, made)
+
+
+def test_every_job_of_every_tenant_that_came_to_it_fails(store: Database, clock: Clock) -> None:
+    mine = [finished_job(store), finished_job(store)]
+    theirs = finished_job(store, tenant="other")
+    apart = finished_job(store, b'{"answer":2}')
+    ended, name = clock.now, str(mine[0].result_sha256)
+    clock.advance(5)
+    change(store, "UPDATE results SET body = ? WHERE sha256 = '" + name + "'", FORGED)
+    with pytest.raises(DamagedStore, match=name):
+        results.read_result(store, "acme", name)
+    for job in (*mine, theirs):
+        seen = find(store, job)
+        assert (seen.state, seen.result_sha256, seen.finished_at) == ("failed", None, ended)
+        assert seen.problem is not None
+        assert seen.problem["type"] == "/v1/problems/store-error"
+        told = events.read_events(store, job.tenant, job.id, job.last_event, 9)
+        assert [(event.name, event.data["state"]) for event in told] == [("state", "failed")]
+    with pytest.raises(DamagedStore):
+        results.read_result(store, "other", name)
+    assert results.read_result(store, "stranger", name) is None
+    assert find(store, apart).state == "succeeded"
+    assert [check.name for check in upkeep.check_database(store) if not check.ok] == []
+    assert usage.read_figures(store).damaged_jobs == 3
+
+    healed = finished_job(store)
+    kept = results.read_result(store, "acme", name)
+    assert kept is not None
+    assert (healed.result_sha256, kept.body) == (name, b'{"answer":1}')
+    upkeep.purge(store, 1e-9)
+    clock.advance(10)
+    assert upkeep.purge(store, 1e-9).jobs > 0
+    assert usage.read_figures(store).damaged_jobs == 0
+
+
+def test_an_answer_that_is_computed_again_is_stored_over_changed_bytes(store: Database) -> None:
+    """Nobody had looked at it in between."""
+    name = str(finished_job(store).result_sha256)
+    change(store, "UPDATE results SET body = ?", FORGED)
+    finished_job(store)
+    kept = results.read_result(store, "acme", name)
+    assert kept is not None
+    assert hashlib.sha256(kept.body).hexdigest() == name
+
+
+def test_an_answer_that_is_gone_is_told_apart_from_one_that_never_was(tmp_path: Path, migrated_file: Path) -> None:
+    from tailstack_service.jobs.store.schema import open_database
+
+    path = tmp_path / "a.sqlite3"
+    path.write_bytes(migrated_file.read_bytes())
+    with closing(open_database(f"sqlite:///{path}")) as db:
+        job = finished_job(db)
+        with closing(sqlite3.connect(path)) as other, other:  # which knows of no foreign keys
+            other.execute("DELETE FROM results")
+        with pytest.raises(DamagedStore):
+            results.read_result(db, "acme", str(job.result_sha256))
+        assert find(db, job).state == "failed"
+
+
+def test_a_key_whose_job_lost_its_answer_makes_a_fresh_job(store: Database) -> None:
+    job = finished_job(store, idempotency_key="k")
+    change(store, "UPDATE results SET body = ?", FORGED)
+    assert results.mend(store) == (1, 1)
+    assert results.mend(store) == (0, 0)
+    again = submit(store, idempotency_key="k")
+    assert again.id != job.id
+
+
+@pytest.mark.parametrize(
+    ("statement", "code"),
+    [
+        ("UPDATE units SET result = ? WHERE number = 1", "damaged-part"),
+        ("UPDATE requests SET body = ?", "damaged-request"),
+    ],
+)
+def test_nothing_is_computed_from_changed_requests_or_parts(
+    store: Database, clock: Clock, statement: str, code: str
+) -> None:
+    job = split(store, 2, idempotency_key="k")
+    for held in claim(store, limit=2):
+        assert record(store, held, result=b"result of " + held.spec)
+    clock.advance(1)
+    sound = submit(store, request=b'{"design":{"of":"another"}}')
+    change(
+        store,
+        statement + (f" AND job_id = '{job.id}'" if "number" in statement else f" WHERE job_id = '{job.id}'"),
+        FORGED,
+    )
+    wrong = [check.name for check in upkeep.check_database(store) if not check.ok]
+    assert len(wrong) == 1
+    assert "hash" in wrong[0]
+    assert claim(store) == []  # the job that came first fails
+    assert claim_one(store).job_id == sound.id
+    failed = find(store, job)
+    assert failed.state == "failed"
+    assert failed.problem is not None
+    assert failed.problem["errors"][0]["code"] == code
+    assert submit(store, idempotency_key="k").id != job.id
+
+
+def test_what_is_damaged_is_found_and_mended(
+    store: Database, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("TAILSTACK_DATABASE", url_of(store))
+    name = str(finished_job(store).result_sha256)
+    change(store, "UPDATE results SET body = ?", FORGED)
+    assert main(["db", "check"]) == 3
+    assert name in capsys.readouterr().out
+    assert main(["db", "mend"]) == 0
+    assert "1 damaged answers deleted; 1 jobs" in capsys.readouterr().out
+    assert main(["db", "check"]) == 0

@@ -18,7 +18,7 @@ from typing import Any
 
 import httpx
 import pytest
-from postgres import required
+from postgres import go_without
 from service_scenes import EXAMPLES, ROOT, client_with
 
 from family import run_process
@@ -34,9 +34,7 @@ def freecad() -> str:
     found = shutil.which("freecadcmd") or shutil.which("FreeCADCmd")
     if found is None:
         words = "FreeCAD is not installed (Debian: apt-get install --no-install-recommends freecad-python3)"
-        if required("freecad"):
-            pytest.fail(f"{words}; TAILSTACK_TESTS_REQUIRE lists freecad")
-        pytest.skip(f"NOT TESTED: {words}")
+        go_without("freecad", words)
     return found
 
 

@@ -42,10 +42,17 @@ def jobs() -> list[tuple[str, str, dict[str, Any]]]:
 # --- workflows --------------------------------------------------------------------------------------
 
 
-def test_there_is_a_workflow_for_each_habit_and_each_says_that_it_was_not_run() -> None:
+def test_workflows_say_that_they_were_not_run_and_call_what_is_there() -> None:
     assert [path.stem for path in WORKFLOWS] == ["docs", "nightly", "publish", "tests", "wheels"]
     for path in WORKFLOWS:
         assert "not run yet" in path.read_text(encoding="utf-8").partition("\nname:")[0]
+    usage = (ROOT / "run").read_text(encoding="utf-8")
+    called = {found for _, _, job in jobs() for found in re.findall(r"\./run (\w+)", str(job))}
+    assert called == {"test", "release", "docs", "chaos", "bench"}
+    assert all(f"\n  {verb} " in usage for verb in called)
+    for workflow, name, job in jobs():
+        for step in job.get("steps", ()):
+            assert "${{" not in step.get("run", ""), (workflow, name)
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
@@ -79,24 +86,6 @@ def test_actions_are_named_by_their_commit_or_the_owner_is_told_to_pin_them() ->
     for path in WORKFLOWS:  # and a reader sees which version a commit is
         for line in path.read_text(encoding="utf-8").splitlines():
             assert re.search(r"@[0-9a-f]{40}", line) is None or re.search(r"# v\d+\.\d+\.\d+$", line), line
-
-
-def test_no_script_of_a_workflow_holds_what_a_stranger_may_write() -> None:
-    for workflow, name, job in jobs():
-        for step in job.get("steps", ()):
-            assert "${{" not in step.get("run", ""), (workflow, name)
-
-
-def test_what_workflows_call_is_there() -> None:
-    usage = (ROOT / "run").read_text(encoding="utf-8")
-    called = {found for _, _, job in jobs() for found in re.findall(r"\./run (\w+)", str(job))}
-    assert called == {"test", "release", "docs", "chaos", "bench"}
-    assert all(f"\n  {verb} " in usage for verb in called)
-
-
-@pytest.mark.parametrize("name", [".pre-commit-config.yaml", ".github/ISSUE_TEMPLATE/problem.yml", "renovate.json"])
-def test_the_other_files_can_be_read(name: str) -> None:
-    assert yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))
 
 
 def test_forms_for_issues_have_what_github_asks_for() -> None:
@@ -139,24 +128,28 @@ def test_what_is_at_the_root_is_explained_in_a_line() -> None:
     assert [one for one in patterns if not list(ROOT.glob(one.rstrip("/")))] == []
 
 
-def test_contributing_begins_with_ten_lines_or_a_few_more() -> None:
+def test_a_newcomer_reads_little_and_files_that_can_be_read() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Tests")[0]
     assert len([line for line in text.splitlines()[1:] if line]) <= 12
+    for name in (".pre-commit-config.yaml", ".github/ISSUE_TEMPLATE/problem.yml", "renovate.json"):
+        assert yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))
 
 
 # --- metadata ---------------------------------------------------------------------------------------
 
 
-def test_the_metadata_say_who_what_and_for_whom() -> None:
+def test_the_metadata_and_the_recipe_say_who_what_and_for_whom() -> None:
     assert PROJECT["authors"] == [{"name": "the tailstack authors"}]
     assert set(PROJECT["classifiers"]) <= classifiers
     assert not any(entry.startswith("License ::") for entry in PROJECT["classifiers"])  # PEP 639
     assert "urls" not in PROJECT or "TO BE" not in str(PROJECT["urls"])
     assert "[project.urls]" in PAGE
-
-
-def test_every_licence_of_what_is_bundled_is_named() -> None:
-    """Those of the packages' folders, however many there will be."""
+    text = (ROOT / recipe.PLACE).read_text(encoding="utf-8")
+    assert text == recipe.render(ROOT), "python .ci/release/recipe.py writes it anew"
+    rendered = yaml.safe_load(text)
+    assert rendered["package"]["version"] == __version__ == recipe.version_of(ROOT)
+    assert [need.replace(" ", "") for need in rendered["requirements"]["run"][1:]] == PROJECT["dependencies"]
+    # Those of the packages' folders, however many there will be.
     found = [
         path for path in (ROOT / "service" / "tailstack_service").rglob("*") if re.match("(?i)licen|notice", path.name)
     ]
@@ -173,14 +166,6 @@ def test_the_citation_has_the_keys_that_its_format_requires() -> None:
     assert (str(citation["version"]), citation["license"]) == (__version__, PROJECT["license"])
     for reference in citation["references"]:
         assert {"type", "title", "authors"} <= reference.keys()
-
-
-def test_the_recipe_is_that_of_pyproject() -> None:
-    text = (ROOT / recipe.PLACE).read_text(encoding="utf-8")
-    assert text == recipe.render(ROOT), "python .ci/release/recipe.py writes it anew"
-    rendered = yaml.safe_load(text)
-    assert rendered["package"]["version"] == __version__ == recipe.version_of(ROOT)
-    assert [need.replace(" ", "") for need in rendered["requirements"]["run"][1:]] == PROJECT["dependencies"]
 
 
 # --- what a release says ----------------------------------------------------------------------------
@@ -236,20 +221,14 @@ def test_a_copy_gets_the_next_version_and_this_checkout_keeps_its_own(tmp_path: 
     assert f"## {version} (2023-11-14)" in (tree / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
-def test_files_that_differ_or_are_missing_are_named() -> None:
+def test_what_is_not_to_be_released_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     release.check_same({"a": "1", "b": "2"}, {"a": "1"})
     with pytest.raises(release.Refusal, match=r"not the same: b, c$"):
         release.check_same({"a": "1", "b": "2"}, {"a": "1", "b": "3", "c": "4"})
-
-
-def test_a_folder_with_other_things_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")
     assert release.main(["--dry-run", "-o", str(tmp_path)]) == 1
     assert "name another folder" in capsys.readouterr().err
     assert (tmp_path / "mine.txt").exists()
-
-
-def test_without_dry_run_nothing_happens(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         release.main([])
     assert "--dry-run" in capsys.readouterr().err
@@ -271,7 +250,7 @@ def test_kernels_are_refused_where_a_level_is_missing(monkeypatch: pytest.Monkey
 
 @pytest.mark.long
 def test_a_dry_run_builds_tries_and_compares(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The kernels are built and tried in test_kernels_installed.py."""
+    """The kernels are built and tried in test_compilation.py."""
     assert release.main(["--dry-run", "--kernels", "none", "--offline", "-o", str(tmp_path / "out")]) == 0
     version = changelog.next_section(CHANGES).version
     said = capsys.readouterr().out

@@ -2,28 +2,46 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import json
+import logging
+import pickle
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from datetime import date
 from functools import partial
 from typing import Any
 
 import httpx
 import pytest
 from service_scenes import check_problem, client_with, coplanar_design, read_answer, small_design
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
 
 from plain_data import replaced
-from tailstack_service.problems import CATALOGUE
+from tailstack.errors import DesignError, IllPosedError, Problem
+from tailstack_service.gate.request import admit_gate, read_gate
+from tailstack_service.http import computations
+from tailstack_service.http.app import create_app
+from tailstack_service.operations.content import canonical
+from tailstack_service.operations.request import DesignReferenceUnresolved
+from tailstack_service.problems import CATALOGUE, RefusedAt
 from tailstack_service.processes.task import RawRequest
 from tailstack_service.settings import Settings
 from waiting import LIMIT_SECONDS, until
 
 JSON = {"Content-Type": "application/json"}
+
 YAML = {"Content-Type": "application/yaml"}
+
 AXES = [{"pointer": "/views/0/target_noise_px", "values": [0.1, 0.2]}]
+
 OPTIONS: dict[str, dict[str, Any]] = {"/v1/sweeps": {"axes": AXES}}  # without which a request is not complete
+
 NO_DESIGNS: tuple[Any, ...] = (None, [], "x", 3, True)
+
 POSTS = ("/v1/scores", "/v1/validations", "/v1/verifications", "/v1/optimisations", "/v1/sweeps", "/v1/reports")
 
 
@@ -286,20 +304,12 @@ def test_problems_of_a_gated_design_start_inside_it(client: httpx.Client) -> Non
     assert document["errors"][0]["pointer"].startswith("/designs/0/design")
 
 
-@pytest.mark.parametrize(
-    "text", [b"a: [", b"a: 1\na: 2", b"!!python/object:os.system x", b"*x", b"--- 1\n--- 2", b"\t- x: y"]
-)
-def test_text_that_is_not_yaml_is_400(client: httpx.Client, text: bytes) -> None:
-    check_problem(client.post("/v1/validations", content=text, headers=YAML), 400, "malformed-document")
-
-
-def test_a_yaml_bomb_is_refused(client: httpx.Client) -> None:
+def test_what_no_reader_takes_is_refused(client: httpx.Client) -> None:
+    for text in (b"a: [", b"a: 1\na: 2", b"!!python/object:os.system x", b"*x", b"--- 1\n--- 2", b"\t- x: y"):
+        check_problem(client.post("/v1/validations", content=text, headers=YAML), 400, "malformed-document")
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 12)]
     check_problem(client.post("/v1/validations", content="\n".join(lines), headers=YAML), 422, "limit-exceeded")
-
-
-def test_deep_nesting_is_refused(client: httpx.Client) -> None:
     check_problem(client.post("/v1/scores", content=b'{"design":' + b"[" * 90_000, headers=JSON), 422, "limit-exceeded")
 
 
@@ -315,24 +325,17 @@ def test_a_name_that_no_field_has_is_a_limit_of_what_can_be_read(client: httpx.C
     check_problem(client.post("/v1/validations", content=f"{name}: 1", headers=YAML), 422, "limit-exceeded")
 
 
-@pytest.mark.parametrize(
-    ("method", "path"),
-    [("GET", "/v1"), ("POST", "/v2/scores"), ("GET", "/%00")],
-)
-def test_unknown_addresses_are_404(client: httpx.Client, method: str, path: str) -> None:
-    check_problem(client.request(method, path), 404, "not-found")
-
-
-@pytest.mark.parametrize(
-    ("method", "path", "allowed"),
-    [("GET", "/v1/scores", "POST"), ("DELETE", "/v1/verifications", "POST"), ("POST", "/version", "GET")],
-)
-def test_other_methods_are_405_with_the_allowed_ones(
-    client: httpx.Client, method: str, path: str, allowed: str
-) -> None:
-    response = client.request(method, path)
-    check_problem(response, 405, "method-not-allowed")
-    assert response.headers["allow"] == allowed
+def test_unknown_addresses_are_404_and_other_methods_405_with_the_allowed_ones(client: httpx.Client) -> None:
+    for method, path in (("GET", "/v1"), ("POST", "/v2/scores"), ("GET", "/%00")):
+        check_problem(client.request(method, path), 404, "not-found")
+    for method, path, allowed in (
+        ("GET", "/v1/scores", "POST"),
+        ("DELETE", "/v1/verifications", "POST"),
+        ("POST", "/version", "GET"),
+    ):
+        response = client.request(method, path)
+        check_problem(response, 405, "method-not-allowed")
+        assert response.headers["allow"] == allowed
 
 
 def test_query_parameters_that_mean_nothing_are_refused(client: httpx.Client) -> None:
@@ -411,6 +414,7 @@ def test_an_announced_flood_is_refused_unread(bounded: httpx.Client) -> None:
 
 
 REGION = {"box": {"centre_mm": [0, 0, 60], "size_mm": [9, 9, 9], "points_per_axis": 2}}
+
 VIEWS = small_design()["views"]
 
 
@@ -474,3 +478,166 @@ def test_what_draws_to_no_precision_is_not_held_to_the_default(bounded: httpx.Cl
         assert bounded.post("/v1/verifications", json={"design": small_design(), **body}).status_code == 202
     parts = {"design": small_design(), "parts": ["score"]}
     assert bounded.post("/v1/reports", json=parts).status_code == 202
+
+
+# --- defects of the service itself, and odd paths -------------------------------------------------
+
+
+class Broken(Response):
+    """Fails before its first byte."""
+
+    async def __call__(self, *_: Any) -> None:
+        raise RuntimeError("before the head")
+
+
+async def raising(_request: Request) -> Response:
+    raise RuntimeError("in the endpoint")
+
+
+async def unsendable(_request: Request) -> Response:
+    return Broken()
+
+
+async def torn(_request: Request) -> Response:
+    """Fails after its head has left."""
+
+    class Torn(Response):
+        async def __call__(self, _scope: Any, _receive: Any, send: Callable[[Any], Any]) -> None:
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+            raise RuntimeError("after the head")
+
+    return Torn()
+
+
+def asked(endpoint: Callable[[Request], Any]) -> httpx.Response:
+    """The answer of this endpoint, put at /added."""
+    app = create_app(Settings(), warm_up=False)
+    app.router.routes.append(Route("/added", endpoint))
+
+    async def run() -> httpx.Response:
+        transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+            return await client.get("/added", headers={"X-Request-ID": "from-a-test"})
+
+    return asyncio.run(run())
+
+
+@pytest.mark.parametrize("endpoint", [raising, unsendable])
+def test_a_defect_is_a_problem_with_the_id_of_its_log_line(
+    endpoint: Callable[[Request], Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.INFO, "tailstack.service"):
+        answer = asked(endpoint)
+    document = check_problem(answer, 500, "internal-error")
+    assert document["request_id"] == answer.headers["x-request-id"] == "from-a-test"
+    assert "RuntimeError" not in answer.text
+    failed, answered = [vars(record) for record in caplog.records if record.name == "tailstack.service"]
+    assert (failed["action"], failed["request"], failed["exc_info"][0]) == ("failed", "from-a-test", RuntimeError)
+    assert (answered["action"], answered["status"]) == ("answered", 500)
+
+
+def test_a_defect_after_the_head_is_logged_and_nothing_is_sent_behind_it(caplog: pytest.LogCaptureFixture) -> None:
+    app = create_app(Settings(), warm_up=False)
+    app.router.routes.append(Route("/added", torn))
+    scope = {
+        "type": "http", "method": "GET", "path": "/added", "query_string": b"", "headers": [(b"host", b"localhost")],
+    }  # fmt: skip
+    sent: list[str] = []
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": b""}
+
+    async def send(message: Any) -> None:
+        sent.append(message["type"])
+
+    with caplog.at_level(logging.INFO, "tailstack.service"):
+        asyncio.run(app(scope, receive, send))
+    assert sent == ["http.response.start"]  # uvicorn closes the connection
+    assert [vars(record)["action"] for record in caplog.records if record.name == "tailstack.service"] == [
+        "failed",
+        "answered",
+    ]
+
+
+def test_an_added_route_answers() -> None:
+    """The harness itself."""
+
+    async def fine(_request: Request) -> Response:
+        return PlainTextResponse("fine")
+
+    assert asked(fine).text == "fine"
+
+
+@pytest.mark.parametrize(
+    ("path", "instance"),
+    [
+        ("/x%3Fy", "/x%3Fy"),
+        ("/x%23y", "/x%23y"),
+        ("/x%0Ay", "/x%0Ay"),
+        ("/x%5Cy", "/x%5Cy"),
+        ("/%C3%A9%20%41", "/%C3%A9%20A"),
+        ("/v1/jobs/a;b=c:d@e", "/v1/jobs/a;b=c:d@e"),
+    ],
+)
+def test_instance_is_the_path_as_a_uri_reference(path: str, instance: str) -> None:
+    with client_with() as client:
+        answer = client.get(path, headers={"Host": "localhost"})
+    document = check_problem(answer, 404, "not-found")
+    assert document["instance"] == instance
+
+
+# --- refusals at their place ----------------------------------------------------------------------
+
+
+NOWHERE = "0" * 64
+
+
+def test_a_refusal_is_placed_once_and_keeps_what_it_is() -> None:
+    error = IllPosedError([Problem("/fiducials", "coplanar", "all in one plane", "move one"), Problem("", "x", "y")])
+    placed = RefusedAt.place(error, "/second")
+    assert [problem.pointer for problem in placed.problems] == ["/second/fiducials", "/second"]
+    assert (placed.slug, placed.title, placed.exit_code) == ("ill-posed-geometry", error.title, 3)
+    assert RefusedAt.place(placed, "/design") is placed
+    assert [problem.pointer for problem in error.problems] == ["/fiducials", ""], "the error itself stays as it was"
+
+
+def test_a_refusal_crosses_a_pipe_whole() -> None:
+    placed = RefusedAt.place(DesignError(Problem("/views/0", "wrong-type", "a mapping", "", "d.yaml", 3, 1)), "/design")
+    there = pickle.loads(pickle.dumps(placed))
+    assert isinstance(there, RefusedAt)
+    assert (there.problems, there.slug, there.title, there.exit_code, str(there)) == (
+        placed.problems, placed.slug, placed.title, placed.exit_code, str(placed),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("operation", ["score", "verification", "batch"])
+def test_a_design_that_is_named_is_asked_for_whatever_reads_it(operation: str) -> None:
+    body = {
+        "design_sha256": NOWHERE,
+        **({"table": {"/views/0/fiducial_noise_px": [0.1]}} if operation == "batch" else {}),
+    }
+    sent = RawRequest("json", canonical(body))
+    found = computations.perform(lambda: computations.receive(operation, sent, Settings()))
+    assert isinstance(found, DesignReferenceUnresolved)
+    assert pickle.loads(pickle.dumps(found)).sha256 == NOWHERE
+
+
+def test_a_patched_design_is_refused_where_the_design_stands_with_the_place_in_the_patch() -> None:
+    body = {"design": small_design(), "patch": {"views": 3}}
+    found = computations.perform(lambda: computations.receive("score", RawRequest("json", canonical(body)), Settings()))
+    assert isinstance(found, RefusedAt)
+    (problem,) = found.problems
+    assert problem.pointer == "/design/views"
+    assert problem.detail.count("/patch/views") == 1
+
+
+def test_an_admitted_gate_is_the_one_that_its_content_describes() -> None:
+    """What is judged at once and what a job would read are one gate."""
+    design = {"file": "a.yaml", "text": json.dumps(small_design())}
+    admitted = admit_gate({"designs": [design], "mode": "analytic"}, today=date(2026, 11, 21))
+    again = read_gate(admitted.content)
+    assert (again.seed, again.mode, again.today) == (admitted.gate.seed, admitted.gate.mode, admitted.gate.today)
+    assert [entry.design.sha256 for entry in again.designs if entry.design] == [
+        entry.design.sha256 for entry in admitted.gate.designs if entry.design
+    ]
+    assert admitted.terms["policy_sha256"] == again.policy.sha256

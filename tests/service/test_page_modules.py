@@ -13,9 +13,9 @@ import random
 from pathlib import Path
 from typing import Any
 
-import node
 import pytest
 import yaml
+from openapi_scenes import pinned_tools
 from service_scenes import EXAMPLES, ROOT
 
 from family import run_process
@@ -39,10 +39,7 @@ for (const name of process.argv.slice(1)) {
 
 def call_page(folder: Path, modules: tuple[str, ...], script: str, asked: Any) -> Any:
     """What a script answers, which may require the modules: it finds its question in ``asked`` and calls ``answer``."""
-    try:
-        packages = node.tools(PAGE).parent
-    except node.NodeMissing as missing:
-        pytest.skip(f"NOT TESTED: {missing}")
+    packages = pinned_tools(PAGE).parent
     head = 'const asked = JSON.parse(require("fs").readFileSync(0, "utf8"));\n'
     head += "const answer = (value) => console.log(JSON.stringify(value));\n"
     environment = {**os.environ, "NODE_PATH": str(packages), "PAGE": str(PAGE)}

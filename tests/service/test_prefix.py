@@ -1,7 +1,6 @@
 """Behind a proxy that gives the service a part of an address, what it says of its paths leads back to it.
 
-Pages of other origins are answered where they are listed, and nobody else is.
-"""
+Pages of other origins are answered where they are listed, and nobody else is."""
 
 from __future__ import annotations
 
@@ -9,26 +8,36 @@ import functools
 import http.server
 import json
 import re
+import shutil
+import socket
+import subprocess
 import threading
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import httpx
+import psutil
 import pytest
 from browsing import browser, look
-from service_scenes import check_problem, client_with, small_design
+from postgres import go_without
+from service_scenes import ROOT, check_problem, client_of, client_with, read_answer, small_design
 
+from family import die_with_parent, ended
 from plain_data import places_of, value_at
 from tailstack_service.console.remote import RemoteService
 from tailstack_service.http.origins import read_origins
 from tailstack_service.http.prefix import Prefix, read_root_path
 from tailstack_service.problems import SettingsError
 from tailstack_service.settings import Settings
-from waiting import until
+from waiting import LIMIT_SECONDS, until
 
-ROOT = "/tools/tailstack"
+MOUNTED = "/tools/tailstack"
+
 BODY = {"design": small_design(), "trials": 1000}
+
 DOCS = Path(__file__).parents[2] / "service" / "tailstack_service" / "docs_page"
 
 
@@ -41,8 +50,8 @@ def list_paths(record: Any) -> list[str]:
 @pytest.mark.long("cut off")
 @pytest.mark.parametrize("cut", [True, False], ids=["cut off", "left"])
 def test_every_path_that_is_said_begins_with_it(cut: bool) -> None:
-    with client_with(Settings(root_path=ROOT, worker_processes=1)) as client:
-        lead = "" if cut else ROOT
+    with client_with(Settings(root_path=MOUNTED, worker_processes=1)) as client:
+        lead = "" if cut else MOUNTED
 
         def ask(method: str, path: str, **more: Any) -> httpx.Response:
             return client.request(method, lead + path, **more)
@@ -50,24 +59,24 @@ def test_every_path_that_is_said_begins_with_it(cut: bool) -> None:
         for path in ("/", "/v1/schemas", "/v1/examples"):
             found = list_paths(ask("GET", path).json())
             assert found, path
-            assert all(each.startswith(f"{ROOT}/") for each in found), (path, found)
-        assert ask("GET", "/openapi.json").json()["servers"] == [{"url": ROOT, "description": "this service"}]
+            assert all(each.startswith(f"{MOUNTED}/") for each in found), (path, found)
+        assert ask("GET", "/openapi.json").json()["servers"] == [{"url": MOUNTED, "description": "this service"}]
         missing = ask("GET", "/v1/scorse").json()
-        assert (missing["type"], missing["instance"]) == (f"{ROOT}/v1/problems/not-found", f"{ROOT}/v1/scorse")
+        assert (missing["type"], missing["instance"]) == (f"{MOUNTED}/v1/problems/not-found", f"{MOUNTED}/v1/scorse")
         assert "did you mean POST /v1/scores?" in missing["errors"][0]["hint"]
         accepted = ask("POST", "/v1/verifications", json=BODY)
         assert accepted.status_code == 202
         job = accepted.json()
-        assert accepted.headers["location"] == job["links"]["self"] == f"{ROOT}/v1/jobs/{job['id']}"
-        assert ask("GET", f"/v1/jobs/{job['id']}").json()["links"]["events"] == f"{ROOT}/v1/jobs/{job['id']}/events"
+        assert accepted.headers["location"] == job["links"]["self"] == f"{MOUNTED}/v1/jobs/{job['id']}"
+        assert ask("GET", f"/v1/jobs/{job['id']}").json()["links"]["events"] == f"{MOUNTED}/v1/jobs/{job['id']}/events"
         assert ask("POST", "/v1/verifications", json=BODY).status_code == 202
         page = ask("GET", "/v1/jobs?limit=1")
-        assert page.json()["next"].startswith(f"{ROOT}/v1/jobs?")
-        assert page.headers["link"].startswith(f"<{ROOT}/v1/jobs?")
-        assert client.get(ROOT).status_code == 200, "without a slash at its end"
+        assert page.json()["next"].startswith(f"{MOUNTED}/v1/jobs?")
+        assert page.headers["link"].startswith(f"<{MOUNTED}/v1/jobs?")
+        assert client.get(MOUNTED).status_code == 200, "without a slash at its end"
         if not cut:
-            browser = client.get(ROOT, headers={"Accept": "text/html"}, follow_redirects=False)
-            assert (browser.status_code, browser.headers["location"]) == (307, f"{ROOT}/"), (
+            browser = client.get(MOUNTED, headers={"Accept": "text/html"}, follow_redirects=False)
+            assert (browser.status_code, browser.headers["location"]) == (307, f"{MOUNTED}/"), (
                 "the page asks beside itself"
             )
 
@@ -75,28 +84,25 @@ def test_every_path_that_is_said_begins_with_it(cut: bool) -> None:
 @pytest.mark.long
 def test_from_a_job_to_its_result(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("TAILSTACK_KEY", raising=False)
-    with client_with(Settings(root_path=ROOT, worker_processes=1), worker=True) as client:
+    with client_with(Settings(root_path=MOUNTED, worker_processes=1), worker=True) as client:
         job = client.post("/v1/verifications", json=BODY).json()
         place = job["links"]["self"]
         until(lambda: client.get(place).json()["state"] == "succeeded", lambda: client.get(place).json())
         seen = client.get(f"{place}/result")
         assert seen.status_code == 303
-        assert seen.headers["location"].startswith(f"{ROOT}/v1/results/")
+        assert seen.headers["location"].startswith(f"{MOUNTED}/v1/results/")
         assert client.get(seen.headers["location"]).status_code == 200
         waited = client.post("/v1/verifications", json=BODY, headers={"Prefer": "wait=50"})
-        assert waited.headers["content-location"].startswith(f"{ROOT}/v1/results/")
-        for url in (client.base_url, client.base_url.join(ROOT)):
+        assert waited.headers["content-location"].startswith(f"{MOUNTED}/v1/results/")
+        for url in (client.base_url, client.base_url.join(MOUNTED)):
             answer = RemoteService(str(url)).ask("GET", f"/v1/jobs/{job['id']}/result")
             assert answer.json()["schema"] == "tailstack/verification/1"
 
 
-def test_without_it_nothing_changes() -> None:
+def test_without_it_nothing_changes_and_what_cannot_be_is_refused() -> None:
     with client_with() as client:
         assert client.get("/v1/schemas").json()["schemas"][0]["url"] == "/v1/schemas/design"
         assert client.get("/openapi.json").json()["servers"][0]["url"] == "http://127.0.0.1:8321"
-
-
-def test_settings_that_cannot_be() -> None:
     for root in ("tailstack", "https://host/tailstack", "/a b", "//host"):
         with pytest.raises(SettingsError, match="TAILSTACK_ROOT_PATH must be a path such as /tailstack"):
             read_root_path(Settings(root_path=root))
@@ -104,28 +110,23 @@ def test_settings_that_cannot_be() -> None:
     assert read_root_path(Settings(root_path="/")) == ""
 
 
-def test_headers_of_any_answer() -> None:
-    import asyncio
+async def test_headers_of_any_answer() -> None:
+    sent: list[Any] = []
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
-        assert (scope["path"], scope["root_path"]) == (f"{ROOT}/x", ROOT)
+        assert (scope["path"], scope["root_path"]) == (f"{MOUNTED}/x", MOUNTED)
         lines = [(b"location", b"/v1/a"), (b"Content-Location", b"/v1/b"), (b"link", b'</v1/c>; rel="next"')]
         await send({"type": "http.response.start", "status": 303, "headers": [*lines, (b"etag", b'"/v1"')]})
 
-    async def collect() -> list[Any]:
-        sent: list[Any] = []
+    async def send(message: Any) -> None:
+        sent.append(message)
 
-        async def send(message: Any) -> None:
-            sent.append(message)
+    async def receive() -> Any:
+        return {"type": "http.disconnect"}
 
-        async def nothing() -> Any:
-            return {"type": "http.disconnect"}
-
-        scope = {"type": "http", "path": "/x", "headers": [], "client": ("127.0.0.1", 1)}
-        await Prefix(app, Settings(root_path=ROOT))(scope, nothing, send)
-        return sent
-
-    (start,) = asyncio.run(collect())
+    scope = {"type": "http", "path": "/x", "headers": [], "client": ("127.0.0.1", 1)}
+    await Prefix(app, Settings(root_path=MOUNTED))(scope, receive, send)
+    (start,) = sent
     assert dict(start["headers"]) == {
         b"location": b"/tools/tailstack/v1/a",
         b"Content-Location": b"/tools/tailstack/v1/b",
@@ -157,6 +158,7 @@ def test_health_answers_head() -> None:
 __all__ = ["browser"]
 
 PLUGIN = "https://plugin.example.org"
+
 STRANGERS = [
     "https://elsewhere.example.org",
     "http://plugin.example.org",
@@ -164,7 +166,9 @@ STRANGERS = [
     f"{PLUGIN}.evil.org",
     "null",
 ]
+
 ASKED = {"Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "content-type,authorization,prefer"}
+
 SCORED = {"design": small_design()}
 
 
@@ -302,3 +306,174 @@ def test_chromium_lets_a_listed_page_read_a_score_and_no_other(browser: Any, tmp
                 answers.append(found["answers"][0])
         server.shutdown()
     assert answers == ["200 32", "refused"]
+
+
+# --- slow clients, real ones, before docker/nginx.conf: they end there --------------------------------
+
+
+NGINX = shutil.which("nginx") or "/usr/sbin/nginx"
+
+Places = tuple["Proxy", httpx.Client]  # the proxy, and a client of the service behind it
+
+SLOW_HEAD = "client timed out .* while (waiting for|reading client) request"
+
+SLOW_BODY = '"POST /v1/scores HTTP/1.1" 408 '
+
+SLOW_READER = "client timed out .* while sending"
+
+HEAD = b"POST /v1/scores HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+
+
+def quick(conf: str, folder: Path, listen: int, api: int) -> str:
+    """The file with its times in tenths, on this machine's ports, its files in a folder, and a log of whom it ends."""
+    conf = re.sub(r"(client_header_timeout|client_body_timeout|send_timeout) (\d+)0s;", r"\1 \2s;", conf)
+    conf = conf.replace("listen 8080;", f"listen 127.0.0.1:{listen};")
+    for name, port in (("api-1:8321", api), ("api-2:8321", 9)):
+        conf = conf.replace(f"server {name}", f"server 127.0.0.1:{port}")
+    conf = conf.replace("error_log stderr warn;", "error_log /tmp/error.log info;")
+    conf = re.sub("access_log off;.*", "access_log /tmp/access.log;", conf)
+    return conf.replace("/tmp/", f"{folder}/")
+
+
+@dataclass(frozen=True, slots=True)
+class Proxy:
+    """A proxy that runs: its port, and the folder in which it says whom it ended."""
+
+    port: int
+    folder: Path
+
+    def connect(self) -> socket.socket:
+        return socket.create_connection(("127.0.0.1", self.port), timeout=LIMIT_SECONDS)
+
+    def log(self) -> str:
+        return "".join(path.read_text() for path in sorted(self.folder.glob("*.log")))
+
+    def ended(self, words: str) -> int:
+        """How often it has ended a client that was slow, by its own words."""
+        return len(re.findall(words, self.log()))
+
+
+@contextmanager
+def before(api: int, folder: Path) -> Iterator[Proxy]:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    (folder / "nginx.conf").write_text(quick((ROOT / "docker" / "nginx.conf").read_text(), folder, port, api))
+    command = [NGINX, "-c", str(folder / "nginx.conf"), "-e", str(folder / "error.log")]
+    command += ["-g", "daemon off; master_process off;"]
+    proxy = Proxy(port, folder)
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=die_with_parent
+    )
+
+    def answers() -> bool:
+        assert process.poll() is None, proxy.log()
+        with suppress(OSError), proxy.connect():
+            return True
+        return False
+
+    with ended(process):
+        until(answers, says=proxy.log)
+        yield proxy
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Places]:
+    if not Path(NGINX).exists():
+        go_without("nginx", "nginx is not installed")
+    folder = tmp_path_factory.mktemp("nginx")
+    with client_with(Settings()) as service, before(service.base_url.port or 0, folder) as proxy:
+        yield proxy, service
+
+
+def closed(connection: socket.socket, drip: bytes = b"") -> bool:
+    """Whether the other end has closed; what drips is sent once more, and what was answered is thrown away."""
+    connection.settimeout(0.01)
+    try:
+        if drip:
+            connection.sendall(drip)
+        return not connection.recv(65536)
+    except TimeoutError:
+        return False
+    except OSError:
+        return True
+
+
+def connections_to(service: httpx.Client) -> int:
+    """That the service has open; the proxy keeps idle ones for a while, at most one for each request under way."""
+    port = service.base_url.port
+    every = psutil.Process().net_connections("tcp")
+    return sum(c.laddr.port == port and c.status == psutil.CONN_ESTABLISHED for c in every)
+
+
+@pytest.mark.parametrize(
+    ("begun", "drip"), [(b"", b""), (b"G", b""), (b"GET /health/live HTTP/1.1\r\n", b"x-a: b\r\n")]
+)
+def test_a_head_that_never_ends_is_ended(places: Places, begun: bytes, drip: bytes) -> None:
+    proxy, _ = places
+    ended_before = proxy.ended(SLOW_HEAD)
+    with proxy.connect() as connection:
+        connection.sendall(begun)
+        until(lambda: closed(connection, drip), says=proxy.log)
+    until(lambda: proxy.ended(SLOW_HEAD) == ended_before + 1, says=proxy.log)
+
+
+def test_a_body_that_stops_coming_is_ended(places: Places) -> None:
+    proxy, _ = places
+    ended_before = proxy.ended(SLOW_BODY)
+    with proxy.connect() as connection:
+        connection.sendall(HEAD + b"Content-Length: 1000\r\n\r\n{")
+        until(lambda: closed(connection), says=proxy.log)
+    until(lambda: proxy.ended(SLOW_BODY) == ended_before + 1, says=proxy.log)
+
+
+@pytest.mark.long
+def test_a_body_that_drips_never_reaches_the_service(places: Places) -> None:
+    proxy, service = places
+    with ExitStack() as stack:
+        opened = [stack.enter_context(proxy.connect()) for _ in range(20)]
+        for connection in opened:
+            connection.sendall(HEAD + b"Content-Length: 1000\r\n\r\n{")
+        for _ in range(3):
+            for connection in opened:
+                with suppress(OSError):  # ended meanwhile, on a busy machine
+                    connection.sendall(b" ")
+            # refused by the proxy itself, which reads in the order in which it is sent to: it has read the drops
+            with proxy.connect() as last:
+                last.sendall(HEAD + b"Content-Length: 9000000\r\n\r\n")
+                assert read_answer(last)[0].startswith(b"HTTP/1.1 413 ")
+        until(lambda: connections_to(service) <= 1, says=lambda: connections_to(service))  # that of the test itself
+        assert service.get("/health/live").status_code == 200
+
+
+@pytest.mark.long
+def test_an_answer_that_nobody_takes_leaves_the_service_at_once(places: Places) -> None:
+    """Large answers are asked for, and none is read."""
+    proxy, service = places
+    assert len(service.get("/openapi.json").content) > 150_000
+    with socket.socket() as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.settimeout(LIMIT_SECONDS)
+        connection.connect(("127.0.0.1", proxy.port))
+        connection.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 100)
+        until(lambda: connections_to(service) <= 3)
+        until(lambda: proxy.ended(SLOW_READER), says=proxy.log)
+        received = 0
+        try:
+            while more := connection.recv(65536):
+                received += len(more)
+        except OSError:
+            pass
+    assert received < 100 * 150_000, "send_timeout ends who takes nothing"
+
+
+def test_event_streams_come_as_they_happen_and_refusals_as_they_are(places: Places) -> None:
+    proxy, _ = places
+    with client_of(f"http://127.0.0.1:{proxy.port}") as client:
+        job = client.post("/v1/verifications", json={"design": small_design(), "trials": 1000}).json()
+        with client.stream("GET", job["links"]["events"]) as stream:
+            lines = stream.iter_lines()
+            assert next(lines) == "retry: 1000"
+            while not next(lines).startswith("event: state"):
+                pass
+        refused = client.post("/v1/scores", content=b" " * 2_000_000, headers={"Content-Type": "application/json"})
+        check_problem(refused, 413, "limit-exceeded")

@@ -1,12 +1,14 @@
 """A report is a document that somebody signs: title block, what nobody stated, the beads as drawn, the yield beside the
-verdict, and numbers as numbers in a spreadsheet.  Pages are read back by other libraries than those that wrote them.
-"""
+verdict, and numbers as numbers in a spreadsheet.  Pages are read back by other libraries than those that wrote them."""
 
 from __future__ import annotations
 
 import io
 import json
+import os
 import re
+import subprocess
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,8 @@ from typing import Any
 import openpyxl
 import pytest
 from pypdf import PdfReader
-from service_scenes import limited
+from service_scenes import EXAMPLES, ROOT, limited
+from test_report_figures import check_picture, distribution, texts
 from test_report_rendering import Page
 
 from family import COMMAND, run_python
@@ -24,12 +27,24 @@ from tailstack.sweeping import read_axes, sweep
 from tailstack_service.documents import to_json
 from tailstack_service.operations.rendering import render
 from tailstack_service.report.assembling import ReportContents, compute_report
+from tailstack_service.report.charts import (
+    draw_budgets,
+    draw_distribution,
+    draw_shares,
+    draw_tolerances,
+)
 from tailstack_service.report.comparing import compute_comparison
+from tailstack_service.report.half_widths import tolerance_curves
+from tailstack_service.report.records import ErrorDistribution
 
 BLOCK = {"number": "DG-1042", "revision": "C", "date": "2026-11-28", "author": "M. Keller"}
+
 WORDS = ("Document", "Revision", "Date", "Author", "Checked", "Approved")
+
 ASSUMED = ["/interfaces", "/targets/0/position_mm", "/views/0/fiducial_noise_px"]
+
 FEW = ReportContents(trials=20_000, seed=3)
+
 NUMBER = re.compile(r"[-+−]?\d[\d,]*(\.\d+)?(e[-+]\d+)?( (mm|px|%|deg))?")
 
 
@@ -157,3 +172,79 @@ def test_processes_that_differ_write_the_same_bytes(written: list[Path]) -> None
     assert names[0] == names[1] == ["design.html", "design.pdf", "design.report.json", "design.xlsx"]
     for name in names[0]:
         assert (written[0] / name).read_bytes() == (written[1] / name).read_bytes(), name
+
+
+# --- charts ---------------------------------------------------------------------------------------
+
+
+LONG = " ".join(f"adapter{k} of the carrier on its third spigot" for k in range(5))  # two hundred letters
+
+SHOWN = ErrorDistribution("tip $a$", (0.0, 0.5, 1.0, 1.5), (0.5, 0.3, 0.2), (0.48, 0.31, 0.21), 5000)
+
+DRAW = f"""
+import sys
+from tailstack_service.report.charts import draw_distribution
+from tailstack_service.report.records import ErrorDistribution
+sys.stdout.write(draw_distribution({SHOWN!r}, 0.87, (0.85, 0.89), 1.0, "d"))
+"""
+
+
+def run(code: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join(str(ROOT / room) for room in ("solver", "service", "tests", "tests/service"))
+    kept = {name: value for name, value in os.environ.items() if name not in ("MPLCONFIGDIR", "XDG_CACHE_HOME")}
+    return run_python(
+        "-c", code, env={**kept, "PYTHONPATH": path, "PYTHONUTF8": "1", **environment}, cwd=folder, check=True
+    )
+
+
+@pytest.mark.long
+def test_neither_a_home_that_cannot_be_written_nor_settings_beside_the_design_change_a_chart(tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_text("font.size: 31\nlines.linewidth: 9\naxes.facecolor: red\n")
+    drawn = run(DRAW, tmp_path, HOME="/proc/nobody", XDG_CONFIG_HOME="/proc/nobody")
+    assert drawn.stderr == ""
+    assert drawn.stdout == draw_distribution(SHOWN, 0.87, (0.85, 0.89), 1.0, "d")
+    assert [path.name for path in tmp_path.iterdir()] == ["matplotlibrc"]
+
+
+@pytest.mark.long
+def test_a_command_that_draws_nothing_does_not_import_matplotlib(tmp_path: Path) -> None:
+    code = f"""
+import sys
+from tailstack_service.cli.main import main
+assert main(["score", {str(EXAMPLES / "demo.yaml")!r}]) == 1
+import tailstack_service.report.chapters.gate, tailstack_service.report.chapters.report
+assert not {{"matplotlib", "weasyprint"}} & set(sys.modules)
+"""
+    run(code, tmp_path)
+
+
+def test_settings_of_matplotlib_are_as_they_were() -> None:
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    draw_distribution(distribution("tip", 0.5), 0.87, None, None, "d")
+    assert dict(matplotlib.rcParams) == before
+
+
+@pytest.mark.parametrize("target", ["tip", "Spitze der Nadel, 针尖", "a $x_1$ \\frac b"])
+def test_looks_stand_in_attributes(target: str) -> None:
+    """The content security policy lets neither style attributes nor references to other files count."""
+    svg = draw_distribution(distribution(target, 0.5), 0.87, (0.85, 0.89), 1.0, "d")
+    check_picture(svg)
+    assert target.replace("\\", "\\") in svg
+    assert not re.search(r"style=|<style|<use|href|<image|<!DOCTYPE|metadata", svg)
+
+
+def words_of(svg: str) -> str:
+    return " ".join(words for words, *_ in texts(check_picture(svg)))
+
+
+def test_a_long_name_is_whole_and_hides_nothing() -> None:
+    design = load_design(EXAMPLES / "demo.yaml")
+    target = score(design).targets[0]
+    renamed = tuple(replace(entry, label=LONG) if entry.name == "hand_eye" else entry for entry in target.contributors)
+    assert f"{LONG} tx" in words_of(draw_shares(renamed, "tip"))
+    assert f"{LONG} tx" in words_of(draw_budgets(target, replace(target, contributors=renamed)))
+    curves = tolerance_curves(design, "tip")
+    long = replace(curves, curves=tuple(replace(curve, label=LONG) for curve in curves.curves))
+    assert words_of(draw_tolerances(long)).count(LONG) == len(curves.curves)

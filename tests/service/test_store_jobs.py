@@ -1,20 +1,37 @@
-"""Jobs as their tenant sees them, on SQLite and on PostgreSQL."""
+"""Jobs and their units in the store: what is submitted, claimed, recorded, listed and cancelled."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 from typing import Any
 
 import pytest
-from store_scenes import PROBLEM, Clock, claim_one, find, finish, record, split, submit
+import sqlalchemy as sa
+from store_scenes import (
+    LEASE,
+    PROBLEM,
+    Clock,
+    claim,
+    claim_one,
+    find,
+    find_id,
+    finish,
+    record,
+    specs,
+    split,
+    split_each,
+    submit,
+)
 
-from tailstack_service.jobs.store import events, jobs, results
-from tailstack_service.jobs.store.database import Database
+from tailstack_service.jobs.store import events, jobs, queue, results, tables, usage, workers
+from tailstack_service.jobs.store.database import Database, reading
 from tailstack_service.jobs.store.jobs import Job
 from tailstack_service.problems import IdempotencyConflict, QueueFull
+from tailstack_service.processes.task import ADVANCE, Outcome, UnitResult
 from waiting import LIMIT_SECONDS
 
 
@@ -236,3 +253,456 @@ def test_a_refused_job_carries_its_problem(store: Database) -> None:
     assert failed.problem is not None
     assert failed.problem["type"] == "/v1/problems/infeasible"
     assert told(store, job)[-1][2] == {"state": "failed", "problem": failed.problem}
+
+
+# --- units in the hands of workers: what is claimed when, what may be recorded, when a job is g ----
+
+
+def stored_units(db: Database, job_id: str) -> list[sa.Row[*tuple[object, ...]]]:
+    query = sa.select(tables.units).where(tables.units.c.job_id == job_id).order_by(tables.units.c.number)
+    with reading(db) as connection:
+        return list(connection.execute(query))
+
+
+def alive(db: Database, worker_id: str, version: str) -> None:
+    workers.report_alive(db, worker_id, "host", 1, version, "pool", 2)
+
+
+def test_a_job_from_its_first_unit_to_its_answer(store: Database, clock: Clock) -> None:
+    job = submit(store, b'{"seed":7}', kind="optimisation", request_id="r-9")
+    clock.advance(5)
+    first = claim_one(store)
+    assert (first.job_id, first.index, first.generation, first.token) == (job.id, 0, 1, 1)
+    assert (first.kind, first.request, first.spec, first.results) == ("optimisation", b'{"seed":7}', ADVANCE, ())
+    assert (first.deaths, first.attempts, first.request_id, first.tenant) == (0, 1, "r-9", "acme")
+    running = find(store, job)
+    assert (running.state, running.started_at, running.units_done) == ("running", clock.now, 0)
+    assert claim(store) == []
+
+    assert record(store, first, more=(b"a", b"b", b"c"), remaining=2, note="starts 1 to 3", cpu_seconds=0.25)
+    planned = find(store, job)
+    assert (planned.units_done, planned.units_expected, planned.note) == (1, 1 + 3 + 2 + 1, "starts 1 to 3")
+    a, b, c = claim(store, limit=9)
+    assert [(held.index, held.spec, held.results) for held in (a, b, c)] == [
+        (1, b"a", ()),
+        (2, b"b", ()),
+        (3, b"c", ()),
+    ]
+    assert record(store, c, result=b"C")
+    assert record(store, a, result=b"A")
+    assert claim(store) == []  # b is outstanding: nothing to advance on
+    assert record(store, b, result=b"B")
+
+    second = claim_one(store)
+    assert (second.index, second.spec) == (4, ADVANCE)
+    assert second.results == (UnitResult(1, b"a", b"A"), UnitResult(2, b"b", b"B"), UnitResult(3, b"c", b"C"))
+    assert record(store, second, more=(b"d",))
+    assert find(store, job).units_expected == 5 + 1 + 0 + 1
+    assert record(store, claim_one(store), result=b"D")
+    third = claim_one(store)
+    assert third.index == 6
+    assert [(one.index, one.result) for one in third.results] == [(1, b"A"), (2, b"B"), (3, b"C"), (5, b"D")]
+    clock.advance(1)
+    assert record(store, third, answer=b'{"found":1}')
+
+    done = find(store, job)
+    assert (done.state, done.finished_at, done.units_done, done.units_expected) == ("succeeded", clock.now, 7, 7)
+    assert done.result_sha256 == hashlib.sha256(b'{"found":1}').hexdigest()
+    assert done.cpu_seconds == pytest.approx(0.25 + 6 * 0.5, abs=1e-12)
+    kept = results.read_result(store, "acme", done.result_sha256)
+    assert kept is not None
+    assert (kept.body, kept.schema_name) == (b'{"found":1}', "optimisation")
+    assert [(row.spec, row.result) for row in stored_units(store, job.id)] == [(None, None)] * 7
+    assert claim(store) == []
+
+
+def test_an_advance_that_needs_no_units_answers_at_once(store: Database) -> None:
+    job = submit(store)
+    assert record(store, claim_one(store), answer=b"{}")
+    assert find(store, job).state == "succeeded"
+
+
+def test_the_last_of_many_recorded_side_by_side_makes_exactly_one_advance(store: Database) -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    for _ in range(5):
+        job = split(store, 8)
+        held = claim(store, limit=8)
+        with ThreadPoolExecutor(8) as pool:
+            assert all(pool.map(lambda one: record(store, one, result=b"x"), held))
+        advances = [row for row in stored_units(store, job.id) if row.advance]
+        assert [row.number for row in advances] == [0, 9]
+        assert [len(one.results) for one in claim(store, limit=9)] == [8]
+
+
+@pytest.mark.parametrize(
+    ("advance", "outcome"),
+    [
+        (True, {"result": b"x"}),
+        (True, {}),
+        (True, {"more": (b"a",), "answer": b"{}"}),
+        (False, {"more": (b"a",)}),
+        (False, {"answer": b"{}"}),
+        (False, {"result": b"x", "problem": PROBLEM}),
+    ],
+)
+def test_an_outcome_that_the_unit_cannot_have_is_a_defect(
+    store: Database, advance: bool, outcome: dict[str, Any]
+) -> None:
+    job = submit(store) if advance else split(store, 1)
+    held = claim_one(store)
+    before = find(store, job)
+    with pytest.raises(ValueError, match=job.id):
+        record(store, held, **outcome)
+    assert find(store, job) == before
+
+
+def test_an_empty_result_is_a_result(store: Database) -> None:
+    split(store, 1)
+    assert record(store, claim_one(store), result=b"")
+    assert claim_one(store).results == (UnitResult(1, b'{"unit":1}', b""),)
+
+
+def test_a_lease_that_ran_out_is_given_to_another_and_the_first_can_no_longer_record(
+    store: Database, clock: Clock
+) -> None:
+    job = split(store, 1)
+    frozen = claim_one(store, "frozen")
+    clock.advance(LEASE)
+    assert claim(store, "other") == []  # to the moment
+    clock.advance(0.001)
+    taken = claim_one(store, "other")
+    assert (taken.index, taken.token, taken.attempts) == (frozen.index, frozen.token + 1, frozen.attempts + 1)
+    before = find(store, job), stored_units(store, job.id)
+
+    assert not record(store, frozen, result=b"late")
+    assert not record(store, frozen, problem=PROBLEM)
+    queue.release(store, frozen, died=True)
+    assert queue.renew(store, "frozen", [frozen], LEASE) == [frozen]
+    assert (find(store, job), stored_units(store, job.id)) == before
+
+    assert record(store, taken, result=b"in time")
+    assert not record(store, frozen, result=b"late")
+    assert claim_one(store).results[0].result == b"in time"
+
+
+def test_a_lease_that_ran_out_unnoticed_is_still_its_holders(store: Database, clock: Clock) -> None:
+    """After a pause of everybody (the database was away) nothing has to be computed again."""
+    split(store, 2)
+    one, two = claim(store, limit=2)
+    clock.advance(10 * LEASE)
+    assert queue.renew(store, "w1", [one], LEASE) == []
+    assert [held.index for held in claim(store, "other", limit=5)] == [two.index]
+    assert record(store, one, result=b"x")
+
+
+def test_renewed_leases_hold_and_lost_ones_are_named(store: Database, clock: Clock) -> None:
+    cancelled, kept = split_each(store, clock, 1, 3)
+    held = claim(store, limit=4)
+    of_cancelled = next(one for one in held if one.job_id == cancelled.id)
+    recorded, returned, mine = (one for one in held if one.job_id == kept.id)
+    assert queue.renew(store, "w1", held, LEASE) == []
+    for _ in range(5):
+        clock.advance(LEASE - 1)
+        assert queue.renew(store, "w1", held, LEASE) == []
+        assert claim(store, "other", limit=9) == []
+    jobs.cancel_job(store, "acme", cancelled.id)
+    assert record(store, recorded, result=b"x")
+    queue.release(store, returned, died=False)
+    # What is recorded is not lost: nobody else will compute it
+    assert queue.renew(store, "w1", held, LEASE) == [of_cancelled, returned]
+    assert queue.renew(store, "w1", [], LEASE) == []
+    assert record(store, mine, result=b"y")
+
+
+def test_recording_again_after_an_unknown_commit_says_that_it_is_recorded(store: Database) -> None:
+    job = submit(store)
+    first = claim_one(store)
+    steps: list[tuple[Any, dict[str, Any]]] = [(first, {"more": specs(1)})]
+    assert record(store, first, more=specs(1))
+    unit = claim_one(store)
+    assert record(store, unit, result=b"x")
+    steps.append((unit, {"result": b"x"}))
+    last = claim_one(store)
+    assert record(store, last, answer=b"{}")
+    steps.append((last, {"answer": b"{}"}))
+    before = find(store, job), stored_units(store, job.id), usage.sum_cpu_seconds(store, "acme", 0)
+    for held, outcome in steps:
+        assert record(store, held, **outcome)
+    assert (find(store, job), stored_units(store, job.id), usage.sum_cpu_seconds(store, "acme", 0)) == before
+
+
+def test_a_unit_given_back_is_claimed_at_once_under_a_new_token(store: Database) -> None:
+    split(store, 1)
+    held = claim_one(store)
+    queue.release(store, held, died=False)
+    again = claim_one(store, "other")
+    assert (again.index, again.token, again.attempts, again.deaths) == (held.index, held.token + 1, 2, 0)
+    queue.release(store, held, died=True)  # too late: it is another's
+    assert not record(store, held, result=b"late")
+    assert record(store, again, result=b"x")
+    queue.release(store, again, died=True)
+    assert find(store, find_id(store, again.job_id)).state == "running"
+
+
+def test_a_unit_that_kills_its_processes_ends_the_job(store: Database) -> None:
+    job = split(store, 3)
+    for deaths in range(1, 4):
+        held = claim_one(store, max_deaths=3)
+        assert (held.index, held.deaths) == (1, deaths - 1)
+        queue.release(store, held, died=True)
+        assert find(store, job).state == ("running" if deaths < 3 else "failed")
+    failed = find(store, job)
+    assert failed.problem is not None
+    assert failed.problem["type"] == "/v1/problems/unit-lost"
+    assert "3 times" in failed.problem["detail"]
+    assert "3 computing processes" in failed.problem["detail"]
+    assert [event.name for event in events.read_events(store, "acme", job.id, 0, 99)][-1] == "state"
+    assert [row.number for row in stored_units(store, job.id)] == [0]  # only what was recorded
+    assert claim(store, limit=9) == []
+
+
+def test_a_unit_that_takes_whole_workers_with_it_ends_the_job(store: Database, clock: Clock) -> None:
+    """Nobody lives to tell: the leases run out, and the attempts are counted."""
+    job = split(store, 2)
+    for attempt in range(1, 5):
+        held = claim(store, f"w{attempt}", limit=9, max_attempts=4)
+        assert [(one.index, one.attempts) for one in held] == [(1, attempt), (2, attempt)]
+        clock.advance(LEASE + 1)
+    assert find(store, job).state == "running"
+    bystander = submit(store)
+    assert [held.job_id for held in claim(store, "w5", limit=9, max_attempts=4)] == [bystander.id]
+    failed = find(store, job)
+    assert failed.state == "failed"
+    assert failed.problem is not None
+    assert failed.problem["type"] == "/v1/problems/unit-lost"
+    assert "4 times" in failed.problem["detail"]
+    assert [row.number for row in stored_units(store, job.id)] == [0]
+
+
+def test_giving_back_the_last_attempt_ends_the_job(store: Database) -> None:
+    job = split(store, 1)
+    for _ in range(2):
+        queue.release(store, claim_one(store, max_attempts=2), died=False)
+    assert find(store, job).state == "failed"
+
+
+def test_a_job_that_takes_too_long_fails_but_an_answer_counts(store: Database, clock: Clock) -> None:
+    slow, quick = split_each(store, clock, 2, 1)
+    one, two, three = claim(store, limit=3)
+    assert (one.job_id, three.job_id) == (slow.id, quick.id)
+    assert record(store, one, result=b"x", cpu_seconds=9.0, max_job_seconds=10.0)
+    assert record(store, two, result=b"x", cpu_seconds=0.6, max_job_seconds=10.0)
+    failed = find(store, slow)
+    assert (failed.state, failed.cpu_seconds) == ("failed", pytest.approx(0.5 + 9.0 + 0.6))
+    assert failed.problem is not None
+    assert failed.problem["type"] == "/v1/problems/limit-exceeded"
+    assert "10 CPU seconds" in failed.problem["detail"]
+    assert record(store, three, result=b"x", max_job_seconds=10.0)
+    assert record(store, claim_one(store), answer=b"{}", cpu_seconds=11.0, max_job_seconds=10.0)
+    assert find(store, quick).state == "succeeded"
+
+
+def test_cpu_seconds_are_counted_by_tenant_and_minute(store: Database, clock: Clock) -> None:
+    begun = clock.now
+    for tenant, seconds in (("other", 4.0), ("acme", 1.5)):
+        submit(store, tenant=tenant)
+        assert record(store, claim_one(store), more=specs(1), cpu_seconds=seconds)
+        assert record(store, claim_one(store), result=b"", cpu_seconds=seconds)
+        if tenant == "other":
+            assert record(store, claim_one(store), answer=b"{}", cpu_seconds=0.0)
+    clock.advance(120)
+    assert record(store, claim_one(store), answer=b"{}", cpu_seconds=10.0)
+    assert usage.sum_cpu_seconds(store, "acme", begun) == pytest.approx(13.0)
+    assert usage.sum_cpu_seconds(store, "acme", clock.now) == pytest.approx(10.0)
+    assert usage.sum_cpu_seconds(store, "acme", clock.now + 60) == 0.0
+    assert usage.sum_cpu_seconds(store, "other", begun) == pytest.approx(8.0)
+    assert usage.sum_cpu_seconds(store, "nobody", 0.0) == 0.0
+
+
+def test_what_came_first_is_served_first(store: Database, clock: Clock) -> None:
+    made = []
+    for _ in range(6):
+        made.append(submit(store).id)
+        clock.advance(1)
+    assert [held.job_id for held in claim(store, limit=4)] == made[:4]
+    assert [held.job_id for held in claim(store, limit=4)] == made[4:]
+
+
+def test_a_small_job_is_not_stuck_behind_a_large_one_of_the_same_age(store: Database, clock: Clock) -> None:
+    large, small = split_each(store, clock, 500, 5)
+    served = []
+    while find(store, small).state != "succeeded":
+        held = claim_one(store)
+        served.append(held.job_id)
+        if held.spec == ADVANCE:
+            assert record(store, held, answer=b"{}")
+        else:
+            assert record(store, held, result=b"x")
+    # Units 1 to 16 keep the large job's place, those of the small job follow, and its answer
+    assert served.count(large.id) <= 16
+    assert served.count(small.id) == 6
+    # ... and the large job is not starved by small ones that keep coming: its place does not move
+    clock.advance(10 * 500)
+    submit(store)
+    assert claim_one(store).job_id == large.id
+
+
+def test_a_large_job_is_advanced_before_younger_ones_are_begun(store: Database, clock: Clock) -> None:
+    large = split(store, 40)
+    for held in claim(store, limit=40):
+        assert record(store, held, result=b"x")
+    clock.advance(1)
+    submit(store)
+    held = claim_one(store)
+    assert (held.job_id, held.spec) == (large.id, ADVANCE)
+
+
+def test_another_version_waits_while_its_workers_live_then_the_job_is_begun_anew(store: Database, clock: Clock) -> None:
+    """Versions 1, 2 and 3 of the solver: each takes over only from those that are gone."""
+    alive(store, "w1", "1.0")
+    alive(store, "w2", "2.0")
+    job = split(store, 3)
+    old = claim_one(store, "w1")
+    assert claim(store, "w2", limit=9, solver_version="2.0") == []
+    clock.advance(0.01)
+    of_two = submit(store, solver_version="2.0")
+    assert [held.job_id for held in claim(store, "w2", limit=9, solver_version="2.0")] == [of_two.id]
+
+    clock.advance(LEASE + 1)
+    alive(store, "w2", "2.0")  # w1 has fallen silent
+    taken = claim_one(store, "w2", solver_version="2.0")
+    assert (taken.job_id, taken.index, taken.generation, taken.spec) == (job.id, 0, 2, ADVANCE)
+    reset = find(store, job)
+    assert (reset.state, reset.solver_version, reset.generation) == ("running", "2.0", 2)
+    assert (reset.units_done, reset.units_expected) == (0, 1)
+    last = events.read_events(store, "acme", job.id, 0, 99)[-1]
+    assert (last.name, last.data) == ("recomputed", {"from": "1.0", "to": "2.0"})
+
+    assert not record(store, old, result=b"late")  # the frozen worker of version 1 wakes
+    assert queue.renew(store, "w1", [old], LEASE) == [old]
+    queue.release(store, old, died=True)
+    assert find(store, job) == reset
+
+    alive(store, "w3", "3.0")
+    queue.release(store, taken, died=False)
+    assert claim(store, "w3", solver_version="3.0", limit=9) == []
+    workers.remove_worker(store, "w2")  # an end in order: nobody waits for a lease
+    again = claim(store, "w3", solver_version="3.0", limit=9)
+    assert [(held.job_id, held.generation, held.index) for held in again if held.job_id == job.id] == [(job.id, 3, 0)]
+    assert record(store, next(held for held in again if held.job_id == job.id), answer=b"{}")
+    assert find(store, job).solver_version == "3.0"
+
+
+def test_many_units_of_another_version_are_replaced_by_one(store: Database) -> None:
+    job = split(store, 10)
+    first = claim(store, limit=3)
+    for held in first:
+        assert record(store, held, result=b"old")
+    taken = claim(store, "w2", limit=9, solver_version="2.0")
+    assert [(held.index, held.generation, held.results) for held in taken] == [(0, 2, ())]
+    assert record(store, taken[0], more=specs(1))
+    assert record(store, claim_one(store, solver_version="2.0"), result=b"new")
+    assert [one.result for one in claim_one(store, solver_version="2.0").results] == [b"new"]
+    assert find(store, job).units_expected == 3
+
+
+def test_a_queued_job_of_another_version_says_that_it_changed_hands(store: Database) -> None:
+    job = submit(store)
+    claim_one(store, solver_version="2.0")
+    told = [(event.name, event.data) for event in events.read_events(store, "acme", job.id, 0, 99)]
+    assert told == [
+        ("state", {"state": "queued"}),
+        ("recomputed", {"from": "1.0", "to": "2.0"}),
+        ("state", {"state": "running"}),
+    ]
+
+
+def test_workers_are_listed_until_they_say_goodbye(store: Database, clock: Clock) -> None:
+    workers.report_alive(store, "w1", "alpha", 11, "1.0", "pool", 4)
+    clock.advance(5)
+    workers.report_alive(store, "w2", "beta", 22, "1.0", "dask", 16)
+    clock.advance(5)
+    workers.report_alive(store, "w1", "alpha", 11, "1.0", "pool", 4)
+    begun = clock.now - 10
+    assert workers.list_workers(store) == [
+        workers.WorkerEntry("w1", "alpha", 11, "1.0", "pool", 4, begun, begun + 10),
+        workers.WorkerEntry("w2", "beta", 22, "1.0", "dask", 16, begun + 5, begun + 5),
+    ]
+    workers.remove_worker(store, "w1")
+    assert [worker.id for worker in workers.list_workers(store)] == ["w2"]
+
+
+def test_figures_count_everything(store: Database, clock: Clock) -> None:
+    alive(store, "silent", "1.0")
+    clock.advance(53)  # and 7: a worker that was not seen for a whole minute counts as gone
+    alive(store, "w1", "1.0")
+    job = split(store, 4)
+    claim(store, limit=1)
+    submit(store)
+    jobs.cancel_job(store, "acme", submit(store).id)
+    clock.advance(7)
+    submit(store)
+    seen = usage.read_figures(store)
+    assert seen.jobs == {"queued": 2, "running": 1, "succeeded": 0, "failed": 0, "cancelled": 1}
+    assert (seen.ready_units, seen.leased_units, seen.recorded_units, seen.live_workers) == (5, 1, 1, 1)
+    assert (seen.oldest_ready_seconds, seen.cpu_seconds) == (pytest.approx(7.0), pytest.approx(0.5))
+    jobs.cancel_job(store, "acme", job.id)
+    finish(store)
+    assert usage.read_figures(store).oldest_ready_seconds == 0.0
+
+
+def test_a_zero_limit_claims_nothing(store: Database) -> None:
+    submit(store)
+    assert claim(store, limit=0) == []
+    assert len(claim(store, limit=1)) == 1
+
+
+def test_outcomes_with_odd_texts_can_be_told(store: Database) -> None:
+    job = submit(store)
+    assert record(store, claim_one(store), more=specs(1), note="a\0b\ud800")
+    assert find(store, job).note == "a\ufffdb?"
+    odd = json.dumps({"type": "/v1/problems/infeasible", "detail": "nul \0 and \ud800"}).encode()
+    assert queue.record(store, claim_one(store), Outcome(0.0, problem=odd), max_job_seconds=1.0)
+    failed = find(store, job)
+    assert failed.problem is not None
+    assert failed.problem["detail"] == "nul \0 and \ud800"
+
+
+# --- a clock that was ahead ----------------------------------------------------------------------
+
+
+def test_a_lease_given_while_the_clock_was_ahead_does_not_stand_until_then(store: Database, clock: Clock) -> None:
+    submit(store)
+    clock.advance(7_200)
+    held = claim_one(store, "w1")
+    clock.advance(-7_200)
+    again = claim_one(store, "w2")
+    assert (again.job_id, again.token) == (held.job_id, held.token + 1)
+    assert not record(store, held, more=specs(1))
+    assert record(store, again, more=specs(1))
+
+
+def test_a_clock_set_back_a_little_takes_nothing_from_who_computes(store: Database, clock: Clock) -> None:
+    submit(store)
+    held = claim_one(store, "w1")
+    clock.advance(-0.5)
+    assert claim(store, "w2") == []
+    assert record(store, held, more=specs(1))
+
+
+def test_a_worker_seen_in_the_future_is_not_alive(store: Database, clock: Clock) -> None:
+    submit(store, solver_version="0.9")
+    clock.advance(7_200)
+    workers.report_alive(store, "w1", "host", 1, "0.9", "pool", 1)
+    clock.advance(-7_200)
+    assert usage.read_figures(store).live_workers == 0
+    assert claim_one(store, "w2").generation == 2  # begun anew: nobody of its version is there
+
+
+def test_cpu_seconds_used_in_the_future_are_not_of_the_last_hour(store: Database, clock: Clock) -> None:
+    split(store, 1)
+    clock.advance(7_200)
+    assert record(store, claim_one(store), result=b"r", cpu_seconds=100.0)
+    clock.advance(-7_200)
+    assert usage.sum_cpu_seconds(store, "acme", clock.now - 3_600) < 10.0

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import generate
-import node
 import pytest
 import yaml
 from browsing import DEMO, asked, browser, playing, used
+from openapi_scenes import pinned_tools
 from served import COMMAND, Served, served
 from service_scenes import EXAMPLES, ROOT, ask
 
@@ -404,14 +404,7 @@ def test_what_is_fetched_before_the_first_score_stays_small() -> None:
 
 @pytest.mark.long
 def test_the_built_files_are_those_of_the_sources(tmp_path: Path) -> None:
-    try:
-        modules = node.tools(SOURCES).parent
-    except node.NodeMissing as missing:
-        from postgres import required
-
-        if required("node"):
-            pytest.fail(f"{missing}; TAILSTACK_TESTS_REQUIRE lists node")
-        pytest.skip(f"NOT TESTED: {missing}")
+    modules = pinned_tools(SOURCES).parent
     work = tmp_path / "service" / "workbench"
     shutil.copytree(SOURCES, work, ignore=shutil.ignore_patterns("node_modules"))
     shutil.copytree(

@@ -18,7 +18,7 @@ import yaml
 from browsing import DEMO, browser, used
 from served import Served, served
 from service_scenes import ask
-from test_proxy import NGINX
+from test_prefix import NGINX
 
 from family import die_with_parent, ended
 from tailstack import load_design, score, score_batch

@@ -18,10 +18,9 @@ from typing import Any
 
 import generate
 import jsonschema
-import node
 import pytest
 import yaml
-from postgres import required
+from openapi_scenes import pinned_tools
 from service_scenes import EXAMPLES, ROOT
 
 from tailstack import load_design, score
@@ -44,12 +43,7 @@ ADVISED = 0.12345  # mm: what the service says that any advice comes to
 
 def in_node(**job: Any) -> dict[str, Any]:
     """What the page makes of a job."""
-    try:
-        modules = node.tools(SOURCES).parent.parent
-    except node.NodeMissing as missing:
-        if required("node"):
-            pytest.fail(f"{missing}; TAILSTACK_TESTS_REQUIRE lists node")
-        pytest.skip(f"NOT TESTED: {missing}")
+    modules = pinned_tools(SOURCES).parent.parent
     command = ["node", str(SCRIPT), str(modules), str(SOURCES / "src")]
     done = subprocess.run(command, input=json.dumps(job), capture_output=True, text=True, timeout=LIMIT_SECONDS)
     assert done.returncode == 0, done.stderr
@@ -234,7 +228,7 @@ export const taken: Reading<"estimate"> = simulation;
 @pytest.mark.long
 def test_what_mixes_two_kinds_does_not_compile(tmp_path: Path) -> None:
     """The compiler refuses what it is told to expect as an error and does not find."""
-    modules = node.tools(SOURCES).parent
+    modules = pinned_tools(SOURCES).parent
     work = tmp_path / "service" / "workbench"
     shutil.copytree(SOURCES / "src", work / "src")
     shutil.copy(SOURCES / "tsconfig.json", work)
