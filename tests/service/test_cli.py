@@ -63,9 +63,6 @@ def test_schemas_are_listed_and_printed(call: Any) -> None:
         code, out, _ = call("schema", name)
         assert code == 0
         assert json.loads(out) == json_schema(name)
-
-
-def test_presets_are_listed_with_their_sources() -> None:
     entries = json_schema("presets")["oneOf"]
     assert len(entries) >= 4
     assert all("Source: " in entry["description"] for entry in entries)
@@ -133,21 +130,15 @@ def test_printed_budget_is_the_one_in_the_document(call: Any) -> None:
     assert printed == sorted(totals, key=lambda name: totals[name], reverse=True)
 
 
-@pytest.mark.parametrize(("limit_mm", "code"), [(50.0, 0), (0.1, 1)])
-def test_the_verdict_is_the_exit_code(call: Any, tmp_path: Path, limit_mm: float, code: int) -> None:
-    path = write_json(tmp_path / "design.json", limited(limit_mm))
-    asked = (("score", path), ("score", path, "--json"), ("verify", path, "--trials", "2000"))
-    assert [call(*arguments)[0] for arguments in asked] == [code] * 3
-
-
-def test_no_requirement_is_0(call: Any, tmp_path: Path) -> None:
+def test_the_verdict_is_the_exit_code(call: Any, tmp_path: Path) -> None:
+    for limit_mm, code in ((50.0, 0), (0.1, 1)):
+        path = str(write_json(tmp_path / "design.json", limited(limit_mm)))
+        asked = (("score", path), ("score", path, "--json"), ("verify", path, "--trials", "2000"))
+        assert [call(*arguments)[0] for arguments in asked] == [code] * 3
     path = str(write_json(tmp_path / "design.json", small_design(requirements=None, optimise=None)))
     code, out, _ = call("score", path)
     assert code == 0
     assert "verdict: no requirement" in out
-
-
-def test_a_limit_at_the_p95_itself_is_inconclusive(call: Any, tmp_path: Path) -> None:
     path = str(write_json(tmp_path / "design.json", small_design()))
     p95_mm = json.loads(call("score", path, "--json")[1])["targets"][0]["p95_mm"]
     path = str(write_json(tmp_path / "edge.json", limited(p95_mm)))
@@ -183,7 +174,7 @@ def test_examples_are_scored_within_80_columns(call: Any, name: str) -> None:
 # --- verify, optimise -----------------------------------------------------------------------------
 
 
-def test_verify_json_is_the_published_document(call: Any) -> None:
+def test_verify_answers_in_both_forms_and_the_same_for_any_number_of_threads(call: Any) -> None:
     _, out, _ = call("verify", DEMO, "--trials", "5000", "--seed", "7", "--json")
     document = json.loads(out)
     Draft202012Validator(json_schema("verification")).validate(document)
@@ -191,17 +182,11 @@ def test_verify_json_is_the_published_document(call: Any) -> None:
     assert document["trials"] >= 5000
     low, high = document["targets"][0]["p95_interval_mm"]
     assert low <= document["targets"][0]["p95_mm"] <= high
-
-
-def test_verify_prints_intervals_and_the_verdict(call: Any) -> None:
     code, out, _ = call("verify", DEMO, "--trials", "20000")
     check_columns(out)
     assert "how sure: P95 is known to " in out
     assert out.strip().splitlines()[-1].startswith("verdict: ")
     assert code in (0, 1, 4)
-
-
-def test_verify_is_the_same_for_any_number_of_threads(call: Any) -> None:
     answers = [call("verify", DEMO, "--trials", "4000", "--json", "--threads", n)[1] for n in ("1", "2")]
     assert json.loads(answers[0])["targets"] == json.loads(answers[1])["targets"]
 
@@ -354,9 +339,12 @@ def test_doctor_finds_nothing_wrong(call: Any) -> None:
 # --- as people type it ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("flag", ["--version", "-V", "version"])
-def test_the_version_is_printed_on_every_way_to_ask(call: Any, flag: str) -> None:
-    assert call(flag) == (0, "tailstack 0.1.0\n", "")
+def test_another_way_to_ask_is_answered(call: Any) -> None:
+    for flag in ("--version", "-V", "version"):
+        assert call(flag) == (0, "tailstack 0.1.0\n", "")
+    code, out, _ = call("optimize", "--help")
+    assert code == 0
+    assert out.startswith("usage: tailstack optimise ")
 
 
 def test_python_m_tailstack_is_the_command_and_hints_say_so() -> None:
@@ -365,12 +353,6 @@ def test_python_m_tailstack_is_the_command_and_hints_say_so() -> None:
     assert done.returncode == 2
     assert done.stderr.startswith("tailstack score: the design document is not valid")
     assert "next: python -m tailstack init" in done.stderr
-
-
-def test_optimize_is_optimise(call: Any) -> None:
-    code, out, _ = call("optimize", "--help")
-    assert code == 0
-    assert out.startswith("usage: tailstack optimise ")
 
 
 @pytest.mark.parametrize(
@@ -414,49 +396,37 @@ def test_a_design_without_a_verb_is_answered_with_the_command(call: Any, argumen
 # --- numbers --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("typed", ["20000", "2e4", "20_000", "2.0e4", "+20000"])
-def test_a_count_is_taken_as_people_type_it(call: Any, typed: str) -> None:
-    code, out, _ = call("verify", DEMO, "--trials", typed, "--seed", "1", "--json")
-    assert code in (0, 1)
-    assert json.loads(out)["trials"] == 20000
+def test_numbers_are_taken_as_people_type_them(call: Any) -> None:
+    for typed in ("20000", "2e4", "20_000", "2.0e4", "+20000"):
+        code, out, _ = call("verify", DEMO, "--trials", typed, "--seed", "1", "--json")
+        assert code in (0, 1)
+        assert json.loads(out)["trials"] == 20000
+    for typed in ("0.05", "5%", "5e-2", "5.0 %"):
+        from tailstack_service.console.arguments import number
 
-
-@pytest.mark.parametrize("typed", ["1.5", "1e-3", "1e999999999", "nan", "inf", "many", "1%", "0x10", "", "1,000"])
-def test_what_is_no_count_is_refused_at_once(refused: Any, typed: str) -> None:
-    assert f"argument --trials: expected a whole number; got {typed!r}" in refused("verify", DEMO, "--trials", typed)
-
-
-@pytest.mark.parametrize("typed", ["0.05", "5%", "5e-2", "5.0 %"])
-def test_a_fraction_is_taken_in_per_cent_as_well(typed: str) -> None:
-    from tailstack_service.console.arguments import number
-
-    assert number({"ge": 1e-4, "lt": 1})(typed) == 0.05
-
-
-def test_five_per_cent_reach_the_check(call: Any) -> None:
+        assert number({"ge": 1e-4, "lt": 1})(typed) == 0.05
     code, out, _ = call("verify", DEMO, "--precision", "5%", "--json")
     assert code in (0, 1, 4)
     assert out == call("verify", DEMO, "--precision", "0.05", "--json")[1]
-
-
-def test_whole_seeds_keep_every_digit() -> None:
     from tailstack_service.console.arguments import whole
 
     seed: Any = whole(0, 2**63 - 1)
     assert seed("9223372036854775807") == 2**63 - 1
 
 
-@pytest.mark.parametrize(
-    ("typed", "said"),
-    [("5", "below 1; got 5 (5 per cent is written 5%)"), ("200%", "below 1; got 200%"), ("nan", "a number; got 'nan'")],
-)
-def test_a_number_beside_a_fraction_is_refused_with_its_cure(call: Any, typed: str, said: str) -> None:
-    code, _, err = call("verify", DEMO, "--precision", typed)
-    assert code == 2
-    assert said in err.splitlines()[0]
-
-
-def test_a_gate_takes_its_per_cent_with_the_sign(call: Any) -> None:
+def test_what_is_no_number_is_refused_with_its_cure(refused: Any, call: Any) -> None:
+    for typed in ("1.5", "1e-3", "1e999999999", "nan", "inf", "many", "1%", "0x10", "", "1,000"):
+        assert f"argument --trials: expected a whole number; got {typed!r}" in refused(
+            "verify", DEMO, "--trials", typed
+        )
+    for typed, said in (
+        ("5", "below 1; got 5 (5 per cent is written 5%)"),
+        ("200%", "below 1; got 200%"),
+        ("nan", "a number; got 'nan'"),
+    ):
+        code, _, err = call("verify", DEMO, "--precision", typed)
+        assert code == 2
+        assert said in err.splitlines()[0]
     for typed in ("5", "5%"):
         _, _, err = call("gate", DEMO, "--max-regression", typed)
         assert "--baseline" in err

@@ -51,26 +51,39 @@ def pool() -> Iterator[PoolEngine]:
         yield engine
 
 
-def test_a_task_and_its_outcome(pool: PoolEngine) -> None:
+def test_a_task_and_its_outcome_whatever_is_printed_and_with_one_thread(pool: PoolEngine) -> None:
     asked = request(units=1)
     result = pool.submit(Task("verification", asked, UNIT), "one").result(LIMIT_SECONDS).result
     assert result is not None
     look = Task("verification", asked, ADVANCE, (UnitResult(1, UNIT, result),))
     assert pool.submit(look, "two").result(LIMIT_SECONDS).answer == expected_answer(asked)
+    for number in range(4):
+        assert pool.submit(task("print"), f"print-{number}").result(LIMIT_SECONDS).result
+    pool.submit(task(), "environment").result(LIMIT_SECONDS)
+    told = psutil.Process(pool.pids()[0]).environ()
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        assert told[name] == "1"
 
 
-@pytest.mark.parametrize(
-    ("number", "words"),
-    [
+def test_deaths_and_defects_are_told_with_their_cause(pool: PoolEngine) -> None:
+    for number, words in (
         (signal.SIGILL, r"SIGILL \(illegal instruction: kernels built for another processor\)"),
         (signal.SIGKILL, r"SIGKILL \(killed from outside, as where memory runs out\)"),
         (signal.SIGSEGV, r"SIGSEGV \(segmentation fault\)"),
         (signal.SIGRTMIN + 1, rf"signal {signal.SIGRTMIN + 1}$"),
-    ],
-)
-def test_a_death_names_its_signal(pool: PoolEngine, number: int, words: str) -> None:
-    with pytest.raises(Died, match=words):
-        pool.submit(task("die", signal=int(number)), f"signal-{number}").result(LIMIT_SECONDS)
+    ):
+        with pytest.raises(Died, match=words):
+            pool.submit(task("die", signal=int(number)), f"signal-{number}").result(LIMIT_SECONDS)
+    with pytest.raises(Died, match="exit code 3"):
+        pool.submit(task("leave"), "leave").result(LIMIT_SECONDS)
+    with pytest.raises(Defect, match="ArithmeticError: a defect, for the test of it") as caught:
+        pool.submit(task("raise"), "raise").result(LIMIT_SECONDS)
+    assert "strange_units.py" in str(caught.value)
+    with (
+        closing(PoolEngine(1, function="no_such_module:perform")) as engine,
+        pytest.raises(Defect, match="no_such_mod"),
+    ):
+        engine.submit(task(), "x").result(LIMIT_SECONDS)
 
 
 def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,11 +92,6 @@ def test_a_computing_process_of_other_sources_computes_nothing(monkeypatch: pyte
     words = "were replaced since this process was started"
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine, pytest.raises(OutOfDate, match=words):
         engine.submit(task(), "late").result(LIMIT_SECONDS)
-
-
-def test_what_solvers_print_does_not_meet_the_outcomes(pool: PoolEngine) -> None:
-    for number in range(4):
-        assert pool.submit(task("print"), f"print-{number}").result(LIMIT_SECONDS).result
 
 
 def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:
@@ -98,23 +106,12 @@ def test_a_death_is_that_of_one_task(pool: PoolEngine) -> None:
             assert future.result(LIMIT_SECONDS).result
 
 
-def test_an_exit_code_is_told(pool: PoolEngine) -> None:
-    with pytest.raises(Died, match="exit code 3"):
-        pool.submit(task("leave"), "leave").result(LIMIT_SECONDS)
-
-
 def test_a_process_that_dies_idle_is_nobodys_fault(pool: PoolEngine) -> None:
     for _ in range(2):
         for pid in pool.pids():
             os.kill(pid, signal.SIGKILL)
         futures = [pool.submit(task(), f"after-{os.urandom(4).hex()}") for _ in range(2)]
         assert all(future.result(LIMIT_SECONDS).result for future in futures)
-
-
-def test_a_defect_comes_with_its_traceback(pool: PoolEngine) -> None:
-    with pytest.raises(Defect, match="ArithmeticError: a defect, for the test of it") as caught:
-        pool.submit(task("raise"), "raise").result(LIMIT_SECONDS)
-    assert "strange_units.py" in str(caught.value)
 
 
 def test_a_kill_stops_the_process_at_once(pool: PoolEngine, tmp_path: Path) -> None:
@@ -175,13 +172,6 @@ def test_processes_do_not_end_with_the_thread_that_asked(tmp_path: Path) -> None
         engines[0].close()
 
 
-def test_environment_of_heavy_loops(pool: PoolEngine) -> None:
-    pool.submit(task(), "environment").result(LIMIT_SECONDS)
-    told = psutil.Process(pool.pids()[0]).environ()
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        assert told[name] == "1"
-
-
 @pytest.mark.long
 def test_a_process_is_replaced_after_many_tasks() -> None:
     with closing(PoolEngine(1, function=strange_units.FUNCTION)) as engine:
@@ -191,14 +181,6 @@ def test_a_process_is_replaced_after_many_tasks() -> None:
                 future.result(LIMIT_SECONDS)
         until(lambda: engine.pids() != first)
         assert engine.submit(task(), "one more").result(LIMIT_SECONDS).result
-
-
-def test_a_function_that_cannot_be_imported_is_a_defect() -> None:
-    with (
-        closing(PoolEngine(1, function="no_such_module:perform")) as engine,
-        pytest.raises(Defect, match="no_such_mod"),
-    ):
-        engine.submit(task(), "x").result(LIMIT_SECONDS)
 
 
 def test_processes_that_never_begin_are_not_started_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:

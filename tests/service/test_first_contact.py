@@ -59,7 +59,7 @@ def test_help_fits_a_terminal_of_80_columns(call: Any, verb: str | None) -> None
     assert wide == []
 
 
-def test_what_help_says_to_start_with_can_be_typed_without_a_checkout(call: Any) -> None:
+def test_help_is_a_word_too_and_says_what_can_be_typed_without_a_checkout(call: Any) -> None:
     """An installation by pip has no folder of examples."""
     words = " ".join(call("--help")[1].split())
     begin = words.partition("start with: ")[2]
@@ -67,16 +67,17 @@ def test_what_help_says_to_start_with_can_be_typed_without_a_checkout(call: Any)
     assert "tailstack init" in begin
     assert "tailstack score design.yaml" in begin
     assert call("score", "design.yaml")[0] == 0
-
-
-def test_help_is_a_word_too(call: Any) -> None:
     assert call("help") == call("--help")
     assert call("help", "score") == call("score", "--help")
 
 
-@pytest.mark.parametrize(("typed", "meant"), [("--verison", "--version"), ("-hepl", "--help")])
-def test_a_misspelt_flag_before_the_verb_is_answered_with_the_one_meant(refused: Any, typed: str, meant: str) -> None:
-    assert f"there is no flag {typed!r}; did you mean {meant}?" in refused(typed)
+def test_what_is_misspelt_is_answered_with_what_was_meant(refused: Any, call: Any) -> None:
+    for typed, meant in (("--verison", "--version"), ("-hepl", "--help")):
+        assert f"there is no flag {typed!r}; did you mean {meant}?" in refused(typed)
+    assert "no example is called 'flat_plat'; did you mean flat_plate?" in refused("example", "flat_plat")
+    assert "it is a flag of tailstack verify" in call("score", "design.yaml", "--precision", "0.01")[2]
+    names = [target.name for target in load_design(Path("design.yaml")).document.targets]
+    assert f"did you mean {names[0]}?" in refused("score", "design.yaml", "--target", names[0][:-1].upper())
 
 
 # --- files that are not there -----------------------------------------------------------------------------
@@ -89,14 +90,11 @@ def test_a_design_with_another_ending_is_found(call: Any, typed: str) -> None:
     assert "  hint: did you mean design.yaml?\n" in err
 
 
-@pytest.mark.parametrize("verb", ["score", "validate", "optimise", "verify"])
-def test_nobody_is_sent_to_validate_a_file_that_is_not_there(call: Any, verb: str) -> None:
-    code, _, err = call(verb, "quite-another.yaml")
-    assert code == 2
-    assert err.splitlines()[-1] == "next: tailstack init   (makes a first design; tailstack example prints others)"
-
-
-def test_validate_says_to_mend_before_it_says_to_validate_again(call: Any) -> None:
+def test_what_comes_next_is_said_once(call: Any) -> None:
+    for verb in ("score", "validate", "optimise", "verify"):
+        code, _, err = call(verb, "quite-another.yaml")
+        assert code == 2
+        assert err.splitlines()[-1] == "next: tailstack init   (makes a first design; tailstack example prints others)"
     write_changed("law.yaml", "uniform", "unifrom")
     assert "\nnext: mend it, then tailstack validate law.yaml " in call("validate", "law.yaml")[2]
 
@@ -241,9 +239,6 @@ def test_why_kernels_are_compiled_is_said_once_and_whole(monkeypatch: pytest.Mon
     assert " ".join(" ".join(lines[:2]).split()) == f"kernels are compiled: {reason}"
     assert max(map(len, lines)) <= 80
     assert log.getvalue().count("built for a") == 1
-
-
-def test_short_work_says_nothing_of_why(monkeypatch: pytest.MonkeyPatch) -> None:
     log = io.StringIO()
     with Progress("compiling", log) as progress:
         progress.preface = "why"
@@ -338,12 +333,6 @@ def test_a_slip_is_answered_with_what_to_write(call: Any, pattern: str, replacem
     assert said in " ".join(err.split())
     assert "convert the number" not in err
     assert "-35.-18" not in err
-
-
-def test_a_flag_of_another_verb_and_a_misspelt_target(call: Any, refused: Any) -> None:
-    assert "it is a flag of tailstack verify" in call("score", "design.yaml", "--precision", "0.01")[2]
-    names = [target.name for target in load_design(Path("design.yaml")).document.targets]
-    assert f"did you mean {names[0]}?" in refused("score", "design.yaml", "--target", names[0][:-1].upper())
 
 
 # --- a first design -------------------------------------------------------------------------------
@@ -491,20 +480,13 @@ def test_an_example_that_is_written_brings_what_it_refers_to(bare: Any, name: st
     assert Path(f"{name}.yaml").read_text(encoding="utf-8").splitlines()[1:] == original[1:]
 
 
-def test_a_folder_is_written_as_a_folder(bare: Any) -> None:
+def test_a_folder_is_written_as_a_folder_and_modules_for_other_programs_whole(bare: Any) -> None:
     assert bare("example", "ci-gate")[0] == 2
     assert bare("example", "ci-gate", "-o", "gate")[0] == 0
     written, original = (folder / "policy.yaml" for folder in (Path("gate"), EXAMPLES / "ci-gate"))
     assert written.read_text().splitlines()[1:] == original.read_text().splitlines()[1:]  # the first names the schema
     assert Path("gate/README.md").read_bytes() == (EXAMPLES / "ci-gate" / "README.md").read_bytes()
     assert bare("gate", "gate/pass.yaml", "--policy", "gate/policy.yaml", "--mode", "analytic")[0] in (0, 4)
-
-
-def test_modules_for_other_programs_are_written_whole(bare: Any) -> None:
     assert bare("example", "integrations", "-o", "doors")[0] == 0
     for name in ("freecad/InitGui.py", "freecad/icons/score.svg", "slicer/Tailstack.py", "slicer/tailstack_http.py"):
         assert (Path("doors") / name).read_bytes() == (EXAMPLES / "integrations" / name).read_bytes()
-
-
-def test_an_unknown_example_is_answered_with_the_nearest(refused: Any) -> None:
-    assert "no example is called 'flat_plat'; did you mean flat_plate?" in refused("example", "flat_plat")

@@ -175,9 +175,8 @@ def test_who_cannot_wait_long_enough_gets_the_job(idle: httpx.Client) -> None:
 # --- refused before acceptance --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("axis", "pointer", "code"),
-    [
+def test_axes_of_a_sweep_are_checked_and_its_points_are_their_product(idle: httpx.Client) -> None:
+    for axis, pointer, code in (
         ({"pointer": "/views/9/fiducial_noise_px", "values": [1]}, "/axes/0/pointer", None),
         ({"pointer": "/views/0/nothing", "values": [1]}, "/axes/0/pointer", None),
         ({"pointer": "views.AP.nothing", "values": [1]}, "/axes/0/pointer", None),
@@ -187,16 +186,11 @@ def test_who_cannot_wait_long_enough_gets_the_job(idle: httpx.Client) -> None:
         ({"pointer": "/views/0/fiducial_noise_px", "values": [], "count": 2}, "/axes/0/values", "too-short"),
         ({"pointer": "/views/0/fiducial_noise_px", "values": [0.1], "count": 2}, "/axes/0", "one-of"),
         ({"pointer": "/views/0/fiducial_noise_px", "start": 0, "stop": 1, "count": 2001}, "/axes", "too-many"),
-    ],
-)
-def test_axes_of_a_sweep_are_checked(idle: httpx.Client, axis: dict[str, Any], pointer: str, code: str | None) -> None:
-    response = idle.post("/v1/sweeps", json={"design": small_design(), "axes": [axis]})
-    entry = check_problem(response, 422, "limit-exceeded" if code == "too-many" else "invalid-request")["errors"][0]
-    assert entry["pointer"] == pointer
-    assert code in (None, entry["code"])
-
-
-def test_the_points_of_a_sweep_are_the_product_of_its_axes(idle: httpx.Client) -> None:
+    ):
+        response = idle.post("/v1/sweeps", json={"design": small_design(), "axes": [axis]})
+        entry = check_problem(response, 422, "limit-exceeded" if code == "too-many" else "invalid-request")["errors"][0]
+        assert entry["pointer"] == pointer
+        assert code in (None, entry["code"])
     noise = [{"pointer": f"/views/{k}/fiducial_noise_px", "start": 0.1, "stop": 0.5, "count": 45} for k in (0, 1)]
     response = idle.post("/v1/sweeps", json={"design": small_design(), "axes": noise})
     entry = check_problem(response, 422, "limit-exceeded")["errors"][0]
@@ -254,10 +248,14 @@ def test_a_repeated_request_waits_for_the_first_one(client: httpx.Client) -> Non
     assert replayed.headers["location"] == accepted.headers["location"]
 
 
-@pytest.mark.parametrize("key", [b"", b"a b", b"x" * 256, "é".encode(), b"a\tb"])
-def test_keys_that_are_none(idle: httpx.Client, key: bytes) -> None:
-    response = idle.post("/v1/verifications", json=QUICK, headers=[(b"Idempotency-Key", key)])
-    assert check_problem(response, 422, "invalid-request")["errors"][0]["code"] == "bad-header"
+def test_what_is_no_key_and_no_event_is_refused(idle: httpx.Client) -> None:
+    for key in (b"", b"a b", b"x" * 256, "é".encode(), b"a\tb"):
+        response = idle.post("/v1/verifications", json=QUICK, headers=[(b"Idempotency-Key", key)])
+        assert check_problem(response, 422, "invalid-request")["errors"][0]["code"] == "bad-header"
+    for last in ("x", "-1", "1.5", "9" * 16):
+        job = idle.post("/v1/verifications", json={**QUICK, "seed": 70}, headers={"Idempotency-Key": "events"}).json()
+        response = idle.get(f"/v1/jobs/{job['id']}/events", headers={"Last-Event-ID": last})
+        check_problem(response, 422, "invalid-request")
 
 
 # --- looked at ------------------------------------------------------------------------------------
@@ -409,13 +407,6 @@ def test_a_stream_goes_on_where_it_was_left(client: httpx.Client) -> None:
     assert (seen.status_code, seen.content) == (204, b"")
 
 
-@pytest.mark.parametrize("last", ["x", "-1", "1.5", "9" * 16])
-def test_an_event_id_that_is_none_is_refused(idle: httpx.Client, last: str) -> None:
-    job = idle.post("/v1/verifications", json={**QUICK, "seed": 70}, headers={"Idempotency-Key": "events"}).json()
-    response = idle.get(f"/v1/jobs/{job['id']}/events", headers={"Last-Event-ID": last})
-    check_problem(response, 422, "invalid-request")
-
-
 # --- reports --------------------------------------------------------------------------------------
 
 
@@ -475,13 +466,10 @@ def test_accept_asks_for_the_report_of_a_record(client: httpx.Client, name: str,
     assert "sandbox" in answer.headers["content-security-policy"]
 
 
-@pytest.mark.parametrize("accept", ["*/*", "application/json, text/html", "text/html;q=0, */*", "image/png"])
-def test_nobody_else_is_answered_with_one(client: httpx.Client, accept: str) -> None:
-    answer = client.post("/v1/scores", json={"design": small_design()}, headers={"Accept": accept})
-    assert answer.json()["schema"] == "tailstack/score/1"
-
-
-def test_what_has_no_report_and_what_is_refused_stay_json(client: httpx.Client) -> None:
+def test_only_who_asks_for_a_report_is_answered_with_one(client: httpx.Client) -> None:
+    for accept in ("*/*", "application/json, text/html", "text/html;q=0, */*", "image/png"):
+        answer = client.post("/v1/scores", json={"design": small_design()}, headers={"Accept": accept})
+        assert answer.json()["schema"] == "tailstack/score/1"
     headers = {"Accept": "text/html"}
     answer = client.post("/v1/validations", json={"design": small_design()}, headers=headers)
     assert answer.headers["content-type"] == "application/json"

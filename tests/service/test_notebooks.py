@@ -333,10 +333,15 @@ def test_the_notebook_of_the_paper_shows_its_tables_figures_and_equations(tmp_pa
     assert readings[0]["text"].splitlines() == ["physical finds inverse of T, q", "eq18 finds T q"]
 
 
-def test_a_design_is_shown_in_one_line() -> None:
+def test_the_repr_of_a_design_and_of_a_score_is_a_line_or_two() -> None:
     """All that it holds, with the place of every value in its file, filled three screens."""
     design = load_design(EXAMPLES / "demo.yaml")
     assert repr(design) == f"<Design {design.name!r}: 12 fiducials, 2 views, 1 target; sha256 {design.sha256[:12]}>"
+    record = published(Score)
+    said = repr(record)
+    assert record.provenance.design_name in said
+    assert f"{record.verdict.status}: " in said
+    assert "targets, checks, budget" in said
 
 
 # --- what an interpreter shows ---------------------------------------------------------------------------
@@ -350,14 +355,6 @@ def test_the_repr_of_every_published_record_is_a_few_lines(name: str) -> None:
     assert len(said.splitlines()) <= 3
     assert len(said) < 800
     assert "object at 0x" not in said
-
-
-def test_the_repr_of_a_score_is_its_verdict() -> None:
-    record = published(Score)
-    said = repr(record)
-    assert record.provenance.design_name in said
-    assert f"{record.verdict.status}: " in said
-    assert "targets, checks, budget" in said
 
 
 @pytest.mark.long("tailstack.design", "tailstack.optimisation")

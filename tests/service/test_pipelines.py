@@ -89,19 +89,17 @@ def gate(installed: Ran, project: Path, room: Path, **given: str) -> Ran:
     return run_step("gate", known, project, room)
 
 
-def test_the_action_is_metadata_as_published_and_needs_no_other_action() -> None:
+def test_the_action_is_metadata_as_published_and_no_input_becomes_part_of_a_script() -> None:
     jsonschema.Draft7Validator(schema("github-actions")).validate(ACTION)
     assert all("uses" not in entry for entry in ACTION["runs"]["steps"])
     for output in ACTION["outputs"].values():
         assert re.fullmatch(r"\$\{\{ steps\.gate\.outputs\.[a-z-]+ \}\}", output["value"])
-
-
-def test_no_input_becomes_part_of_a_script() -> None:
-    """A name of a file comes from a stranger's pull request: it is handed over in the environment."""
+    # A name of a file comes from a stranger's pull request: it is handed over in the environment.
     for entry in ACTION["runs"]["steps"]:
         assert "${{" not in entry["run"]
     read = {found for entry in ACTION["runs"]["steps"] for found in re.findall(r"inputs\.([\w-]+)", str(entry))}
     assert read == ACTION["inputs"].keys()
+    assert [step(name)["name"] for name in ("install", "gate")] == ["Install tailstack", "Gate"]
 
 
 @pytest.mark.long
@@ -301,14 +299,6 @@ def test_a_job_never_passes_what_was_not_judged(
 # --- the pre-commit hook --------------------------------------------------------------------------
 
 
-def test_the_hook_is_one_that_pre_commit_takes() -> None:
-    (hook,) = HOOKS
-    assert HOOK_NEEDS <= hook.keys() <= HOOK_KEYS
-    assert hook["id"] == "tailstack-gate"
-    assert (hook["language"], hook["pass_filenames"], hook["require_serial"]) == ("script", True, True)
-    assert os.access(ROOT / shlex.split(hook["entry"])[0], os.X_OK)
-
-
 @pytest.mark.parametrize(
     ("file", "taken"),
     [
@@ -335,8 +325,13 @@ def test_the_hook_looks_at_what_a_verdict_hangs_on(file: str, taken: bool) -> No
     assert chosen(HOOKS[0], [file]) == ([file] if taken else [])
 
 
-def test_every_ending_of_what_a_design_names_triggers_the_hook() -> None:
+def test_the_hook_is_one_that_pre_commit_takes_for_every_ending_of_what_a_design_names() -> None:
     assert all(chosen(HOOKS[0], [f"designs/beads{ending}"]) for ending in (*ENDINGS, *DOCUMENTS))
+    (hook,) = HOOKS
+    assert HOOK_NEEDS <= hook.keys() <= HOOK_KEYS
+    assert hook["id"] == "tailstack-gate"
+    assert (hook["language"], hook["pass_filenames"], hook["require_serial"]) == ("script", True, True)
+    assert os.access(ROOT / shlex.split(hook["entry"])[0], os.X_OK)
 
 
 def chosen(hook: dict[str, Any], files: list[str]) -> list[str]:
@@ -503,7 +498,3 @@ def test_jobs_are_bounded_and_may_do_no_more_than_they_must() -> None:
         text = "\n".join(installs)
         assert text.count("--require-hashes") == 1
         assert text.count("--no-deps --no-build-isolation") == 1
-
-
-def test_the_steps_have_names_that_people_see() -> None:
-    assert [step(name)["name"] for name in ("install", "gate")] == ["Install tailstack", "Gate"]

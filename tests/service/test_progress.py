@@ -76,15 +76,12 @@ def test_a_first_step_of_many_promises_nothing() -> None:
     assert shown_left(progress) == 8
 
 
-def test_a_step_that_takes_too_long_does_not_end_at_nothing() -> None:
+def test_nothing_is_promised_that_is_not_known() -> None:
     clock = TurnedClock()
     progress = Progress("gate", io.StringIO(), clock=clock)
     progress.report(1, 2)
     clock.turn(100)
     assert (shown_left(progress) or 0) >= 10
-
-
-def test_nobody_knows_how_long() -> None:
     progress = Progress("report", io.StringIO(), clock=TurnedClock())
     progress.report(0, 0, "drawing")
     assert progress.line() == "report: 0 s, drawing"
@@ -114,36 +111,26 @@ def at_work(encoding: str = "utf-8") -> Progress:
     return progress
 
 
-@pytest.mark.parametrize("columns", [30, 50, 79, 119, 200])
-def test_the_bar_is_as_wide_as_the_terminal(columns: int) -> None:
-    bar = at_work().bar(columns)
-    assert len(bar) == columns
-    assert bar.startswith("optimise  33 % █")
-    drawn = bar.count("█") + bar.count("░")
-    assert drawn >= 10
-    assert bar.count("█") == pytest.approx(drawn / 3, abs=0.5)
-
-
-def test_a_wide_terminal_shows_phase_per_cent_and_time_left() -> None:
+def test_the_bar_is_as_wide_as_the_terminal_and_what_stands_beside_it_is_whole() -> None:
+    for columns in (30, 50, 79, 119, 200):
+        bar = at_work().bar(columns)
+        assert len(bar) == columns
+        assert bar.startswith("optimise  33 % █")
+        drawn = bar.count("█") + bar.count("░")
+        assert drawn >= 10
+        assert bar.count("█") == pytest.approx(drawn / 3, abs=0.5)
     bar = at_work().bar(100)
     assert bar.endswith("░ about 60 s left, start 5 of 8, least cost so far 1746.2")
-
-
-@pytest.mark.parametrize("columns", range(30, 120))
-def test_what_stands_beside_the_bar_is_whole(columns: int) -> None:
-    """A cost of 17 is not one of 1746.2."""
-    tail = at_work().bar(columns).rpartition("░")[2]
-    parts = ["", " about 60 s left", ", start 5 of 8", ", least cost so far 1746.2"]
-    assert tail in ["".join(parts[: count + 1]) for count in range(4)]
-
-
-def test_a_terminal_without_the_letters_gets_others() -> None:
+    # A cost of 17 is not one of 1746.2.
+    for columns in range(30, 120):
+        tail = at_work().bar(columns).rpartition("░")[2]
+        parts = ["", " about 60 s left", ", start 5 of 8", ", least cost so far 1746.2"]
+        assert tail in ["".join(parts[: count + 1]) for count in range(4)]
     assert "#" in at_work("ascii").bar(79)
     assert at_work("ascii").bar(79).isascii()
-
-
-def test_a_narrow_terminal_gets_what_fits() -> None:
     assert at_work().bar(12) == "optimise: 30"
+    progress = at_work()
+    assert progress.line() == "optimise: 30 s, 33 %, about 60 s left, start 5 of 8, least cost so far 1746.2"
 
 
 def test_the_width_is_that_of_the_terminal_just_now() -> None:
@@ -181,11 +168,6 @@ def test_what_is_said_meanwhile_does_not_stand_on_the_bar(monkeypatch: pytest.Mo
             while not re.search(rb"wrote [^\r\n]*\r?\n", shown):
                 shown += screen.read(4096)
     assert re.search(rb"\r\x1b\[Kwrote out/demo/tailstack-design.schema.json\r?\n", shown), shown
-
-
-def test_a_log_gets_lines_without_bars() -> None:
-    progress = at_work()
-    assert progress.line() == "optimise: 30 s, 33 %, about 60 s left, start 5 of 8, least cost so far 1746.2"
 
 
 def test_a_log_gets_its_lines_at_growing_distances() -> None:

@@ -37,12 +37,16 @@ def test_a_setting_is_read_and_a_child_is_told_it(environment: pytest.MonkeyPatc
     assert load_settings() == settings
 
 
-def test_a_flag_goes_before_the_environment_and_a_plain_name_is_no_setting(environment: pytest.MonkeyPatch) -> None:
+def test_what_is_set_is_read_in_its_order_and_a_password_not_shown(environment: pytest.MonkeyPatch) -> None:
     environment.setenv("TAILSTACK_ENGINE", "nothing of the kind")
     environment.setenv("max_trials", "7")
     environment.setenv("MAX_TRIALS", "8")
     settings = load_settings(engine="dask")
     assert (settings.engine, settings.max_trials) == ("dask", 5_000_000)
+    environment.setenv("TAILSTACK_DATABASE", "postgresql://u:hush@h/d")
+    settings = load_settings(engine="dask")
+    assert "hush" in settings.database_url
+    assert "hush" not in f"{settings} {settings!r}"
 
 
 def test_every_value_that_cannot_be_is_named_at_once(environment: pytest.MonkeyPatch) -> None:
@@ -54,13 +58,6 @@ def test_every_value_that_cannot_be_is_named_at_once(environment: pytest.MonkeyP
         "TAILSTACK_MAX_VIEWS must lie between 2 and 16; got '17'",
         "TAILSTACK_AUTH must be one of none, required; got 'maybe'",
     }
-
-
-def test_a_password_is_not_shown_with_the_settings(environment: pytest.MonkeyPatch) -> None:
-    environment.setenv("TAILSTACK_DATABASE", "postgresql://u:hush@h/d")
-    settings = load_settings()
-    assert "hush" in settings.database_url
-    assert "hush" not in f"{settings} {settings!r}"
 
 
 @pytest.mark.parametrize(

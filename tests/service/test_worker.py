@@ -115,10 +115,19 @@ def test_many_small_jobs_none_lost_none_doubled(db: Database, tmp_path: Path) ->
     assert len(note.read_text().splitlines()) == 40 * 4
 
 
-def test_a_refused_request_fails_with_its_own_problem(db: Database) -> None:
+def test_what_ends_a_job_is_its_own_problem(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     with working(db):
         ended = finished(db, submit(db, request("refuse")))
     assert problem_of(ended)["type"] == "/v1/problems/infeasible"
+    with working(db, max_unit_deaths=2):
+        ended = finished(db, submit(db, request("die", signal=int(signal.SIGILL))))
+    assert problem_of(ended)["type"] == "/v1/problems/unit-lost"
+    assert "SIGILL (illegal instruction: kernels built for another processor)" in problem_of(ended)["detail"]
+    # A solver that answers nothing at all: refused by the store, and said so.
+    monkeypatch.setattr("strange_units.FUNCTION", "empty_units:perform")
+    with working(db):
+        ended = finished(db, submit(db, request()))
+    assert problem_of(ended)["type"] == "/v1/problems/internal-error"
 
 
 def test_a_defect_fails_the_job_and_not_the_worker(db: Database, caplog: pytest.LogCaptureFixture) -> None:
@@ -144,13 +153,6 @@ def test_a_poison_unit_fails_its_job_and_no_other(db: Database, caplog: pytest.L
     assert 3 <= len(told(caplog, "died")) <= 6  # three times of one unit, and of the other as often at most
 
 
-def test_a_job_whose_kernels_are_of_another_processor_says_so(db: Database) -> None:
-    with working(db, max_unit_deaths=2):
-        ended = finished(db, submit(db, request("die", signal=int(signal.SIGILL))))
-    assert problem_of(ended)["type"] == "/v1/problems/unit-lost"
-    assert "SIGILL (illegal instruction: kernels built for another processor)" in problem_of(ended)["detail"]
-
-
 def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_another(
     db: Database, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,14 +164,6 @@ def test_a_worker_whose_sources_were_replaced_stops_and_leaves_the_job_to_anothe
     assert not job(db, submitted).is_over
     with working(db):
         assert finished(db, submitted).state == "succeeded"
-
-
-def test_an_outcome_that_a_unit_cannot_have_is_a_defect(db: Database, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A solver that answers nothing at all: refused by the store, and said so."""
-    monkeypatch.setattr("strange_units.FUNCTION", "empty_units:perform")
-    with working(db):
-        ended = finished(db, submit(db, request()))
-    assert problem_of(ended)["type"] == "/v1/problems/internal-error"
 
 
 @pytest.mark.long("postgresql")

@@ -36,9 +36,6 @@ def test_others_are_what_the_machine_computed_and_we_did_not(bench: ModuleType) 
     before = bench.Processors(elapsed=100.0, machine=50.0, ours=7.0)
     after = bench.Processors(elapsed=110.0, machine=65.0, ours=17.0)
     assert bench.foreign_share(before, after, 2) == pytest.approx(0.25)  # 5 s of 2 x 10 s
-
-
-def test_a_clock_that_ticks_late_is_no_negative_load(bench: ModuleType) -> None:
     before, after = bench.Processors(0.0, 0.0, 0.0), bench.Processors(1.0, 0.99, 1.0)
     assert bench.foreign_share(before, after, 1) == 0.0
 
@@ -59,21 +56,15 @@ def test_what_a_child_computes_is_ours_while_it_runs_and_after_it_has_ended(benc
     assert after.machine > before.machine
 
 
-def test_a_row_is_marked_when_others_took_more_than_a_twentieth(bench: ModuleType) -> None:
+def test_a_row_says_what_it_met_and_is_marked_when_others_took_more_than_a_twentieth(bench: ModuleType) -> None:
     target = bench.Target("something against another", 10, 20)
     assert bench.Row(target, 12.0, foreign=0.05).verdict == "must"
     assert bench.Row(target, 25.0, foreign=0.06).verdict == "aim, loaded"
     assert bench.Row(target, 9.0, foreign=0.5).verdict == "MISSED, loaded"
     assert bench.Row(target, 9.0, foreign=0.5, timed=False).verdict == "MISSED"
     assert bench.Row(target, None).verdict == "not built"
-
-
-def test_a_bar_may_be_an_upper_one(bench: ModuleType) -> None:
     target = bench.Target("cost above a peer's", 0.2, 0, "%", "<")
     assert [bench.Row(target, value).verdict for value in (0.3, 0.1, -0.1)] == ["MISSED", "must", "aim"]
-
-
-def test_strict_fails_for_a_missed_must_on_a_quiet_machine_alone(bench: ModuleType) -> None:
     target = bench.Target("something against another", 10, 20)
     assert bench.must_fail([bench.Row(target, 12.0), bench.Row(target, 9.0)])
     assert not bench.must_fail([bench.Row(target, 12.0), bench.Row(target, 9.0, foreign=0.3), bench.Row(target, None)])
@@ -86,6 +77,9 @@ def test_a_line_holds_what_was_measured_the_bars_and_the_load(bench: ModuleType)
         "12.35 ×", ">= 10", ">= 20", "3 %", "must",
     ]  # fmt: skip
     assert bench.write_row(bench.Row(bench.Target("a million designs"), None)).endswith("not built")
+    (row,) = bench.Measurement(lambda: None, (bench.Target("a thing", 100),)).rows(bench.Findings([None]))
+    assert bench.write_row(row).endswith("not built")
+    assert not bench.must_fail([row])
 
 
 def test_what_is_saved_can_be_read_back_row_by_row(bench: ModuleType) -> None:
@@ -128,12 +122,6 @@ def test_every_row_has_a_name_and_can_be_measured_by_the_modules_there_are() -> 
     refused = call("trails")
     assert refused.returncode == 2
     assert "nothing is called trails" in refused.stderr
-
-
-def test_what_is_not_built_is_a_row_of_the_table(bench: ModuleType) -> None:
-    (row,) = bench.Measurement(lambda: None, (bench.Target("a thing", 100),)).rows(bench.Findings([None]))
-    assert bench.write_row(row).endswith("not built")
-    assert not bench.must_fail([row])
 
 
 def test_the_operations_of_a_trial_are_counted_in_the_kernel_itself(bench: ModuleType) -> None:

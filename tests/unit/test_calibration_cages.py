@@ -47,20 +47,14 @@ def refused(text: str, references: bytes | None = REF) -> tuple[str, str, int, s
     return problem.code, problem.file, problem.line, problem.hint
 
 
-def test_a_cage_in_centimetres_becomes_millimetres_and_marked_beads_go_by_their_shapes():
+def test_a_cage_is_read_in_millimetres_and_its_beads_by_their_names_or_shapes() -> None:
     cage = read(BEADS)
     assert cage.labels == ("circle", "square", "big cross", "F4", "triangle")
     assert cage.positions_mm[4] == (64.0, 64.0, 64.0)
     assert cage.notes == ("cube.csv: coordinates were converted to mm (factor 10)",)
     assert (cage.origin.coordinate_unit, cage.origin.coordinate_system) == ("cm", "LPS")
     assert read(BEADS, "mm").positions_mm[4] == (6.4, 6.4, 6.4)
-
-
-def test_names_in_the_frame_specification_go_before_shapes():
     assert read("white\n0,0,0,a\n1,0,0\n0,1,0,c \n0,0,1\n1,1,1,e\n").labels == ("a", "square", "c", "F4", "e")
-
-
-def test_a_first_line_that_scales_is_applied_as_xmalab_does():
     assert read("s2,s10,s0.5,white\n1,1,1\n", "mm", None).positions_mm == ((2.0, 10.0, 0.5),)
     assert read("s2,s10,x,white\n1,1,1\n", "mm", None).positions_mm == ((1.0, 1.0, 1.0),)
 

@@ -150,17 +150,14 @@ def test_micrometres_are_named_where_they_are_written():
     assert problems_of(load_design, data, error=DesignError)[0].hint == "it is in mm: 700000 µm is 700 mm"
 
 
-def test_a_target_a_little_outside_is_not_said_to_be_in_micrometres():
-    """closed_form: a thousandth of any place is in sight of everything, and says nothing about its unit."""
-    data = scene()
-    data["targets"] = [{"name": "tip", "position_mm": [0, 0, 150]}]
-    assert all("unit" not in hint and "micrometres" not in hint for hint in hints_of(data))
-
-
-def test_where_no_unit_fits_none_is_stated():
+def test_where_no_unit_fits_none_is_stated() -> None:
     hints = hints_of(scene(scaled_shift(0.01)))  # decimetres
     assert all("do not show everything either" in hint and "write" not in hint for hint in hints)
     assert not any("isocentre" in hint for hint in hints)  # these views have none
+    # closed_form: a thousandth of any place is in sight of everything, and says nothing about its unit.
+    data = scene()
+    data["targets"] = [{"name": "tip", "position_mm": [0, 0, 150]}]
+    assert all("unit" not in hint and "micrometres" not in hint for hint in hints_of(data))
 
 
 def test_a_projection_of_metres():
@@ -224,10 +221,16 @@ def test_both_inverted():
     )
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("centimetres", 10), ("metres", 1000), ("inches", 25.4)])
-def test_targets_in_another_unit(unit, factor):
-    met = remarks(replaced(DEMO, ("targets", 0, "position_mm"), [0, 0, 70 / factor]))["target-off-tool"]
-    assert (met.pointer, f"multiply the targets by {factor:g}" in met.message) == ("/targets", True)
+def test_targets_and_a_pivot_of_the_flange_in_another_unit() -> None:
+    for factor in (10, 1000, 25.4):  # centimetres, metres, inches
+        met = remarks(replaced(DEMO, ("targets", 0, "position_mm"), [0, 0, 70 / factor]))["target-off-tool"]
+        assert (met.pointer, f"multiply the targets by {factor:g}" in met.message) == ("/targets", True)
+    # independent: the flange's face is 145 mm behind con.
+    for unit, factor in (("centimetres", 10), ("inches", 25.4)):
+        at = ("interfaces", "connector_flange", "pivot_mm")
+        met = remarks(replaced(DEMO, at, [0, 0, -145 / factor]))["pivot-off-flange"]
+        assert met.pointer == "/" + "/".join(at)
+        assert f"with the pivot in {unit}, it lies 0 mm from it: multiply pivot_mm by {factor:g}" in met.message
 
 
 def turned(rotation, shift):
@@ -244,15 +247,6 @@ def test_a_turned_transform_that_is_inverse_in_a_part(whole):
     met = remarks(document)["target-off-tool"]
     meant = yaml.safe_load(re.search(r"write T_flange_con: (\[\[.*?\]\])", met.message)[1])
     np.testing.assert_allclose(meant, turned(rotation, shift), atol=1e-6)
-
-
-@pytest.mark.parametrize(("unit", "factor"), [("centimetres", 10), ("inches", 25.4)])
-def test_a_pivot_of_the_flange_in_another_unit(unit, factor):
-    """independent: the flange's face is 145 mm behind con."""
-    at = ("interfaces", "connector_flange", "pivot_mm")
-    met = remarks(replaced(DEMO, at, [0, 0, -145 / factor]))["pivot-off-flange"]
-    assert met.pointer == "/" + "/".join(at)
-    assert f"with the pivot in {unit}, it lies 0 mm from it: multiply pivot_mm by {factor:g}" in met.message
 
 
 @pytest.mark.parametrize("order", ["roll, pitch and yaw", "KUKA", "rotation vector", "radians", "scalar last"])
@@ -273,13 +267,10 @@ def test_angles_of_another_order(order):
     np.testing.assert_allclose(meant, turned(turn.as_matrix(), shift), atol=1e-6)
 
 
-def test_a_target_further_from_the_tool_than_any_tool_is_long_is_remarked_without_a_cure():
+def test_only_a_target_further_from_the_tool_than_any_tool_is_long_is_remarked() -> None:
     met = remarks(replaced(DEMO, (*TCP, "translation_mm"), [310, 170, -215]))["target-off-tool"]
     assert "score says where each lies in tcp" in met.message
-
-
-def test_a_tool_at_some_distance_from_its_work_is_not_remarked():
-    """A drill guide's tcp is its sleeve; the flange itself may be the tool."""
+    # A drill guide's tcp is its sleeve; the flange itself may be the tool.
     assert "target-off-tool" not in remarks(replaced(DEMO, (*TCP, "translation_mm"), [0, 0, -130]))
     assert "target-off-tool" not in remarks(
         replaced(DEMO, ("transforms",), {"T_flange_con": DEMO["transforms"][CON[1]]})
