@@ -1,9 +1,9 @@
 """What the STEP files of this folder hold: trees of parts, from which two CAD programs build and plain arithmetic tells
 where every ball is.
 
-``freecadcmd freecad_files.py`` (FreeCAD 0.20) and ``python occ_files.py`` (cadquery-ocp 8.0) build the files from
-these trees; what is expected is had by multiplying the placements here.  No reader of STEP has a part in it.
-``python occ_reading.py`` wrote readings.json: what OpenCASCADE's own reader finds in the files.
+FreeCAD 0.20 and OpenCASCADE (cadquery-ocp 8.0) built the files of files.zip from these trees, once; what is expected is
+had by multiplying the placements here.  No reader of STEP has a part in it.  readings.json is what OpenCASCADE's own
+reader found in the files.
 
 A node is (name, placement, what): what is a list of nodes, the name of a part, or a body.  A placement is
 (translation, axis, angle in degrees).  Lengths are in mm, whatever the unit of the file.
