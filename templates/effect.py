@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, Typical, refuse_coverage
+from ..fields import BOUNDED_WORDS, COVERAGE_WORDS, AnyLaw, CoverageFactor, HalfWidth, Record, Typical, with_law
 from ..geometry.arrays import frozen
 from ..ranges import Meant
 from ..system import Act, Drawn, Effect, Law, Place, Scene, Sources, System
@@ -35,7 +35,7 @@ class Skeleton(Record):
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    _coverage = model_validator(mode="after")(refuse_coverage)
+    _law = with_law("half_width_mm")
 
 
 class OfDesign(Record):

@@ -195,11 +195,11 @@ def _is_numeric(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
 
 
-def write_value(value: Any) -> str:
-    """A value as a design has it, numbers with twelve digits."""
+def write_value(value: Any, digits: int = 12) -> str:
+    """A value as a design has it, numbers with so many digits."""
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(write_value, value))}]"
-    return f"{value + 0.0:.12g}" if _is_numeric(value) else str(value)
+        return f"[{', '.join(write_value(each, digits) for each in value)}]"
+    return f"{value + 0.0:.{digits}g}" if _is_numeric(value) else str(value)
 
 
 def _round(value: Any) -> Any:

@@ -12,7 +12,15 @@ from enum import StrEnum
 from math import inf
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from .cures import ask_meant
@@ -79,9 +87,21 @@ def refusal(code: str, message: str, hint: str = "", at: str = "") -> PydanticCu
     return PydanticCustomError(code, message.replace("{", "(").replace("}", ")"), {"hint": hint, "at": at})
 
 
-def exactly_one(first: str, second: str) -> Any:
-    """JSON Schema: one of two fields is required and the other absent (a validator says the same in words)."""
-    return {"oneOf": [{"required": [first]}, {"required": [second]}]}
+KEEP_ONE = "keep one of them"
+
+
+def exactly_one(first: str, second: str, words: str = "give", neither: str = "") -> Any:
+    """The configuration and the validator of a record that has one of two fields; neither: the cure where both lack."""
+
+    def check(record: Record) -> Record:
+        both = getattr(record, first) is not None
+        if both == (getattr(record, second) is not None):
+            given, cure = ("both", KEEP_ONE) if both else ("neither", neither)
+            raise refusal("one-of", f"{words} exactly one of {first} and {second}; {given} arrived", cure)
+        return record
+
+    schema: dict[str, Any] = {"oneOf": [{"required": [first]}, {"required": [second]}]}
+    return ConfigDict(json_schema_extra=schema), model_validator(mode="after")(check)
 
 
 def not_both(first: str, second: str) -> Any:
@@ -160,36 +180,25 @@ COVERAGE_WORDS = (
 )
 
 
-def check_coverage(distribution: str, coverage_factor: float | None) -> None:
-    """A coverage factor is refused where no law reads it."""
-    if coverage_factor is not None and distribution != "normal":
-        raise refusal(
-            "unused-field",
-            f"coverage_factor only means something for distribution: normal; the distribution here is {distribution}",
-            "remove coverage_factor",
-            "coverage_factor",
-        )
+def with_law(width: str, usual: str = "uniform") -> Any:
+    """The validator of a record whose ``distribution`` and ``coverage_factor`` are of the half-width in a field.
 
+    One above 0 needs a law, and a law a half-width that is stated: of 0, so that it can be varied.  A coverage factor
+    is refused where no law reads it.
+    """
 
-def refuse_coverage(record: Any) -> Any:
-    """The validator of a record with ``distribution`` and ``coverage_factor``."""
-    check_coverage(record.distribution, record.coverage_factor)
-    return record
+    def check(record: Any) -> Any:
+        law, factor = record.distribution, record.coverage_factor
+        given = [name for name, value in (("distribution", law), ("coverage_factor", factor)) if value is not None]
+        if getattr(record, width) and law is None:
+            raise refusal("missing-field", f"{width} needs a distribution", f"distribution: {usual}")
+        missing = width if width not in record.model_fields_set else "distribution" if law is None else ""
+        if given and missing:
+            detail, cure = f"{given[0]} is read only with {missing}", f"state {missing}, or leave {given[0]} out"
+            raise refusal("unused-field", detail, cure, at=given[0])
+        if factor is not None and law != "normal":
+            detail = f"coverage_factor only means something for distribution: normal; the distribution here is {law}"
+            raise refusal("unused-field", detail, "remove coverage_factor", "coverage_factor")
+        return record
 
-
-def check_law(record: Any, width: str) -> None:
-    """A half-width above 0 needs a law, and a law a half-width that is stated: of 0, so that it can be varied."""
-    if getattr(record, width) and record.distribution is None:
-        raise refusal("missing-field", f"{width} needs a distribution", "distribution: uniform")
-    if record.distribution is not None and width in record.model_fields_set:
-        check_coverage(record.distribution, record.coverage_factor)
-        return
-    for field in ("distribution", "coverage_factor"):
-        if getattr(record, field) is not None:
-            missing = "distribution" if width in record.model_fields_set else width
-            raise refusal(
-                "unused-field",
-                f"{field} is read only with {missing}",
-                f"state {missing}, or leave {field} out",
-                at=field,
-            )
+    return model_validator(mode="after")(check)

@@ -10,7 +10,7 @@ from math import radians
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from .fields import (
     BOUNDED_WORDS,
@@ -22,7 +22,7 @@ from .fields import (
     HalfWidth,
     HalfWidthDegrees,
     Record,
-    refuse_coverage,
+    with_law,
 )
 from .geometry.arrays import Array, frozen
 from .ranges import KNOWN_DEG, KNOWN_MM, SEAT_DEG, SEAT_MM
@@ -57,7 +57,7 @@ class RotationTolerance(Record):
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    _coverage = model_validator(mode="after")(refuse_coverage)
+    _law = with_law("half_width_deg")
 
 
 class TranslationTolerance(Record):
@@ -69,7 +69,7 @@ class TranslationTolerance(Record):
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    _coverage = model_validator(mode="after")(refuse_coverage)
+    _law = with_law("half_width_mm")
 
 
 class Tolerances(Record):

@@ -294,13 +294,11 @@ def _doubt_balls(made: Made, wish: Wish, limits: Limits) -> list[str]:
 
 def _keep_comments(text: str, base: Design, made: str, limits: Limits) -> str:
     """The text of the base with what is new in the other text, if that can be done; else the other text."""
-    import yaml
-
     from tailstack.design import design_to_data, load_design
     from tailstack.design.yaml_text import revise_yaml
 
     wanted = load_design(made, limits=limits)
-    with suppress(TailstackError, yaml.YAMLError):
+    with suppress(TailstackError):
         revised = revise_yaml(text, design_to_data(base, inline=False), design_to_data(wanted))
         if load_design(revised, limits=limits).sha256 == wanted.sha256:
             return revised

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..field_names import write_value
 from ..fields import refusal
 from ..geometry.arrays import Array
 
@@ -25,7 +26,11 @@ def check_passive(rows: Sequence[Sequence[float]]) -> None:
         half = next((each for each in halves if np.array_equal(each, matrix)), None)
         whole = mean if half is None else half + half.T - np.diag(np.diag(half))
         what = "the mean of the two is" if half is None else "with both of its halves it is"
-        cure = f"matrix_mm_per_n: {_write(whole)}" if np.linalg.eigvalsh(whole)[0] >= -ROUNDING * scale else ""
+        cure = (
+            f"matrix_mm_per_n: {write_value(whole.tolist(), 6)}"
+            if np.linalg.eigvalsh(whole)[0] >= -ROUNDING * scale
+            else ""
+        )
         raise refusal(
             "not-symmetric",
             f"a compliance is symmetric; {_name(i, j)} is {matrix[i, j]:g}, {_name(j, i)} {matrix[j, i]:g}",
@@ -37,7 +42,7 @@ def check_passive(rows: Sequence[Sequence[float]]) -> None:
         along = ", ".join(f"{each + 0.0:.3g}" for each in axis.round(3))
         cure = "a deflection goes with the force: check the signs"
         if values[-1] <= ROUNDING * scale:
-            cure = f"a deflection goes with the force: matrix_mm_per_n: {_write(-mean)}"
+            cure = f"a deflection goes with the force: matrix_mm_per_n: {write_value((-mean).tolist(), 6)}"
         elif np.diag(matrix).min() >= 0:
             i, j = max(((i, j) for i in range(3) for j in range(i)), key=lambda pair: _excess(matrix, *pair))
             most = float(np.sqrt(matrix[i, i] * matrix[j, j]))
@@ -57,7 +62,3 @@ def _excess(matrix: Array, i: int, j: int) -> float:
 
 def _name(i: int, j: int) -> str:
     return f"row {i + 1}, column {j + 1}"
-
-
-def _write(matrix: Array) -> str:
-    return f"[{', '.join('[' + ', '.join(f'{x + 0.0:.6g}' for x in row) + ']' for row in matrix)}]"

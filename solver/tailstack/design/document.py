@@ -20,10 +20,11 @@ from pydantic import (
     model_validator,
 )
 
-from ..effects import later_fields, with_sections
+from ..effects import with_sections
 from ..fields import (
     BOUNDED_WORDS,
     COVERAGE_WORDS,
+    KEEP_ONE,
     LAW_WORDS,
     Angles,
     AnyLaw,
@@ -47,14 +48,13 @@ from ..fields import (
     RandomLaw,
     Record,
     Rotation3,
-    check_coverage,
     exactly_one,
     leave_out_later,
     not_both,
     one_of,
     refusal,
-    refuse_coverage,
     share,
+    with_law,
 )
 from ..geometry.rotation import RotationForm
 from ..measures import MEASURE, MEASURES, MeasureName
@@ -91,7 +91,6 @@ from .optimise_document import Optimise
 from .presets import PRESETS
 
 FOOT_PX = AnySize("principal-point judges it by the middle of the image")
-KEEP_ONE = "keep one of them"
 ALONG = {"AP": (0.0, 1.0, 0.0), "LAT": (-1.0, 0.0, 0.0)}  # beam directions in con
 
 
@@ -106,6 +105,7 @@ class IntrinsicsPrior(Record):
     )
 
 
+@with_sections("view", sees=None, intrinsics_prior=None)
 class _View(Record):
     name: Name = Field(description="What you call this view; unique.", examples=["AP"])
     fiducial_noise_px: Pixels = Field(
@@ -132,20 +132,10 @@ class _View(Record):
     )
 
 
-if TYPE_CHECKING:  # no name of an effect is known here
-    _ViewWithEffects = _View
-else:
-    _ViewWithEffects = with_sections("view", _View)
-
-
-class _AnyView(_ViewWithEffects):
-    _as_before = leave_out_later(dict.fromkeys(("sees", "intrinsics_prior")) | later_fields("view"))
-
-
-class _Aimed(_AnyView):
+class _Aimed(_View):
     """Where the beam goes: an orientation by name, or two directions."""
 
-    model_config = ConfigDict(json_schema_extra=exactly_one("orientation", "beam_direction"))
+    model_config, _one_direction = exactly_one("orientation", "beam_direction", neither="orientation: AP")
 
     orientation: Literal["AP", "LAT"] | None = Field(
         default=None,
@@ -170,10 +160,7 @@ class _Aimed(_AnyView):
     )
 
     @model_validator(mode="after")
-    def _one_direction(self) -> _Aimed:
-        if (self.orientation is None) == (self.beam_direction is None):
-            given, cure = ("both", KEEP_ONE) if self.orientation is not None else ("neither", "orientation: AP")
-            raise refusal("one-of", f"give exactly one of orientation and beam_direction; {given} arrived", cure)
+    def _directions_differ(self) -> _Aimed:
         b, u = self.beam, self.up_direction
         cross = (b[1] * u[2] - b[2] * u[1], b[2] * u[0] - b[0] * u[2], b[0] * u[1] - b[1] * u[0])
         size_b, size_u, size_c = [max(map(abs, v)) for v in (b, u, cross)]
@@ -314,7 +301,7 @@ Transform = Annotated[
 ]
 
 
-class PinholeView(_AnyView):
+class PinholeView(_View):
     """Calibrated camera: intrinsics and the pose that maps con to the camera frame."""
 
     intrinsics: Intrinsics = Field(description="Pinhole intrinsics, px.")
@@ -329,7 +316,7 @@ class PinholeView(_AnyView):
     )
 
 
-class MatrixView(_AnyView):
+class MatrixView(_View):
     """A calibrated 3x4 projection."""
 
     projection: Matrix34 = Field(
@@ -344,7 +331,7 @@ class MatrixView(_AnyView):
     )
 
 
-VIEW_KINDS: dict[str, type[_AnyView]] = {
+VIEW_KINDS: dict[str, type[_View]] = {
     "<projection>": MatrixView,
     "<intrinsics>": PinholeView,
     "<preset>": PresetView,
@@ -397,9 +384,10 @@ class Locator(Record):
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
+    _law = with_law("half_width_mm")
+
     @model_validator(mode="after")
-    def _coverage(self) -> Locator:
-        check_coverage(self.distribution, self.coverage_factor)
+    def _has_a_direction(self) -> Locator:
         if max(map(abs, self.normal)) < 1e-9:
             raise refusal("zero-direction", "a normal needs a direction; [0, 0, 0] arrived", at="normal")
         return self
@@ -471,7 +459,7 @@ class HandEye(Record):
 class Repeatability(Record):
     """Scatter of the robot's positioning, drawn at every shot, per axis of the tcp frame."""
 
-    model_config = ConfigDict(json_schema_extra=exactly_one("std_mm", "half_width_mm"))
+    model_config, _one_size = exactly_one("std_mm", "half_width_mm", neither="std_mm: 0.02")
 
     std_mm: Annotated[HalfWidth | HalfWidths | None, SCATTER_MM] = Field(
         default=None,
@@ -488,19 +476,13 @@ class Repeatability(Record):
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[3.0])
 
     @model_validator(mode="after")
-    def _one_size(self) -> Repeatability:
-        if (self.std_mm is None) == (self.half_width_mm is None):
-            given, cure = ("both", KEEP_ONE) if self.std_mm is not None else ("neither", "std_mm: 0.02")
-            raise refusal("one-of", f"give exactly one of std_mm and half_width_mm; {given} arrived", cure)
-        if self.std_mm is not None:
-            for field in ("distribution", "coverage_factor"):
-                if getattr(self, field) is not None:
-                    raise refusal("unused-field", f"std_mm already means a normal law; {field} says more", at=field)
-        elif self.distribution is None:
-            raise refusal("missing-field", "half_width_mm needs a distribution", "distribution: normal")
-        else:
-            check_coverage(self.distribution, self.coverage_factor)
+    def _std_is_of_a_law(self) -> Repeatability:
+        for field in ("distribution", "coverage_factor"):
+            if self.std_mm is not None and getattr(self, field) is not None:
+                raise refusal("unused-field", f"std_mm already means a normal law; {field} says more", at=field)
         return self
+
+    _law = with_law("half_width_mm", "normal")
 
 
 class Compliance(Record):
@@ -528,17 +510,11 @@ class Compliance(Record):
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
     @model_validator(mode="after")
-    def _law(self) -> Compliance:
+    def _passive(self) -> Compliance:
         check_passive(self.matrix_mm_per_n)
-        if self.load_half_width_n is None:
-            for field in ("distribution", "coverage_factor"):
-                if getattr(self, field) is not None:
-                    raise refusal("unused-field", f"{field} is read only with load_half_width_n", at=field)
-        elif self.distribution is None:
-            raise refusal("missing-field", "load_half_width_n needs a distribution", "distribution: uniform")
-        else:
-            check_coverage(self.distribution, self.coverage_factor)
         return self
+
+    _law = with_law("load_half_width_n")
 
 
 class Execution(Record):
@@ -589,7 +565,7 @@ class Manufacturing(Record):
     distribution: RandomLaw = Field(description=LAW_WORDS + ".", examples=["uniform"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    _coverage = model_validator(mode="after")(refuse_coverage)
+    _law = with_law("half_width_mm")
 
 
 class FiducialOrigin(Record):
@@ -643,10 +619,11 @@ class FiducialOrigin(Record):
         return f"{self.file}: {points} left out, position not defined: {listed[:400]}" if count else ""
 
 
-class _Fiducials(Record):
+@with_sections("fiducials", loss_probability=None)
+class Fiducials(Record):
     """The fiducials of the structure, in the document or in a file beside it."""
 
-    model_config = ConfigDict(json_schema_extra=exactly_one("points", "file"))
+    model_config, _one_list = exactly_one("points", "file")
 
     points: Annotated[list[FiducialPoint], Field(min_length=1)] | None = Field(
         default=None,
@@ -676,26 +653,11 @@ class _Fiducials(Record):
     )
 
     @model_validator(mode="after")
-    def _one_list(self) -> _Fiducials:
-        if (self.points is None) == (self.file is None):
-            given = "both" if self.file is not None else "neither"
-            raise refusal("one-of", f"give exactly one of points and file; {given} arrived")
+    def _origin_of_points(self) -> Fiducials:
         if self.file is not None and self.origin is not None:
             words = "origin belongs to points that were read from a file; here the file itself is named"
             raise refusal("unused-field", words, "remove origin", "origin")
         return self
-
-
-if TYPE_CHECKING:  # no name of an effect is known here
-    _FiducialsWithEffects = _Fiducials
-else:
-    _FiducialsWithEffects = with_sections("fiducials", _Fiducials)
-
-
-class Fiducials(_FiducialsWithEffects):
-    """The fiducials of the structure, in the document or in a file beside it."""
-
-    _as_before = leave_out_later({"loss_probability": None} | later_fields("fiducials"))
 
 
 class Transforms(Record):
@@ -733,35 +695,22 @@ class Sphere(Record):
 class Region(Record):
     """A target region, by exactly one shape."""
 
-    model_config = ConfigDict(json_schema_extra=exactly_one("box", "sphere"))
+    model_config, _one_shape = exactly_one("box", "sphere", "a region is")
 
     box: Box | None = Field(default=None, description="Axis-parallel box.")
     sphere: Sphere | None = Field(default=None, description="Ball.")
-
-    @model_validator(mode="after")
-    def _one_shape(self) -> Region:
-        if (self.box is None) == (self.sphere is None):
-            raise refusal("one-of", "a region is exactly one of box and sphere")
-        return self
 
 
 class TargetDocument(Record):
     """A target point, or a region that is expanded to points called name[0], name[1], ..."""
 
-    model_config = ConfigDict(json_schema_extra=exactly_one("position_mm", "region"))
+    model_config, _one_place = exactly_one("position_mm", "region", "a target has")
 
     name: Name = Field(description="Name, unique.", examples=["tip"])
     position_mm: Annotated[Point | None, TARGET_MM] = Field(
         default=None, description="Position in con, mm. Either this or region.", examples=[[0.0, 0.0, 70.0]]
     )
     region: Region | None = Field(default=None, description="Target region in con.")
-
-    @model_validator(mode="after")
-    def _one_place(self) -> TargetDocument:
-        if (self.position_mm is None) == (self.region is None):
-            given = "both" if self.region is not None else "neither"
-            raise refusal("one-of", f"a target has exactly one of position_mm and region; {given} arrived")
-        return self
 
 
 class RequirementDocument(Record):
@@ -903,6 +852,7 @@ class DocumentTitle(Record):
         return self
 
 
+@with_sections("design", document=None, assumed=[])
 class _Design(Record):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
@@ -934,13 +884,7 @@ class _Design(Record):
     )
 
 
-if TYPE_CHECKING:  # no name of an effect is known here
-    _DesignWithEffects = _Design
-else:
-    _DesignWithEffects = with_sections("design", _Design)
-
-
-class DesignDocument(_DesignWithEffects):
+class DesignDocument(_Design):
     """A reference structure on a robot, seen by two or more X-ray views."""
 
     targets: Annotated[list[TargetDocument], Field(min_length=1)] = Field(
@@ -956,8 +900,6 @@ class DesignDocument(_DesignWithEffects):
         "its pointer off. No number depends on it. Default none.",
         examples=[["/interfaces", "/views/0/fiducial_noise_px"]],
     )
-
-    _as_before = leave_out_later({"document": None, "assumed": []} | later_fields("design"))
 
 
 SCHEMA_ID = "urn:tailstack:schema:design:1"

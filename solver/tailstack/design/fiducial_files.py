@@ -13,6 +13,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from types import UnionType
 from typing import Any, Literal
 
 from ..cures import cure_text
@@ -46,22 +47,8 @@ _SYSTEMS: dict[str, System] = {"LPS": "LPS", "RAS": "RAS", "0": "RAS", "1": "LPS
 _AXES: tuple[tuple[str, System | None], ...] = (("xyz", None), ("lps", "LPS"), ("ras", "RAS"))
 _OF_SLICER = ("defined", "selected", "visible", "locked", "description")  # more columns of its table
 _STATES = ("undefined", "preview", "defined", "missing")  # of a position in .fcsv, by their numbers
-_FCSV: tuple[str, ...] = (
-    "id",
-    "x",
-    "y",
-    "z",
-    "ow",
-    "ox",
-    "oy",
-    "oz",
-    "vis",
-    "sel",
-    "lock",
-    "label",
-    "desc",
-    "associatednodeid",
-)
+_FCSV: tuple[str, ...]
+_FCSV = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatednodeid")
 _FCSV_OF_SLICER_3: tuple[str, ...] = ("label", "x", "y", "z", "sel", "vis")
 _SWITCHES = ("vis", "sel", "lock")
 
@@ -172,16 +159,9 @@ def write_fiducials(fiducials: FiducialList, name: str) -> str:
     """The text of a fiducial file in the format its name asks for: LPS, mm, every digit."""
     ending = _format_of(name)
     if ending == ".mrk.json":
+        every = {"positionStatus": "defined", "visibility": True, "selected": True, "locked": False}
         points = [
-            {
-                "id": str(number),
-                "label": label,
-                "position": list(position),
-                "positionStatus": "defined",
-                "visibility": True,
-                "selected": True,
-                "locked": False,
-            }
+            {"id": str(number), "label": label, "position": list(position), **every}
             for number, (label, position) in enumerate(zip(fiducials.labels, fiducials.positions_mm, strict=True), 1)
         ]
         markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm", "controlPoints": points}
@@ -190,11 +170,9 @@ def write_fiducials(fiducials: FiducialList, name: str) -> str:
     rows = zip(map(_quote, fiducials.labels), (",".join(map(repr, p)) for p in fiducials.positions_mm), strict=True)
     if ending == ".csv":
         return "".join(["label,x_mm,y_mm,z_mm\n", *(f"{label},{place}\n" for label, place in rows)])
-    return "".join([
-        "# Markups fiducial file version = 5.0\n# CoordinateSystem = LPS\n",
-        "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n",
-        *(f"{k},{place},0,0,0,1,1,1,0,{label},,\n" for k, (label, place) in enumerate(rows, 1)),
-    ])  # fmt: skip
+    head = "# Markups fiducial file version = 5.0\n# CoordinateSystem = LPS\n"
+    head += "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
+    return head + "".join(f"{k},{place},0,0,0,1,1,1,0,{label},,\n" for k, (label, place) in enumerate(rows, 1))
 
 
 def _quote(label: str) -> str:
@@ -214,15 +192,12 @@ def refuse(name: str, line: int | None, code: str, detail: str, hint: str = "") 
 
 def read_number(text: Any, name: str, line: int | None, what: str) -> float:
     """A number of a file, finite and of a size that a coordinate can have.  Raises DesignError."""
-    if isinstance(text, str):
-        value = read_plain_number(text)
-        if value is None:
-            hint = cure_text(text, what) or "leave out what was not measured"
-            raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}", hint)
-        return _check_size(value, name, line, what)
-    if isinstance(text, bool) or not isinstance(text, int | float):
-        raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}")
-    return _check_size(float(text), name, line, what)
+    is_number = isinstance(text, int | float) and not isinstance(text, bool)
+    value = read_plain_number(text) if isinstance(text, str) else float(text) if is_number else None
+    if value is None:
+        hint = (cure_text(text, what) or "leave out what was not measured") if isinstance(text, str) else ""
+        raise refuse(name, line, "wrong-type", f"{what} is a number; got {show(text)}", hint)
+    return _check_size(value, name, line, what)
 
 
 def _check_size(value: float, name: str, line: int | None, what: str) -> float:
@@ -491,48 +466,36 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
     def refuse_at(path: tuple[str | int, ...], code: str, detail: str, hint: str = "") -> DesignError:
         return refuse(name, source.locate(path)[0], code, detail, hint)
 
+    def expect(kind: type | UnionType, value: Any, path: tuple[str | int, ...], rule: str) -> None:
+        if not isinstance(value, kind):
+            raise refuse_at(path, "wrong-type", f"{rule}; got {show(value)}")
+
     markups = data.get("markups") if isinstance(data, dict) else None
     if not isinstance(markups, list) or not markups or not all(isinstance(item, dict) for item in markups):
-        raise refuse_at(
-            (), "not-markups", "a file of 3D Slicer's points has a list called markups", "save it from Slicer's Markups"
-        )
+        detail = "a file of 3D Slicer's points has a list called markups"
+        raise refuse_at((), "not-markups", detail, "save it from Slicer's Markups")
     filled = [index for index, item in enumerate(markups) if item.get("controlPoints")]
     if len(filled) != 1:
-        raise refuse_at(
-            ("markups",),
-            "several-lists",
-            f"the file holds {len(filled)} point lists with points; one is needed",
-            "export one list",
-        )
-    at = filled[0]
-    markup = markups[at]
+        detail = f"the file holds {len(filled)} point lists with points; one is needed"
+        raise refuse_at(("markups",), "several-lists", detail, "export one list")
+    whole = ("markups", filled[0])
+    markup = markups[filled[0]]
     stated = markup.get("coordinateSystem", "LPS")
-    if not isinstance(stated, str | int):
-        raise refuse_at(
-            ("markups", at, "coordinateSystem"), "wrong-type", f"coordinateSystem is a text; got {show(stated)}"
-        )
-    system = _system(str(stated), name, source.locate(("markups", at, "coordinateSystem"))[0])
+    expect(str | int, stated, (*whole, "coordinateSystem"), "coordinateSystem is a text")
+    system = _system(str(stated), name, source.locate((*whole, "coordinateSystem"))[0])
     unit = markup.get("coordinateUnits", "mm")
     unit = unit[0] if isinstance(unit, list) and unit else unit  # newer schemas: [code, scheme, meaning]
     if not isinstance(unit, str) or unit not in LENGTHS_MM:
-        raise refuse_at(
-            ("markups", at, "coordinateUnits"),
-            "unknown-value",
-            f"coordinateUnits {show(unit)} cannot be read",
-            "use mm",
-        )
-    points = markup["controlPoints"]
-    if not isinstance(points, list):
-        raise refuse_at(("markups", at, "controlPoints"), "wrong-type", f"controlPoints is a list; got {show(points)}")
+        detail = f"coordinateUnits {show(unit)} cannot be read"
+        raise refuse_at((*whole, "coordinateUnits"), "unknown-value", detail, "use mm")
+    expect(list, markup["controlPoints"], (*whole, "controlPoints"), "controlPoints is a list")
     rows: list[tuple[str, list[float]]] = []
     skipped: list[str] = []
-    for index, point in enumerate(points):
-        path = ("markups", at, "controlPoints", index)
-        if not isinstance(point, dict):
-            raise refuse_at(path, "wrong-type", f"a control point is a mapping; got {show(point)}")
+    for index, point in enumerate(markup["controlPoints"]):
+        path = (*whole, "controlPoints", index)
+        expect(dict, point, path, "a control point is a mapping")
         label = point.get("label") or ""
-        if not isinstance(label, str):
-            raise refuse_at((*path, "label"), "wrong-type", f"a label is a text; got {show(label)}")
+        expect(str, label, (*path, "label"), "a label is a text")
         state = point.get("positionStatus", "defined")
         if state != "defined":
             known = state if state in _STATES else "undefined"
@@ -540,18 +503,15 @@ def _read_markups(text: str, name: str, limits: Limits) -> FiducialTable:
             continue
         position = point.get("position")
         if not isinstance(position, list) or len(position) != 3:
-            raise refuse_at(
-                (*path, "position"), "wrong-type", f"a position is a list of 3 numbers; got {show(position)}"
-            )
+            detail = f"a position is a list of 3 numbers; got {show(position)}"
+            raise refuse_at((*path, "position"), "wrong-type", detail)
         line = source.locate((*path, "position"))[0] if any(not isinstance(v, float | int) for v in position) else None
         xyz = [read_number(value, name, line, axis) for axis, value in zip("xyz", position, strict=True)]
         if any(map(is_missing, xyz)):
             skipped.append(_name_left(label, f"number {index + 1}", "missing"))
         else:
             rows.append((label, xyz))
-    kind, remarks = markup.get("type", "Fiducial"), []
+    kind, remarks = str(markup.get("type", "Fiducial"))[:40], []
     if kind != "Fiducial":
-        remarks.append(
-            f"its type is {str(kind)[:40]}, which is no list of points; its control points were read as fiducials"
-        )
+        remarks.append(f"its type is {kind}, which is no list of points; its control points were read as fiducials")
     return FiducialTable(rows, unit, system, left_out=skipped, remarks=remarks)

@@ -17,13 +17,14 @@ import numpy as np
 
 from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import sight
-from ..geometry.arrays import Array, frozen
-from ..geometry.camera import camera_centre, image_centre_px, intrinsic_matrix, projection_from_pose
+from ..field_names import write_value
+from ..geometry.arrays import Array
+from ..geometry.camera import camera_centre, image_centre_px
 from ..geometry.rotation import rigid_transform, rotation_from_quaternion, rotation_xyz
 from ..ranges import DETECTOR_MM, ISOCENTRE_MM
 from ..system import View
 from ..units import OTHER_LENGTHS as UNITS
-from .cameras import aim_view, compile_transform, compile_view, find_detector
+from .cameras import compile_transform, compile_view, find_detector
 from .document import (
     DesignDocument,
     DistanceView,
@@ -37,8 +38,8 @@ from .target_points import expand_target
 
 SHORTEST_MM = {"source_detector_mm": DETECTOR_MM.least, "source_isocentre_mm": ISOCENTRE_MM.least}
 ASIDE, IN_THE_MIDDLE = 0.1, 0.05  # of the image: a principal point that is off, and one that another reading mends
-LONGEST_SOURCE_MM = 5000.0
 LONGEST_CURE = 80  # characters, of one of several
+SOURCE_MM = (100.0, 5000.0)  # from the middle of the fiducials: what any source has
 USUAL_SOURCE_MM = (300.0, 1500.0)  # from the middle of the fiducials: what a change of unit has to lead to
 USUAL_WIDTH_MM = (30.0, 375.0)  # of a structure: likewise
 # Published C-arms and a tenth more: from source to detector, and to the isocentre, which lies behind the middle
@@ -61,12 +62,12 @@ class WrittenPoints:
         targets = chain.from_iterable(map(expand_target, document.targets))
         return cls(tuple(labels), fiducials_mm, np.array([target.position_mm for target in targets]).reshape(-1, 3))
 
-    def shows(self, view: View, detector_mm: float = inf, least_mm: float = 100.0, most_mm: float = 5000.0) -> bool:
+    def shows(self, view: View, detector_mm: float = inf, away_mm: tuple[float, float] = SOURCE_MM) -> bool:
         """Whether a view has everything between source and detector and in its image, its source this far away."""
         seen = [view.sees is None or label in view.sees for label in self.labels]
         each = sight(view, np.concatenate([self.fiducials_mm[seen], self.targets_mm]))
         away = float(np.linalg.norm(camera_centre(view.projection) - self.fiducials_mm.mean(axis=0)))
-        return each.clear and float(each.depth.max()) <= detector_mm and least_mm <= away <= most_mm
+        return each.clear and float(each.depth.max()) <= detector_mm and away_mm[0] <= away <= away_mm[1]
 
 
 class Meaning(NamedTuple):
@@ -75,9 +76,16 @@ class Meaning(NamedTuple):
     changes: int  # things that are otherwise than written
     words: str  # what is read otherwise
     cure: str  # what to write then
-    view: View
-    detector_mm: float
+    view: Any  # of the document, with that
     rescaled: bool  # some length has another unit
+
+
+def _read_otherwise(
+    view: Any, words: str, changes: int = 1, rescaled: bool = False, cure: str = "", **fields: Any
+) -> Meaning:
+    """The view with other values in some of its fields; cure: where it is told shorter than by all of them."""
+    told = cure or ", ".join(f"{name}: {write_numbers(value)}" for name, value in fields.items())
+    return Meaning(changes, words, told, view.model_copy(update=fields), rescaled)
 
 
 def find_meanings(view: Any, scene: WrittenPoints, beside: Sequence[Any] = ()) -> list[Meaning]:
@@ -92,48 +100,48 @@ def find_meanings(view: Any, scene: WrittenPoints, beside: Sequence[Any] = ()) -
 
 
 def _list_fitting(view: Any, scene: WrittenPoints) -> list[Meaning]:
-    fitting = [
-        each
-        for each in _list_meanings(view, scene)
-        if scene.shows(each.view, each.detector_mm, *(USUAL_SOURCE_MM if each.rescaled else (100.0, LONGEST_SOURCE_MM)))
-    ]
+    try:
+        meanings = list(_list_meanings(view, scene))
+    except (DesignError, IllPosedError):  # it has no projection: that is what is refused
+        return []
+    fitting = [each for each in meanings if _shows(each.view, scene, USUAL_SOURCE_MM if each.rescaled else SOURCE_MM)]
     return sorted(fitting, key=lambda meaning: meaning.changes)
 
 
 def _list_meanings(view: Any, scene: WrittenPoints) -> Iterator[Meaning]:
-    try:
-        if isinstance(view, PinholeView):
-            yield from _read_pose(view, scene)
-        elif isinstance(view, MatrixView):
-            yield from _read_matrix(view, scene)
-        else:
-            yield from _read_distances(view, scene)
-    except (DesignError, IllPosedError):  # it has no projection: that is what is refused
-        return
-
-
-def _read_pose(view: PinholeView, scene: WrittenPoints) -> Iterator[Meaning]:
-    written = compile_transform(view.pose, "", [])
-    plain, given = compile_view(view, "", scene.fiducials_mm, []), view.intrinsics
     feet = list(read_foot(view))
     for words, foot in feet:
-        camera = intrinsic_matrix(given.focal_px, foot, given.skew_px)
-        read = replace(plain, projection=frozen(projection_from_pose(camera, written)))
-        yield Meaning(1, words, f"principal_point_px: {write_numbers(foot)}", read, inf, False)
+        yield _with_foot(view, words, foot)
+    if isinstance(view, PinholeView):
+        yield from _read_pose(view, scene, len(feet))
+    elif isinstance(view, MatrixView):
+        yield from _read_matrix(view, scene)
+    else:
+        yield from _read_distances(view, len(feet))
+
+
+def _with_foot(view: Any, words: str, foot: tuple[float, float]) -> Meaning:
+    if not isinstance(view, PinholeView):
+        return _read_otherwise(view, words, principal_point_px=foot)
+    intrinsics = view.intrinsics.model_copy(update={"principal_point_px": foot})
+    return _read_otherwise(view, words, cure=f"principal_point_px: {write_numbers(foot)}", intrinsics=intrinsics)
+
+
+def _read_pose(view: PinholeView, scene: WrittenPoints, already: int) -> Iterator[Meaning]:
+    """``already``: other things that are otherwise than written."""
+    written, given = compile_transform(view.pose, "", []), view.intrinsics
     middle = np.append(scene.fiducials_mm.mean(axis=0), 1.0)
     for (form, base), turned in product(read_transform(view.pose, written, "the camera to con"), (False, True)):
         focal_px = (-given.focal_px[0], given.focal_px[1]) if turned and min(given.focal_px) < 0 else given.focal_px
-        camera = intrinsic_matrix(focal_px, given.principal_point_px, given.skew_px)
         as_read = TURNED @ base if turned else base
-        usual = 100.0 <= float(np.linalg.norm(as_read[:3] @ middle)) <= LONGEST_SOURCE_MM
+        usual = SOURCE_MM[0] <= float(np.linalg.norm(as_read[:3] @ middle)) <= SOURCE_MM[1]
         for unit, factor in [("", 1.0)] if usual else [("", 1.0), *UNITS.items()]:
             parts = [f"its translation in {unit}"] * bool(unit)
             parts += [f"its pose read as {form}"] * bool(form)
             parts += ["the camera axes turned, as computer graphics has z away from the detector"] * turned
             if not parts:
                 continue
-            pose = as_read * np.array([1.0, 1.0, 1.0, factor])
-            pose[3, 3] = 1.0
+            pose = scale_translation(as_read, factor)
             cure = f"pose: {write_numbers(pose)}"
             if not turned and form in ("", ELSEWHERE):
                 numbers = write_numbers(pose[:3, 3])
@@ -144,8 +152,13 @@ def _read_pose(view: PinholeView, scene: WrittenPoints) -> Iterator[Meaning]:
                     f" and focal_px: {write_numbers(focal_px)}; or give the product of the intrinsics and the first "
                     "three rows of the pose as projection, whose sign is free"
                 )
-            read = replace(plain, projection=frozen(projection_from_pose(camera, pose)))
-            yield Meaning(len(parts) + bool(feet), " and ".join(parts), cure, read, inf, bool(unit))
+            fields = {"pose": pose, "intrinsics": given.model_copy(update={"focal_px": focal_px})}
+            yield _read_otherwise(view, " and ".join(parts), len(parts) + already, bool(unit), cure, **fields)
+
+
+def scale_translation(transform: Array, factor: float) -> Array:
+    """The transform (4, 4) with its translation multiplied."""
+    return np.asarray(np.block([[transform[:3, :3], factor * transform[:3, 3:]], [transform[3:]]]))
 
 
 ELSEWHERE = "its rotation beside the place of the other origin"
@@ -218,52 +231,32 @@ def lies_aside(foot: tuple[float, float], size: tuple[int, int]) -> float:
 
 
 def _read_matrix(view: MatrixView, scene: WrittenPoints) -> Iterator[Meaning]:
-    plain = compile_view(view, "", scene.fiducials_mm, [])
-    if scene.shows(replace(plain, image_size_px=None)):
+    if scene.shows(replace(compile_view(view, "", scene.fiducials_mm, []), image_size_px=None)):
         return  # its unit is right
     for unit, factor in UNITS.items():
-        matrix = np.array(view.projection)
-        matrix[:, 3] *= factor
-        changed = view.model_copy(update={"projection": tuple(map(tuple, matrix.tolist()))})
         words = f"the fourth column of its projection for lengths in {unit}"
-        cure = f"projection: {write_numbers(matrix)}"
-        yield Meaning(1, words, cure, compile_view(changed, "", scene.fiducials_mm, []), inf, True)
+        yield _read_otherwise(
+            view, words, rescaled=True, projection=np.array(view.projection) * [1.0, 1.0, 1.0, factor]
+        )
 
 
-def _read_distances(view: PresetView | DistanceView, scene: WrittenPoints) -> Iterator[Meaning]:
+def _read_distances(view: PresetView | DistanceView, already: int) -> Iterator[Meaning]:
+    """``already``: other things that are otherwise than written."""
     short = [field for field, least in SHORTEST_MM.items() if (own := getattr(view, field)) is not None and own < least]
     fields = [[short], [["isocentre_mm"]], [short, ["isocentre_mm"]]] if short else [[["isocentre_mm"]]]
-    plain, feet = compile_view(view, "", scene.fiducials_mm, []), list(read_foot(view))
-    for words, foot in feet:
-        changed = view.model_copy(update={"principal_point_px": foot})
-        read = replace(plain, projection=frozen(aim_view(changed)[0]))
-        yield Meaning(1, words, f"principal_point_px: {write_numbers(foot)}", read, find_detector(view), False)
     for words, far in read_isocentre(view):
-        changed = view.model_copy(update={"source_isocentre_mm": far})
-        read = replace(plain, projection=frozen(aim_view(changed)[0]))
-        yield Meaning(1, words, f"source_isocentre_mm: {write_numbers(far)}", read, find_detector(view), True)
+        yield _read_otherwise(view, words, rescaled=True, source_isocentre_mm=far)
     for groups, (unit, factor) in product(fields, UNITS.items()):
         names = [name for group in groups for name in group]
-        if "isocentre_mm" in names and not any(view.isocentre_mm):
-            continue
-        update = {name: _scale(getattr(view, name), factor) for name in names}
-        changed = view.model_copy(update=update)
-        words = f"{' and '.join(names)} in {unit}"
-        cure = ", ".join(f"{name}: {write_numbers(value)}" for name, value in update.items())
-        projection, _ = aim_view(changed)
-        read = replace(plain, projection=frozen(projection))
-        yield Meaning(len(groups) + bool(feet), words, cure, read, find_detector(changed), bool(short))
-
-
-def _scale(value: Any, factor: float) -> Any:
-    return tuple(factor * each for each in value) if isinstance(value, tuple) else factor * value
+        if "isocentre_mm" not in names or any(view.isocentre_mm):
+            scaled: dict[str, Any] = {name: factor * np.array(getattr(view, name)) for name in names}
+            words = f"{' and '.join(names)} in {unit}"
+            yield _read_otherwise(view, words, len(groups) + already, bool(short), **scaled)
 
 
 def write_numbers(values: Any) -> str:
     """Numbers and rows of them, as a design has them."""
-    if np.ndim(values) == 0:
-        return f"{float(values) + 0.0:.9g}"
-    return f"[{', '.join(map(write_numbers, values))}]"
+    return write_value(np.asarray(values).tolist(), 9)
 
 
 # --- what is said -----------------------------------------------------------------------------------------
@@ -294,8 +287,7 @@ def _say_targets(document: DesignDocument, scene: WrittenPoints) -> str:
         for unit, factor in UNITS.items()
         if (factor > 1 or beyond)
         and all(
-            _shows(view, replace(scene, targets_mm=factor * scene.targets_mm), 100.0, LONGEST_SOURCE_MM)
-            for view in document.views
+            _shows(view, replace(scene, targets_mm=factor * scene.targets_mm), SOURCE_MM) for view in document.views
         )
     ]
     if len(fitting) != 1 or not len(scene.targets_mm):
@@ -366,16 +358,16 @@ def _shown(document: DesignDocument, scene: WrittenPoints, factor: float) -> boo
     """Whether every view shows the points, multiplied: the fiducials with the targets, alone, or with the views."""
     beads = replace(scene, fiducials_mm=factor * scene.fiducials_mm)
     every = replace(beads, targets_mm=factor * scene.targets_mm)
-    usual = [bound / factor for bound in USUAL_SOURCE_MM]
+    usual = (USUAL_SOURCE_MM[0] / factor, USUAL_SOURCE_MM[1] / factor)
     return any(
-        all(_shows(view, each, *bounds) for view in document.views)
-        for each, bounds in ((every, [100.0, LONGEST_SOURCE_MM]), (beads, [100.0, LONGEST_SOURCE_MM]), (scene, usual))
+        all(_shows(view, each, bounds) for view in document.views)
+        for each, bounds in ((every, SOURCE_MM), (beads, SOURCE_MM), (scene, usual))
     )
 
 
-def _shows(view: Any, scene: WrittenPoints, least_mm: float, most_mm: float) -> bool:
+def _shows(view: Any, scene: WrittenPoints, away_mm: tuple[float, float]) -> bool:
     try:
         compiled = compile_view(view, "", scene.fiducials_mm, [])
     except (DesignError, IllPosedError):
         return False
-    return scene.shows(compiled, find_detector(view), least_mm, most_mm)
+    return scene.shows(compiled, find_detector(view), away_mm)

@@ -29,7 +29,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import yaml
@@ -40,22 +40,6 @@ from ..people_tables import encoding_of
 from ..results.json_text import find_repeated, write_json
 from .frozen_data import FrozenList, FrozenMapping
 from .numbers import plain_array
-
-__all__ = [
-    "DEFAULT_LIMITS",
-    "LOOKS_LIKE_YAML",
-    "DocumentSource",
-    "Format",
-    "Limits",
-    "Vast",
-    "decode",
-    "name_neighbours",
-    "plain_data",
-    "point_list_problem",
-    "read_bytes",
-    "read_text",
-    "show",
-]
 
 Format = Literal["auto", "yaml", "json"]
 DOCUMENTS = (".yaml", ".yml", ".json")  # how files of documents end
@@ -367,13 +351,17 @@ _OTHER = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class TextPosition:
-    """Where a value stands in its file (1-based), and where its children do."""
+class TextPosition(NamedTuple):
+    """Where a value stands in its file (1-based), which of its characters it is, and where its children stand."""
 
     line: int
     column: int
+    start: int
+    end: int
     children: dict[str, tuple[TextPosition, TextPosition]] | list[TextPosition] | None = None  # mapping: key, value
+    flow: bool = True  # false: a block, which ends with its line
+    anchor: str | None = None
+    alias: bool = False  # whether the anchor is that of another value, which stands here
 
     def find(self, path: Iterable[str | int], *, key: bool = False) -> TextPosition:
         """The place of a path of keys and indices, or of its nearest ancestor; ``key``: of the key itself."""
@@ -416,10 +404,10 @@ def _loader(text: str) -> Any:
 class _Open:
     """A collection whose end has not been read yet."""
 
-    __slots__ = ("anchor", "children", "data", "key", "mark", "start")
+    __slots__ = ("begin", "children", "count", "data", "key")
 
-    def __init__(self, data: Any, children: Any, mark: Any, anchor: str | None, start: int) -> None:
-        self.data, self.children, self.mark, self.anchor, self.start = data, children, mark, anchor, start
+    def __init__(self, data: Any, children: Any, begin: Any, count: int) -> None:
+        self.data, self.children, self.begin, self.count = data, children, begin, count  # begin: its event
         self.key: tuple[str, TextPosition] | None = None
 
 
@@ -538,22 +526,23 @@ class _Builder:
         if isinstance(event, yaml.ScalarEvent):
             # implicit[0] is true for plain scalars only: quoted and block scalars are text whatever they hold
             value = scalar(event.value) if event.implicit[0] else event.value
-            self._finish(value, TextPosition(mark.line + 1, mark.column + 1), mark, event.anchor, 1)
+            self._finish(value, _place(event, event, flow=event.style not in ("|", ">")), event, 1)
         elif isinstance(event, yaml.AliasEvent):
             alias = event.anchor or ""
             if alias not in self._anchors:
                 raise self._refuse("yaml-alias", f"no finished value is called {alias[:60]!r}", "", mark)
             value, place, size = self._anchors[alias]
             self._count_nodes(size, mark)
-            self._add(value, place, mark)
+            own = _place(event, event)
+            self._add(value, place._replace(start=own.start, end=own.end, alias=True), mark)
         elif isinstance(event, yaml.MappingStartEvent):
-            self._stack.append(_Open({}, {}, mark, event.anchor, self._count))
+            self._stack.append(_Open({}, {}, event, self._count))
         elif isinstance(event, yaml.SequenceStartEvent):
-            self._stack.append(_Open([], [], mark, event.anchor, self._count))
+            self._stack.append(_Open([], [], event, self._count))
         elif isinstance(event, yaml.CollectionEndEvent):
             done = self._stack.pop()
-            place = TextPosition(done.mark.line + 1, done.mark.column + 1, done.children)
-            self._finish(done.data, place, done.mark, done.anchor, self._count - done.start + 1)
+            place = _place(done.begin, event, done.children, bool(done.begin.flow_style))
+            self._finish(done.data, place, done.begin, self._count - done.count + 1)
 
     def _refuse(self, code: str, detail: str, hint: str, mark: Any) -> DesignError:
         return DesignError(problem(code, detail, hint, file=self.file, mark=mark))
@@ -563,11 +552,11 @@ class _Builder:
         if self._count > self.limits.nodes or len(self._stack) > self.limits.depth:
             raise LimitError(size_problem(self.limits, self.file, mark))
 
-    def _finish(self, value: Any, place: TextPosition, mark: Any, anchor: str | None, size: int) -> None:
+    def _finish(self, value: Any, place: TextPosition, begin: Any, size: int) -> None:
         """A value that is complete; under its anchor it can be named again."""
-        if anchor:
-            self._anchors[anchor] = (value, place, size)
-        self._add(value, place, mark)
+        if place.anchor:
+            self._anchors[place.anchor] = (value, place, size)
+        self._add(value, place, begin.start_mark)
 
     def _add(self, value: Any, place: TextPosition, mark: Any) -> None:
         """A value to the collection that is open: an element, a key, or the value of the key before."""
@@ -612,6 +601,15 @@ class _Builder:
         hint = f"if {value},{key} is one number, write it with a point: {value}.{key}"
         where = Problem(at, "bad-key", f"keys are texts; got {show(key)}", hint)
         raise DesignError(replace(where, file=self.file, line=mark.line + 1, column=mark.column + 1))
+
+
+def _place(begin: Any, end: Any, children: Any = None, flow: bool = True) -> TextPosition:
+    """Of a value from one event to another; a block ends where its last value does, not where the parser notices it."""
+    mark, last = begin.start_mark, end.end_mark.index
+    if children and not flow:
+        values = children if isinstance(children, list) else [value for _, value in children.values()]
+        last = values[-1].end
+    return TextPosition(mark.line + 1, mark.column + 1, mark.index, last, children, flow, begin.anchor)
 
 
 def _build(loader: Any, file: str | None, limits: Limits, unseen: _Unseen) -> tuple[Any, TextPosition]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 
 from ..cures import ask_meant, cure_list, cure_range, cure_text, cure_zone
 from ..errors import DesignError, Edit, Problem
-from ..field_names import cure_name
+from ..field_names import cure_name, write_value
 from .document import VIEW_KINDS, DesignDocument, Pose
 from .optimise_document import FREE_VIEW_KINDS
 from .presets import PRESETS
@@ -260,7 +260,7 @@ def _cure_matrix(field: str, value: Any) -> str:
     if not any(isinstance(row, list | tuple) for row in value):
         return _cure_flat(kind, value)
     if kind == "projection" and [len(row) if isinstance(row, list | tuple) else 0 for row in value] == [3] * 4:
-        rows = _write_rows(zip(*value, strict=True))
+        rows = write_value(list(zip(*value, strict=True)))
         return f"a matrix of 4 x 3 is MATLAB's, for rows (X, Y, Z, 1) on its left: transposed it is {rows}"
     widths = {len(row) if isinstance(row, list | tuple) else 0 for row in value}
     return _SHAPES.get((kind, len(value), widths.pop()), "") if len(widths) == 1 else ""
@@ -309,13 +309,13 @@ def _cure_flat(kind: str, value: Sequence[Any]) -> str:
     if kind == "transform":
         whole = {way: rows if count == 4 else [*rows, last] for way, rows in ways.items()}
         ways = {way: rows for way, rows in whole.items() if rows[3] == last} or whole
-    text = "; ".join(f"{way} it is {_write_rows(rows)}" for way, rows in ways.items())
+    text = "; ".join(f"{way} it is {write_value(rows)}" for way, rows in ways.items())
     return f"a {kind} has {shape}: written {text}"
 
 
 def write_dlt(coefficients: Sequence[Any], more: str = "") -> str:
     """Eleven DLT coefficients as the projection that they are."""
-    rows = _write_rows((coefficients[:4], coefficients[4:8], [*coefficients[8:], 1]))
+    rows = write_value([coefficients[:4], coefficients[4:8], [*coefficients[8:], 1]])
     return f"eleven DLT coefficients are three rows of four whose last number is 1{more}: {rows}"
 
 
@@ -325,13 +325,6 @@ def _list_numbers(text: str) -> list[float]:
         return [float(each) for each in re.split(r"[\s,;\[\]()]+", text.strip(" \n,;[]()"))]
     except ValueError:
         return []
-
-
-def _write_rows(rows: Iterable[Sequence[Any]]) -> str:
-    def write(entry: Any) -> str:
-        return f"{entry:.12g}" if isinstance(entry, int | float) else show(entry)
-
-    return "[" + ", ".join(f"[{', '.join(map(write, row))}]" for row in rows) + "]"
 
 
 def _is_branch(step: str) -> bool:

@@ -15,7 +15,7 @@ from ..geometry.arrays import Array
 from ..units import OTHER_LENGTHS
 from .cameras import compile_transform
 from .document import DesignDocument, Pose
-from .meanings import read_transform, write_numbers
+from .meanings import read_transform, scale_translation, write_numbers
 
 TARGET, PIVOT = "target-off-tool", "pivot-off-flange"  # the rules that tell them
 STANDOFF_MM = 20.0  # nearer than this, nothing is doubted
@@ -113,8 +113,7 @@ def _read_transforms(stated: dict[str, Any], written: Transforms) -> Iterator[Re
             for unit, factor in {"": 1.0, **(SCALES if not form else {})}.items():
                 if not form and not unit:
                     continue
-                read = matrix * np.array([1.0, 1.0, 1.0, factor])
-                read[3, 3] = 1.0
+                read = scale_translation(matrix, factor)
                 cure = f"write {name}: {write_numbers(read)}"
                 if isinstance(value, Pose) and np.array_equal(read[:3, :3], written[name][:3, :3]):
                     cure = f"write {name}: translation_mm: {write_numbers(read[:3, 3])}"

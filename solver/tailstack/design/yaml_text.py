@@ -11,77 +11,22 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
-import yaml
-
+from .reading import DEFAULT_LIMITS, TextPosition, read_yaml
 from .write import dump_block, dump_flow
 
 IDENTITIES = ("label", "name")  # fields by which an item of a list is known again
-
-
-@dataclass(slots=True)
-class Node:
-    """A value of the document: which characters it is, and its parts."""
-
-    start: int
-    end: int
-    kind: str  # scalar, mapping, sequence or alias
-    flow: bool = True
-    anchor: str | None = None
-    parts: list[Node] = field(default_factory=list)
-    keys: list[tuple[str, int]] = field(default_factory=list)  # of a mapping: key and where it begins
 
 
 def revise_yaml(text: str, old: Any, new: Any) -> str:
     """The text, which holds ``old``, so that it holds ``new``.
 
     Where the text says something in another way than ``old`` does, it is left as it is; a caller reads the outcome
-    again and compares.  Raises yaml.YAMLError for a text that is no YAML document.
+    again and compares.  Raises DesignError for a text that is no YAML document.
     """
     text = text.removeprefix("\ufeff")
     editor = _Editor(text)
-    editor.revise(_read_nodes(text), old, new)
+    editor.revise(read_yaml(text, None, DEFAULT_LIMITS)[1], old, new)
     return editor.finish()
-
-
-def _read_nodes(text: str) -> Node:
-    """The tree of a document."""
-    loader: Any = yaml.CSafeLoader(text) if yaml.__with_libyaml__ else yaml.SafeLoader(text)
-    stack: list[Node] = []
-    awaiting: list[tuple[str, int] | None] = []  # of each open mapping: the key whose value is to come
-    try:
-        while not isinstance(event := loader.get_event(), yaml.StreamEndEvent):
-            start, end = event.start_mark.index, event.end_mark.index
-            match event:
-                case yaml.ScalarEvent():
-                    if stack and stack[-1].kind == "mapping" and awaiting[-1] is None:
-                        awaiting[-1] = (event.value, start)
-                        continue
-                    done = Node(start, end, "scalar", flow=event.style not in ("|", ">"), anchor=event.anchor)
-                case yaml.AliasEvent():
-                    done = Node(start, end, "alias", anchor=event.anchor)
-                case yaml.CollectionStartEvent():
-                    kind = "mapping" if isinstance(event, yaml.MappingStartEvent) else "sequence"
-                    stack.append(Node(start, end, kind, flow=bool(event.flow_style), anchor=event.anchor))
-                    awaiting.append(None)
-                    continue
-                case yaml.CollectionEndEvent():
-                    done = stack.pop()
-                    awaiting.pop()
-                    # a block ends where its last value does, not where the parser notices that
-                    done.end = end if done.flow else done.parts[-1].end
-                case _:
-                    continue
-            if not stack:
-                return done
-            stack[-1].parts.append(done)
-            if stack[-1].kind == "mapping":
-                key = awaiting[-1]
-                assert key is not None
-                stack[-1].keys.append(key)
-                awaiting[-1] = None
-    finally:
-        loader.dispose()
-    raise yaml.YAMLError("the document is empty")
 
 
 @dataclass(slots=True)
@@ -99,92 +44,94 @@ class _Editor:
             text = text[:start] + (replacement.replace("\n", "\r\n") if crlf else replacement) + text[end:]
         return text
 
-    def revise(self, node: Node, old: Any, new: Any) -> None:
+    def revise(self, node: TextPosition, old: Any, new: Any) -> None:
         """Make a value the new one."""
-        if node.kind == "alias":
+        if node.alias:
             if self.anchors.get(node.anchor or "") != new:
                 self._replace(node, new)
             return
         if node.anchor:
             self.anchors[node.anchor] = new
-        if node.kind == "mapping" and isinstance(old, dict) and isinstance(new, dict) and new:
+        if isinstance(node.children, dict) and isinstance(old, dict) and isinstance(new, dict) and new:
             self._revise_mapping(node, old, new)
-        elif node.kind == "sequence" and isinstance(old, list) and isinstance(new, list) and new:
+        elif isinstance(node.children, list) and isinstance(old, list) and isinstance(new, list) and new:
             self._revise_sequence(node, old, new)
         elif old != new:
             self._replace(node, new)
 
-    def _replace(self, node: Node, new: Any) -> None:
+    def _replace(self, node: TextPosition, new: Any) -> None:
         """A value written anew in its place, its anchor before it."""
         start = node.start
-        if node.kind != "alias" and (anchor := re.match(r"&\S+\s+", self.text[start : node.end])):
+        if not node.alias and (anchor := re.match(r"&\S+\s+", self.text[start : node.end])):
             start += anchor.end()
         before = self.text[start : node.end]
         replacement = _number(new, before) or self._dump(new, before)
-        if node.kind == "sequence" and not node.flow:
+        if isinstance(node.children, list) and not node.flow:
             replacement = "  " + replacement  # dashes may stand in the column of the key above, nothing else may
-        self.replacements.append((start, node.end, replacement + ("" if node.flow or node.kind != "scalar" else "\n")))
+        ending = "\n" if node.children is None and not node.flow else ""
+        self.replacements.append((start, node.end, replacement + ending))
 
     def _dump(self, value: Any, like: str) -> str:
         return dump_flow(value, spaced=not like.startswith("{") or like.startswith("{ "))
 
     # --- mappings ---------------------------------------------------------------------------------------------
 
-    def _revise_mapping(self, node: Node, old: dict[str, Any], new: dict[str, Any]) -> None:
-        names = [name for name, _ in node.keys]
+    def _revise_mapping(self, node: TextPosition, old: dict[str, Any], new: dict[str, Any]) -> None:
+        fields = node.children
+        assert isinstance(fields, dict)
+        names = list(fields)
         added = {name: value for name, value in new.items() if name not in old and name not in names}
-        gone = [name in old and name not in new for name in names]
-        if not node.flow and added and any(gone):  # what comes in place of something stands in its place
-            first = gone.index(True)
-            self._put_lines(node, first, added)
-            gone[first], added = False, {}
-        if (added or any(gone)) and node.flow:
+        gone = [name for name in names if name in old and name not in new]
+        if not node.flow and added and gone:  # what comes in place of something stands in its place
+            self._put_lines(*fields[gone.pop(0)], added)
+            added = {}
+        if (added or gone) and node.flow:
             self._replace(node, new)
             return
         if added:
-            indent = self._column(node.keys[0][1])
+            indent = self._column(fields[names[0]][0].start)
             self._insert_after(node.end, dump_block(added, indent))
-        for position, (name, part) in enumerate(zip(names, node.parts, strict=True)):
-            if gone[position]:
-                self._drop_lines(node.keys[position][1], part.end)
+        for name, (key, part) in fields.items():
+            if name in gone:
+                self._drop_lines(key.start, part.end)
             elif name in old and name in new:
                 self.revise(part, old[name], new[name])
 
-    def _put_lines(self, node: Node, position: int, added: dict[str, Any]) -> None:
+    def _put_lines(self, key: TextPosition, part: TextPosition, added: dict[str, Any]) -> None:
         """Fields in the place of another one."""
-        start, end = node.keys[position][1], node.parts[position].end
-        indent = self._column(start)
+        indent = self._column(key.start)
         written = dump_block(added, indent)
-        self.replacements.append((start, self._end_of_line(end), written[indent:].removesuffix("\n")))
+        self.replacements.append((key.start, self._end_of_line(part.end), written[indent:].removesuffix("\n")))
 
     # --- lists ------------------------------------------------------------------------------------------------
 
-    def _revise_sequence(self, node: Node, old: list[Any], new: list[Any]) -> None:
-        pairs = _pair(old, new) if len(node.parts) == len(old) else None
+    def _revise_sequence(self, node: TextPosition, old: list[Any], new: list[Any]) -> None:
+        parts = node.children
+        assert isinstance(parts, list)
+        pairs = _pair(old, new) if len(parts) == len(old) else None
         matched = {at: new[to] for at, to in pairs or ()}
         added = new[len(matched) :]
-        starts = [self._dash(part.start) for part in node.parts]
+        starts = [self._dash(part.start) for part in parts]
         if (added or len(matched) < len(old)) and (pairs is None or node.flow or None in starts):
             if old != new:
-                self._replace_items(node, new, starts)
+                self._replace_items(node, parts[0], new, starts[0])
             return
         if added:  # before what the last item gets, which ends at the same place and comes to stand above
-            like = self.text[node.parts[-1].start : node.parts[-1].end]
+            like = self.text[parts[-1].start : parts[-1].end]
             indent = " " * self._column(starts[0] or 0)
             self._insert_after(node.end, "".join(f"{indent}- {self._dump(item, like)}\n" for item in added))
-        for position, part in enumerate(node.parts):
+        for position, part in enumerate(parts):
             if position in matched:
                 self.revise(part, old[position], matched[position])
             else:
                 self._drop_lines(starts[position] or 0, part.end)
 
-    def _replace_items(self, node: Node, new: list[Any], starts: list[int | None]) -> None:
+    def _replace_items(self, node: TextPosition, first_part: TextPosition, new: list[Any], first: int | None) -> None:
         """A list written anew, an item on each line if it was so."""
-        first = starts[0]
         if node.flow or first is None:
             self._replace(node, new)
             return
-        like = self.text[node.parts[0].start : node.parts[0].end]
+        like = self.text[first_part.start : first_part.end]
         indent = "\n" + " " * self._column(first)
         self.replacements.append((first, node.end, indent.join(f"- {self._dump(item, like)}" for item in new)))
 

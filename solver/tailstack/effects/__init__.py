@@ -6,11 +6,14 @@ What scores, simulates, optimises, differentiates, reports and shows asks a syst
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
-from ..fields import Record
+from ..fields import Record, leave_out_later
 from . import ball_images, detector_tilt, image_field, intrinsics, motion, temperature
 from .kind import EffectKind, Host
+
+_Record = TypeVar("_Record", bound=Record)
 
 # In the order in which seeds draw, budgets list, and records say what is not modelled: new ones come last
 EFFECTS: tuple[EffectKind[Any], ...] = (
@@ -23,16 +26,16 @@ EFFECTS: tuple[EffectKind[Any], ...] = (
 )
 
 
-def with_sections(host: Host, record: type[Record]) -> Any:
-    """The record with the fields that the effects add to it, in their order."""
-    bases = (*reversed(_sections(host)), record)
-    return type(f"{record.__name__}WithEffects", bases, {"__module__": record.__module__})
+def with_sections(host: Host, **later: Any) -> Callable[[type[_Record]], type[_Record]]:
+    """Gives a record the fields that the effects add to it, in their order; no name of one is known to types.
 
+    They, and what else came ``later`` than the first designs, are written only where they differ from their default."""
+    sections = [kind.section for kind in EFFECTS if kind.host == host]
+    later |= {name: None for section in sections for name in section.model_fields}
 
-def later_fields(host: Host) -> dict[str, None]:
-    """The fields that effects add to a record, all of them None where they are not declared."""
-    return {name: None for section in _sections(host) for name in section.model_fields}
+    def add(record: type[_Record]) -> type[_Record]:
+        own = {"__module__": record.__module__, "__doc__": record.__doc__, "_as_before": leave_out_later(later)}
+        made: Any = type(record.__name__, (*reversed(sections), record), own)
+        return cast(type[_Record], made)
 
-
-def _sections(host: Host) -> list[type[Record]]:
-    return [kind.section for kind in EFFECTS if kind.host == host]
+    return add

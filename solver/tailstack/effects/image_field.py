@@ -19,7 +19,7 @@ from ..fields import (
     Record,
     Typical,
     refusal,
-    refuse_coverage,
+    with_law,
 )
 from ..geometry.arrays import Array, frozen
 from ..geometry.camera import image_centre_px
@@ -49,7 +49,7 @@ class ImageField(Record):
     distribution: AnyLaw = Field(description=BOUNDED_WORDS, examples=["normal"])
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    _coverage = model_validator(mode="after")(refuse_coverage)
+    _law = with_law("half_widths_px")
 
 
 class FieldOfView(Record):

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, Typical, check_law
+from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, Typical, with_law
 from ..geometry.arrays import frozen
 from ..ranges import FOOT_ERROR_PX, SHARE
 from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Law, Place, Sources, System
@@ -38,10 +38,7 @@ class FocalError(Record):
     )
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    @model_validator(mode="after")
-    def _law(self) -> FocalError:
-        check_law(self, "half_width_rel")
-        return self
+    _law = with_law("half_width_rel")
 
 
 class PrincipalPointError(Record):
@@ -60,10 +57,7 @@ class PrincipalPointError(Record):
     )
     coverage_factor: CoverageFactor | None = Field(default=None, description=COVERAGE_WORDS, examples=[2.0])
 
-    @model_validator(mode="after")
-    def _law(self) -> PrincipalPointError:
-        check_law(self, "half_width_px")
-        return self
+    _law = with_law("half_width_px")
 
 
 class IntrinsicsError(Record):

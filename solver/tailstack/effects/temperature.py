@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from ..errors import Problem
 from ..fields import (
@@ -19,7 +19,7 @@ from ..fields import (
     Point,
     Record,
     Typical,
-    check_law,
+    with_law,
 )
 from ..geometry.arrays import frozen
 from ..ranges import DIFFERENCE_K, EXPANSION
@@ -62,10 +62,7 @@ class Temperature(Record):
         examples=[[0.0, 0.0, -150.0]],
     )
 
-    @model_validator(mode="after")
-    def _law(self) -> Temperature:
-        check_law(self, "half_width_k")
-        return self
+    _law = with_law("half_width_k")
 
 
 class OfDesign(Record):
