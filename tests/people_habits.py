@@ -249,15 +249,15 @@ def make_table() -> str:
     """Habits by reader, in Markdown; those of which the same comes share a row. A refusal says its cure itself."""
     rows: dict[tuple[str, ...], list[str]] = {}
     for habit, (write, of_step) in HABITS.items():
-        cells = [outcome(reader, write(reader)) for reader in HEADERS]
+        cells: list[str] = [outcome(reader, write(reader)) for reader in HEADERS]
         cells.append("" if of_step is None else outcome(STEP, of_step))
         rows.setdefault(tuple(cell.partition(":")[0] for cell in cells), []).append(habit)
     for habit, (content, form) in BINARY.items():
         cell = outcome("table of designs", content, form).partition(":")[0]
         rows.setdefault(("", "", cell, ""), []).append(habit)
     lines = ["| habit | fiducials | measurements | table of designs | STEP |", "|---|---|---|---|---|"]
-    for cells, habits in rows.items():
-        lines.append("| " + " | ".join(["; ".join(habits).replace("|", "\\|"), *cells]) + " |")
+    for row, habits in rows.items():
+        lines.append("| " + " | ".join(["; ".join(habits).replace("|", "\\|"), *row]) + " |")
     return "\n".join(lines) + "\n"
 
 

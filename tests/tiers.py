@@ -276,8 +276,11 @@ def users_of_files() -> dict[str, set[str]]:
 IMPORTS = re.compile(
     r"^ *(?:from (?P<base>[.\w]+) import (?P<names>\([^)]*\)|[^#\n]*)|import (?P<modules>[^#\n]*))", re.MULTILINE
 )
-# What import_module is given: f"{__package__}.units.{name}", "..report.chapters.batch", "tailstack.studies.views"
-LOADED = re.compile(r'f"\{__package__\}(?P<below>(?:\.\w+)*)(?P<open>\.\{)?|"(?P<name>(?:\.+|\w+\.)\w+(?:\.\w+)*)"')
+# What import_module is given: f"{__package__}.units.{name}", "..report.chapters.batch", f"tailstack.studies.{name}"
+LOADED = re.compile(
+    r'f"\{__package__\}(?P<below>(?:\.\w+)*)(?P<open>\.\{)?'
+    r'|"(?P<name>(?:\.+|\w+\.)\w+(?:\.\w+)*)(?P<any>\.\{[^"]*)?"'
+)
 
 
 def imported_by(path: Path) -> Iterator[str]:
@@ -299,7 +302,7 @@ def imported_by(path: Path) -> Iterator[str]:
         yield from (f"{base}.{name}" for name in re.findall(r"(\w+)(?: as \w+)?", found["names"]))
     for found in LOADED.finditer(text):
         if found["name"]:
-            yield absolute(found["name"])
+            yield absolute(found["name"]) + ("." if found["any"] else "")
         else:
             yield ".".join(parts[:-1]) + found["below"] + ("." if found["open"] else "")
 

@@ -80,7 +80,7 @@ def test_a_baseline_that_is_kept_shows_what_changed_line_by_line(
         assert json.loads(texts[-1]) == json.loads(Path("json.json").read_text(encoding="utf-8"))
     before, after = (text.splitlines() for text in texts)
     changes = [line.strip() for line, other in zip(after, before, strict=True) if line != other]
-    assert '"limit_mm": 4.0,' in changes
+    assert '"limit": 4.0,' in changes
     assert len(changes) <= 6  # the limit of requirement and number, its margin, the hash of the design
     design.write_text(data_to_yaml(limited(6.0)), encoding="utf-8")
     assert main(["gate", "a.yaml", "--mode", "analytic", "--baseline", "baseline.json"]) == 1
