@@ -74,18 +74,56 @@ def _primitives(counts: Counts) -> dict[str, Callable[..., Any]]:
         part = array[index : index + WIDTH]
         return vector(part.copy() if part.dtype == np.float64 else part.astype(np.uint64))
 
-    def write(array: Any, index: int, value: Vector) -> None:
-        array[index : index + WIDTH] = value.values
+    def write(array: Any, index: int, values: Any) -> None:
+        for k, value in enumerate(values if isinstance(values, tuple) else (values,)):
+            array[index + WIDTH * k : index + WIDTH * (k + 1)] = value.values
+
+    def each(function: Callable[..., Any]) -> Callable[..., Any]:
+        """Of vectors, and element by element of tuples of them; what is no tuple stands for each element."""
+
+        def of_parts(*arguments: Any) -> Any:
+            sizes = {len(argument) for argument in arguments if isinstance(argument, tuple)}
+            if not sizes:
+                return function(*arguments)
+            (size,) = sizes
+            parts = [argument if isinstance(argument, tuple) else (argument,) * size for argument in arguments]
+            return tuple(function(*values) for values in zip(*parts, strict=True))
+
+        return of_parts
+
+    def count_of(count: Any) -> range:
+        return range(len(count) if isinstance(count, tuple) else count)
+
+    def fuse(a: Vector, b: Vector, c: Vector) -> Vector:
+        return vector(a.values * b.values + c.values, "doubles")
+
+    def dot(a: tuple[Vector, ...], b: tuple[Vector, ...]) -> Vector:
+        total = a[-1] * b[-1]
+        for pair in zip(a[-2::-1], b[-2::-1], strict=True):
+            total = fuse(*pair, total)
+        return total
+
+    def join(a: Any, b: Any) -> tuple[Vector, ...]:
+        return (*(a if isinstance(a, tuple) else (a,)), *(b if isinstance(b, tuple) else (b,)))
 
     return {
         "splat": lambda value: vector(np.full(WIDTH, value)),
         "splat_bits": lambda value: vector(np.full(WIDTH, value, np.uint64)),
         "load": read,
         "store": write,
-        "fma": lambda a, b, c: vector(a.values * b.values + c.values, "doubles"),
-        "square_root": lambda a: vector(np.sqrt(a.values), "roots"),
-        "absolute": lambda a: vector(np.abs(a.values), "doubles"),
-        "select": lambda mask, yes, no: vector(np.where(mask.values, yes.values, no.values), "choices"),
+        "loads": lambda array, at, count: tuple(read(array, at + WIDTH * k) for k in count_of(count)),
+        "splats": lambda row, count: tuple(vector(np.full(WIDTH, row[k])) for k in count_of(count)),
+        "repeat": lambda value, count: tuple(value for _ in count_of(count)),
+        "join": join,
+        "dot": dot,
+        "fma": each(fuse),
+        "add": each(lambda a, b: a + b),
+        "subtract": each(lambda a, b: a - b),
+        "multiply": each(lambda a, b: a * b),
+        "negative": each(lambda a: -a),
+        "square_root": each(lambda a: vector(np.sqrt(a.values), "roots")),
+        "absolute": each(lambda a: vector(np.abs(a.values), "doubles")),
+        "select": each(lambda mask, yes, no: vector(np.where(mask.values, yes.values, no.values), "choices")),
         "any_lane": lambda mask: bool(mask.values.any()),
         "bits_set": lambda bits: vector(bits.values != 0, "choices"),
         "as_bits": lambda numbers: vector(numbers.values.view(np.uint64)),

@@ -54,12 +54,17 @@ def in_node(**job: Any) -> dict[str, Any]:
 # --- every number is of one kind -------------------------------------------------------------------------------------
 
 
+def name_of(key: str, record: dict[str, Any], above: str) -> str:
+    """What a field is called, with its unit; of what no field is, a point or a bead, what it stands below."""
+    if not key.isidentifier():
+        return above
+    return f"{key}_{record['unit']}" if "unit" in record and key in ("value", "interval", "limit", "margin") else key
+
+
 def scaled(record: Any, factor: float, name: str = "") -> Any:
     """A record with every length in it times a factor, but for limits, which the design states."""
     if isinstance(record, dict):
-        return {
-            key: scaled(value, factor, name if key.isidentifier() is False else key) for key, value in record.items()
-        }
+        return {key: scaled(value, factor, name_of(key, record, name)) for key, value in record.items()}
     if isinstance(record, list):
         return [scaled(value, factor, name) for value in record]
     if not isinstance(record, float) or "limit" in name:
@@ -124,7 +129,7 @@ def lengths_of(record: Any, name: str = "") -> Iterator[float]:
     """Every length of a record, and the sizes of its vectors."""
     if isinstance(record, dict):
         for key, value in record.items():
-            yield from lengths_of(value, key)
+            yield from lengths_of(value, name_of(key, record, key))
     elif isinstance(record, list):
         if name.endswith("_mm") and all(isinstance(value, float) for value in record):
             yield sum(value * value for value in record) ** 0.5
