@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import logging
-import sys
 from collections.abc import Callable
-from contextlib import nullcontext
 from functools import partial
 from itertools import groupby
 from math import dist
@@ -23,7 +21,7 @@ from ..console.arguments import add_details
 from ..console.files import writable_directory
 from ..console.program import program
 from ..operations.editors import write_document
-from ..rendering.tables import paint, prose_width, visible, wrap
+from ..rendering.tables import visible, wrap
 from ..shipped import example_folder
 
 if TYPE_CHECKING:
@@ -47,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="DIR", default="out/demo", help="directory for what comes out (default %(default)s)"
     )
-    parser.add_argument("--full", action="store_true", help="print every table, and each step with its time")
 
 
 def demo_text() -> str:
@@ -65,7 +62,6 @@ def run(arguments: argparse.Namespace) -> Answer:
     from ..console.remote import RemoteService, compute_remotely
     from ..http.server import running_service
     from ..logs import log_to_stderr
-    from ..operations.registry import OPERATIONS
     from ..schemas import read_record
     from ..settings import default_settings
 
@@ -75,20 +71,11 @@ def run(arguments: argparse.Namespace) -> Answer:
     progress = Progress("demo")
 
     def announce(text: str) -> None:
-        if arguments.full:
-            print(f"[{progress.elapsed_seconds:5.1f} s] {text}", file=sys.stderr, flush=True)
-        else:
-            progress.begin_step()
-            progress.report(0, 0, text)
+        progress.begin_step()
+        progress.report(0, 0, text)
 
     def follow(done: float, total: float) -> None:
-        if not arguments.full:
-            progress.report(done, total, progress.detail)
-
-    def show(title: str, text: str) -> None:
-        if arguments.full:
-            sys.stdout.write(chapter(title) + text)
-            sys.stdout.flush()
+        progress.report(done, total, progress.detail)
 
     def save(name: str, content: bytes) -> None:
         (output / name).write_bytes(content)
@@ -96,7 +83,7 @@ def run(arguments: argparse.Namespace) -> Answer:
     design = design_to_data(load_design(demo_text()))
     announce("starting the service on a free loopback port, a worker beside it")
     with (
-        nullcontext() if arguments.full else progress,
+        progress,
         running_service(default_settings(), worker=True, worker_log=output / "worker.log") as (host, port),
     ):
         service = RemoteService(f"http://{host}:{port}", key="")
@@ -104,37 +91,30 @@ def run(arguments: argparse.Namespace) -> Answer:
         wait_until_ready(service, announce)
         announce(f"first estimate: POST {service.url}/v1/scores")
         body = service.ask("POST", "/v1/scores", {"design": design}).content
-        score = read_record("score", body)
         save("score.json", body)
-        show("Estimate", OPERATIONS["score"].write(score))
 
         announce(f"checking the design by simulation: POST /v1/verifications, to {100 * PRECISION:g} %")
         body = compute("/v1/verifications", {"design": design, "precision": PRECISION, "seed": 1})
         before = read_record("verification", body)
         save("verification.json", body)
-        show("Check by simulation", OPERATIONS["verification"].write(before))
 
         announce("looking for a better one: POST /v1/optimisations, a second or two per start")
         body = compute("/v1/optimisations", {"design": design})
         result = f"/v1/results/{hashlib.sha256(body).hexdigest()}"
         optimised = read_record("optimisation", body)
         save("optimisation.json", body)
-        write_document(output / "optimised.yaml", data_to_yaml(optimised.design), tell=arguments.full)
-        show("Optimised: layout and rotational tolerances", OPERATIONS["optimisation"].write(optimised))
+        write_document(output / "optimised.yaml", data_to_yaml(optimised.design), tell=False)
 
         announce("checking the better one: POST /v1/verifications")
         body = compute("/v1/verifications", {"design": optimised.design, "precision": PRECISION, "seed": 2})
         after = read_record("verification", body)
-        show("Before -> after", summary_text(before, after, optimised) + "\n" + OPERATIONS["verification"].write(after))
 
         announce(f"writing the report: GET {result}/report?format=html")
         save("report.html", service.ask("GET", f"{result}/report?format=html", seconds=REPORT_SECONDS).content)
         announce("stopping the service")
-    names = ", ".join(sorted(path.name for path in output.iterdir()))
-    closing = f"\nwritten to {output}/: {names}\n" if arguments.full else summary_text(before, after, optimised)
+    closing = summary_text(before, after, optimised)
     closing += f"report: {(output / 'report.html').resolve()}\n"
-    closing += f"next:   {program()} score {quote(str(output / 'optimised.yaml'))}"
-    closing += "\n" if arguments.full else "   (every table: demo --full)\n"
+    closing += f"next:   {program()} score {quote(str(output / 'optimised.yaml'))}\n"
     return Answer(closing, exit_code_of(after.verdict))
 
 
@@ -163,12 +143,7 @@ def wait_until_ready(
         clock.sleep(LOOK_SECONDS)
 
 
-# --- its own texts: chapter headings, and the table of before and after ------------------------------------
-
-
-def chapter(title: str) -> str:
-    """A heading across the page."""
-    return "\n" + paint(f"━━ {title} ".ljust(prose_width(), "━"), "bold") + "\n\n"
+# --- its own text: before and after -----------------------------------------------------------------------
 
 
 def summary_text(before: Verification, after: Verification, result: Optimisation) -> str:
