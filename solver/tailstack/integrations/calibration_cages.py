@@ -30,7 +30,6 @@ class CageForm:
 
     unit: CageUnit  # of its numbers, which the file does not state
     references: tuple[bytes, str] | None = None  # content and name of the .ref beside one that is read
-    view: str | None = None  # name of the view that a camera becomes; None: that of its file
 
 
 _SCALE = re.compile(r"\s*s([0-9]+\.?[0-9]*)\s*")

@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..design.assumed import FIELD, follow_changes
-from ..design.document import VIEW_KINDS, MatrixView
 from ..design.fiducial_files import ENDINGS, FORMATS, FiducialList, read_fiducials, write_fiducials
 from ..design.loading import Design, holds_points, load_design
 from ..design.reading import DEFAULT_LIMITS, DOCUMENTS, Format, Limits, read_bytes
 from ..design.write import data_to_yaml, design_to_data, forget_missing_labels, to_json
 from ..errors import DesignError, LimitError, Problem
-from .calibrated_cameras import CAMERA_FILES, read_camera
 from .calibration_cages import CageForm, read_cage, write_cage
 from .step import StepBody, StepContact, StepSelection, read_step
 from .step.part21 import MOST_BYTES
@@ -58,19 +56,15 @@ def convert(
     A STEP file (.step, .stp, .p21) is read for its balls, which are fiducials; ``selection`` says for which.
     With ``base``, a design or what makes one for the fiducials, they replace those of that design, as its seat is
     replaced where ``selection`` names seats and pins.  With ``cage``, a .csv that is read is a frame specification of
-    XMALab, or else the one that is written, and a .txt is one of its cameras (MayaCam 2.0), which becomes a view: of
-    ``base`` in place of the one of its name or beside the others, or the section ``views`` alone.  Raises DesignError,
-    LimitError.
+    XMALab, or else the one that is written.  Raises DesignError, LimitError.
     """
     known = (*FORMATS, *DOCUMENTS)
-    for name, endings in ((source_name, (*known, ".tsv", *STEP_FILES, *CAMERA_FILES)), (target_name, known)):
+    for name, endings in ((source_name, (*known, ".tsv", *STEP_FILES)), (target_name, known)):
         if not name.lower().endswith(endings):
             problem = Problem(
                 "", "unknown-format", f"{name[:80]!r} has no known ending", f"known: {', '.join(endings)}"
             )
             raise DesignError(problem)
-    if source_name.lower().endswith(CAMERA_FILES):
-        return _place_camera(content, source_name, target_name, base, cage, limits)
     reads_table = source_name.lower().endswith(".csv")
     written = None if reads_table else cage
     if source_name.lower().endswith(STEP_FILES):
@@ -170,36 +164,6 @@ def _place_fiducials(
     if guessed:
         data[FIELD] = [*data.get(FIELD, ()), *guessed]
     return data if base is None else design_to_data(load_design(data)), notes
-
-
-def _place_camera(
-    content: bytes, source: str, target: str, base: Base | None, cage: CageForm | None, limits: Limits
-) -> Conversion:
-    """A calibrated camera as a view of a design, or as its section."""
-    if cage is None:
-        detail = f"{source} does not say in which unit its translation is: that of the cage it was calibrated with"
-        raise DesignError(Problem("", "unit-missing", detail, "say it: --xmalab cm (xmalab), or mm", source))
-    if not target.lower().endswith(DOCUMENTS):
-        detail = f"a camera becomes a view of a design; {target} is none"
-        raise DesignError(Problem("", "unknown-format", detail, f"known: {', '.join(DOCUMENTS)}"))
-    camera, fiducials = read_camera(content, source, cage, limits), FiducialList((), ())
-    if not isinstance(base, Design):
-        return Conversion(_write_data({"views": [camera.view]}, fiducials, target), camera.notes, fiducials)
-    old = design_to_data(base)
-    data = deepcopy(old)
-    names = [view["name"] for view in data["views"]]
-    index = names.index(camera.view["name"]) if camera.view["name"] in names else len(names)
-    before = data["views"][index] if index < len(names) else {}
-    own = {name: before[name] for name in before if name not in _GEOMETRY}  # its noise and what else was said of it
-    data["views"][index : index + 1] = [camera.view | own]
-    data = design_to_data(load_design(follow_changes(old, data)))
-    return Conversion(_write_data(data, base.fiducials, target), camera.notes, base.fiducials)
-
-
-# Of a view: where its source and its detector are
-_GEOMETRY = frozenset(
-    name for kind in VIEW_KINDS.values() for name in kind.model_fields if name not in MatrixView.model_fields
-) | {"projection", "image_size_px"}
 
 
 def _place_contacts(data: dict[str, Any], contacts: Sequence[StepContact]) -> tuple[tuple[str, ...], list[str]]:
