@@ -13,10 +13,8 @@ import inspect
 import os
 import subprocess
 import sys
-import textwrap
 import threading
 import time
-from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FrameType
@@ -222,29 +220,34 @@ def walk(name: str) -> list[tuple[str, str]]:
 # --- drawing ----------------------------------------------------------------------------------------------
 
 
-def draw(steps: list[tuple[str, str]]) -> str:
-    """The modules as a tree: each stands once, below the one that first called it."""
+def draw(steps: list[tuple[str, str]], known: set[str]) -> str:
+    """The modules as a tree: each stands once, below the one that first called it.
+
+    Where a module and all below it are known from the walk before, it stands for all of them.
+    """
     below: dict[str, list[str]] = {}
     for module, caller in steps:
         below.setdefault(caller, []).append(module)
-    places: list[tuple[str, str]] = []  # indented, and the module
+    lines, met = list[str](), 0
+
+    def list_below(module: str) -> list[str]:
+        return [module, *(each for child in below.get(module, ()) for each in list_below(child))]
 
     def add(module: str, depth: int) -> None:
-        places.append((f"{'  ' * depth}{path_of(module)}", module))
-        for each in below.get(module, ()):
+        nonlocal met
+        under = list_below(module)
+        short = len(under) > 1 and {path_of(each) for each in under} <= known
+        met += len(under) if short else 1
+        lines.append(f"{'  ' * depth}{path_of(module)}{f' and {len(under) - 1} below it, as above' if short else ''}")
+        for each in () if short else below.get(module, ()):
             add(each, depth + 1)
 
     for module in below[""]:
         add(module, 0)
-    assert len(places) == len(steps), "a module was called by one that is not in the walk"
-    lines = [place for place, _ in places]
+    assert met == len(steps), "a module was called by one that is not in the walk"
     passed = len(below) - 1
-    rooms = Counter(path_of(module).rpartition("/")[0] or "(root)" for _, module in places)
-    counts = (
-        f"{len(places)} modules, each once: {passed} hand the work on to others, {len(places) - passed} answer alone. "
-        f"By rooms: {', '.join(f'{room} {count}' for room, count in rooms.items())}."
-    )
-    return "```\n" + "\n".join(lines) + "\n```\n\n" + "\n".join(textwrap.wrap(counts, 120)) + "\n"
+    counts = f"{met} modules: {passed} hand the work on to others, {met - passed} answer alone."
+    return "```\n" + "\n".join(lines) + f"\n```\n\n{counts}\n"
 
 
 def path_of(module: str) -> str:
@@ -258,7 +261,8 @@ def drawn(page: str, name: str) -> str:
     before, _, rest = page.partition(first)
     _, found, after = rest.partition(last)
     assert found, f"docs/architecture.md has no place for the walk {name!r}"
-    return f"{before}{first}\n{draw(walk(name))}\n{last}{after}"
+    known = {line.strip() for line in before.splitlines() if line.startswith(("  ", "http/"))}  # of the walk before
+    return f"{before}{first}\n{draw(walk(name), known)}\n{last}{after}"
 
 
 def main(arguments: list[str]) -> str | None:

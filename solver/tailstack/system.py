@@ -29,7 +29,10 @@ TORSOR_COMPONENTS = (*ROTATIONS, *TRANSLATIONS)
 
 
 class Law(StrEnum):
-    """Law of one scalar tolerance of half-width h.  BOUNDED has no law: only its worst case counts."""
+    """Law of one scalar tolerance of half-width h.  BOUNDED has no law: only its worst case counts.
+
+    Who else knows a law: docs/adding/estimator.md.
+    """
 
     NORMAL = "normal"  # standard deviation h / coverage factor
     UNIFORM = "uniform"  # standard deviation h / sqrt(3)
