@@ -73,9 +73,9 @@ DESIGN_NAMES = (
 )  # fmt: skip
 IMPORTED_FROM = "From `tailstack.integrations.conversion` and `tailstack.integrations.step`.\n"
 CONVERSION_NAMES = ("convert", "convert_file", "Conversion")
-STEP_NAMES = ("read_step", "StepSelection", "StepReading", "StepBody", "StepContact")
+STEP_NAMES = ("read_step",)
 READ_MOST = ("Score", "Verification", "Sweep", "TargetScore", "TargetEstimate", "Check")
-WITHOUT_FIELDS = ("tailstack.results", "tailstack.integrations.step", "tailstack.design.reading")
+WITHOUT_FIELDS = ("tailstack.results", "tailstack.design.reading", "tailstack.design.write")
 VERBS = ("score", "verify", "optimise", "sweep", "score_batch")
 
 
@@ -186,17 +186,17 @@ def node_of(thing: Any) -> Any:
 
 
 def signature_of(node: ast.FunctionDef) -> str:
-    """How it is called, without self; one parameter a line where that is long."""
+    """How it is called, without self: of what must be given the type, of the rest the default."""
     arguments = node.args
     if arguments.args and arguments.args[0].arg == "self":
         arguments.args = arguments.args[1:]
+    optional = [*arguments.args[len(arguments.args) - len(arguments.defaults) :]]
+    optional += [each for each, default in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True) if default]
+    for each in optional:
+        each.annotation = None
     returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
-    parts = re.split(r", (?=\*|\w+\s*[:=])", ast.unparse(arguments))
-    parts = [part.replace("=", " = ", 1) if ": " in part else part for part in parts]
-    one = f"{node.name}({', '.join(parts)}){returns}"
-    if len(one) > 100:
-        one = f"{node.name}(\n" + "".join(f"    {part},\n" for part in parts) + f"){returns}"
-    return f"```text\n{one}\n```\n"
+    one = f"{node.name}({ast.unparse(arguments)}){returns}"
+    return "```text\n" + textwrap.fill(one, 100, subsequent_indent="    ", break_long_words=False) + "\n```\n"
 
 
 # --- words --------------------------------------------------------------------------------------------
