@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from typing import Any
 
 from tailstack.results import (
@@ -37,10 +38,7 @@ def verification(status: Any = "pass", p95_mm: float = 0.9985) -> Verification:
     """A check of one target, "tip", with the limit 1 mm."""
     low, high = p95_mm - 0.0012, p95_mm + 0.0012
     metric = MetricEstimate((0.1, 0.0, 0.0), (0.3, 0.3, 0.1), 0.5, p95_mm, (low, high), 1.2, 2.5, None, 0.999)
-    target = TargetEstimate(
-        "tip", "tcp", (0.1, 0.0, 0.0), (0.3, 0.3, 0.1), 0.5, p95_mm, (low, high), 0.95, 1.2, 2.5, None, 0, p95_mm,
-        0.999, metric,
-    )  # fmt: skip
+    target = TargetEstimate("tip", "tcp", *astuple(metric), 0.95, 0, p95_mm, metric)
     check = Check("tip-accuracy", "tip", "tcp", "pooled", 0.95, p95_mm, (low, high), 1.0, None, None, status)
     verdict = Verdict(status, "Monte Carlo", (check,), (Finding("far-target", "warning", "the target is far away"),))
     return Verification(

@@ -140,38 +140,20 @@ class MetricScore:
     """Probability that the error's norm is beyond `limit_mm`; null without a limit."""
 
 
-@dataclass(frozen=True, slots=True)
-class TargetScore:
-    """``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before connector_flange."""
+@dataclass(frozen=True)
+class AtTarget:
+    """Where a result for one target is read; without slots, so that what is read there can be the other base."""
 
     name: str
     """Name of the target, or of one sample of a region (zone[3])."""
     frame: str
     """Frame of the TCP error: tcp."""
-    bias_mm: Vector3
-    """Mean error vector x, y, z in `frame`, mm."""
-    covariance_mm2: Matrix3
-    """Covariance of the error, rows and columns x, y, z in `frame`, mm²."""
-    std_mm: Vector3
-    """Standard deviations of the error along x, y, z in `frame`, mm."""
-    mean_norm_mm: float
-    """Mean of the error's norm, mm."""
-    p95_mm: float
-    """95 % quantile of the error's norm under the declared laws, pooled over installations and shots, mm; of all shots,
-    where the design says how often fiducials are missed, as are bias, covariance, mean and exceedance.
-    """
-    law: str
-    """The law that the quantile was computed with, in words."""
-    law_error_mm: float
-    """Numerical error of the quantile itself, mm; it says nothing of the linearisation."""
-    bounds_mm: Bounds
-    """The quantile if the law were Gaussian, and upper bounds of it if less is assumed of the law, mm."""
-    cvar95_mm: float
-    """Mean of the worst 5 % of the error's norm, mm."""
-    limit_mm: float | None
-    """Tightest limit that the design sets for this error here, mm; null without one."""
-    exceedance_probability: float | None
-    """Probability that the error's norm is beyond `limit_mm`; null without a limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class TargetScore(MetricScore, AtTarget):
+    """``bias_mm`` ... ``bounds_mm`` are the TCP error; ``localisation`` is the same before connector_flange."""
+
     localisation: MetricScore
     """The same of the localisation error: of the triangulated target in con, before connector_flange."""
     block_diagonal_p95_mm: float

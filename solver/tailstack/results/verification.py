@@ -8,7 +8,7 @@ from typing import Literal
 from .digits import decimals_of
 from .outline import Bar, Bars, Outline, checks_frame, frame, measures_frames, verdict_sentence
 from .record import Result
-from .score import TARGET, bias_columns, norm_columns, pair_rows
+from .score import TARGET, AtTarget, bias_columns, norm_columns, pair_rows
 from .tables import IN_DETAIL, PAPER, Column, Table
 from .verdicts import Interval, MeasureResult, Provenance, Vector3, Verdict
 
@@ -50,31 +50,11 @@ class MetricEstimate:
 
 
 @dataclass(frozen=True, slots=True)
-class TargetEstimate:
+class TargetEstimate(MetricEstimate, AtTarget):
     """``bias_mm`` ... ``exceedance`` are the TCP error; ``localisation`` is the same before connector_flange."""
 
-    name: str
-    """Name of the target, or of one sample of a region (zone[3])."""
-    frame: str
-    """Frame of the TCP error: tcp."""
-    bias_mm: Vector3
-    """Mean TCP error x, y, z in `frame`, mm."""
-    std_mm: Vector3
-    """Standard deviations of the TCP error along x, y, z in `frame`, mm."""
-    mean_norm_mm: float
-    """Mean of the TCP error's norm, mm."""
-    p95_mm: float
-    """Sampled 95 % quantile of the TCP error's norm, pooled over installations and shots, mm."""
-    p95_interval_mm: Interval
-    """Confidence interval of `p95_mm`, by order statistics, mm."""
     confidence: float
     """Confidence of each interval by itself, 0 to 1."""
-    cvar95_mm: float
-    """Mean of the worst 5 % of the error's norm, mm."""
-    worst_mm: float
-    """Largest error's norm among the trials, mm: it grows with their number."""
-    exceedance: Exceedance | None
-    """How often the error is beyond the tightest limit here; null without a limit."""
     flagged_trials: int
     """Trials that the fast chain could not prove solved and that were computed again by singular value decomposition.
     """
@@ -82,8 +62,6 @@ class TargetEstimate:
     """P95 to first order, mm: that of the score; where the design says how often fiducials are missed, over shots with
     up to two of them missed.
     """
-    first_order_ratio: float
-    """First-order P95 over the sampled one: below 1, first order is optimistic."""
     localisation: MetricEstimate
     """The same of the localisation error: of the triangulated target in con, before connector_flange."""
 
