@@ -33,13 +33,12 @@ from .levels import (
     BenchDraws,
     LevelCompared,
     SpreadCompared,
-    TestName,
     compare_level,
     count_benches,
     count_tests,
     describe_bench,
 )
-from .statistics import holm
+from .statistics import TestName, holm
 
 Progress = Callable[[float, float], None]
 

@@ -31,6 +31,7 @@ from .file import Group, Measurements, refusal
 from .statistics import (
     LEAST_FOR_TAIL,
     Expected,
+    TestName,
     bench_mean,
     departure,
     distance,
@@ -38,13 +39,10 @@ from .statistics import (
     moments_of,
     norm_statistics,
     p_value,
-    pooled_sd,
-    simulated_norm_statistics,
     tail_mean,
     two_sided,
 )
 
-TestName = Literal["mean", "spread", "between installations", "tail"]
 Intervals3 = tuple[Interval, Interval, Interval]
 
 
@@ -252,7 +250,7 @@ def count_tests(bench: Bench) -> int:
     if bench.reason:
         return 0
     if bench.group.summary is not None:
-        return len(stated_moments(bench) or ())
+        return len(_measured_norm_statistics(bench))
     several = (sum(bench.sizes) > len(bench.sizes)) + (len(bench.sizes) > 1)
     return 1 + several + (sum(bench.sizes) >= LEAST_FOR_TAIL)
 
@@ -299,9 +297,9 @@ def compare_level(
         deliberate_deg_mm=stated,  # type: ignore[arg-type]
         benches=len(errors) if tested else 0,
         bias=None if bench.vectors is None else _compare_bias(bench, errors),
-        norm=_compare_norm(bench, norms, tested),
-        spread=_compare_within(bench, errors, norms, tested),
-        spread_between=_compare_between(bench, errors, norms),
+        norm=_compare_norm(bench, norms),
+        spread=_compare_spread(bench, errors, norms, "spread"),
+        spread_between=_compare_spread(bench, errors, norms, "between installations"),
         tests=test_bench(bench, errors, norms) if tested else (),
         quantiles=() if bench.norms is None else _compare_quantiles(bench.norms, norms),
         not_tested=bench.reason,
@@ -339,65 +337,47 @@ def _three(intervals: Sequence[Interval]) -> Intervals3:
     return (x, y, z)
 
 
-def _compare_norm(bench: Bench, norms: Array, tested: bool) -> NormCompared:
-    means = bench_mean(norms, bench.sizes or (norms.shape[1],))
-    summary = bench.group.summary
-    interval: Interval | None
-    if summary is not None:
-        measured, interval = summary.mean_mm, None
-        if tested and summary.n and summary.sd_mm is not None:
-            half = float(stdtrit(summary.n - 1, (1 + CONFIDENCE) / 2)) * summary.sd_mm / sqrt(summary.n)
-            interval = (measured - half, measured + half)
-    else:
-        assert bench.norms is not None
-        measured = float(bench_mean(bench.norms[None], bench.sizes)[0])
-        interval = _mean_interval(bench.norms, bench.sizes)
+def _compare_norm(bench: Bench, norms: Array) -> NormCompared:
+    means, summary = bench_mean(norms, bench.sizes or (norms.shape[1],)), bench.group.summary
+    measured = _measured_norm_statistics(bench)["mean"]
+    interval = None if bench.norms is None else _mean_interval(bench.norms, bench.sizes)
+    if summary is not None and not bench.reason and summary.n and summary.sd_mm is not None:
+        half = float(stdtrit(summary.n - 1, (1 + CONFIDENCE) / 2)) * summary.sd_mm / sqrt(summary.n)
+        interval = (measured - half, measured + half)
     return NormCompared(measured, interval, float(means.mean()), _middle_share(means))
 
 
-def _compare_spread(
-    of: Literal["vectors", "norms"], measured: float, simulated: Array, known: bool = True
-) -> SpreadCompared:
+def _measured_norm_statistics(bench: Bench) -> dict[TestName, float]:
+    """Those of :func:`norm_statistics` that the file has or states, mm."""
+    summary = bench.group.summary
+    if summary is not None:
+        return {"mean": summary.mean_mm, **({} if summary.sd_mm is None else {"spread": summary.sd_mm})}
+    assert bench.norms is not None
+    return {name: float(values[0]) for name, values in norm_statistics(bench.norms[None], bench.sizes).items()}
+
+
+MOMENT_OF = {"spread": "within", "between installations": "between"}
+
+
+def _compare_spread(bench: Bench, errors: Array, norms: Array, name: TestName) -> SpreadCompared | None:
     """A spread against those of benches; its interval assumes the predicted shape, scaled."""
+    of: Literal["vectors", "norms"]
+    sizes = bench.sizes or (UNKNOWN,)
+    if bench.vectors is None:
+        of, measured = "norms", _measured_norm_statistics(bench).get(name)
+        if measured is None:
+            return None
+        simulated = norm_statistics(norms, sizes)[name]
+    else:
+        here, many = (getattr(moments_of(each, sizes), MOMENT_OF[name]) for each in (bench.vectors[None], errors))
+        if here is None:
+            return None
+        of, measured, simulated = "vectors", sqrt(np.trace(here[0])), np.sqrt(np.trace(many, axis1=1, axis2=2))
     predicted = sqrt(float((simulated**2).mean()))
     low, high = _middle_share(simulated / predicted)
     ratio = measured / predicted
-    return SpreadCompared(of, measured, predicted, ratio, (ratio / high, ratio / low) if known and low > 0 else None)
-
-
-def _compare_within(bench: Bench, errors: Array, norms: Array, tested: bool) -> SpreadCompared | None:
-    sizes = bench.sizes or (UNKNOWN,)
-    if sum(sizes) == len(sizes):
-        return None
-    if bench.vectors is not None:
-        measured = moments_of(bench.vectors[None], sizes).within
-        within = moments_of(errors, sizes).within
-        assert measured is not None
-        assert within is not None
-        return _compare_spread("vectors", sqrt(np.trace(measured[0])), np.sqrt(np.trace(within, axis1=1, axis2=2)))
-    summary = bench.group.summary
-    if summary is not None:
-        return (
-            None if summary.sd_mm is None else _compare_spread("norms", summary.sd_mm, pooled_sd(norms, sizes), tested)
-        )
-    assert bench.norms is not None
-    return _compare_spread("norms", float(pooled_sd(bench.norms[None], sizes)[0]), pooled_sd(norms, sizes))
-
-
-def _compare_between(bench: Bench, errors: Array, norms: Array) -> SpreadCompared | None:
-    if len(bench.sizes) < 2:
-        return None
-    if bench.vectors is not None:
-        measured, between = (
-            moments_of(bench.vectors[None], bench.sizes).between,
-            moments_of(errors, bench.sizes).between,
-        )
-        assert measured is not None
-        assert between is not None
-        return _compare_spread("vectors", sqrt(np.trace(measured[0])), np.sqrt(np.trace(between, axis1=1, axis2=2)))
-    assert bench.norms is not None
-    measured_sd = float(installation_means(bench.norms[None], bench.sizes).std(axis=1, ddof=1)[0])
-    return _compare_spread("norms", measured_sd, installation_means(norms, bench.sizes).std(axis=1, ddof=1))
+    known = bool(bench.sizes) and not bench.reason and low > 0
+    return SpreadCompared(of, measured, predicted, ratio, (ratio / high, ratio / low) if known else None)
 
 
 # --- tests ----------------------------------------------------------------------------------------
@@ -436,22 +416,8 @@ def _test_vectors(bench: Bench, errors: Array) -> list[ComparisonTest]:
 
 
 def _test_norms(bench: Bench, norms: Array) -> list[ComparisonTest]:
-    names: list[TestName] = ["mean"]
-    if sum(bench.sizes) > len(bench.sizes):
-        names.append("spread")
-    if len(bench.sizes) > 1:
-        names.append("between installations")
-    observed = norm_statistics(bench.norms, stated_moments(bench), bench.sizes)
-    many = simulated_norm_statistics(norms, bench.sizes)
-    return [_test(name, at, sample, True) for name, at, sample in zip(names, observed, many, strict=False)]
-
-
-def stated_moments(bench: Bench) -> tuple[float, ...] | None:
-    """Mean and, where it is given, standard deviation of summary statistics, mm."""
-    summary = bench.group.summary
-    if summary is None:
-        return None
-    return (summary.mean_mm,) if summary.sd_mm is None else (summary.mean_mm, summary.sd_mm)
+    many = norm_statistics(norms, bench.sizes)
+    return [_test(name, at, many[name], True) for name, at in _measured_norm_statistics(bench).items()]
 
 
 def _compare_quantiles(measured: Array, norms: Array) -> tuple[QuantilePoint, ...]:

@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
+from typing import Literal
 
 import numpy as np
 
 from ...geometry.arrays import Array
 
+TestName = Literal["mean", "spread", "between installations", "tail"]
 LEAST_FREEDOM = 4  # degrees of freedom from which three variances and their correlations are tested together
 LEAST_FOR_TAIL = 10
 TAIL_SHARE = 0.1
@@ -111,21 +113,13 @@ def pooled_sd(norms: Array, sizes: Sequence[int]) -> Array:
     return np.asarray(np.sqrt((residual**2).sum(axis=1) / (sum(sizes) - len(sizes))))
 
 
-def norm_statistics(norms: Array | None, summary: tuple[float, ...] | None, sizes: Sequence[int]) -> list[float]:
-    """Mean, standard deviation within installations and between their means (each where there is one)."""
-    if summary is not None:
-        return list(summary)
-    assert norms is not None
-    return [float(values[0]) for values in simulated_norm_statistics(norms[None], sizes)]
-
-
-def simulated_norm_statistics(norms: Array, sizes: Sequence[int]) -> list[Array]:
-    """The same of many benches (R, n), each (R,)."""
-    statistics = [bench_mean(norms, sizes)]
+def norm_statistics(norms: Array, sizes: Sequence[int]) -> dict[TestName, Array]:
+    """(R,) mean of norms (R, n), and their deviation within installations and between these, where there is one."""
+    statistics: dict[TestName, Array] = {"mean": bench_mean(norms, sizes)}
     if sum(sizes) > len(sizes):
-        statistics.append(pooled_sd(norms, sizes))
+        statistics["spread"] = pooled_sd(norms, sizes)
     if len(sizes) > 1:
-        statistics.append(np.asarray(installation_means(norms, sizes).std(axis=1, ddof=1)))
+        statistics["between installations"] = np.asarray(installation_means(norms, sizes).std(axis=1, ddof=1))
     return statistics
 
 
