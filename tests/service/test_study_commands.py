@@ -19,9 +19,13 @@ from test_report_figures import check_picture
 
 from optimise_documents import document, moving
 from tailstack.design import compile_design, load_design
+from tailstack.errors import StudyError
 from tailstack.studies.linearity import study_linearity
 from tailstack.studies.views import study_views
 from tailstack_service.cli.main import main
+from tailstack_service.operations.registry import OPERATIONS
+from tailstack_service.operations.request import Request
+from tailstack_service.operations.study_views import ViewOptions
 from tailstack_service.rendering.document import document_text
 from tailstack_service.rendering.page import Page, write_on
 from tailstack_service.report.studies.bench import comparison_document, draw_comparison
@@ -29,6 +33,7 @@ from tailstack_service.report.studies.coupling import COMPARISONS, coupling_docu
 from tailstack_service.report.studies.linearity import draw_linearity, linearity_csv, linearity_document
 from tailstack_service.report.studies.views import draw_views
 from tailstack_service.schemas import json_schema, record_of
+from tailstack_service.settings import Settings
 
 DEMO = str(EXAMPLES / "demo.yaml")
 SMALL = "small.json"
@@ -279,6 +284,13 @@ def test_a_map_with_a_direction_where_two_views_are_one_still_shows_the_others()
     assert max(shades) < 2 * study.p95_mm
 
 
+def test_a_map_of_too_many_directions_is_refused_before_it_is_a_job() -> None:
+    request = Request(ViewOptions(step_deg=1.0), (load_design(DEMO),), {}, ("/design",), False)
+    with pytest.raises(StudyError, match="at most 15 steps") as refused:
+        OPERATIONS["study-views"].check(request, Settings())
+    assert refused.value.problems[0].pointer == "/step_deg"
+
+
 # --- estimators -----------------------------------------------------------------------------------
 
 
@@ -329,25 +341,6 @@ def test_the_tilted_flange_is_found(capfdbinary: pytest.CaptureFixture[bytes], t
     assert all(said in unwrapped for said in study.conclusions)
     assert "connector on flange, spigot and four bolts rx" in unwrapped
     assert unwrapped.endswith("measurements and prediction: differs")
-
-
-@pytest.mark.long
-def test_the_bench_as_designed_agrees(capsys: pytest.CaptureFixture[str]) -> None:
-    name = str(FILES / "bench_as_designed.csv")
-    assert main(["study", "compare", DEMO, "--measurements", name]) == 0
-    text = capsys.readouterr().out
-    assert "measurements and prediction: agrees" in text
-    assert "not equality" in text
-
-
-@pytest.mark.long
-def test_the_noisy_views_are_named(capfdbinary: pytest.CaptureFixture[bytes]) -> None:
-    """The truth is written in the file: twice the declared noise."""
-    code, document = compared(capfdbinary, "bench_noisy_views.csv")
-    assert code == 1
-    ((low, high),) = next(e["intervals"] for e in document["explanations"] if e["contributor"] == "image_noise")
-    assert low < 2 < high
-    assert low > 1
 
 
 @pytest.mark.long
