@@ -226,8 +226,8 @@ def list_points(wishes: Wishes, beads: Beads | None) -> tuple[str, Point, str]:
             for index, point in enumerate(spread_fiducials(wishes.fiducials, wishes.size_mm), 1)
         )
         return points, (0.0, 0.0, 0.0), HEAD
-    lines = [f"    - {dump_flow({'label': label, 'position_mm': list(position)})}\n"
-             for label, position in zip(beads.labels, beads.positions_mm, strict=True)]  # fmt: skip
+    pairs = zip(beads.labels, beads.positions_mm, strict=True)
+    lines = [f"    - {dump_flow({'label': label, 'position_mm': list(position)})}\n" for label, position in pairs]
     x, y, z = (tenth((min(values) + max(values)) / 2) for values in zip(*beads.positions_mm, strict=True))
     return "".join(lines), (x, y, z), HEAD_OF_FILE.format(file=" ".join(beads.file.split()))
 

@@ -49,10 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, GateRequest, "policy", "mode", "fail_level", "on_inconclusive", "baseline", "max_regression_percent"
     )
     add_flags(parser, GateRequest)
-    parser.add_argument(
-        "--format", type=_format, action="append", metavar="FORMAT[=FILE]",
-        help=f"{', '.join(FORMATS)}; several may be given, all but one with a file (default text)",
-    )  # fmt: skip
+    words = f"{', '.join(FORMATS)}; several may be given, all but one with a file (default text)"
+    parser.add_argument("--format", type=_format, action="append", metavar="FORMAT[=FILE]", help=words)
     parser.add_argument(
         "--remote", metavar="URL", help="let a running service judge, with the key in TAILSTACK_KEY; same answer"
     )

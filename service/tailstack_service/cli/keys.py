@@ -28,10 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     create = actions.add_parser("create", help="make a key; its secret is printed once", allow_abbrev=False)
     create.add_argument("--tenant", metavar="T", required=True, help="whose jobs it reaches")
     create.add_argument("--name", metavar="N", required=True, help="who or what uses it, for the list")
-    create.add_argument(
-        "--scope", action="append", metavar="S",
-        help="read, compute or metrics; may be repeated (default: read and compute)",
-    )  # fmt: skip
+    words = "read, compute or metrics; may be repeated (default: read and compute)"
+    create.add_argument("--scope", action="append", metavar="S", help=words)
     create.add_argument("--days", type=float, default=365.0, metavar="D", help="good for D days (default %(default)g)")
     list_ = actions.add_parser("list", help="every key, without secrets", allow_abbrev=False)
     list_.add_argument("--tenant", metavar="T", help="only this tenant's")

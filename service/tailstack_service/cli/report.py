@@ -37,18 +37,12 @@ MOST_BYTES = 200_000_000  # of a file that is verified
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "sources", metavar="RESULT|DESIGN", nargs="+",
-        help="a design document, or the JSON of a result of tailstack; two designs are compared; - reads stdin",
-    )  # fmt: skip
-    parser.add_argument(
-        "--format", type=_list_type(FORMATS), metavar="LIST",
-        help="html, pdf, xlsx, json, separated by commas (default html)",
-    )  # fmt: skip
-    parser.add_argument(
-        "-o", "--output", metavar="DIR|FILE",
-        help="directory for the files (default: this one), or the file, whose ending is then the format",
-    )  # fmt: skip
+    words = "a design document, or the JSON of a result of tailstack; two designs are compared; - reads stdin"
+    parser.add_argument("sources", metavar="RESULT|DESIGN", nargs="+", help=words)
+    words = "html, pdf, xlsx, json, separated by commas (default html)"
+    parser.add_argument("--format", type=_list_type(FORMATS), metavar="LIST", help=words)
+    words = "directory for the files (default: this one), or the file, whose ending is then the format"
+    parser.add_argument("-o", "--output", metavar="DIR|FILE", help=words)
     add_flags(parser, ReportOptions, "parts")
     add_flags(parser, ReportOptions)
     parser.add_argument("--starts", type=whole(1, 10_000), metavar="N", help="of a design: starts of the optimiser")
@@ -243,9 +237,9 @@ def _file(name: str | None, forms: Sequence[str] | None) -> Path | None:
         return None
     if form not in FORMATS:
         known = ", ".join(f".{each}" for each in FORMATS)
-        _refuse("unknown-format", f"-o {name}: reports are not written as .{form}",
-                f"a file that ends in {known}; for a directory of that name make it first")  # fmt: skip
+        hint = f"a file that ends in {known}; for a directory of that name make it first"
+        _refuse("unknown-format", f"-o {name}: reports are not written as .{form}", hint)
     if forms and tuple(forms) != (form,):
-        _refuse("format-mismatch", f"-o {name} is one file, of {form}; --format asks for {', '.join(forms)}",
-                "give a directory with -o, or leave --format out")  # fmt: skip
+        detail = f"-o {name} is one file, of {form}; --format asks for {', '.join(forms)}"
+        _refuse("format-mismatch", detail, "give a directory with -o, or leave --format out")
     return path

@@ -19,10 +19,8 @@ HELP = "published JSON Schemas; without a name, their list"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", nargs="?", help="design, score, verification, ...")
-    parser.add_argument(
-        "--draft", choices=DRAFTS, default=DRAFTS[0],
-        help="of JSON Schema: %(default)s unless said, 7 for editors that complete and check YAML",
-    )  # fmt: skip
+    words = "of JSON Schema: %(default)s unless said, 7 for editors that complete and check YAML"
+    parser.add_argument("--draft", choices=DRAFTS, default=DRAFTS[0], help=words)
     parser.add_argument(
         "-o", "--output", metavar="FILE", help="write it here; a folder gets tailstack-NAME.schema.json"
     )

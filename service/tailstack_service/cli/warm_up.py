@@ -11,10 +11,8 @@ HELP = "compile kernels ahead"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """For which verbs."""
-    parser.add_argument(
-        "--for", dest="verbs", metavar="VERB,...", type=_verbs, default=("demo",),
-        help="what these verbs call, such as score,gate (default: what any of them calls)",
-    )  # fmt: skip
+    words = "what these verbs call, such as score,gate (default: what any of them calls)"
+    parser.add_argument("--for", dest="verbs", metavar="VERB,...", type=_verbs, default=("demo",), help=words)
 
 
 def _verbs(text: str) -> tuple[str, ...]:

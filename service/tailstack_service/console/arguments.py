@@ -26,10 +26,10 @@ def add_design(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
 
 def add_json(parser: argparse._ActionsContainer) -> None:
     """--json, of every verb that answers with a record."""
-    parser.add_argument(
-        "--json", action="store_true", help="print the answer as JSON (tailstack schema lists the schemas); "
-        "a refusal is then a problem document on stderr",
-    )  # fmt: skip
+    words = (
+        "print the answer as JSON (tailstack schema lists the schemas); a refusal is then a problem document on stderr"
+    )
+    parser.add_argument("--json", action="store_true", help=words)
 
 
 def add_details(parser: argparse.ArgumentParser) -> None:

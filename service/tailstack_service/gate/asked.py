@@ -59,10 +59,8 @@ POLICY = Flag("rules and limits (default: the designs' own requirements)", metav
 WAIVERS = Flag("findings that are accepted for now", metavar="FILE", of_file=True)
 BASELINE = Flag("record of an earlier gate (--format baseline=FILE)", metavar="FILE", of_file=True)
 MODE = Flag("analytic: estimate. verify: simulate (Monte Carlo). auto (default): simulate near a limit")
-REGRESSION = Flag(
-    "allowed rise of P95 over the baseline (default: policy)",
-    name="max-regression", metavar="PCT", parse=_parse_percent,
-)  # fmt: skip
+RISE = "allowed rise of P95 over the baseline (default: policy)"
+REGRESSION = Flag(RISE, name="max-regression", metavar="PCT", parse=_parse_percent)
 INCONCLUSIVE = Flag("what an open question counts as (default: exit code 4)")
 
 

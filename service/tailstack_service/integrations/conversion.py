@@ -57,10 +57,8 @@ def _parse_diameter(text: str) -> tuple[float, float]:
 
 
 STEP, CAGE = "of a STEP file", "of a cage of XMALab"  # headings of flags
-DIAMETER = Flag(
-    "balls of this diameter are fiducials, mm: 3±0.1 or 3+-0.1 (default all, if they have one)",
-    name="sphere-diameter", metavar="D±T", heading=STEP, parse=_parse_diameter,
-)  # fmt: skip
+BALLS = "balls of this diameter are fiducials, mm: 3±0.1 or 3+-0.1 (default all, if they have one)"
+DIAMETER = Flag(BALLS, name="sphere-diameter", metavar="D±T", heading=STEP, parse=_parse_diameter)
 NAME = Flag("balls with such a name, like 'BEAD*'", metavar="PATTERN", heading=STEP)
 FRAME = Flag("coordinate system or part whose frame is con", heading=STEP)
 SEATS = Flag("cylinders or coordinate systems that hold along their axis", metavar="PATTERN", heading=STEP)
@@ -75,6 +73,9 @@ XMALAB = Flag(
     "read too",
     heading=CAGE,
 )
+
+
+HELD = "STEP only: pattern of the names of cylinders and coordinate systems that hold the structure"
 
 
 class StepOptions(Options):
@@ -97,13 +98,13 @@ class StepOptions(Options):
         examples=["CONNECTOR"],
     )
     seats: Annotated[Pattern | None, SEATS] = Field(
-        None, description="STEP only: pattern of the names of cylinders and coordinate systems that hold the structure "
-        "along their axis; with pins they become its six locators.", examples=["REST*"],
-    )  # fmt: skip
+        None, description=f"{HELD} along their axis; with pins they become its six locators.", examples=["REST*"]
+    )
     pins: Annotated[Pattern | None, PINS] = Field(
-        None, description="STEP only: pattern of the names of cylinders and coordinate systems that hold the structure "
-        "across their axis: the first both ways, each other one across the line to it.", examples=["PIN*"],
-    )  # fmt: skip
+        None,
+        description=f"{HELD} across their axis: the first both ways, each other one across the line to it.",
+        examples=["PIN*"],
+    )
 
     def select(self) -> StepSelection:
         """As the solver takes it."""
@@ -440,8 +441,9 @@ def describe_bodies(bodies: Sequence[StepBody]) -> str:
             left.setdefault((body.path, body.reason), []).append(body)
     if not left:
         return text
-    rows = [[path, reason + (f" ({len(alike)} times)" if len(alike) > 1 else ""), *place(alike[0])]
-            for (path, reason), alike in list(left.items())[:LISTED]]  # fmt: skip
+    rows = []
+    for (path, reason), alike in list(left.items())[:LISTED]:
+        rows.append([path, reason + (f" ({len(alike)} times)" if len(alike) > 1 else ""), *place(alike[0])])
     more = f"and {len(left) - LISTED} more\n" if len(left) > LISTED else ""
     return f"{text}\n{len(left)} were left:\n\n{draw_table(['in the file', 'because', *columns], rows, left=2)}\n{more}"
 

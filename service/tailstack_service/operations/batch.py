@@ -174,15 +174,14 @@ def score_table(
 def add_batch_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of ``score`` for a table of designs."""
     group = parser.add_argument_group(TABLE)
-    group.add_argument(
-        "--batch", metavar="TABLE", help="score the design once for each row of a table (.csv, .ndjson, .xlsx, .arrow, "
-        ".parquet; - reads CSV from stdin): columns called by JSON pointers or paths give numbers of it, the others go "
-        "along",
-    )  # fmt: skip
-    group.add_argument(
-        "--set", dest="settings", action="append", metavar="PATH=COLUMN", type=_setting, default=[],
-        help="the column that gives a number of the design, where it is not called like it; once for each",
-    )  # fmt: skip
+    words = (
+        "score the design once for each row of a table (.csv, .ndjson, .xlsx, .arrow, .parquet; - reads CSV from "
+        "stdin): columns called by JSON pointers or paths give numbers of it, the others go along"
+    )
+    group.add_argument("--batch", metavar="TABLE", help=words)
+    words = "the column that gives a number of the design, where it is not called like it; once for each"
+    kind: dict[str, Any] = {"action": "append", "metavar": "PATH=COLUMN", "type": _setting, "default": []}
+    group.add_argument("--set", dest="settings", help=words, **kind)
     add_flags(parser, BatchOptions)
     group.add_argument("-o", "--output", metavar="FILE", help="a table; its ending decides the format (default stdout)")
     group.add_argument("--threads", type=whole(1, 256), metavar="N", help="threads; the answer does not depend on it")

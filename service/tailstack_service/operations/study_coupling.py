@@ -44,11 +44,11 @@ def _parse_level(text: str) -> dict[str, float]:
     return {"rotation_deg": rotation, "translation_mm": translation}
 
 
-LEVELS = Flag(
+WORDS = (
     "a fixed installation error: DEG about each axis through the pivot, MM along (1, 1, 1); may be repeated "
-    "(default 1,2 and 2,5)",
-    name="level", metavar="DEG,MM", parse=_parse_level, repeats=True, in_query="level",
-)  # fmt: skip
+    "(default 1,2 and 2,5)"
+)
+LEVELS = Flag(WORDS, name="level", metavar="DEG,MM", parse=_parse_level, repeats=True, in_query="level")
 TRIALS = Flag("trials of each case (default 262144; fewer with many targets or an unusual model)")
 
 

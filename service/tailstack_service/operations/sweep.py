@@ -80,11 +80,9 @@ def _parse_axis(text: str) -> dict[str, Any]:
         ) from None
 
 
-AXES = Flag(
-    "START:STOP:COUNT evenly spaced values, or V1,V2,... ; once for each axis, the last one runs fastest",
-    name="set", metavar="PATH=VALUES", parse=_parse_axis, repeats=True, in_query="set",
-    text={"pattern": "^[^=]+=.+$", "examples": ["views.AP.fiducial_noise_px=0.1:0.5:5"]},
-)  # fmt: skip
+WORDS = "START:STOP:COUNT evenly spaced values, or V1,V2,... ; once for each axis, the last one runs fastest"
+TEXT = {"pattern": "^[^=]+=.+$", "examples": ["views.AP.fiducial_noise_px=0.1:0.5:5"]}
+AXES = Flag(WORDS, name="set", metavar="PATH=VALUES", parse=_parse_axis, repeats=True, in_query="set", text=TEXT)
 
 
 class SweepOptions(Options):
@@ -169,10 +167,8 @@ def _demand(record: Sweep) -> Demand:
     if record.check == "score":
         return Demand(checks=0)
     at = "/max_trials" if record.trials is None else "/trials"
-    return Demand(
-        trials=points * (record.trials or record.max_trials or MAX_TRIALS), trials_at=at, checks=points,
-        trusted="the Monte Carlo checks of all points",
-    )  # fmt: skip
+    trials = points * (record.trials or record.max_trials or MAX_TRIALS)
+    return Demand(trials=trials, trials_at=at, checks=points, trusted="the Monte Carlo checks of all points")
 
 
 # --- the command ------------------------------------------------------------------------------------------

@@ -116,10 +116,11 @@ def _list_names(names: tuple[str, ...]) -> str:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("design", metavar="DESIGN", nargs="+", help="design documents, YAML or JSON; - reads stdin")
-    parser.add_argument(
-        "--json", action="store_true", help="print a line of JSON for each design that is valid (tailstack schema "
-        "validation); a refusal is then a problem document, one line on stderr for each design",
-    )  # fmt: skip
+    words = (
+        "print a line of JSON for each design that is valid (tailstack schema validation); a refusal is then a problem "
+        "document, one line on stderr for each design"
+    )
+    parser.add_argument("--json", action="store_true", help=words)
 
 
 def _run(arguments: argparse.Namespace) -> Answer:

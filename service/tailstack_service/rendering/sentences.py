@@ -71,8 +71,8 @@ def losses_sentence(line: Losses, checks: Sequence[Check]) -> str:
         limit = line.limit
         broken = limit is not None and line.value <= limit < worst.value
         beyond = f", beyond the limit of {limit:g} {line.unit}" if broken else ""
-        clauses.append(f"without {lost}, the worst {'one' if len(worst.lost) == 1 else 'two'} to lose, "
-                    f"{length(worst.value, decimals)} {line.unit}{beyond}")  # fmt: skip
+        worst_of = f"the worst {'one' if len(worst.lost) == 1 else 'two'} to lose"
+        clauses.append(f"without {lost}, {worst_of}, {length(worst.value, decimals)} {line.unit}{beyond}")
     if line.mixture is not None:
         clauses.append(mixture_sentence(line.mixture, line, decimals))
     return "; ".join(clauses) + "."

@@ -133,21 +133,14 @@ class RecordedSampler:
 
     def unit_quantiles(self, wanted: UnitsTask) -> Array:
         count = max(shard_trials(wanted.plan, wanted.seed) // SHOTS, 1)
-        asked = {
-            "what": "units", "vertex": wanted.plan.vertex, "target": wanted.target, "error": wanted.error,
-            "quantile": wanted.quantile,
-        }  # fmt: skip
+        asked = _asked("units", wanted.plan.vertex, wanted)
         specs = [canonical({**asked, "first": first, "count": stop - first}) for first, stop in spans(0, UNITS, count)]
         if not all(spec in self.held for spec in specs):
             self._pending(specs)
         return np.concatenate([unpack(self.held[spec])[1][0] for spec in specs])
 
     def radial(self, wanted: RadialTask) -> RadialEstimate:
-        asked = {
-            "what": "radial", "vertex": wanted.vertex, "target": wanted.target, "error": wanted.error,
-            "quantile": wanted.quantile,
-        }  # fmt: skip
-        spec = canonical(asked)
+        spec = canonical(_asked("radial", wanted.vertex, wanted))
         if spec not in self.held:
             self._pending([spec])
         estimate = json.loads(self.held[spec])
@@ -157,7 +150,11 @@ class RecordedSampler:
         raise Pending([spec for spec in specs if spec not in self.held], remaining)
 
 
+def _asked(what: str, vertex: Any, wanted: UnitsTask | RadialTask) -> dict[str, Any]:
+    fields = {"target": wanted.target, "error": wanted.error, "quantile": wanted.quantile}
+    return {"what": what, "vertex": vertex, **fields}
+
+
 def _trials_spec(wanted: TrialsTask, first: int, stop: int) -> bytes:
-    return canonical({
-        "what": "trials", "vertex": wanted.plan.vertex, "first": first, "stop": stop, "quantile": wanted.quantile,
-    })  # fmt: skip
+    span = {"first": first, "stop": stop, "quantile": wanted.quantile}
+    return canonical({"what": "trials", "vertex": wanted.plan.vertex, **span})

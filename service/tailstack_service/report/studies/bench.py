@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tailstack.results import ERRORS, Interval
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from tailstack.studies.bench.levels import LevelCompared
 
 TAIL_ROWS, MOST_TAILS = 6, 4  # of a terminal and a page; a spreadsheet has all
+_IN_MM = partial(Column, unit="mm", kind="significant", digits=4)
 TONE: dict[str, Tone] = {"agrees": "pass", "differs": "fail", "not testable": "inconclusive"}
 
 
@@ -101,18 +103,16 @@ def levels_table(study: StudyComparison) -> Table:
         Column("Target", of=lambda level: level.target),
         Column("Trials", kind="whole", brief="trials\n", of=lambda level: level.trials),
         Column("Installations", kind="whole", brief="instal-\nlations", of=lambda level: level.installations),
-        Column("Mean", "mm", "significant", 4, of=lambda level: level.norm.measured_mm),
-        Column("From", "mm", "significant", 4, IN_DETAIL, of=lambda level: _end(level.norm.interval_mm, 0)),
-        Column("To", "mm", "significant", 4, IN_DETAIL, of=lambda level: _end(level.norm.interval_mm, 1)),
-        Column("Predicted", "mm", "significant", 4, of=lambda level: level.norm.predicted_mm),
-        Column("Benches from", "mm", "significant", 4, brief="benches\nfrom, mm",
-               of=lambda level: _end(level.norm.predicted_range_mm, 0)),
-        Column("Benches to", "mm", "significant", 4, brief="to\nmm",
-               of=lambda level: _end(level.norm.predicted_range_mm, 1)),
+        _IN_MM("Mean", of=lambda level: level.norm.measured_mm),
+        _IN_MM("From", on=IN_DETAIL, of=lambda level: _end(level.norm.interval_mm, 0)),
+        _IN_MM("To", on=IN_DETAIL, of=lambda level: _end(level.norm.interval_mm, 1)),
+        _IN_MM("Predicted", of=lambda level: level.norm.predicted_mm),
+        _IN_MM("Benches from", brief="benches\nfrom, mm", of=lambda level: level.norm.predicted_range_mm[0]),
+        _IN_MM("Benches to", brief="to\nmm", of=lambda level: level.norm.predicted_range_mm[1]),
         Column("Spread ratio", kind="significant", brief="spread\nratio", of=of_spread(lambda spread: spread.ratio)),
         Column("Spread from", kind="significant", on=room, of=of_spread(lambda spread: _end(spread.interval, 0))),
         Column("Spread to", kind="significant", on=room, of=of_spread(lambda spread: _end(spread.interval, 1))),
-    )  # fmt: skip
+    )
     caption = (
         "Size of the error: its mean, and its spread from trial to trial over the predicted spread; benches: the range "
         "of such benches"
@@ -126,35 +126,30 @@ class _AxisOf(NamedTuple):
     level: LevelCompared
     axis: int
 
-    def at(self, vectors: Any) -> Any:
-        """What a vector, or a vector of intervals, has along it."""
-        return None if vectors is None else vectors[self.axis]
+    def at(self, field: str) -> Any:
+        """What a vector, or a vector of intervals, of its bias has along it."""
+        return getattr(self.level.bias, field)[self.axis]
 
 
 def axes_table(study: StudyComparison) -> Table:
     """The mean error along each axis."""
 
     def says(row: _AxisOf) -> str:
-        bias = row.level.bias
-        if bias is None:
-            return ""
-        low, high = bias.predicted_range_mm[row.axis]
-        return "" if low <= bias.measured_mm[row.axis] <= high else "outside"
+        low, high = row.at("predicted_range_mm")
+        return "" if low <= row.at("measured_mm") <= high else "outside"
 
     columns = (
         Column("Level", of=lambda row: row.level.level if row.axis == 0 else ""),
         Column("Target", of=lambda row: row.level.target if row.axis == 0 else ""),
         Column("Axis", of=lambda row: "xyz"[row.axis]),
-        Column("Measured", "mm", "significant", 4, of=lambda row: row.at(row.level.bias.measured_mm)),
-        Column("From", "mm", "significant", 4, IN_DETAIL, of=lambda row: _end(row.at(row.level.bias.interval_mm), 0)),
-        Column("To", "mm", "significant", 4, IN_DETAIL, of=lambda row: _end(row.at(row.level.bias.interval_mm), 1)),
-        Column("Predicted", "mm", "significant", 4, of=lambda row: row.at(row.level.bias.predicted_mm)),
-        Column("Benches from", "mm", "significant", 4, brief="benches\nfrom, mm",
-               of=lambda row: _end(row.at(row.level.bias.predicted_range_mm), 0)),
-        Column("Benches to", "mm", "significant", 4, brief="to\nmm",
-               of=lambda row: _end(row.at(row.level.bias.predicted_range_mm), 1)),
+        _IN_MM("Measured", of=lambda row: row.at("measured_mm")),
+        _IN_MM("From", on=IN_DETAIL, of=lambda row: row.at("interval_mm")[0]),
+        _IN_MM("To", on=IN_DETAIL, of=lambda row: row.at("interval_mm")[1]),
+        _IN_MM("Predicted", of=lambda row: row.at("predicted_mm")),
+        _IN_MM("Benches from", brief="benches\nfrom, mm", of=lambda row: row.at("predicted_range_mm")[0]),
+        _IN_MM("Benches to", brief="to\nmm", of=lambda row: row.at("predicted_range_mm")[1]),
         Column("Remark", brief="", of=says),
-    )  # fmt: skip
+    )
     known = [level for level in study.levels if level.bias is not None]
     owner = " and ".join(dict.fromkeys(level.bias.interval_of for level in known if level.bias is not None))
     caption = f"Mean error along each axis, frame {study.frame}; the interval is of the mean of {owner}"
@@ -174,16 +169,18 @@ _LEVEL_OF_PART = (
 )
 
 
+_TOGETHER = attrgetter("part.p_adjusted")
+
+
 def tests_table(levels: Sequence[LevelCompared]) -> Table:
     """Every test, by itself and all of them together."""
     columns = (
         *_LEVEL_OF_PART,
         Column("Test", of=lambda row: row.part.test),
         Column("p", kind="significant", digits=2, of=lambda row: row.part.p_value),
-        Column("p, all tests together", kind="significant", digits=2, brief="p, all tests\ntogether",
-               of=lambda row: row.part.p_adjusted),
+        Column("p, all tests together", "", "significant", 2, brief="p, all tests\ntogether", of=_TOGETHER),
         Column("Differs", of=lambda row: "yes" if row.part.differs else "no"),
-    )  # fmt: skip
+    )
     rows = [_PartOf(level, test) for level in levels for test in level.tests]
     return tabulate("Tests", "Every test, by itself and all of them together", columns, rows)
 
@@ -193,12 +190,10 @@ def tails_table(levels: Sequence[LevelCompared]) -> Table:
     columns = (
         *_LEVEL_OF_PART,
         Column("Quantile", "%", "percent", 1, brief="quantile\n%", of=lambda row: row.part.probability),
-        Column("Measured", "mm", "significant", 4, of=lambda row: row.part.measured_mm),
-        Column("Predicted", "mm", "significant", 4, of=lambda row: row.part.predicted_mm),
-        Column(
-            "Benches from", "mm", "significant", 4, brief="benches\nfrom, mm", of=lambda row: row.part.envelope_mm[0]
-        ),
-        Column("Benches to", "mm", "significant", 4, brief="to\nmm", of=lambda row: row.part.envelope_mm[1]),
+        _IN_MM("Measured", of=lambda row: row.part.measured_mm),
+        _IN_MM("Predicted", of=lambda row: row.part.predicted_mm),
+        _IN_MM("Benches from", brief="benches\nfrom, mm", of=lambda row: row.part.envelope_mm[0]),
+        _IN_MM("Benches to", brief="to\nmm", of=lambda row: row.part.envelope_mm[1]),
         Column("Remark", brief="", of=lambda row: "outside" if row.part.outside else ""),
     )
     with_tail = [level for level in levels if level.quantiles]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
+from typing import get_args
 
 from tailstack.results import ERRORS
 from tailstack.results.digits import percent
@@ -25,11 +27,8 @@ def linearity_document(study: StudyLinearity, sha256: str) -> Document:
     evaluated = [point for point in study.points if point.status == "ok"]
     within = [point for point in evaluated if point.within == "1 %" and point.sure]
     broken = sum(line.broken for line in study.calibration if line.promise != "not valid")
-    options = " ".join(
-        f"--{name} {','.join(f'{value:g}' for value in values)}"
-        for name, values in (("noise", study.noises_px), ("rotation", study.rotations_deg), ("spread", study.spreads),
-                             ("count", study.counts))
-    )  # fmt: skip
+    axes = {"noise": study.noises_px, "rotation": study.rotations_deg, "spread": study.spreads, "count": study.counts}
+    options = " ".join(f"--{name} {','.join(f'{value:g}' for value in values)}" for name, values in axes.items())
     legend = (
         "By how many % the estimate is off: no mark within 1 %, ~ within 5 %, + within 20 %, # beyond; ? open, as the "
         f"{percent(study.confidence, 0)} % interval reaches across; - refused."
@@ -152,9 +151,8 @@ def linearity_csv(study: StudyLinearity) -> str:
 
 
 # From pale to dark, so that a print in grey keeps the order; text on it stays readable.
-FILL: dict[Within, tuple[str, str]] = {
-    "1 %": ("#e4f1e8", INK), "5 %": ("#efcf6d", INK), "20 %": ("#e08f4c", INK), "beyond": ("#a5301f", "#ffffff"),
-}  # fmt: skip
+_FILLS = (("#e4f1e8", INK), ("#efcf6d", INK), ("#e08f4c", INK), ("#a5301f", "#ffffff"))
+FILL: dict[Within, tuple[str, str]] = dict(zip(get_args(Within), _FILLS, strict=True))
 CELL = (62, 26)  # width and height
 
 
@@ -189,8 +187,8 @@ def draw_linearity(study: StudyLinearity) -> str:
                 )
                 axes.set_yticks([k + 0.5 for k in range(len(study.noises_px))], _with_unit(study.noises_px, "px"))
                 axes.tick_params(length=0, labelbottom=row == len(study.counts) - 1, labelleft=column == 0)
-                places = [(k, j, points[noise, rotation, spread, count]) for j, noise in enumerate(study.noises_px)
-                          for k, rotation in enumerate(study.rotations_deg)]  # fmt: skip
+                grid = product(enumerate(study.noises_px), enumerate(study.rotations_deg))
+                places = [(k, j, points[noise, rotation, spread, count]) for (j, noise), (k, rotation) in grid]
                 draw_cells(axes, [(k, j, *_field(point)) for k, j, point in places])
         axis = "standard deviation of the rotations of the structure; up the page: noise of each image coordinate"
         page.say(118, page.height - 14, f"to the right: {axis}", color=MUTED)

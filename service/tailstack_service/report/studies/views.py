@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 def views_document(study: StudyViews, sha256: str) -> Document:
     """The maps, what they come to, and every direction as a row."""
     maps = maps_of(study)
+    best = [(name, view_map.best.p95_mm) for name, view_map in maps if view_map.best is not None]
+    found = [KeyNumber(name, f"{p95_mm:.3f} mm", "P95 of the best direction") for name, p95_mm in best]
     caption = "P95 over the directions of each view's beam: what it costs or buys to turn it, and to add one."
     return compose_study(
         study,
@@ -33,11 +35,7 @@ def views_document(study: StudyViews, sha256: str) -> Document:
         question=f"Which view buys most: P95 of {ERRORS[study.error]}.",
         method="by first order",
         sentences=study.conclusions,
-        numbers=(
-            KeyNumber("As designed", f"{study.p95_mm:.3f} mm", f"P95 at {study.target}"),
-            *(KeyNumber(name, f"{view_map.best.p95_mm:.3f} mm", "P95 of the best direction") for name, view_map in maps
-              if view_map.best is not None),
-        ),
+        numbers=(KeyNumber("As designed", f"{study.p95_mm:.3f} mm", f"P95 at {study.target}"), *found),
         figure=("views", partial(draw_views, study), caption) if maps else None,
         sections=(
             Section("The best directions", (maps_table(study),) if maps else (), on=TERMINAL | On.PAGE | On.SHEET),
@@ -53,11 +51,17 @@ def views_document(study: StudyViews, sha256: str) -> Document:
                 "lies in its beam, is not asked."
             ),
         ),
-    )  # fmt: skip
+    )
+
+
+BEAM_BRIEF = "its beam_direction\nin con"
 
 
 def maps_table(study: StudyViews) -> Table:
     """The best direction of each map."""
+
+    def write_allowed(view_map: ViewMap) -> str:
+        return f"{sum(each.p95_mm is not None for each in view_map.directions)} of {len(view_map.directions)}"
 
     def write_beam(view_map: ViewMap) -> str:
         return "-" if view_map.best is None else "  ".join(f"{value:+.3f}" for value in view_map.best.beam_direction)
@@ -65,12 +69,10 @@ def maps_table(study: StudyViews) -> Table:
     columns = (
         Column("View", brief="view\n", of=lambda row: row[0]),
         Column("Best P95", "mm", "fixed", brief="best P95\nmm", of=lambda row: row[1].best and row[1].best.p95_mm),
-        Column("Allowed", kind="fixed", brief="allowed\n", of=lambda row: (
-            f"{sum(each.p95_mm is not None for each in row[1].directions)} of {len(row[1].directions)}")),
+        Column("Allowed", kind="fixed", brief="allowed\n", of=lambda row: write_allowed(row[1])),
         Column("Turned by", "deg", "fixed", 0, brief="turned by\ndeg", of=lambda row: row[1].turn_deg),
-        Column("Its beam_direction in con", kind="fixed", brief="its beam_direction\nin con",
-               of=lambda row: write_beam(row[1])),
-    )  # fmt: skip
+        Column("Its beam_direction in con", kind="fixed", brief=BEAM_BRIEF, of=lambda row: write_beam(row[1])),
+    )
     return tabulate("Best", "The best direction of each view", columns, maps_of(study))
 
 
