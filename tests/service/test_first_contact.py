@@ -18,6 +18,7 @@ from tailstack.design import check_design, load_design
 from tailstack.design.presets import PRESETS
 from tailstack_service.cli.verbs import verbs
 from tailstack_service.console.progress import Progress
+from tailstack_service.rendering.tables import wrap
 from tailstack_service.schemas import json_schema
 from turned_clock import TurnedClock
 
@@ -127,21 +128,14 @@ def test_beads_in_the_wrong_unit_are_one_refusal_a_view(call: Any) -> None:
 # --- what is written --------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def better(call: Any) -> tuple[Any, str]:
-    write_changed("design.yaml", "half_width_deg: 0.1,", "half_width_deg: 0.3,")
-    return call, call("optimise", "design.yaml", "--starts", "1")[1]
-
-
 @pytest.mark.long
-def test_a_half_width_is_written_with_the_digits_that_it_has(better: tuple[Any, str]) -> None:
+def test_a_half_width_is_written_with_the_digits_that_it_has(call: Any) -> None:
     """One of seven numbers of six decimals came back from radians as 0.16149600000000003."""
-    call, out = better
-    call("optimise", "--last", "-o", "better.yaml")
-    for text in (out, Path("better.yaml").read_text(encoding="utf-8")):
-        widths = re.findall(r"half_width_deg: ([\d.]+)", text)
-        assert len(widths) >= 6
-        assert [one for one in widths if len(one.partition(".")[2]) > 6] == []
+    write_changed("design.yaml", "half_width_deg: 0.1,", "half_width_deg: 0.3,")
+    call("optimise", "design.yaml", "--starts", "1", "-o", "better.yaml")
+    widths = re.findall(r"half_width_deg: ([\d.]+)", Path("better.yaml").read_text(encoding="utf-8"))
+    assert len(widths) >= 6
+    assert [one for one in widths if len(one.partition(".")[2]) > 6] == []
 
 
 @pytest.mark.parametrize("width", ["0.161496", "0.1", "0.007", "1.234567"])
@@ -219,8 +213,7 @@ def test_doctor_does_not_mind_a_cache_that_nothing_has_to_be_written_to(
 
 def test_why_kernels_are_compiled_is_said_once_and_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a terminal of 80 columns the reason used to be cut off, and in a log it stood in every line."""
-    from tailstack.kernels import calls, store
-    from tailstack_service.console import compilation
+    from tailstack.kernels import store
 
     made = [store.StoredKernel(Path("x"), "k", "()", f"built for {level}, here is x86-64-v2") for level in ("a", "b")]
     monkeypatch.setattr(store, "installed_directories", lambda: (Path("installed"),))
@@ -229,7 +222,8 @@ def test_why_kernels_are_compiled_is_said_once_and_whole(monkeypatch: pytest.Mon
     assert reason == "those installed were built for a and for b, here is x86-64-v2"
     log = io.StringIO()
     clock = TurnedClock()
-    with compilation.CompilationProgress(calls.EVERY, 2, reason, log, clock=clock):
+    with Progress("compiling kernels, once on this machine", log, clock=clock) as progress:
+        progress.preface = wrap(reason, first="kernels are compiled: ", indent="  ")
         for seconds in (1.0, 2.0):
             clock.until_waits(seconds)
             clock.turn(seconds)
