@@ -96,7 +96,7 @@ def test_the_answer_ends_with_the_verdict_and_what_to_type_next(call: Any, tmp_p
 
 def test_without_a_file_it_says_how_to_write_the_design_that_was_found(call: Any) -> None:
     _, out, _ = call(answers())
-    assert out.splitlines()[-1].startswith("next: tailstack optimise --last -o NEW.yaml")
+    assert out.splitlines()[-1].endswith(" -o NEW.yaml   (writes the new design)")
 
 
 def test_json_holds_the_document_alone(call: Any, tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import difflib
 import json
-import os
 import re
 import shutil
 from collections.abc import Callable
@@ -21,7 +20,6 @@ from service_scenes import EXAMPLES
 
 from tailstack.design import Revision, design_to_data, load_design, revise_design
 from tailstack.results import Finding, Optimisation
-from tailstack_service.environment import lent_directory
 
 WITH_FREEDOM = [path for path in sorted(EXAMPLES.glob("*.yaml")) if "\noptimise:\n" in path.read_text(encoding="utf-8")]
 
@@ -231,65 +229,3 @@ def test_what_to_change_is_printed_and_is_a_merge_patch(call: Any, beside: tuple
     assert "    - { label: F1, position_mm: [1.25, -2.5, 3.75] }" in out or "position_mm: [1.25, -2.5, 3.75] }" in out
     made = patched(yaml.safe_load(path.read_text(encoding="utf-8")), patch_of(out))
     assert load_design(made).sha256 == moved.sha256
-
-
-@pytest.mark.long
-def test_the_last_result_is_kept_and_written_without_another_search(
-    call: Any, room: Path, state: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, new = room / "demo.yaml", room / "new.yaml"
-    code, first, _ = call("optimise", path, "--starts", "1")
-    assert first.splitlines()[-1] == (
-        "next: tailstack optimise --last -o NEW.yaml   (writes this design without another search)"
-    )
-    assert [file.name for file in state.iterdir()] == ["last-optimisation.json"]
-
-    def never(*_: Any, **__: Any) -> Optimisation:
-        raise AssertionError("a search was begun")
-
-    monkeypatch.setattr("tailstack.optimise", never, raising=False)
-    again, out, _ = call("optimise", "--last")
-    assert (again, out) == (code, first)
-    code, out, err = call("optimise", "--last", "-o", new)
-    assert f"wrote {new}" in err
-    assert out.splitlines()[-1] == f"next: tailstack verify {new}"
-    assert comments_of(new.read_text(encoding="utf-8")) == comments_of(path.read_text(encoding="utf-8"))
-    made = patched(yaml.safe_load(path.read_text(encoding="utf-8")), patch_of(first))
-    assert load_design(new).sha256 == load_design(made).sha256
-    path.write_text("name: another\n", encoding="utf-8")  # the design may be gone: the result is whole without it
-    assert call("optimise", "--last", "-o", room / "later.yaml")[0] == code
-    assert load_design(room / "later.yaml").sha256 == load_design(new).sha256
-
-
-def test_a_result_that_cannot_be_kept_is_printed_all_the_same(
-    call: Any, room: Path, found: Callable[[Any], Optimisation], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = room / "demo.yaml"
-    found(revise_design(load_design(path), Revision(half_width={("structure_connector", "rx"): 0.003})))
-    monkeypatch.setenv("XDG_STATE_HOME", "/proc/nobody")
-    code, out, err = call("optimise", path)
-    assert code == 0
-    assert "what to change in" in out
-    assert out.splitlines()[-1].startswith(f"next: tailstack optimise {path} -o NEW.yaml")
-    assert "note: the result is not kept for --last: /proc/nobody cannot be written (" in err
-    monkeypatch.delenv("XDG_STATE_HOME")
-    monkeypatch.setattr("pathlib.Path.home", lambda: (_ for _ in ()).throw(RuntimeError("there is no home directory")))
-    (room / f"tailstack-{os.getuid()}").touch()  # what would stand in for it
-    monkeypatch.setattr("tempfile.tempdir", str(room))
-    lent_directory.cache_clear()
-    code, _, err = call("optimise", path)
-    assert code == 0
-    assert "note: the result is not kept for --last: this user has no home, and" in err
-
-
-@pytest.mark.parametrize("content", [None, "", "{}", '{"file": null, "result": {"schema": 3}}'])
-def test_without_a_kept_result_last_is_2(refused: Any, state: Path, content: str | None) -> None:
-    if content is not None:
-        state.mkdir(parents=True)
-        (state / "last-optimisation.json").write_text(content, encoding="utf-8")
-    assert "hint: tailstack optimise DESIGN keeps what it finds" in refused("optimise", "--last")
-
-
-@pytest.mark.parametrize("arguments", [[], ["--last", "x.yaml"], ["--last", "--seed", "1"]])
-def test_a_design_or_the_last_result_and_not_both(refused: Any, state: Path, arguments: list[str]) -> None:
-    assert "give a DESIGN to optimise, or --last" in refused("optimise", *arguments)

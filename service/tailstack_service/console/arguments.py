@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     from ..settings import Settings
 
 
-def add_design(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
-    number = "?" if optional else None
-    parser.add_argument("design", metavar="DESIGN", nargs=number, help="design document, YAML or JSON; - reads stdin")
+def add_design(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("design", metavar="DESIGN", help="design document, YAML or JSON; - reads stdin")
     add_json(parser)
 
 

@@ -14,15 +14,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from tailstack.errors import NotConvergedError, Problem
+from tailstack.errors import NotConvergedError
 from tailstack.results import Optimisation
 
 from ..console.answer import INTERRUPTED, Answer, exit_code_of
 from ..console.arguments import add_design, read_design
-from ..console.flags import Flag, add_flags, read_flags
+from ..console.flags import Flag, add_flags
 from ..console.program import program
 from ..console.progress import Progress
-from ..problems import RequestError
 from .operation import Again, Call, Command, Demand, HeldDesign, LateImport, Operation, Repetition
 from .options import Count, Options, Seed, within
 
@@ -113,47 +112,32 @@ def _repeat(again: Repetition) -> Again:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_design(parser, optional=True)
+    add_design(parser)
     parser.add_argument("-o", "--output", metavar="NEW", help="write the new design here (.yaml or .json)")
     parser.add_argument(
         "--fiducials-out",
         metavar="FILE",
         help="with -o: write the new fiducials beside it (.mrk.json, .csv or .fcsv), to which the new design refers",
     )
-    parser.add_argument(
-        "--last",
-        action="store_true",
-        help="instead of DESIGN: the last result that -o did not write",
-    )
     add_flags(parser, OptimisationOptions)
 
 
 def _run(arguments: argparse.Namespace) -> Answer:
     from ..documents import to_json
-    from .revision import keep_result, patch_text, read_last, read_output_files, write_results
+    from .revision import patch_text, read_output_files, write_results
 
-    _refuse_mixture(arguments)
     files = read_output_files(arguments)
-    not_kept_because, stopped = "", False
-    if arguments.last:
-        design, result = read_last()
-    else:
-        design = read_design(arguments.design)
-        outcome = _search(design, arguments, files)
-        if outcome is None:
-            return Answer("", INTERRUPTED)
-        result, stopped = outcome
-        if files.design is None:
-            not_kept_because = keep_result(design, result)
+    design = read_design(arguments.design)
+    outcome = _search(design, arguments, files)
+    if outcome is None:
+        return Answer("", INTERRUPTED)
+    result, stopped = outcome
     write_results(design, result, files)
     code = INTERRUPTED if stopped else exit_code_of(result.certificate.verification.verdict)
     if files.design is not None:
         following = f"next: {program()} verify {quote(str(files.design))}"
-    elif not_kept_because:
-        print(f"note: the result is not kept for --last: {not_kept_because}", file=sys.stderr)
-        following = f"next: {program()} optimise {quote(str(arguments.design))} -o NEW.yaml   (writes the new design)"
     else:
-        following = f"next: {program()} optimise --last -o NEW.yaml   (writes this design without another search)"
+        following = f"next: {program()} optimise {quote(str(arguments.design))} -o NEW.yaml   (writes the new design)"
     if arguments.json:
         print(following, file=sys.stderr)
         return Answer(to_json(result), code)
@@ -165,15 +149,6 @@ def _run(arguments: argparse.Namespace) -> Answer:
         else:
             patch = f"\nnothing to change in {name}: it is what the search came to.\n"
     return Answer(f"{OPERATION.write(result)}{patch}{following}\n", code)
-
-
-def _refuse_mixture(arguments: argparse.Namespace) -> None:
-    """A design or the last result.  Raises RequestError."""
-    if arguments.last == (arguments.design is not None) or (
-        arguments.last and read_flags(OptimisationOptions, arguments)
-    ):
-        detail = "give a DESIGN to optimise, or --last without a design, --seed and --starts"
-        raise RequestError(Problem("", "one-of", detail, "tailstack optimise --last -o NEW.yaml"))
 
 
 def _search(design: Design, arguments: argparse.Namespace, files: OutputFiles) -> tuple[Optimisation, bool] | None:

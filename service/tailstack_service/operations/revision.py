@@ -1,5 +1,5 @@
-"""What an optimisation leaves behind: the new design in its author's own text, fiducials in a file beside it, a patch,
-and the last result, saved by itself until it is written to a file."""
+"""What an optimisation leaves behind: the new design in its author's own text, fiducials in a file beside it, and
+a patch."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from tailstack.results import Optimisation
 from tailstack.results.json_text import write_json
 
 from ..console.files import is_stream, replace_file, writable
-from ..environment import FolderError, state_directory
 from ..problems import RequestError
 from .editors import write_document
 
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from tailstack.design import Design
 
 DOCUMENTS, FIDUCIALS = (".yaml", ".yml", ".json"), (".mrk.json", ".csv", ".fcsv")
-LAST = "last-optimisation.json"
-KEPT = "tailstack/kept-optimisation/1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,47 +231,3 @@ def merge_patch(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any
         elif name not in old or value != old[name]:
             patch[name] = value
     return patch
-
-
-# --- the last result ------------------------------------------------------------------------------------
-
-
-def keep_result(design: Design, result: Optimisation) -> str:
-    """Keep a result that is written nowhere; gives why that failed, empty if it did not."""
-    from ..documents import plain
-
-    try:
-        folder = state_directory()
-        folder.mkdir(parents=True, exist_ok=True)
-        file = None if design.source.file is None else str(Path(design.source.file).resolve())
-        content = {"schema": KEPT, "file": file, "result": plain(result)}
-        replace_file(folder / LAST, write_json(content))
-    except OSError as error:
-        return f"{error.filename or LAST} cannot be written ({error.strerror or error})"
-    except FolderError as error:
-        return error.problems[0].detail
-    return ""
-
-
-def read_last() -> tuple[Design, Optimisation]:
-    """The design of the last optimisation that was kept, and its result.  Raises RequestError."""
-    from tailstack.design import load_design
-
-    from ..documents import from_plain
-
-    def refuse(detail: str) -> RequestError:
-        return RequestError(Problem("", "nothing-kept", detail, "tailstack optimise DESIGN keeps what it finds"))
-
-    path = state_directory() / LAST
-    try:
-        content = json.loads(path.read_bytes())
-        file, result = content["file"], from_plain(Optimisation, content["result"])
-        before = load_design(result.design_before)
-    except FileNotFoundError:
-        raise refuse("no optimisation has been kept yet") from None
-    except OSError as error:
-        raise refuse(f"the kept result cannot be read: {error}") from None
-    except (ValueError, KeyError, TypeError, TailstackError):
-        raise refuse(f"{path} does not hold a result that this version can read") from None
-    there = None if file is None else _read_design(Path(file))
-    return (there if there is not None and there.sha256 == before.sha256 else before), result
