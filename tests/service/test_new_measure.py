@@ -12,6 +12,7 @@ import pytest
 import served
 import yaml
 from copied_sources import commands_on, copy_sources, path_of, refusal, tailstack
+from page_in_node import in_node
 from service_scenes import ROOT
 
 from family import run_python
@@ -53,6 +54,7 @@ from tailstack import load_design, score, score_batch, verify
 from tailstack.design import compile_design
 from tailstack.montecarlo.chain import run_indices
 from tailstack.montecarlo.plan import compile_plan
+from tailstack_service.documents import to_json
 design = load_design(open(sys.argv[1], encoding="utf-8").read())
 first, check = score(design, losses=False), verify(design, trials=20000, seed=1)
 system = compile_design(design)
@@ -66,7 +68,8 @@ table = score_batch(design, {"views.*.target_noise_px": [0.3, 0.6]}, columns=("v
 told = [[each.site, each.unit, each.p95, each.limit] for each in (*first.measures, *check.measures)]
 checks = [[each.verdict.checks[-1].status, each.verdict.checks[-1].unit] for each in (first, check)]
 values = next(column.tolist() for name, column in table.columns.items() if "straight" in name)
-print(json.dumps([told, checks, float(np.quantile(angles, 0.95)), check.measures[0].p95_interval, values]))
+records = [json.loads(to_json(each)) for each in (first, check)]
+print(json.dumps([told, checks, float(np.quantile(angles, 0.95)), check.measures[0].p95_interval, values, records]))
 """
 
 
@@ -102,15 +105,22 @@ def designed(folder: Path, optimised: str = "tip-accuracy", **limit: Any) -> Pat
     return file
 
 
-def test_estimate_simulation_and_table_tell_it_in_its_unit(variables: dict[str, str], tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def computed(variables: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Any]]:
+    """A design that misses the limit by a factor of two, and what the library says of it."""
+    folder = tmp_path_factory.mktemp("designs")
+    file = designed(folder, limit_deg=0.2)
+    done = run_python("-c", LIBRARY, str(file), env=variables, timeout=3 * LIMIT_SECONDS, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return file, json.loads(done.stdout)
+
+
+def test_estimate_simulation_and_table_tell_it_in_its_unit(computed: tuple[Path, list[Any]]) -> None:
     """independent: the angle itself of 20,000 axes by the chain; the interval of 95 % widened to 99.9 %, and by 2 % for
     what first order leaves out."""
-    file = designed(tmp_path)
-    done = run_python("-c", LIBRARY, str(file), env=variables, timeout=3 * LIMIT_SECONDS, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    told, checks, exact, (low, high), values = json.loads(done.stdout)
+    told, checks, exact, (low, high), values, _ = computed[1]
     (site, unit, first, limit), (_, _, drawn, _) = told
-    assert (site, unit, limit) == ("tip to entry", "deg", 0.6)
+    assert (site, unit, limit) == ("tip to entry", "deg", 0.2)
     assert drawn == pytest.approx(exact, rel=1e-3)
     spread = (high - low) * (3.29 / 1.96 - 1) / 2 + 0.02 * first
     assert low - spread < first < high + spread
@@ -124,6 +134,7 @@ def test_it_is_limited_in_its_own_unit(copy: subprocess.Popen[str], tmp_path: Pa
     schema = json.loads(tailstack(copy, tmp_path, "schema", "design"))
     (fields,) = [each["properties"] for each in schema["$defs"].values() if "limit_deg" in each.get("properties", ())]
     assert fields["error"]["enum"] == ["tcp", "localisation", "axis_angle"]
+    assert fields["error"]["x-limited-by"]["axis_angle"] == "limit_deg"
     assert "limit_deg" in refusal(copy, tmp_path, "validate", str(designed(tmp_path, limit_mm=1.0)))
     alone = str(designed(tmp_path, limit_deg=0.6, targets=["tip"]))
     assert "joins several targets" in refusal(copy, tmp_path, "validate", alone)
@@ -132,6 +143,34 @@ def test_it_is_limited_in_its_own_unit(copy: subprocess.Popen[str], tmp_path: Pa
 def test_the_optimiser_says_that_it_does_not_hold_it(copy: subprocess.Popen[str], tmp_path: Path) -> None:
     file = str(designed(tmp_path, optimised="straight"))
     assert "is not optimised" in refusal(copy, tmp_path, "optimise", file, "--starts", "1")
+
+
+def test_the_page_tells_it_in_its_unit_and_states_its_limit(computed: tuple[Path, list[Any]]) -> None:
+    """The page's own sources, before a service that answers with these records."""
+    file, (*_, (estimate, simulation)) = computed
+    text, [told] = file.read_text(encoding="utf-8"), estimate["measures"]
+    answers = {"score": estimate, "verification": simulation, "distributions": []}
+    states = [{"design": yaml.safe_load(text), "text": text, **answers}]
+    node = {"x-limited-by": {"tcp": "limit_mm", "axis_angle": "limit_deg"}}
+    choices = [
+        {"node": node, "path": ["requirements", 0, "error"], "chosen": chosen} for chosen in ("axis_angle", "tcp")
+    ]
+    found = in_node(walks=[{"states": states}], advised=1.0, choices=choices)
+    opened, verified = ([line["text"] for line in moment["lines"]] for moment in found["walks"][0])
+    assert any("of the error at the tool, target tip" in line for line in opened)  # of the angle no estimate decides
+    strip = verified[: next(k for k, line in enumerate(verified) if "beyond the limit" in line)]
+    assert any("of the angle of the axis, tip to entry" in line for line in strip)
+    value = simulation["verdict"]["checks"][-1]["value"]
+    assert any(line.startswith(f"{value:.4f}"[:5]) and line.endswith(" deg") for line in strip)
+    assert not [line for line in strip if line.endswith(" mm")]
+    assert "straight at tip to entry: beyond the limit." in " ".join(verified)
+    (row,) = {k for k, line in enumerate(verified) if line == "the angle of the axis, tip to entry"}
+    assert verified[row + 1].startswith(f"{told['p95']:.3f}")
+    assert verified[row + 1].endswith(" deg")
+    assert found["choices"] == [
+        [{"path": ["requirements", 0, "limit_mm"]}, {"path": ["requirements", 0, "limit_deg"], "value": 1}],
+        [],
+    ]
 
 
 @pytest.mark.long

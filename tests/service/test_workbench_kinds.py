@@ -21,6 +21,7 @@ import jsonschema
 import pytest
 import yaml
 from openapi_scenes import pinned_tools
+from page_in_node import SOURCES, in_node
 from service_scenes import EXAMPLES, ROOT
 
 from tailstack import load_design, score
@@ -29,8 +30,6 @@ from tailstack.design.fiducial_files import read_fiducials
 from tailstack_service.documents import to_json
 from waiting import LIMIT_SECONDS
 
-SOURCES = ROOT / "service" / "workbench"
-SCRIPT = Path(__file__).parent / "workbench_in_node.mjs"
 NAMES = [
     "demo", "first_carrier", "flat_plate", "locators_321", "small_cluster_far_target", "tube_carrier",
     *(f"gallery/{path.stem}" for path in sorted((EXAMPLES / "gallery").glob("*.yaml"))),
@@ -39,16 +38,6 @@ NAMES = [
 SOME = ["demo", "flat_plate", "gallery/per_unit_limit"]  # in the short tier
 ESTIMATES, SIMULATIONS = (1.0, 0.931, 1.077), (1.373, 1.289, 1.511)  # of each state: no two are alike in three digits
 ADVISED = 0.12345  # mm: what the service says that any advice comes to
-
-
-def in_node(**job: Any) -> dict[str, Any]:
-    """What the page makes of a job."""
-    modules = pinned_tools(SOURCES).parent.parent
-    command = ["node", str(SCRIPT), str(modules), str(SOURCES / "src")]
-    done = subprocess.run(command, input=json.dumps(job), capture_output=True, text=True, timeout=LIMIT_SECONDS)
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
 
 
 # --- every number is of one kind -------------------------------------------------------------------------------------
@@ -69,7 +58,12 @@ def scaled(record: Any, factor: float, name: str = "") -> Any:
         return [scaled(value, factor, name) for value in record]
     if not isinstance(record, float) or "limit" in name:
         return record
-    return record * factor if name.endswith("_mm") else record * factor**2 if name.endswith("_mm2") else record
+    return record * factor if is_length(name) else record * factor**2 if name.endswith("_mm2") else record
+
+
+def is_length(name: str) -> bool:
+    """Whether numbers of a field are lengths: all measures of these designs are."""
+    return name.endswith("_mm") or name in ("value", "interval", "margin")
 
 
 def simulated(estimate: dict[str, Any], factor: float) -> dict[str, Any]:
@@ -135,7 +129,7 @@ def lengths_of(record: Any, name: str = "") -> Iterator[float]:
             yield sum(value * value for value in record) ** 0.5
         for value in record:
             yield from lengths_of(value, name)
-    elif isinstance(record, float) and name.endswith("_mm"):
+    elif isinstance(record, float) and is_length(name):
         yield abs(record)
 
 

@@ -126,32 +126,37 @@ async function walk(each) {
   state.keepVariant();
   await acts.verify();
   await look("verified");
-  state.preview(each.drag);
-  await look("being dragged");
-  state.finishGesture("Move");
-  await look("dragged");
-  await acts.verify();
-  await look("dragged and verified");
-  state.keepVariant();
-  state.undo();
-  await look("undone");
-  state.commit(variant.text, "Variant");
-  await look("variant");
-  await acts.verify();
-  await look("variant verified");
-  state.undo();
-  await look("undone again");
-  state.redo();
-  await look("done again");
+  if (variant) await change();
   for (const { name } of state.variants.value) state.removeVariant(name);
   for (const { id } of jobs.runs.value) jobs.forget(id);
   jobs.results.value = {};
   render(null, root);
   return seen;
+
+  async function change() {
+    state.preview(each.drag);
+    await look("being dragged");
+    state.finishGesture("Move");
+    await look("dragged");
+    await acts.verify();
+    await look("dragged and verified");
+    state.keepVariant();
+    state.undo();
+    await look("undone");
+    state.commit(variant.text, "Variant");
+    await look("variant");
+    await acts.verify();
+    await look("variant verified");
+    state.undo();
+    await look("undone again");
+    state.redo();
+    await look("done again");
+  }
 }
 
 const found = {};
 if (job.walks) { found.walks = []; for (const each of job.walks) found.walks.push(await walk(each)); }
+if (job.choices) found.choices = job.choices.map(({ node, path, chosen }) => Form.limitOf(node, path, chosen));
 if (job.addresses) found.addresses = job.addresses.map(([at, path]) => { globalThis.location = new URL(at); return api.addressOf(path); });
 if (job.lists) { Form.schema.value = job.schema; found.lists = job.lists.map(({ node, value }) => Form.another(node, value)); }
 if (job.tables) found.tables = job.tables.map((text) => { const made = Files.withHeader(text); return made && { first: made.first, labels: made.labels, mm: made.of("mm") }; });

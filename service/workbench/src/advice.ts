@@ -5,14 +5,14 @@
 import { computed, effect, signal } from "@preact/signals";
 import { current, pathOf, pointerOf, refused, type Score, send } from "./api";
 import { design, type Edit, gesture, type Json, type Path, valueAt, withEdits } from "./state";
-import { known, type Known, read, shown, standing, standingOf } from "./readings";
-import { brief } from "./words";
+import { answering, known, type Known, read, shown, standing, standingOf } from "./readings";
+import { brief, decimalsOf } from "./words";
 
 /** What one step comes to, by estimate. */
 export interface Step {
   edits: Edit[];
   words: string; // "connector on flange rx, ry to 0.12°"
-  found: number; // mm, that the requirement which decides comes to
+  found: number; // that the requirement which decides comes to, in its unit
   passes: boolean;
 }
 export interface Advice {
@@ -20,8 +20,10 @@ export interface Advice {
   shots: number; // of the simulation that it was made by, 0 where there was none
   step: Step | null;
   wall: string; // why there is no step that leads within the limit; empty where there is one
-  places: number | null; // mm at best by placing the beads anywhere, by estimate
-  seats: number | null; // mm with every half-width at its finest, by estimate
+  places: number | null; // at best by placing the beads anywhere, by estimate
+  seats: number | null; // with every half-width at its finest, by estimate
+  unit: string; // of these numbers
+  digits: number;
 }
 const advice = signal<Advice | null>(null);
 const shots = ({ simulation }: Known) => simulation?.record.trials ?? 0;
@@ -129,11 +131,11 @@ function triesOf({ widths, needed }: Candidate): number[] {
 const BEADS = /^(fiducial_noise:.*|fiducial_manufacturing)$/, ELSEWHERE = /^(target_noise:.*|structure_connector|connector_flange|hand_eye|execution)$/;
 
 async function look(asked: Json, given: Known): Promise<void> {
-  const estimate = given.estimate!, { decides: worst, target } = estimate, { off } = standingOf(given), simulated = given.simulation?.decides;
-  const limit = (simulated ?? worst)?.limit;
-  if (!worst || limit === undefined) return;
-  const aim = limit * (1 + (off ?? 0)), bias = Math.hypot(...target.bias_mm), give = (found: Omit<Advice, "design" | "shots">) => { if (design.value === asked) advice.value = { design: asked, shots: shots(given), ...found }; };
-  if (bias > limit) return give({ step: null, places: null, seats: null, wall: `The known bias of ${brief(bias)} mm is beyond the limit by itself: no tolerance and no place of a bead cures it, correct for it.` });
+  const { record, target: widest } = given.estimate!, worst = answering(given), { off } = standingOf(given);
+  if (!worst) return;
+  const { limit, unit } = worst, own = record.targets.find(({ name }) => name === worst.target), target = own ?? widest, digits = decimalsOf(record, unit);
+  const aim = limit * (1 + (off ?? 0)), bias = Math.hypot(...target.bias_mm), give = (found: Omit<Advice, "design" | "shots" | "unit" | "digits">) => { if (design.value === asked) advice.value = { design: asked, shots: shots(given), unit, digits, ...found }; };
+  if (own && unit === "mm" && bias > limit) return give({ step: null, places: null, seats: null, wall: `The known bias of ${brief(bias)} mm is beyond the limit by itself: no tolerance and no place of a bead cures it, correct for it.` });
   const widths = widthsOf(asked, target), goal = (aim / worst.value) ** 2, place = ({ path }: Width) => pointerOf(path);
   const tried = candidatesOf(widths, goal).flatMap((each) => triesOf(each).map((value) => ({ each, value, set: new Map(each.widths.filter(({ now }) => now > value).map((width) => [place(width), value])) })));
   const finest = new Map(widths.map((width) => [place(width), finestOf(width)])), beads = new Map<string, number>();
@@ -157,16 +159,16 @@ async function look(asked: Json, given: Known): Promise<void> {
   const seats = found[last], places = beads.size ? found[last + 1] : null;
   if (good !== undefined) return give({ step: stepOf(good), wall: "", places, seats });
   if (best !== undefined && passes(last)) return give({ step: stepOf(best), wall: "", places, seats });
-  give({ step: null, wall: seats === null ? "" : await wallOf(asked, finest, seats), places, seats });
+  give({ step: null, wall: seats === null ? "" : await wallOf(asked, finest, seats, unit), places, seats });
 }
 
 /** Why tightening does not lead within the limit: what is left where everything is at its finest. */
-async function wallOf(asked: Json, finest: Map<string, number>, seats: number): Promise<string> {
+async function wallOf(asked: Json, finest: Map<string, number>, seats: number, of: string): Promise<string> {
   const tight = withEdits(asked, [...finest].map(([pointer, value]) => ({ path: pathOf(pointer), value })));
   const response = await send("POST", "/v1/scores", { design: tight }).catch(() => null);
   const target = response?.ok ? read<"estimate">((await response.json()) as Score).target : null, whole = target?.contributors.filter((c) => c.component === "all" || !target.contributors.some((other) => other.name === c.name && other.component === "all"));
   const first = [...(whole ?? [])].sort((a, b) => b.variance_share - a.variance_share)[0];
-  return `No tightening keeps the limit: at best ${brief(Number(seats.toPrecision(3)))} mm by estimate, every half-width at its finest${first ? `, because ${(first.label || first.name).slice(0, 60)} has ${(100 * first.variance_share).toFixed(0)} % of what is left` : ""}.`;
+  return `No tightening keeps the limit: at best ${brief(Number(seats.toPrecision(3)))} ${of} by estimate, every half-width at its finest${first ? `, because ${(first.label || first.name).slice(0, 60)} has ${(100 * first.variance_share).toFixed(0)} % of what is left` : ""}.`;
 }
 
 // --- what may change ---------------------------------------------------------------------------------------------------

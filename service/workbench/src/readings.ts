@@ -10,6 +10,7 @@ import { decimalsOf, trust } from "./words";
 
 export type Verification = components["schemas"]["Verification"];
 export type Check = Score["verdict"]["checks"][number];
+export type Joined = NonNullable<Score["measures"]>[number];
 interface Records {
   estimate: Score;
   simulation: Verification;
@@ -24,9 +25,14 @@ export interface Reading<K extends Kind> {
   record: Records[K];
   sha: string | null | undefined;
   decides: Check | undefined;
-  target: Records[K]["targets"][number]; // where it decides; without a requirement that with the largest P95
-  mm: number; // of what decides, else P95
-  decimals: number;
+  target: Records[K]["targets"][number]; // where it decides; without a requirement, or where that joins several, that with the largest P95
+  joined: Joined | undefined; // what decides where that is a measure of several targets, or of another kind than the target's own
+  headline: string; // what the value is: P95
+  of: string; // of what, and where, in words
+  value: number; // of what decides, else P95
+  unit: string; // of the value
+  digits: number; // decimals of the value
+  decimals: number; // of lengths
 }
 export type AnyReading = Reading<"estimate"> | Reading<"simulation">;
 
@@ -48,11 +54,13 @@ const KINDS: Record<string, Kind> = { "tailstack/score/1": "estimate", "tailstac
 
 /** A record says itself of which kind it is. */
 export function read<K extends Kind>(record: Records[K] & { schema: Records[K]["schema"] }): Reading<K> {
-  const { targets, verdict, provenance } = record as Score, decides = decisive(verdict.checks);
-  const target = targets.find(({ name }) => name === decides?.target) ?? [...targets].sort((a, b) => b.p95_mm - a.p95_mm)[0];
+  const { targets, measures, verdict, provenance } = record as Score, decides = decisive(verdict.checks), unit = decides?.unit ?? "mm";
+  const own = targets.find(({ name }) => name === decides?.target), target = own ?? [...targets].sort((a, b) => b.p95_mm - a.p95_mm)[0];
+  const joined = measures?.find(({ measure, site }) => measure === decides?.error && site === decides.target);
   return {
-    kind: KINDS[record.schema] as K, record, sha: provenance.design_sha256, decides, target: target as Records[K]["targets"][number],
-    mm: decides?.value ?? target.p95_mm, decimals: decimalsOf(record as Score),
+    kind: KINDS[record.schema] as K, record, sha: provenance.design_sha256, decides, target: target as Records[K]["targets"][number], joined,
+    headline: decides?.headline ?? "P95", of: `of ${decides?.words ?? "the error at the tool"}, ${decides && !own ? decides.target : `target ${target.name}`}`,
+    value: decides?.value ?? target.p95_mm, unit, digits: decimalsOf(record as Score, unit), decimals: decimalsOf(record as Score),
   };
 }
 const ofScore = (score: Score): Reading<"estimate"> => read<"estimate">(score);
@@ -60,14 +68,14 @@ const ofScore = (score: Score): Reading<"estimate"> => read<"estimate">(score);
 export interface Change {
   kind: Kind;
   from: number;
-  to: number; // mm, as they are written
+  to: number; // in the unit of what decides, as they are written
   decimals: number; // that show the change
 }
 
 /** From one design to the next: null where another requirement decides, or nothing changes that could be read. */
 export function compare<K extends Kind>(now: Reading<K>, before: Reading<K>): Change | null {
   const of = ({ decides, target }: { decides?: Check; target: { name: string } }) => JSON.stringify([decides?.requirement, decides?.headline, decides?.target ?? target.name]);
-  const decimals = now.decimals + 1, [from, to] = [before.mm, now.mm].map((value) => Number(value.toFixed(decimals)));
+  const decimals = now.digits + 1, [from, to] = [before.value, now.value].map((value) => Number(value.toFixed(decimals)));
   return of(now) === of(before) && from !== to ? { kind: now.kind, from, to, decimals } : null;
 }
 
@@ -87,7 +95,7 @@ const knownOf = (estimate: Reading<"estimate"> | null): Known => ({ estimate, si
 
 // --- the design on the page ---------------------------------------------------------------------------------------------
 
-const estimated = computed(() => answer.value && ofScore(answer.value.score));
+export const estimated = computed(() => answer.value && ofScore(answer.value.score));
 /** The design of the last score. */
 export const known = computed<Known>(() => knownOf(estimated.value));
 /** What the strip shows: the simulation's numbers where there is one, all of them. */
@@ -95,6 +103,12 @@ export const shown = computed<AnyReading | null>(() => known.value.simulation ??
 export const verified = computed(() => known.value.simulation);
 /** Decimals of the lengths of the score. */
 export const decimals = computed(() => estimated.value?.decimals ?? 3);
+
+/** The estimate's check of what decides: by the simulation, where there is one. */
+export function answering({ estimate, simulation }: Known): Check | undefined {
+  const of = simulation?.decides;
+  return of ? estimate?.record.verdict.checks.find(({ requirement, target }) => requirement === of.requirement && target === of.target) : estimate?.decides;
+}
 
 /** How far an estimate and a simulation of one design are apart that speak of the same. */
 const LOOSE = 0.05; // of what is said to be nearer than this, nobody's budget is another for being off by as much
@@ -109,8 +123,7 @@ export function standingOf({ estimate, simulation }: Known): Standing {
   if (!estimate) return { holds: false, words: "", off: null };
   const { validity } = estimate.record, error = validity.expected_error_percent;
   if (!simulation) return { holds: error !== null, words: trust(validity), off: null };
-  const same = simulation.decides && estimate.record.verdict.checks.find(({ requirement, target }) => requirement === simulation.decides!.requirement && target === simulation.decides!.target);
-  const found = same?.value ?? estimate.record.targets.find(({ name }) => name === simulation.target.name)?.p95_mm ?? estimate.mm, off = found / simulation.mm - 1;
+  const found = answering({ estimate, simulation })?.value ?? estimate.record.targets.find(({ name }) => name === simulation.target.name)?.p95_mm ?? estimate.value, off = found / simulation.value - 1;
   const holds = Math.abs(off) <= Math.max(LOOSE, (error ?? 0) / 100) + precisionOf(simulation);
   const side = `${(100 * Math.abs(off)).toFixed(Math.abs(off) < 0.1 ? 1 : 0)} % ${off < 0 ? "below" : "above"} it`;
   return { holds, off, words: holds ? `The estimate is ${side}.` : `The estimate is ${side}: it does not hold here, and nor do the budget and the slack, which are estimates (grey).` };

@@ -1,6 +1,6 @@
 // Numbers and sentences for people.
 
-/** Millimetres with the decimals of their answer. */
+/** A length, or another number of a measure, with the decimals of its answer. */
 export const mm = (value: number | null | undefined, decimals: number): string =>
   value === null || value === undefined ? "–" : value.toFixed(decimals).replace("-", "−");
 
@@ -17,12 +17,13 @@ export function countDecimals(size: number, error = ESTIMATE): number {
 }
 
 interface Judged {
-  verdict: { checks: readonly { value: number; interval: readonly (number | null)[]; limit: number }[] };
+  verdict: { checks: readonly { value: number; interval: readonly (number | null)[]; limit: number; unit: string }[] };
   targets: readonly { p95_mm: number }[];
   precision_reached?: number; // of a simulation
 }
-/** Decimals of every length of an answer: those that its finest requirement asks for. */
-export function decimalsOf({ verdict: { checks }, targets, precision_reached: error }: Judged): number {
+/** Decimals of every number of an answer in a unit, lengths if none is said: those that its finest requirement asks for. */
+export function decimalsOf({ verdict, targets, precision_reached: error }: Judged, unit = "mm"): number {
+  const checks = verdict.checks.filter((check) => check.unit === unit);
   const wide = ({ value, interval: [low, high] }: Judged["verdict"]["checks"][number]) => (high === null || value <= 0 ? 0 : (high - low!) / 2 / value) || ESTIMATE;
   return checks.length ? Math.max(...checks.map((check) => countDecimals(check.limit, wide(check)))) : countDecimals(Math.max(...targets.map(({ p95_mm: p95 }) => p95)), error);
 }

@@ -721,6 +721,7 @@ class RequirementDocument(Record):
         default="tcp",
         description=" ".join(f"{measure.name}: {measure.meaning}." for measure in MEASURES),
         examples=["tcp"],
+        json_schema_extra={"x-limited-by": {measure.name: measure.limit_field for measure in MEASURES}},
     )
     quantile: Annotated[float, Field(ge=0.5, le=0.9999), LEVEL] = Field(
         default=0.95, description="Quantile of the error's norm that is limited. Default 0.95.", examples=[0.95]

@@ -84,10 +84,13 @@ class Check:
     """Why the upper end is not known although first order holds for shots that miss no fiducial; empty otherwise."""
     unit: str = ""
     """Unit of value, interval, limit and margin: mm, unless the measure has another."""
+    words: str = ""
+    """What people call the measure."""
 
     def __post_init__(self) -> None:
         high = self.interval[1]
         object.__setattr__(self, "unit", MEASURE[self.error].unit)
+        object.__setattr__(self, "words", MEASURE[self.error].words)
         object.__setattr__(self, "headline", headline_of(self.quantile, self.min_yield, missed=self.missed))
         object.__setattr__(self, "margin", None if high is None else self.limit - high)
 

@@ -1,13 +1,13 @@
-// Requirements as one record judged them, all of one kind.
+// Requirements as one record judged them, all of one kind, and the measures that it tells besides those of each target.
 
 import type { AnyReading, Check } from "../readings";
-import { mm, percent, stated, VERDICTS } from "../words";
+import { decimalsOf, mm, percent, stated, VERDICTS } from "../words";
 import { Term } from "./Words";
 
 export const interval = (ends: readonly (number | null)[], d: number) => (ends[1] === null ? `${mm(ends[0], d)}, no upper end known` : `${mm(ends[0], d)} to ${mm(ends[1], d)}`);
 
 /** Every requirement at every target, as they were judged. */
-export function Checks({ of: { kind, record, decimals: d }, label }: { of: AnyReading; label: string }) {
+export function Checks({ of: { kind, record }, label }: { of: AnyReading; label: string }) {
   const checks: readonly Check[] = record.verdict.checks;
   if (!checks.length) return null;
   const units = checks.some((check) => check.yield_fraction !== null);
@@ -17,12 +17,32 @@ export function Checks({ of: { kind, record, decimals: d }, label }: { of: AnyRe
       <table class="checks" data-kind={kind}>
         <thead><tr><th><Term word="requirement">Requirement</Term></th><th>Status</th><th class="number">{`${kind === "simulation" ? "Simulated" : "Estimate"}${unit}`}</th><th class="number">{`Between${unit}`}</th><th class="number">{`Limit${unit}`}</th>{units && <th class="number">Units within it (asked for)</th>}</tr></thead>
         <tbody>
-          {checks.slice(0, 400).map((check) => (
+          {checks.slice(0, 400).map((check) => ({ check, d: decimalsOf(record, check.unit) })).map(({ check, d }) => (
             <tr key={check.requirement + check.target}>
-              <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline}${check.error === "tcp" ? "" : " as located"}; ${check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each by itself"}`}</span></th>
+              <th>{`${check.requirement} at ${check.target}`}<span class="note">{`${check.headline} of ${check.words}; ${check.risk === "pooled" ? "pooled: all units and shots together" : "per unit: each by itself"}`}</span></th>
               <td class={`status ${check.status}`}>{VERDICTS[check.status] ?? check.status}</td>
               <td class="number">{mm(check.value, d)}</td><td class="number">{interval(check.interval, d)}</td><td class="number">{stated(check.limit, d)}{!unit && ` ${check.unit}`}</td>
               {units && <td class="number">{check.yield_fraction === null ? "–" : `${percent(check.yield_fraction)} (${percent(check.min_yield)})`}</td>}
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </div>
+  );
+}
+
+/** Measures that join several targets, each in its unit; nothing where there are none. */
+export function Measures({ of: { kind, record } }: { of: AnyReading }) {
+  if (!record.measures?.length) return null;
+  return (
+    <div class="scroll" tabIndex={0} role="region" aria-label="Measures of several targets">
+      <table data-kind={kind}>
+        <thead><tr><th>Measure</th><th class="number">{kind === "simulation" ? "P95 simulated" : "P95"}</th><th class="number">Mean</th><th class="number">Known part</th><th class="number">Limit</th><th class="number">Over the limit</th></tr></thead>
+        <tbody>
+          {record.measures.slice(0, 200).map((each) => ({ each, d: decimalsOf(record, each.unit) })).map(({ each, d }) => (
+            <tr key={each.measure + each.site}>
+              <th>{`${each.words}, ${each.site}`}</th><td class="number">{`${mm(each.p95, d)} ${each.unit}`}</td><td class="number">{mm(each.mean, d)}</td><td class="number">{mm(each.known, d)}</td>
+              <td class="number">{each.limit === null ? "–" : stated(each.limit, d)}</td><td class="number">{percent(each.exceedance_probability, 2)}</td>
             </tr>
           ))}
         </tbody>

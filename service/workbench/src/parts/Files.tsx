@@ -321,7 +321,7 @@ export function Variants() {
         <div class="scroll" tabIndex={0} role="region" aria-label="Variants">
           <table>
             <caption>The requirement that decides of each; differences are of estimates, and of simulations with the same random numbers</caption>
-            <thead><tr><th>Variant</th><th>Status</th><th class="number">Estimate, mm</th><th class="number">Simulated, mm</th><th class="number">Limit, mm</th><th>What decides</th><th>Use</th></tr></thead>
+            <thead><tr><th>Variant</th><th>Status</th><th class="number">Estimate</th><th class="number">Simulated</th><th class="number">Limit</th><th>What decides</th><th>Use</th></tr></thead>
             <tbody>
               <tr><th>now</th><Judged of={now} /><td /></tr>
               {variants.value.map((variant) => {
@@ -350,12 +350,12 @@ export function Variants() {
 function Judged({ of, now }: { of: Known | undefined; now?: Known }) {
   const shown = of?.simulation ?? of?.estimate, decides = shown?.decides, by = of && now && changes(of, now);
   const cell = (reading: Reading<"estimate"> | Reading<"simulation"> | null | undefined, change: Change | null | undefined) => (
-    <td class="number" data-kind={reading?.kind}>{reading ? mm(reading.mm, reading.decimals) : of ? "–" : "…"}{change && <span class={change.to < change.from ? "delta less" : "delta more"}>{` ${changed(change.to - change.from, change.decimals)}`}</span>}</td>
+    <td class="number" data-kind={reading?.kind}>{reading ? `${mm(reading.value, reading.digits)} ${reading.unit}` : of ? "–" : "…"}{change && <span class={change.to < change.from ? "delta less" : "delta more"}>{` ${changed(change.to - change.from, change.decimals)}`}</span>}</td>
   );
   return (
     <>
       <td class={`status ${shown?.record.verdict.status ?? ""}`}>{shown ? VERDICTS[shown.record.verdict.status] ?? shown.record.verdict.status : of ? VERDICTS["not-evaluated"] : ""}{shown && ` ${BY[shown.kind]}`}</td>
-      {cell(of?.estimate, by?.estimate)}{cell(of?.simulation, by?.simulation)}<td class="number">{decides && shown ? stated(decides.limit, shown.decimals) : "–"}</td>
+      {cell(of?.estimate, by?.estimate)}{cell(of?.simulation, by?.simulation)}<td class="number">{decides && shown ? `${stated(decides.limit, shown.digits)} ${decides.unit}` : "–"}</td>
       <td class="decides">{decides ? `${decides.requirement} at ${decides.target}: ${decides.headline}` : shown ? "no requirement: the largest P95" : ""}</td>
     </>
   );

@@ -4,7 +4,7 @@ import { signal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { key, pointerOf, reachable, refused, send } from "../api";
 import { showValue } from "./Controls";
-import { design, edit, type Json, type Path, valueAt } from "../state";
+import { design, type Edit, edit, type Json, type Path, valueAt } from "../state";
 
 export const schema = signal<Json>(null);
 
@@ -178,11 +178,17 @@ function Items({ node, path, value }: { node: Json; path: Path; value: Json[] })
   );
 }
 
+/** A limit in the unit of the measure that was chosen, in place of that in the unit of another. */
+export function limitOf({ "x-limited-by": fields }: Json, path: Path, chosen: Json): Edit[] {
+  const own = path.slice(0, -1), [from, to] = fields ? [fields[valueAt(design.value, path)], fields[chosen]] : [];
+  return from === to ? [] : [{ path: [...own, from], value: undefined }, { path: [...own, to], value: 1 }];
+}
+
 function Leaf({ node, path, label, hidden = false }: { node: Json; path: Path; label: string; hidden?: boolean }) {
   const value = valueAt(design.value, path), chosen = choose(node, value), field = useRef<HTMLInputElement>(null);
   const choices: Json[] | undefined = chosen.enum ?? (chosen.const !== undefined ? [chosen.const] : undefined);
   useLayoutEffect(() => showValue(field.current, value), [value]);
-  const give = (next: Json) => next !== value && edit([{ path, value: next }], `${label}`);
+  const give = (next: Json) => next !== value && edit([{ path, value: next }, ...limitOf(chosen, path, next)], `${label}`);
   const name = <span class={hidden ? "hidden" : "name"}>{label}</span>;
   if (typeof value === "boolean") return <label>{name}<input type="checkbox" checked={value} onChange={(event) => give(event.currentTarget.checked)} /></label>;
   if (choices && choices.length > 1) {

@@ -10,7 +10,7 @@ import { adopt, cancel, forget, loadRecent, loadResult, recent, results, type Ru
 import { precisionOf, read } from "../readings";
 import { design, type Json, open, text } from "../state";
 import { brief, countDecimals, decimalsOf, duration, mm, percent, readNumber, stated, VERDICTS } from "../words";
-import { Checks } from "./Checks";
+import { Checks, Measures } from "./Checks";
 import { Problems } from "./Problems";
 import { Reports } from "./Reports";
 
@@ -161,8 +161,9 @@ function Verified({ result }: { result: Json }) {
   const reading = read<"simulation">(result), d = reading.decimals;
   return (
     <>
-      <p><strong class={`status ${result.verdict.status}`}>{VERDICTS[result.verdict.status] ?? result.verdict.status}</strong>{`: ${result.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. `}<span class="note" title={result.stopping}>{`${reading.decides?.headline ?? "P95"} is known to ±${percent(precisionOf(reading), 2)}; the estimate of P95 is ${percent(Math.abs(result.first_order_ratio - 1))} ${result.first_order_ratio < 1 ? "below" : "above"} the simulation.`}</span></p>
+      <p><strong class={`status ${result.verdict.status}`}>{VERDICTS[result.verdict.status] ?? result.verdict.status}</strong>{`: ${result.trials.toLocaleString("en")} simulated shots, each with its own installation and noise. `}<span class="note" title={result.stopping}>{`${reading.headline} is known to ±${percent(precisionOf(reading), 2)}; the estimate of P95 is ${percent(Math.abs(result.first_order_ratio - 1))} ${result.first_order_ratio < 1 ? "below" : "above"} the simulation.`}</span></p>
       <Checks of={reading} label="Requirements as verified" />
+      <Measures of={reading} />
       <div class="scroll" tabIndex={0} role="region" aria-label="Verification">
       <table data-kind="simulation">
         <thead><tr><th>Target</th><th class="number">P95 simulated, mm</th><th class="number">{`${percent(result.targets[0]?.confidence, 0)} interval, mm`}</th><th class="number">Mean, mm</th><th class="number">Worst seen, mm</th><th class="number">Over the limit</th><th class="number">P95 by estimate, mm</th></tr></thead>
@@ -182,7 +183,7 @@ function Optimum({ result }: { result: Json }) {
   const check = read<"simulation">(result.certificate.verification), d = check.decimals;
   return (
     <>
-      <p><span data-kind="estimate">{`By estimate: P95 ${mm(result.p95_before_mm, d)} → ${mm(result.p95_after_mm, d)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</span>{" "}<span data-kind="simulation">{`By simulation, after: ${check.decides?.headline ?? "P95"} ${mm(check.mm, d)} mm, ${VERDICTS[check.record.verdict.status] ?? check.record.verdict.status}.`}</span></p>
+      <p><span data-kind="estimate">{`By estimate: P95 ${mm(result.p95_before_mm, d)} → ${mm(result.p95_after_mm, d)} mm; cost ${brief(result.cost_before)} → ${brief(result.cost_after)}.`}</span>{" "}<span data-kind="simulation">{`By simulation, after: ${check.headline} ${mm(check.value, check.digits)} ${check.unit}, ${VERDICTS[check.record.verdict.status] ?? check.record.verdict.status}.`}</span></p>
       {[result.view_offer?.sentence, result.aimed?.sentence, result.placement_value?.sentence, ...result.influence.map(({ message }: Json) => message)].filter(Boolean).map((sentence: string) => <p key={sentence} class="note">{sentence}</p>)}
       <div class="scroll" tabIndex={0} role="region" aria-label="What changes">
         <table>

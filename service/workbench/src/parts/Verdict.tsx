@@ -6,11 +6,11 @@ import { optimise, takeAdvice, takeOptimum, verify } from "../acts";
 import { advised, START } from "../advice";
 import { answer, busy, current, late, refused, type Score, send, trouble } from "../api";
 import { loadResult, outOfReach, results, runs, start, stateWords, unfinished } from "../jobs";
-import { type AnyReading, BY, change, decimals, seen, shown, standing, verified } from "../readings";
+import { type AnyReading, BY, change, decimals, estimated, seen, shown, standing, verified } from "../readings";
 import { canRedo, canUndo, design, edit, gesture, goTo, type Json, type Path, position, redo, steps, text, undo } from "../state";
 import { brief, changed, decimalsOf, duration, mm, percent, stated, VERDICTS } from "../words";
 import { Rests } from "./Assumed";
-import { Checks, interval } from "./Checks";
+import { Checks, interval, Measures } from "./Checks";
 import { NumberField } from "./Controls";
 import { Problems } from "./Problems";
 import { ReportLink } from "./Reports";
@@ -20,7 +20,7 @@ const warming = signal(false); // the service says that it is not ready yet
 const PATIENCE = 700; // ms without a first score, after which the page asks why
 
 export function Verdict() {
-  const reading = shown.value, problem = refused.value, old = late.value || (problem !== null && !current.value), worst = reading?.decides, d = reading?.decimals ?? 3;
+  const reading = shown.value, problem = refused.value, old = late.value || (problem !== null && !current.value), worst = reading?.decides, d = reading?.digits ?? 3, unit = reading?.unit ?? "mm";
   const waits = !reading && (problem === null || problem.errors.some(({ rule }) => rule === "warming-up"));
   const status = waits ? "waiting" : problem ? "refused" : reading?.record.verdict.status ?? "waiting", word = VERDICTS[status] ?? status;
   useEffect(() => {
@@ -40,7 +40,7 @@ export function Verdict() {
     // what was computed of this very design is known again after a reload
     for (const run of runs.value) if (run.result && run.text === text.value && !results.value[run.result]) void loadResult(run.result).catch(() => null);
   }, [runs.value, text.value]);
-  const shade = old ? "old" : "", now = change.value, bias = reading ? Math.hypot(...reading.target.bias_mm) : 0, limit = worst && limitOf(design.value, worst.requirement);
+  const shade = old ? "old" : "", now = change.value, own = reading && (reading.joined ?? { known: Math.hypot(...reading.target.bias_mm), mean: reading.target.mean_norm_mm }), limit = worst && limitOf(design.value, worst.requirement);
   return (
     <section id="verdict" tabIndex={-1} class={`verdict steady ${old && !problem ? "waiting" : status.replace(" ", "-")}`} aria-label="Verdict" data-current={String(current.value && !problem)} data-basis={reading?.kind ?? "estimate"}>
       <div class="head">
@@ -49,21 +49,21 @@ export function Verdict() {
           {reading && !problem && <Rests />}
           {reading && !problem && <span class="basis"><Term word={reading.kind === "simulation" ? "verification" : "estimate"} quiet>{BY[reading.kind]}</Term></span>}
         </p>
-        {reading && (
+        {reading && own && (
           <dl class={`numbers ${shade}`} data-testid="numbers" data-kind={reading.kind}>
             <div>
-              <dt><Term word={!worst || worst.headline === "P95" ? "P95" : "requirement"} quiet>{worst?.headline ?? "P95"}</Term>{` of the error ${!worst || worst.error === "tcp" ? "at the tool" : "as located"}, target ${reading.target.name}`}</dt>
+              <dt><Term word={reading.headline === "P95" ? "P95" : "requirement"} quiet>{reading.headline}</Term>{` ${reading.of}`}</dt>
               <dd>
                 {now && <span class="was">{`${mm(now.from, now.decimals)} → `}</span>}
-                <output id="p95" aria-live="off">{mm(reading.mm, now?.decimals ?? d)}</output> {worst?.unit ?? "mm"}
+                <output id="p95" aria-live="off">{mm(reading.value, now?.decimals ?? d)}</output> {unit}
                 {now && <span class={now.to < now.from ? "delta less" : "delta more"}>{` (${changed(now.to - now.from, now.decimals)})`}</span>}
               </dd>
             </div>
             {worst && <div><dt>Between</dt><dd>{interval(worst.interval, d)}</dd></div>}
             {worst && <div><dt><Term word="limit" quiet>Limit</Term></dt><dd>{limit ? <NumberField path={limit} label={`limit of ${worst.requirement}`} unit={worst.unit} hidden /> : stated(worst.limit, d)} {worst.unit}</dd></div>}
             {worst?.yield_fraction != null && <div><dt>Units that meet it</dt><dd>{percent(worst.yield_fraction)}{worst.min_yield != null && ` (asked for: ${percent(worst.min_yield)})`}</dd></div>}
-            <div class={isBiased(reading) ? "leads" : ""}><dt><Term word="bias" quiet>{reading.kind === "simulation" ? "Bias" : "Known bias"}</Term></dt><dd>{mm(bias, d)} mm</dd></div>
-            <div><dt>Mean error</dt><dd>{mm(reading.target.mean_norm_mm, d)} mm</dd></div>
+            <div class={isBiased(reading) ? "leads" : ""}><dt><Term word="bias" quiet>{reading.kind === "simulation" ? "Bias" : "Known bias"}</Term></dt><dd>{`${mm(own.known, d)} ${unit}`}</dd></div>
+            <div><dt>Mean error</dt><dd>{`${mm(own.mean, d)} ${unit}`}</dd></div>
           </dl>
         )}
       </div>
@@ -74,16 +74,16 @@ export function Verdict() {
         {!waits && trouble.value && <Problems problem={trouble.value} undoable={problem !== null && problem.status !== 0} />}
         {!waits && !trouble.value && reading && <div class={`findings ${shade}`} data-kind={reading.kind}><Findings reading={reading} /></div>}
       </div>
-      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : reading ? `P95 ${mm(reading.mm, d)} mm, ${word}, ${BY[reading.kind]}${now ? `; ${mm(Math.abs(now.to - now.from), now.decimals)} mm ${now.to < now.from ? "less" : "more"} than before` : ""}` : ""}</p>
+      <p class="hidden" role="status">{busy.value ? "" : problem ? problem.title : reading ? `${reading.headline} ${mm(reading.value, d)} ${unit}, ${word}, ${BY[reading.kind]}${now ? `; ${mm(Math.abs(now.to - now.from), now.decimals)} ${unit} ${now.to < now.from ? "less" : "more"} than before` : ""}` : ""}</p>
     </section>
   );
 }
 
 /** What each lever comes to at best, before it is pulled. */
 function Reach() {
-  const { places, seats } = advised.value ?? { places: null, seats: null }, d = decimals.value;
+  const { places, seats, unit, digits: d } = advised.value ?? { places: null, seats: null, unit: "", digits: 0 };
   const each = [places !== null && `beads anywhere ${mm(places, d)}`, seats !== null && !advised.value?.wall && `finest tolerances ${mm(seats, d)}`].filter(Boolean);
-  return each.length ? <p class="note reach" data-kind="estimate" title="each by itself: the beads wherever they would be best, every half-width as fine as such things are made">{`At best, by estimate: ${each.join(", ")} mm.`}</p> : null;
+  return each.length ? <p class="note reach" data-kind="estimate" title="each by itself: the beads wherever they would be best, every half-width as fine as such things are made">{`At best, by estimate: ${each.join(", ")} ${unit}.`}</p> : null;
 }
 
 /** Where the limit of a requirement stands in the design. */
@@ -94,7 +94,7 @@ function limitOf(data: Json, requirement: string): Path | null {
 }
 
 /** Whether what is known and the same each time is most of the error: it is taken away before any tolerance. */
-const isBiased = ({ target: { bias_mm, std_mm } }: AnyReading) => Math.hypot(...bias_mm) > Math.hypot(...std_mm);
+const isBiased = ({ joined, target: { bias_mm, std_mm } }: AnyReading) => !joined && Math.hypot(...bias_mm) > Math.hypot(...std_mm);
 
 /** What is done about the verdict, what to do next, and how far it is. */
 function Acts() {
@@ -128,7 +128,7 @@ function Next() {
   if (!verdict || !["fail", "inconclusive", "pass"].includes(verdict.status)) return null;
   if (verdict.status !== "fail") return verified.value ? null : <button type="button" class="next" onClick={verify}>{verdict.status === "pass" ? "Next: verify that it passes" : "Next: verify, the estimate cannot say"}</button>;
   if (!verified.value && !standing.value.holds) return <button type="button" class="next" onClick={verify}>Next: verify, the estimate does not hold</button>;
-  return step && <button type="button" class="next" data-kind="estimate" onClick={takeAdvice}>{`Tighten ${step.words} → ${mm(step.found, d)} mm by estimate${step.passes ? ", pass" : ""}`}</button>;
+  return step && <button type="button" class="next" data-kind="estimate" onClick={takeAdvice}>{`Tighten ${step.words} → ${mm(step.found, advised.value!.digits)} ${advised.value!.unit} by estimate${step.passes ? ", pass" : ""}`}</button>;
 }
 
 /** Back and on again: the last states, undo and redo. */
@@ -145,20 +145,20 @@ function History() {
 
 /** What the last states came to, by estimate; a press goes back to one. */
 function Trail() {
-  const first = Math.max(0, steps.value.length - 16);
+  const first = Math.max(0, steps.value.length - 16), { unit, digits } = estimated.value ?? { unit: "mm", digits: 3 };
   const known = steps.value.slice(first).flatMap((step, k) => {
-    const value = seen.value.get(step.text)?.mm;
-    return value === undefined ? [] : [{ step, at: first + k, value }];
+    const reading = seen.value.get(step.text);
+    return reading?.unit === unit ? [{ step, at: first + k, value: reading.value }] : [];
   });
   if (known.length < 2) return null;
   const values = known.map(({ value }) => value), low = Math.min(...values), high = Math.max(...values), wide = 14 * known.length;
   const x = (k: number) => 14 * k + 7, y = (value: number) => 28 - (22 * (value - low)) / Math.max(high - low, 1e-9);
   return (
-    <svg class="trail" viewBox={`0 0 ${wide} 34`} width={wide} height="34" role="img" data-kind="estimate" aria-label={`The last states by estimate, mm: ${values.map((value) => mm(value, decimals.value + 1)).join(", ")}; undo and redo go through them`}>
+    <svg class="trail" viewBox={`0 0 ${wide} 34`} width={wide} height="34" role="img" data-kind="estimate" aria-label={`The last states by estimate, ${unit}: ${values.map((value) => mm(value, digits + 1)).join(", ")}; undo and redo go through them`}>
       <path d={known.map(({ value }, k) => `${k ? "L" : "M"}${x(k)} ${y(value)}`).join("")} />
       {known.map(({ step, at, value }, k) => (
         <g key={at} class={at === position.value ? "state now" : "state"} data-step={at} onClick={() => goTo(at)}>
-          <title>{`${step.what}: ${mm(value, decimals.value + 1)} mm by estimate${at === position.value ? "" : "; press to go there"}`}</title>
+          <title>{`${step.what}: ${mm(value, digits + 1)} ${unit} by estimate${at === position.value ? "" : "; press to go there"}`}</title>
           <rect x={x(k) - 7} y="0" width="14" height="34" /><circle cx={x(k)} cy={y(value)} r={at === position.value ? 4 : 3} />
         </g>
       ))}
@@ -181,7 +181,7 @@ function Findings({ reading }: { reading: AnyReading }) {
           {worst.status === "pass" ? "within the limit." : worst.status === "fail" ? "beyond the limit." : kind === "simulation" ? "too close to say, even by this simulation." : "too close to say by estimate: verify."}
           {isBiased(reading) && !advised.value?.wall && ` A ${kind === "estimate" ? "known " : ""}bias of ${mm(Math.hypot(...reading.target.bias_mm), reading.decimals)} mm is most of it: correct for it before any tolerance.`}
         </p>
-      ) : <p class="stated">The design states no requirement: nothing is judged. <button type="button" class="small" onClick={() => edit([{ path: ["requirements"], value: [{ name: "accuracy", error: "tcp", quantile: 0.95, limit_mm: 1 }] }], "State a limit")}>State a limit</button></p>}
+      ) : <p class="stated">The design states no requirement: nothing is judged. <button type="button" class="small" onClick={() => edit([{ path: ["requirements"], value: [{ name: "accuracy", limit_mm: 1 }] }], "State a limit")}>State a limit</button></p>}
       {wall ? <p class="wall" data-kind="estimate" title={wall.detail}>{`Out of reach, by estimate: ${wall.detail.replace(/; the limit of .* Share of the mean square there: ([^,]+),? ?.*/, "; because $1")}.`}</p> : advised.value?.wall && <p class="wall" data-kind="estimate">{advised.value.wall}</p>}
       {!wall && <Reach />}
       {first}
@@ -246,6 +246,7 @@ export function Requirements() {
           </tbody>
         </table>
       </div>
+      {estimated.value && <Measures of={estimated.value} />}
       <Losses score={score} />
       </div>
     </div>
