@@ -162,9 +162,10 @@ def read_number(cell: Any) -> float | None:
 
 
 def hold_numbers(header: Sequence[str], places: Sequence[int]) -> tuple[bool, ...]:
-    """Which columns of an answer hold numbers: those of the table that gave some, and P95 and the like."""
-    given = [header[place] for place in places]
-    return tuple(name in given or name.partition(":")[0].endswith("_mm") for name in header)
+    """Which columns of an answer hold numbers: those of the table that gave some, P95 and the like, and what
+    requirements limit (``value:``), whatever its unit."""
+    kinds = [name.partition(":")[0] for name in header]
+    return tuple(k in places or kind.endswith("_mm") or kind == "value" for k, kind in enumerate(kinds))
 
 
 def format_of(name: str) -> Format:

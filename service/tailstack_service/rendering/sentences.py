@@ -29,6 +29,10 @@ if TYPE_CHECKING:
         Verification,
         ViewCheck,
     )
+    from tailstack.results.score import MetricScore
+    from tailstack.results.verification import MetricEstimate, TargetEstimate
+
+    ToldError = TargetScore | TargetEstimate | MetricScore | MetricEstimate
 
 
 def largest_sentence(target: str, p95_mm: float, interval_mm: tuple[float, float | None]) -> str:
@@ -164,15 +168,20 @@ def dominant_sentence(source: ErrorSource, target: TargetScore, error: str, deci
     )
 
 
+def error_at(target: TargetScore | TargetEstimate, error: str) -> ToldError | None:
+    """What is told of an error at a target: of the two that every target has; None of any other measure."""
+    return {"tcp": target, "localisation": target.localisation}.get(error)
+
+
 def leading_bias_mm(target: TargetScore, error: str) -> float | None:
-    """Size of the known part of an error (tcp or localisation), mm; None where more of the error varies."""
-    metric = target if error == "tcp" else target.localisation
-    bias = hypot(*metric.bias_mm)
-    return bias if bias > hypot(*metric.std_mm) else None
+    """Size of the known part of an error at a target, mm; None where more of the error varies, or it is not told."""
+    metric = error_at(target, error)
+    bias = 0.0 if metric is None else hypot(*metric.bias_mm)
+    return bias if metric is not None and bias > hypot(*metric.std_mm) else None
 
 
 def bias_sentence(target: TargetScore, error: str, decimals: int) -> str:
-    """That most of an error (tcp or localisation) is known and the same each time; "" where it is not."""
+    """That most of an error at a target is known and the same each time; "" where it is not."""
     bias = leading_bias_mm(target, error)
     if bias is None:
         return ""
@@ -266,18 +275,20 @@ class ErrorSource:
 
 
 def shares_of(target: TargetScore, error: str) -> list[tuple[Contributor, float]]:
-    """Single lines with their shares of the variance of ``error`` (tcp or localisation), largest share first; of the
-    localisation error those that act on it.
+    """Single lines with their shares of the variance of ``error``, largest share first; of the localisation error those
+    that act on it, of a measure that no budget is of none.
     """
     lines = single_lines(target.contributors)
     if error == "tcp":
         return [(line, line.variance_share) for line in lines]
+    if error_at(target, error) is None:
+        return []
     shares = [(line, line.localisation_share) for line in lines if line.localisation_share > 0]
     return sorted(shares, key=lambda pair: pair[1], reverse=True)
 
 
 def sources_of(target: TargetScore, error: str) -> list[ErrorSource]:
-    """Whole sources with their shares of the variance of ``error`` (tcp or localisation), largest share first."""
+    """Whole sources with their shares of the variance of ``error``, largest share first; of what has no budget none."""
     shares: dict[tuple[str, bool], float] = {}
     for line, share in shares_of(target, error):
         key = (line.name, line.law == "known")

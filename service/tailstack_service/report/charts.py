@@ -185,7 +185,7 @@ def draw_scale(shown: Scaled, name: str, width: float = WIDTH) -> str:
     left, right_edge, y = 22, width - (WIDTH - RIGHT), 56
     with open_page(name, 136, width) as page:
         unit = shown.unit
-        title = f"error at the tool, {unit}" if shown.error == "tcp" else f"error of {shown.error}, {unit}"
+        title = f"{ERRORS[shown.error].removeprefix('the ')}, {unit}"
         axes = page.axes(left, 22, right_edge, 96, title)
         axes.grid(False)
         axes.yaxis.set_visible(False)

@@ -14,7 +14,6 @@ import numpy as np
 from tailstack.budget import BudgetEntry, lines_of
 from tailstack.contributors import error_law, unit_for_people
 from tailstack.design import Design, compile_design
-from tailstack.measures import PointError
 from tailstack.propagation.linear import LinearModel, linearise
 from tailstack.scoring import risk_of_units
 from tailstack.tail.declared import law_quantile
@@ -35,7 +34,7 @@ FACTORS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
 class Judgement:
     """Which quantile of which error is looked at, and its limit, if there is one."""
 
-    error: PointError = "tcp"
+    error: str = "tcp"
     quantile: float = 0.95
     limit_mm: float | None = None
     units_fraction: float | None = None  # of installed units that keep their own quantile within; None: all together
@@ -68,7 +67,7 @@ def judgement_of(check: Check | None) -> Judgement:
     """What a check looks at; without one, P95 of the error at the tool."""
     if check is None:
         return P95_OF_TCP
-    return Judgement("tcp" if check.error == "tcp" else "localisation", check.quantile, check.limit, check.min_yield)
+    return Judgement(check.error, check.quantile, check.limit, check.min_yield)
 
 
 def lines_with_one_half_width(model: LinearModel) -> list[BudgetEntry]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tailstack.measures import MEASURE, POINTS
+from tailstack.measures import POINT_ERRORS
 from tailstack.results.digits import ESTIMATE, count_decimals, decimals_of, in_percent, length
 from tailstack.results.verdicts import P95, STATED, checks_sentence, decisive_check
 
@@ -65,8 +65,8 @@ def _decide(verdict: Verdict, largest: tuple[str, float, tuple[float, float | No
 
 
 def tightest_check(checks: Sequence[Check], target: str) -> Check | None:
-    """The requirement that decides at a target."""
-    return decisive_check([check for check in checks if check.target == target])
+    """The requirement that decides at a target, of those on an error that its budget is of."""
+    return decisive_check([check for check in checks if check.target == target and check.error in POINT_ERRORS])
 
 
 def decided_difference(second: Report, differences: Sequence[Difference]) -> Difference:
@@ -94,10 +94,10 @@ def what_matters(
     target_score = next((entry for entry in score.targets if entry.name == target), score.targets[0])
     sentences = []
     error = "tcp" if decisive is None else decisive.error
-    sources = sources_of(target_score, error) if MEASURE[error] in POINTS else []  # the budget is of one target
+    sources = sources_of(target_score, error)
     checks = (score if verification is None else verification).verdict.checks
     decimals = decimals_of(checks, target_score.p95_mm)
-    biased = bias_sentence(target_score, error, decimals) if MEASURE[error] in POINTS else ""
+    biased = bias_sentence(target_score, error, decimals)
     if biased:
         sentences.append(biased)
     refuted = None if verification is None or holds(score, verification) else _refutation(verification)

@@ -38,7 +38,7 @@ class Headline:
     matters: tuple[str, ...]
     """What matters most, at most three sentences."""
     error: str = "tcp"
-    """Error that decides: tcp (at the tool) or localisation (of the target)."""
+    """Measure that decides, as a requirement names it: tcp (the error at the tool), ..."""
     min_yield: float | None = None
     """Fraction of units that must keep the limit; null: the risk is pooled."""
     headline: str = ""

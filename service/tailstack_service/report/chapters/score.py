@@ -41,6 +41,7 @@ from ...rendering.sentences import (
     bias_sentence,
     decision_sentence,
     ending_of,
+    error_at,
     losses_sentence,
     margin_sentence,
     sources_of,
@@ -256,9 +257,8 @@ def headline_figure(headline: Headline, targets: Sequence[TargetScore | TargetEs
 
 def _beside(headline: Headline, targets: Sequence[TargetScore | TargetEstimate]) -> tuple[tuple[str, float], ...]:
     target = next((target for target in targets if target.name == headline.target), None)
-    if target is None or headline.min_yield is not None:
+    if target is None or headline.min_yield is not None or (metric := error_at(target, headline.error)) is None:
         return ()
-    metric = target if headline.error == "tcp" else target.localisation
     mean = ("mean", metric.mean_norm_mm)
     return (mean, ("CVaR95", metric.cvar95_mm)) if headline.quantile == P95 else (mean,)
 
