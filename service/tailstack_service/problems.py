@@ -1,12 +1,15 @@
 """Refusals as documents: RFC 9457 problems, the same over HTTP and on the command line.
 
-The catalogue says once what each class of refusal means and what cures it; ``/v1/problems/{slug}`` serves it.
+``problems.json`` says once what each class of refusal means and what cures it; ``/v1/problems/{slug}`` serves it.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 from tailstack.errors import (
     DesignError,
@@ -158,258 +161,29 @@ class ProblemType:
     """What to do about it."""
 
 
-def _of(error: type[TailstackError], status: int, meaning: str, cure: str) -> ProblemType:
-    return ProblemType(error.slug, error.title, status, meaning, cure)
-
-
-CATALOGUE: dict[str, ProblemType] = {
-    entry.slug: entry
-    for entry in (
-        _of(
-            DesignError,
-            422,
-            "The document was read, but it breaks a rule of design documents: a type, a unit, a name, a range.",
-            "Mend the field that each error points at; GET /v1/schemas/design is the rule book.",
-        ),
-        _of(
-            IllPosedError,
-            422,
-            "The document is well formed, but its geometry leaves something undetermined: coplanar or too few "
-            "fiducials, a fiducial outside a view, locators that leave a motion free.",
-            "The detail names the direction that is not determined and what would determine it.",
-        ),
-        _of(
-            OutOfRangeError,
-            422,
-            "A method was asked for outside the range in which its result means anything.",
-            "Use the method that the hint names, usually the Monte Carlo check.",
-        ),
-        _of(
-            NotConvergedError,
-            422,
-            "A numerical method stopped before its own test of convergence passed, so no number is returned.",
-            "Follow the hint: more trials, more starts, another seed, or less extreme tolerances.",
-        ),
-        _of(
-            InfeasibleError,
-            422,
-            "No design within the freedom that `optimise` gives meets its requirement.",
-            "Widen the box or the bounds, loosen the limit, or tighten what the optimiser may not touch.",
-        ),
-        _of(
-            LimitError,
-            422,
-            "The request is larger than a stated limit (413 when it is the body itself).",
-            "Ask for less, or start the service with a higher limit; the hint names the setting.",
-        ),
-        _of(
-            RequestError,
-            422,
-            "An option beside the design is unknown, of the wrong type or out of range.",
-            "Mend the field that each error points at; /openapi.json lists the options of every operation.",
-        ),
-        _of(
-            MalformedError,
-            400,
-            "The body is not JSON (or YAML), not UTF-8, empty, or holds the same field twice.",
-            "Check the body with `python -m json.tool`, and that it is sent whole.",
-        ),
-        ProblemType(
-            "invalid-policy",
-            "The policy, waivers or baseline cannot be used",
-            422,
-            "What a gate judges by breaks a rule of its document: a field, a limit, a date, a rule that is not there.",
-            "Mend the field that each error points at; GET /v1/schemas/policy and /v1/schemas/waivers have the rules.",
-        ),
-        ProblemType(
-            "unsupported-media-type",
-            "The content type is not accepted here",
-            415,
-            "The body is of a type that this operation does not read.",
-            "Send Content-Type: application/json (or application/yaml where the operation takes it), not compressed.",
-        ),
-        ProblemType(
-            "not-found",
-            "There is nothing at this address",
-            404,
-            "No operation or document has this path.",
-            "GET /openapi.json lists every path.",
-        ),
-        ProblemType(
-            "unknown-design",
-            "The design is not known here",
-            404,
-            "A request named a design by its SHA-256, and none with that hash is kept for whoever asks: it was never "
-            "sent whole, too many were sent since (TAILSTACK_MAX_KEPT_DESIGNS), or too long ago (TAILSTACK_KEEP_DAYS).",
-            "Send the design whole, in the field design; its hash can be used from then on.",
-        ),
-        ProblemType(
-            "method-not-allowed",
-            "This address does not answer to this method",
-            405,
-            "The path exists, but not for this HTTP method.",
-            "The Allow header lists the methods that it answers to.",
-        ),
-        ProblemType(
-            "body-timeout",
-            "The body did not arrive in time",
-            408,
-            "The connection stayed silent, or sent too slowly, before the body was complete.",
-            "Send the request again.",
-        ),
-        ProblemType(
-            "busy",
-            "All places to compute or to wait are taken",
-            503,
-            "The service bounds how much it computes at once, how much may wait, and how many event streams are open.",
-            "Send the request again after the time in the Retry-After header.",
-        ),
-        ProblemType(
-            "warming-up",
-            "The service has just been started",
-            503,
-            "The numerical kernels are being compiled: a minute at the first start on a machine, later seconds.",
-            "Send the request again after the time in Retry-After; GET /health/ready answers 200 once they are there.",
-        ),
-        ProblemType(
-            "stopping",
-            "The service is stopping",
-            503,
-            "The service was told to stop while this request was being computed.",
-            "Send the request again once the service is back.",
-        ),
-        ProblemType(
-            "unauthenticated",
-            "The service does not know who asks",
-            401,
-            "No credential arrived, or it is unknown, revoked, expired or not meant for this service.",
-            "Send Authorization: Bearer <API key or JSON Web Token>; tailstack keys create makes API keys.",
-        ),
-        ProblemType(
-            "forbidden",
-            "This is not allowed to whoever asks",
-            403,
-            "The credential lacks the scope that the operation needs, or a browser sent the request from another site.",
-            "Ask an operator for a key with the scope that the detail names.",
-        ),
-        ProblemType(
-            "wrong-host",
-            "The request is addressed to another host",
-            421,
-            "Without authentication the service answers only requests whose Host header names this machine, so that no "
-            "web page can reach it under a name of its own.",
-            "Use 127.0.0.1 or localhost, or add the name to TAILSTACK_ALLOWED_HOSTS.",
-        ),
-        ProblemType(
-            "cpu-budget",
-            "The CPU time of this hour is used up",
-            429,
-            "The operator gave each tenant a number of CPU seconds an hour, and the jobs of the last hour took them.",
-            "Send the request again after the time in Retry-After.",
-        ),
-        ProblemType(
-            "too-many-streams",
-            "Too many event streams of one tenant are open",
-            429,
-            "The operator gave each tenant a share of the places for event streams and waits, and all of it is taken.",
-            "Close a stream, or ask for the job's record instead; a place may be free after the time in Retry-After.",
-        ),
-        ProblemType(
-            "not-finished",
-            "The job has no result yet",
-            409,
-            "The job is queued or running.",
-            "Ask again after the time in Retry-After, or follow /v1/jobs/{id}/events.",
-        ),
-        ProblemType(
-            "finished",
-            "The job has already ended",
-            409,
-            "A job that succeeded or failed cannot be cancelled.",
-            "Read its record: GET /v1/jobs/{id}.",
-        ),
-        ProblemType(
-            "cancelled",
-            "The job was cancelled",
-            409,
-            "Somebody cancelled the job before it ended; it has no result.",
-            "Send the request again if the answer is wanted after all.",
-        ),
-        _of(
-            FolderError,
-            501,
-            "The process has no home and no folder for temporary files that it could write into.",
-            "An operator has to act: set the variable that the hint names.",
-        ),
-        ProblemType(
-            "pdf-unavailable",
-            "PDF cannot be written here",
-            501,
-            "The libraries that write PDF, or a font to write with, are not installed where the service runs.",
-            "Install what the detail names, or take format=html and print it.",
-        ),
-        _of(
-            MissingExtraError,
-            501,
-            "tailstack is installed in parts, and the one that this needs is not installed where the service runs.",
-            "An operator has to act: the hint is the command that installs it; the extra all has every part.",
-        ),
-        _of(
-            QueueFull,
-            429,
-            "The service bounds how many jobs of one tenant may wait or run.",
-            "Wait for jobs to finish, cancel some, or send the request again after the time in Retry-After.",
-        ),
-        _of(
-            IdempotencyConflict,
-            422,
-            "A key stands for one request; the same key arrived with another body or for another operation.",
-            "Use a new key for a new request, or send the very same body again to get its job.",
-        ),
-        _of(
-            UnitLost,
-            500,
-            "The process that computed one part of the job ended again and again without an answer, or no attempt was "
-            "finished. The job was given up so that it does not hold up others.",
-            "Report it with the job id; a smaller request may pass (memory is the usual reason).",
-        ),
-        _of(
-            StoreUnavailable,
-            503,
-            "Jobs and results are kept in a database that could not be reached. Nothing that was accepted is lost.",
-            "Send the request again after the time in Retry-After; the Idempotency-Key makes that safe.",
-        ),
-        _of(
-            StoreError,
-            503,
-            "The database is there, but not as this version of the service needs it: no job can be accepted or read. "
-            "Or something that it holds is no longer what was stored: that result is not shown, and its job fails.",
-            "An operator has to act: tailstack db check says what is wrong, tailstack db migrate brings it up to date. "
-            "A damaged result is computed again when its request is sent again.",
-        ),
-        _of(
-            KernelError,
-            503,
-            "numba's settings (NUMBA_CPU_NAME, NUMBA_CPU_FEATURES, NUMBA_DISABLE_JIT) rule out the compiled kernels on "
-            "the processor that was to run them.",
-            "An operator has to act: unset what the detail names where the service or its workers are started.",
-        ),
-        _of(
-            SourcesChangedError,
-            503,
-            "The files of tailstack were replaced while a process of it was running, and it does not compute with some "
-            "of the old ones and some of the new.",
-            "An operator has to act: start the service and its workers again.",
-        ),
-        ProblemType(
-            "internal-error",
-            "Something went wrong inside the service",
-            500,
-            "A defect. The service log holds the cause under the request's id.",
-            "Report it with the request id and the design.",
-        ),
-    )
-}
+# The classes of errors that come with a problem of their own, whose title is theirs
+KINDS: tuple[type[TailstackError], ...] = (
+    DesignError,
+    IllPosedError,
+    OutOfRangeError,
+    NotConvergedError,
+    InfeasibleError,
+    LimitError,
+    RequestError,
+    MalformedError,
+    FolderError,
+    MissingExtraError,
+    QueueFull,
+    IdempotencyConflict,
+    UnitLost,
+    StoreUnavailable,
+    StoreError,
+    KernelError,
+    SourcesChangedError,
+)
+_TITLES = {kind.slug: kind.title for kind in KINDS}
+_TABLE: list[dict[str, Any]] = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
+CATALOGUE = {entry["slug"]: ProblemType(**{"title": _TITLES.get(entry["slug"]), **entry}) for entry in _TABLE}
 
 
 @dataclass(frozen=True, slots=True)
