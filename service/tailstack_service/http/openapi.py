@@ -6,7 +6,9 @@ schemas, what every answer has (a request id, the problems that can come) and ex
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, FastAPI
@@ -20,7 +22,6 @@ from ..console.flags import list_options
 from ..documents import record_json_schema
 from ..operations.example import EXAMPLE_DESIGN
 from ..operations.operation import Operation
-from ..operations.patches import NAMED, PATCH
 from ..operations.registry import OPERATIONS
 from ..operations.rendering import MEDIA_TYPES
 from ..problems import CATALOGUE
@@ -30,78 +31,13 @@ from .problems import PROBLEM
 
 JSON, YAML = "application/json", "application/yaml"
 RETRIED = frozenset({409, 429, 503})
-EXAMPLE_ID = "01k4z8t5r2w7x3y9v6n1m0q8pc"
-EXAMPLE_SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
+# What FastAPI does not know and no record says: parameters, headers, what requests and events look like
+COMPONENTS: dict[str, Any] = json.loads(Path(__file__).with_name("components.json").read_text(encoding="utf-8"))
 
 
 def reference(kind: str, name: str) -> dict[str, str]:
     """A reference to a component."""
     return {"$ref": f"#/components/{kind}/{name}"}
-
-
-# --- parameters and headers -------------------------------------------------------------------------
-
-WHOLE = {"type": "integer", "minimum": 0}
-
-PARAMETERS: dict[str, Any] = {
-    "Prefer": {
-        "name": "Prefer", "in": "header", "required": False, "schema": {"type": "string"}, "example": "wait=10",
-        "description": "RFC 7240. wait=N: answer 200 with the result if it is there within N seconds, otherwise 202. "
-        "The service may wait for less (TAILSTACK_MAX_WAIT_SECONDS).",
-    },
-    "IdempotencyKey": {
-        "name": "Idempotency-Key", "in": "header", "required": False,
-        "schema": {"type": "string", "minLength": 1, "maxLength": 255, "pattern": "^[!-~]+$"},
-        "description": "One key stands for one request: sent again with the same body it gives the same job.",
-    },
-    "IfNoneMatch": {
-        "name": "If-None-Match", "in": "header", "required": False, "schema": {"type": "string"},
-        "description": "The ETag of what the client has: 304 if it is still that.",
-    },
-    "LastEventID": {
-        "name": "Last-Event-ID", "in": "header", "required": False,
-        "schema": {"type": "string", "pattern": "^[0-9]{0,15}$"},
-        "description": "Id of the last event that was read; the stream goes on after it. Empty: none was.",
-    },
-    "JobId": {
-        "name": "id", "in": "path", "required": True, "schema": {"type": "string", "pattern": "^[0-9a-z]{26}$"},
-        "description": "Id of a job.", "example": EXAMPLE_ID,
-    },
-    "Sha256": {
-        "name": "sha256", "in": "path", "required": True, "schema": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
-        "description": "SHA-256 of the result, hexadecimal.", "example": EXAMPLE_SHA256,
-    },
-}  # fmt: skip
-
-
-def header(description: str, schema: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
-    return {"description": description, "schema": schema or {"type": "string"}, **more}
-
-
-# ``required``: wherever it is documented it is sent
-HEADERS: dict[str, Any] = {
-    "RequestId": header("Id of the request, in the log too.", {"type": "string", "maxLength": 64}, required=True),
-    "ETag": header("Strong validator of the body.", required=True),
-    "CacheControl": header("How long the answer may be used without asking.", required=True),
-    "Vary": header("A cache keeps answers to different credentials apart.", required=True),
-    "VaryAccept": header("A cache keeps the page and the document apart.", required=True),
-    "Location": header("Path of the job.", {"type": "string", "format": "uri-reference"}, required=True),
-    "PageLocation": header("Path of the page.", {"type": "string", "format": "uri-reference"}, required=True),
-    "ResultLocation": header("Path of the result.", {"type": "string", "format": "uri-reference"}, required=True),
-    "RetryAfter": header("Seconds after which it is worth asking again; absent once it is not.", WHOLE),
-    "ComeBack": header("Seconds after which it is worth asking again.", WHOLE, required=True),
-    "PreferenceApplied": header("The wait that was granted; absent when none was asked for."),
-    "IdempotencyReplayed": header(
-        "true: the key had made this job before; otherwise absent.", {"type": "string", "const": "true"}
-    ),
-    "Link": header('The next page, as <path>; rel="next"; absent on the last.'),
-    "Challenge": header("RFC 6750 challenge.", required=True),
-    "WWWAuthenticate": header("RFC 6750 challenge; absent where there is no authentication."),
-    "ContentDisposition": header("A file name for the report.", required=True),
-    "ContentSecurityPolicy": header("What HTML may do in a browser: run what it came with. Only with html."),
-    "ContentTypeOptions": header("nosniff.", {"type": "string", "const": "nosniff"}, required=True),
-    "Unbuffered": header("no: proxies pass events on as they come.", {"type": "string", "const": "no"}, required=True),
-}
 
 
 # --- what routes declare ----------------------------------------------------------------------------------
@@ -116,7 +52,7 @@ def only_with(words: str, headers: Mapping[str, Any]) -> dict[str, Any]:
     """The same headers, which come only under a condition."""
     made = {}
     for name, header in headers.items():
-        known = HEADERS[header["$ref"].rpartition("/")[2]]
+        known = COMPONENTS["headers"][header["$ref"].rpartition("/")[2]]
         made[name] = {**known, "description": f"{known['description']} Only {words}.", "required": False}
     return made
 
@@ -318,28 +254,6 @@ def _query_parameter(name: str, described: Mapping[str, Any], when: str = "Only 
 
 # --- the document -----------------------------------------------------------------------------------------
 
-DESCRIPTION = (
-    "Where does the tool end up, how bad is the worst 5 %, which tolerance is to blame, and what is the cheapest "
-    "design that stays under the limit? Lengths in mm, angles in degrees, images in px; frames as in "
-    "docs/conventions.md. Scores, validations and conversions are answered at once; what takes longer becomes a job "
-    "that survives restarts. Every refusal is application/problem+json (RFC 9457) whose errors point into the document "
-    "that was sent. A harmless X-Request-ID (letters, digits, . _ : -, at most 64) is echoed, otherwise one is made. "
-    "Sizes are bounded; a refusal names the limit and the TAILSTACK_ variable that sets it. Unknown fields, NaN and "
-    "infinities are refused. Without authentication the service answers on loopback only, and needs no credential."
-)
-TAGS = [
-    {"name": "computations", "description": "Scores and the like at once; checks, optimisations and sweeps as jobs."},
-    {"name": "jobs", "description": "What was accepted: state, progress, events, cancelling."},
-    {"name": "results", "description": "Answers of jobs, named by their SHA-256."},
-    {"name": "information", "description": "Health, version, metrics, schemas, classes of problems."},
-]
-BEARER = {
-    "type": "http",
-    "scheme": "bearer",
-    "description": "An API key (tsk_...) or a JSON Web Token, where the service requires it. Scopes: compute, read, "
-    "metrics.",
-}
-
 
 def document(routers: Sequence[APIRouter], records: Sequence[type]) -> dict[str, Any]:
     """The document as plain data.  ``records``: what routes answer with besides the published records."""
@@ -350,9 +264,9 @@ def document(routers: Sequence[APIRouter], records: Sequence[type]) -> dict[str,
         version=__version__,
         openapi_version="3.1.0",
         summary="Tolerance stack-up of X-ray reference structures, judged by its tail.",
-        description=DESCRIPTION,
+        description=COMPONENTS["description"],
         routes=routes,
-        tags=TAGS,
+        tags=COMPONENTS["tags"],
         servers=[{"url": "http://127.0.0.1:8321", "description": "tailstack serve"}],
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
     )
@@ -361,11 +275,11 @@ def document(routers: Sequence[APIRouter], records: Sequence[type]) -> dict[str,
             _complete(made["paths"][route.path][method.lower()], route, method)
     made["components"] = {
         "schemas": _schemas(records),
-        "parameters": PARAMETERS,
-        "headers": HEADERS,
+        "parameters": COMPONENTS["parameters"],
+        "headers": COMPONENTS["headers"],
         "responses": _problem_responses(),
         "examples": _examples(),
-        "securitySchemes": {"bearer": BEARER},
+        "securitySchemes": COMPONENTS["securitySchemes"],
     }
     return made
 
@@ -439,28 +353,11 @@ def _schemas(records: Sequence[type]) -> dict[str, Any]:
         made.add(component(name), json_schema(name))
     for operation in OPERATIONS.values():
         made.add(request_name(operation), _request_schema(operation))
-    made.add("DesignPatch", dict(PATCH_SCHEMA))
-    made.add("JobEvent", _job_event())
+    for name, schema in COMPONENTS["schemas"].items():
+        made.add(name, dict(schema))
     for record in records:
         made.add(record.__name__, record_json_schema(record))
     return dict(sorted(made.found.items()))
-
-
-PATCH_SCHEMA = {
-    "type": "object",
-    "additionalProperties": True,
-    "description": "What differs from a design: a JSON merge patch (RFC 7396). Objects are merged, null removes a "
-    "field, lists are replaced whole.",
-}
-PARTS = {
-    NAMED: {
-        "type": "string",
-        "pattern": "^[0-9a-f]{64}$",
-        "description": "Instead of `design`: the SHA-256 of one that was sent whole before (`design_sha256` of its "
-        "answer). 404 `unknown-design` where it is no longer kept.",
-    },
-    PATCH: {**reference("schemas", "DesignPatch"), "description": "What is changed in that design first."},
-}
 
 
 def _request_schema(operation: Operation) -> dict[str, Any]:
@@ -477,27 +374,9 @@ def _request_schema(operation: Operation) -> dict[str, Any]:
         "type": "object",
         "additionalProperties": False,
         "required": [*(() if in_parts else designs), *schema.get("required", ())],
-        "properties": {**designs, **(PARTS if in_parts else {}), **schema.get("properties", {})},
+        "properties": {**designs, **(COMPONENTS["parts"] if in_parts else {}), **schema.get("properties", {})},
         "$defs": schema.get("$defs", {}),
     }
-
-
-def _job_event() -> dict[str, Any]:
-    words = (
-        "job (its id) and at (RFC 3339); with state: state, and result_sha256 or problem; with progress: units_done, "
-    )
-    words += "units_expected, note, eta_seconds; with recomputed, where another code took the job over: from and to."
-    data = {"type": "string", "contentMediaType": "application/json", "description": words}
-    properties: dict[str, Any] = {
-        "id": {"type": "string", "pattern": "^[0-9]+$", "description": "Counts the events of a job from 1."},
-        "event": {
-            "type": "string",
-            "enum": ["state", "progress", "recomputed"],
-            "description": "What `data` tells of.",
-        },
-        "data": data,
-    }
-    return {"type": "object", "additionalProperties": False, "required": list(properties), "properties": properties}
 
 
 def _problem_responses() -> dict[str, Any]:
@@ -522,57 +401,16 @@ def _problem_responses() -> dict[str, Any]:
 
 # --- its examples -----------------------------------------------------------------------------------------
 
-_JOB: dict[str, Any] = {
-    "schema": "tailstack/job/1",
-    "id": EXAMPLE_ID,
-    "kind": "verification",
-    "state": "running",
-    "design_name": "eight beads, two seats",
-    "created_at": "2026-01-31T12:00:00.000Z",
-    "started_at": "2026-01-31T12:00:00.120Z",
-    "finished_at": None,
-    "solver_version": "0.4.0+5d1f0c9be2a7",
-    "recomputed": None,
-    "cpu_seconds": 0.31,
-    "progress": {
-        "fraction": 0.4, "units_done": 4, "units_expected": 10, "note": "524288 trials", "eta_seconds": 1.5,
-    },
-    "problem": None,
-    "result_sha256": None,
-    "links": {
-        "self": f"/v1/jobs/{EXAMPLE_ID}",
-        "events": f"/v1/jobs/{EXAMPLE_ID}/events",
-        "cancel": f"/v1/jobs/{EXAMPLE_ID}/cancel",
-        "result": None,
-        "report": None,
-    },
-}  # fmt: skip
-_JOB_EVENT = {
-    "id": "3",
-    "event": "progress",
-    "data": f'{{"job": "{EXAMPLE_ID}", "at": "2026-01-31T12:00:01.000Z", "units_done": 4, "units_expected": 10, '
-    '"note": "524288 trials", "eta_seconds": 1.5}',
-}
-
 
 def _examples() -> dict[str, Any]:
     """A request for every operation, and a job; openapi/answers.py adds what operations answer."""
-    made: dict[str, Any] = {}
+    made: dict[str, Any] = dict(COMPONENTS["examples"])
     for operation in OPERATIONS.values():
         design = {"design": EXAMPLE_DESIGN} if tuple(operation.designs) == ("design",) else {}
         value = {**design, **operation.example}
         made[request_name(operation)] = {"summary": operation.example_title, "value": value}
-    made["Variants"] = {"summary": "Two designs", "value": "variant,views.AP.fiducial_noise_px\nA,0.1\nB,0.2\n"}
-    made["VariantLines"] = {
-        "summary": "Two designs, a line each",
-        "value": '{"/views/0/fiducial_noise_px": 0.1}\n{"/views/0/fiducial_noise_px": 0.2}\n',
-    }
     bodies = [operation.body for operation in OPERATIONS.values() if operation.body is not None]
     for sample in (sample for body in bodies for sample in body.samples.values()):
         made[sample.name] = {"summary": sample.summary, "value": sample.text}
     made["DesignAsYaml"] = {"summary": "The design itself", "value": EXAMPLE_DESIGN}
-    made["Job"] = {"summary": "A job that runs", "value": _JOB}
-    page = {"schema": "tailstack/jobs/1", "jobs": [_JOB], "next": None}
-    made["JobPage"] = {"summary": "A page of one", "value": page}
-    made["JobEvent"] = {"summary": "A job gets on", "value": _JOB_EVENT}
     return made
