@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from math import ceil, floor, hypot
+from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tailstack.design.presets import Preset
 
+TEMPLATE = Path(__file__).with_name("first_design.yaml.in")
 LENGTH_FIELDS = ("source_isocentre_mm", "pixel_mm")  # of a preset, stated where its source does not state them
 
 
@@ -121,55 +124,15 @@ def design_text(wishes: Wishes, beads: Beads | None = None) -> str:
             stated = {**stated, "source_isocentre_mm": farthest}
             unstated = unstated | {"source_isocentre_mm"}
     lengths = "".join(f"    {field}: {show_value(value)}\n" for field, value in stated.items())
-    noise, isocentre = show_value(wishes.noise_px), f"[{place(*between)}]"
-    views = f"""\
-  - name: AP
-    preset: {wishes.preset} # {preset.title}
-{lengths}    orientation: AP
-    isocentre_mm: {isocentre} # the middle of fiducials and target
-    fiducial_noise_px: {noise} # how well one is located; measure yours
-    target_noise_px: {noise}
-  - name: LAT
-    preset: {wishes.preset}
-{lengths}    orientation: LAT
-    isocentre_mm: {isocentre}
-    fiducial_noise_px: {noise}
-    target_noise_px: {noise}
-"""
     spacing = tenth(0.4 * wishes.size_mm / wishes.fiducials ** (1 / 3))
     low, high = (f"[{place(value, value, value)}]" for value in (-half, half))
-    return f"""\
-{head}schema: tailstack/design/1
-name: {dump_flow(wishes.name)}
-
-views: # two shots; add more, or give calibrated projections
-{views}
-fiducials:
-  points: # metal beads in the carrier; fiducials.file reads them from .mrk.json, .fcsv or .csv instead
-{points}  manufacturing: {{ half_width_mm: 0.05, distribution: uniform }} # where a bead truly sits
-
-interfaces: # half-widths of what may differ from one assembly to the next, about the pivot
-  structure_connector:
-    label: carrier on connector
-    pivot_mm: [{place(0, 0, seat)}]
-{TOLERANCES}  connector_flange:
-    label: connector on the robot's flange
-    pivot_mm: [{place(0, 0, flange)}]
-{TOLERANCES}
-targets:
-  - {{ name: tip, position_mm: [{place(*wishes.target)}] }} # where the error counts
-
-requirements:
-  - {{ name: tip-accuracy, error: tcp, quantile: 0.95, limit_mm: {show_value(wishes.limit_mm)} }}
-
-optimise: # what tailstack optimise may change
-  box: {{ min_mm: {low}, max_mm: {high} }} # where fiducials may go
-  min_spacing_mm: {show_value(spacing)}
-  rotation_bounds: {{ min_deg: 0.01, max_deg: 0.5 }} # how tight and how loose the seats may be made
-  starts: 8
-
-assumed: # what nobody stated: take off what you know or have corrected
-{"".join(f"  - {pointer}{chr(10)}" for pointer in list_guesses(unstated, tuple(stated)))}"""
+    guesses = list_guesses(unstated, tuple(stated))
+    return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
+        head=head, name=dump_flow(wishes.name), preset=wishes.preset, title=preset.title, lengths=lengths,
+        isocentre=f"[{place(*between)}]", noise=show_value(wishes.noise_px), points=points, seat=place(0, 0, seat),
+        flange=place(0, 0, flange), target=place(*wishes.target), limit=show_value(wishes.limit_mm), low=low, high=high,
+        spacing=show_value(spacing), assumed="".join(f"  - {pointer}\n" for pointer in guesses),
+    )  # fmt: skip
 
 
 def list_guesses(unstated: frozenset[str], lengths: tuple[str, ...]) -> list[str]:
@@ -191,16 +154,6 @@ def show_value(value: Any) -> str:
         return ",".join(f"{part:g}" for part in value)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
-
-TOLERANCES = """\
-    tolerances:
-      rx: { half_width_deg: 0.1, distribution: uniform }
-      ry: { half_width_deg: 0.1, distribution: uniform }
-      rz: { half_width_deg: 0.1, distribution: uniform }
-      tx: { half_width_mm: 0.05, distribution: uniform }
-      ty: { half_width_mm: 0.05, distribution: uniform }
-      tz: { half_width_mm: 0.05, distribution: uniform }
-"""  # of both seats alike
 
 HEAD = """\
 # A first design, made by tailstack init.  The list `assumed` at its end
