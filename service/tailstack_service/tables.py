@@ -49,7 +49,6 @@ MEDIA_TYPES: dict[Format, str] = {"csv": "text/csv", "ndjson": "application/x-nd
 BLOCK = 1024  # rows
 MOST_COLUMNS = 2_000
 MOST_SHEET_ROWS = 1_048_576  # of a sheet of XLSX, its header included
-ROW_GROUP = 16  # blocks in a row group of Parquet
 LEAST_PLAIN = -1e28  # numbers below it may be a mark of NDI's
 EPOCH = datetime(2000, 1, 1)  # when every workbook was made: equal tables have equal bytes
 
@@ -613,35 +612,12 @@ class ArrowWriter(Writer):
 
 
 class ParquetWriter(ArrowWriter):
-    """Parquet, some tens of thousands of rows a group."""
-
-    _waiting: Any = None
+    """Parquet, a block a row group."""
 
     def _open(self, schema: Any) -> Any:
         from pyarrow import parquet
 
-        self._waiting = []
         return parquet.ParquetWriter(self.stream, schema)
-
-    def write(self, columns: Sequence[Column]) -> None:
-        batch = self._batch(columns)
-        if self._sink is None:
-            self._sink = self._open(batch.schema)
-        self._waiting.append(batch)
-        if len(self._waiting) == ROW_GROUP:
-            self._write_group()
-
-    def _write_group(self) -> None:
-        import pyarrow
-
-        if self._waiting:
-            self._sink.write_table(pyarrow.Table.from_batches(self._waiting))
-            self._waiting.clear()
-
-    def close(self) -> None:
-        if self._sink is not None:
-            self._write_group()
-        ArrowWriter.close(self)
 
 
 WRITERS: dict[Format, type[Writer]] = {

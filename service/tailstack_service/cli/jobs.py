@@ -14,8 +14,9 @@ from tailstack.results.json_text import write_json
 
 from ..console.answer import NOT_EVALUATED, PASS, Answer
 from ..console.arguments import whole
+from ..console.progress import Progress, say
 from ..jobs.document import KINDS, State
-from ..rendering.jobs import advance_text, job_text, jobs_text
+from ..rendering.jobs import job_text, jobs_text
 
 if TYPE_CHECKING:
     from ..console.remote import RemoteService
@@ -101,12 +102,16 @@ def _follow(service: RemoteService, arguments: argparse.Namespace) -> Answer:
     from ..console.remote import EXIT_CODE
 
     record = service.ask_record("GET", _path(arguments))
-    line = ProgressLine(f"{record['kind']} {record['id']}")
-    try:
-        for event in service.events(record["id"]):
-            line.show(event.name, event.data)
-    finally:
-        line.end()
+    what = f"{record['kind']} {record['id']}"
+    with Progress(what) as progress:
+        for name, data in ((event.name, event.data) for event in service.events(record["id"])):
+            if name == "progress":
+                done, expected = data["units_done"], max(data["units_expected"], 1)
+                progress.report(done, expected, ", ".join(filter(None, (f"unit {done} of {expected}", data["note"]))))
+            elif name == "recomputed":
+                say(f"{what}: begun anew: the solver was upgraded from {data['from']} to {data['to']}")
+            else:
+                say(f"{what}: {data.get('state', name)}")
     record = service.ask_record("GET", _path(arguments))
     if record["state"] == "succeeded":
         return _record(record, arguments)
@@ -120,29 +125,3 @@ ACTIONS: dict[str, Callable[[RemoteService, argparse.Namespace], Answer]] = {
     "follow": _follow,
     "cancel": _cancel,
 }
-
-
-class ProgressLine:
-    """One line of progress on stderr: rewritten on a terminal, one line an event in a log."""
-
-    def __init__(self, what: str) -> None:
-        self.what = what
-        self.terminal = sys.stderr.isatty()
-
-    def show(self, name: str, data: dict[str, Any]) -> None:
-        if name == "progress":
-            done, expected = data["units_done"], max(data["units_expected"], 1)
-            news = advance_text(min(done / expected, 1.0), done, expected, data["eta_seconds"])
-            news += f", {data['note']}" if data["note"] else ""
-        elif name == "recomputed":
-            news = f"begun anew: the solver was upgraded from {data['from']} to {data['to']}"
-        else:
-            news = str(data.get("state", name))
-        text = f"{self.what}: {news}"
-        sys.stderr.write(f"\r{text[:98]}\x1b[K" if self.terminal else text + "\n")
-        sys.stderr.flush()
-
-    def end(self) -> None:
-        if self.terminal:
-            sys.stderr.write("\r\x1b[K")
-            sys.stderr.flush()

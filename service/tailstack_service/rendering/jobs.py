@@ -50,18 +50,11 @@ def job_text(record: Mapping[str, Any]) -> str:
 
 
 def progress_text(record: Mapping[str, Any]) -> str:
-    """How far, how much is left, and what is being done."""
-    progress = record["progress"]
-    return advance_text(
-        progress["fraction"], progress["units_done"], progress["units_expected"], progress["eta_seconds"]
-    )
-
-
-def advance_text(fraction: float, done: int, expected: int, eta_seconds: float | None) -> str:
     """``40 %, unit 4 of 10, about 2 s left``."""
-    parts = [f"{percent(fraction, 0)} %", f"unit {done} of {expected}"]
-    if eta_seconds:
-        parts.append(f"about {max(eta_seconds, 1):.0f} s left")
+    progress = record["progress"]
+    parts = [f"{percent(progress['fraction'], 0)} %", f"unit {progress['units_done']} of {progress['units_expected']}"]
+    if progress["eta_seconds"]:
+        parts.append(f"about {max(progress['eta_seconds'], 1):.0f} s left")
     return ", ".join(parts)
 
 
