@@ -125,11 +125,10 @@ def _choose_most_alike(designs: Sequence[GatedDesign], sections: set[GateSection
 # --- is it worse --------------------------------------------------------------------------------------
 
 
-def find_regressions(case: Case) -> list[Remark]:
+def find_regressions(case: Case) -> Iterator[Remark]:
     """Rule regression: P95 at a target rose by more than is allowed."""
     before = {target.name: target for target in case.baseline.targets} if case.baseline else {}
     allowed = case.max_regression_percent
-    remarks = []
     for index, target in enumerate(case.score.targets):
         if case.baseline is None or target.name not in before:
             continue
@@ -140,8 +139,7 @@ def find_regressions(case: Case) -> list[Remark]:
             message = f"target {target.name}: P95 ({basis}) rose from {then:.4g} to {head:.4g} mm{rise}"
             value = percent if then > 0 else None
             message += f"; {allowed:g} % are allowed"
-            remarks.append(Remark(point_at_target(case, index), message, value, allowed, target.name))
-    return remarks
+            yield Remark(point_at_target(case, index), message, value, allowed, target.name)
 
 
 def _choose_basis(case: Case, index: int, was: GateTarget, base: GatedDesign) -> tuple[float, float, str]:
@@ -160,20 +158,19 @@ def _choose_basis(case: Case, index: int, was: GateTarget, base: GatedDesign) ->
 # --- what was asked for -------------------------------------------------------------------------------
 
 
-def find_relaxed_limits(case: Case) -> list[Remark]:
+def find_relaxed_limits(case: Case) -> Iterator[Remark]:
     """Rule limit-relaxed: what the baseline held the design to, and nothing holds it to now."""
     base = case.baseline
     if base is None:
-        return []
+        return
     names = {target.name for target in case.targets}
-    remarks = _find_lost_targets(case, base)
+    yield from _find_lost_targets(case, base)
     for demand in base.requirements:
         if demand.severity == "off":
             continue
         left = [name for name in demand.targets if name in names and not _is_met(case, demand, name)]
         if left:
-            remarks.append(_describe_relaxed(case, demand, left))
-    return remarks
+            yield _describe_relaxed(case, demand, left)
 
 
 def _kind_of(rule: str) -> str:
@@ -226,14 +223,11 @@ def _describe_relaxed(case: Case, demand: GateRequirement, targets: Sequence[str
     return Remark(point_at_requirement(case.design, namesake, field), message, *values)
 
 
-def _find_lost_targets(case: Case, base: GatedDesign) -> list[Remark]:
+def _find_lost_targets(case: Case, base: GatedDesign) -> Iterator[Remark]:
     """Targets that went, and targets that are somewhere else: the error there is not the one that was limited."""
     now = {target.name: target for target in case.targets}
-    remarks = []
     if gone := [target.name for target in base.targets if target.name not in now]:
-        remarks.append(
-            Remark("/targets", f"the design had more targets in the baseline: it has no error {name_targets(gone)}")
-        )
+        yield Remark("/targets", f"the design had more targets in the baseline: it has no error {name_targets(gone)}")
     moved = []
     for target in base.targets:
         here = now.get(target.name)
@@ -245,31 +239,29 @@ def _find_lost_targets(case: Case, base: GatedDesign) -> list[Remark]:
         message = (
             f"not where the baseline had it, by up to {farthest:.4g} mm, {name_targets(name for name, _ in moved)}"
         )
-        remarks.append(Remark(point_at_target(case, index), f"{message}: limits are kept somewhere else"))
-    return remarks
+        yield Remark(point_at_target(case, index), f"{message}: limits are kept somewhere else")
 
 
 # --- what there was to compare with -------------------------------------------------------------------
 
 
-def find_not_compared(case: Case) -> list[Remark]:
+def find_not_compared(case: Case) -> Iterator[Remark]:
     """Rule not-compared, of one design: what the baseline has nothing to compare with."""
     base = case.baseline
     if not case.compared:
-        return []
+        return
     if base is None:
         message = "the baseline has no design of this file, content or name: nothing was compared"
-        return [Remark("", message, note=True)]
+        yield Remark("", message, note=True)
+        return
     before = {target.name for target in base.targets}
-    remarks = []
     for index, score in enumerate(case.score.targets):
         if score.name not in before:
             message = f"target {score.name}: the baseline has no number for it, nothing was compared"
-            remarks.append(Remark(point_at_target(case, index), message, note=True))
+            yield Remark(point_at_target(case, index), message, note=True)
     if normalise(base.file) not in {normalise(name) for name in (case.file, *case.names, *case.earlier)}:
         message = f"compared with {base.file} of the baseline, whose file is gone and which is most alike"
-        remarks.append(Remark("", message, note=True))
-    return remarks
+        yield Remark("", message, note=True)
 
 
 def find_missing_designs(

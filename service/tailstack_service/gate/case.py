@@ -7,7 +7,7 @@ quantile 1 - p at that limit.  Only CVaR is held against its limit here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from math import inf
 
@@ -262,9 +262,8 @@ def list_unjudged(
     return (*unjudged, *(Unjudged(None, target, None, reason) for target in targets if target not in covered))
 
 
-def find_unjudged(case: Case) -> list[Remark]:
+def find_unjudged(case: Case) -> Iterator[Remark]:
     """Rule not-judged: requirements of the design, and targets, that nothing was held against."""
-    remarks = []
     for entry in case.requirements:
         left = [
             unjudged
@@ -274,14 +273,13 @@ def find_unjudged(case: Case) -> list[Remark]:
         if entry.origin == "design" and left:
             where = name_targets(unjudged.target for unjudged in left)
             message = f"{entry.name} ({describe_requirement(entry)}) was not judged {where}: {left[0].reason}"
-            remarks.append(Remark(point_at_requirement(case.design, entry), message))
+            yield Remark(point_at_requirement(case.design, entry), message)
     bare = [unjudged for unjudged in case.not_judged if unjudged.requirement is None]
     if bare and case.requirements:  # otherwise nothing was judged at all, which not-evaluated says
         message = (
             f"nothing was held against the error {name_targets(unjudged.target for unjudged in bare)}: {bare[0].reason}"
         )
-        remarks.append(Remark("/targets", message, note=True))
-    return remarks
+        yield Remark("/targets", message, note=True)
 
 
 # --- in words, and at their places -------------------------------------------------------------------

@@ -38,9 +38,8 @@ def find_failures(case: Case, rule: str) -> list[Remark]:
     ]
 
 
-def find_open_questions(case: Case) -> list[Remark]:
+def find_open_questions(case: Case) -> Iterator[Remark]:
     """Rule inconclusive: limits that an interval holds."""
-    remarks = []
     for comparison in case.comparisons:
         if comparison.number.status == "inconclusive":
             why = comparison.number.open_because or doubt_first_order(case.score) or "too close to say by estimate"
@@ -49,21 +48,20 @@ def find_open_questions(case: Case) -> list[Remark]:
                 hint = (
                     f"open after {case.verification.trials:,} trials; the policy's verification.max_trials allows more"
                 )
-            remarks.append(_make_remark(case, comparison, hint))
-    return remarks
+            yield _make_remark(case, comparison, hint)
 
 
-def find_first_order_gaps(case: Case) -> list[Remark]:
+def find_first_order_gaps(case: Case) -> Iterator[Remark]:
     """Rule first-order-gap: first order is too far from Monte Carlo, or is calibrated to be."""
     allowed = case.rules.first_order_gap.max_percent
     trust = case.score.validity
     if case.verification is None:
         percent = trust.expected_error_percent
         if percent is not None and percent <= allowed:
-            return []
+            return
         message = f"{trust_sentence(trust)}; {allowed:g} % are allowed"
-        return [Remark("/views", message, percent, allowed, unbounded=percent is None)]
-    remarks = []
+        yield Remark("/views", message, percent, allowed, unbounded=percent is None)
+        return
     for index, target in enumerate(case.verification.targets):
         low, high = (target.first_order_p95_mm / end for end in reversed(target.p95_interval_mm))
         if low <= 1 + allowed / 100 and high >= 1 - allowed / 100:
@@ -74,8 +72,7 @@ def find_first_order_gaps(case: Case) -> list[Remark]:
             f"target {target.name}: the estimated P95 is {percent:.2g} % {way} the simulated one; {allowed:g} % are "
             "allowed"
         )
-        remarks.append(Remark(point_at_target(case, index), message, percent, allowed, target.name))
-    return remarks
+        yield Remark(point_at_target(case, index), message, percent, allowed, target.name)
 
 
 def find_assumed_values(case: Case) -> list[Remark]:
@@ -208,9 +205,8 @@ def find_close_fiducials(case: Case) -> list[Remark]:
     return remarks
 
 
-def find_fatal_losses(case: Case) -> list[Remark]:
+def find_fatal_losses(case: Case) -> Iterator[Remark]:
     """Rule survives-loss: limits that are not kept when fiducials are lost."""
-    remarks = []
     for line in case.score.losses:
         tried = (line.single, line.double)[: case.rules.survives_loss.lost or 0]
         if line.limit is None or not tried:
@@ -224,13 +220,12 @@ def find_fatal_losses(case: Case) -> list[Remark]:
             message = (
                 f"{line.requirement}: with so many fiducials no pair was tried, so that nobody knows what a loss does"
             )
-            remarks.append(Remark(pointer, message, limit=line.limit, unbounded=True))
+            yield Remark(pointer, message, limit=line.limit, unbounded=True)
             continue
         lost = " and ".join(worst.lost)
         comes_to = worst.reason or f"{worst.value:.4g} {line.unit}, limit {line.limit:g} {line.unit}"
         message = f"{line.requirement}: {line.value:.4g} {line.unit} with all fiducials; without {lost}: {comes_to}"
-        remarks.append(Remark(pointer, message, worst.value, line.limit, worst.target, unbounded=worst.value is None))
-    return remarks
+        yield Remark(pointer, message, worst.value, line.limit, worst.target, unbounded=worst.value is None)
 
 
 def find_unseen_slips(case: Case) -> list[Remark]:
@@ -260,27 +255,24 @@ def _point_at_requirement(case: Case, name: str) -> str:
     return "/targets"
 
 
-def find_narrow_margins(case: Case) -> list[Remark]:
+def find_narrow_margins(case: Case) -> Iterator[Remark]:
     """Rule visibility: fiducials are imaged too near the border, or a view's image size is not stated."""
     least = case.rules.visibility.min_margin_px
-    remarks = []
     for index, view in enumerate(case.score.views):
         if not view.checked:
             message = f"the image size of view {view.view} is not stated: the field of view was not checked"
-            remarks.append(Remark(f"/views/{index}", message, unbounded=True))
+            yield Remark(f"/views/{index}", message, unbounded=True)
         elif view.smallest_margin_px is not None and view.smallest_margin_px < least:
             message = (
                 f"view {view.view}: a fiducial is imaged {view.smallest_margin_px:.1f} px from the border, at least "
                 f"{least:g} px are required"
             )
-            remarks.append(Remark(f"/views/{index}", message, view.smallest_margin_px, least))
-    return remarks
+            yield Remark(f"/views/{index}", message, view.smallest_margin_px, least)
 
 
-def find_close_images(case: Case) -> list[Remark]:
+def find_close_images(case: Case) -> Iterator[Remark]:
     """Rule overlap: images of two fiducials may not be told apart."""
     labels, sized = case.design.fiducials.labels, case.design.document.fiducials.diameter_mm is not None
-    remarks = []
     for view in case.score.views:
         least = case.rules.overlap.min_px
         if sized:  # their size may ask for more than the policy does
@@ -291,13 +283,11 @@ def find_close_images(case: Case) -> list[Remark]:
                 f"{view.closest_pair_px:.1f} px apart, at least {least:g} px are required to tell them apart"
             )
             pointer = point_at_fiducial(case.design, labels.index(view.closest_pair[1]))
-            remarks.append(Remark(pointer, message, view.closest_pair_px, least))
-    return remarks
+            yield Remark(pointer, message, view.closest_pair_px, least)
 
 
-def find_tight_tolerances(case: Case) -> list[Remark]:
+def find_tight_tolerances(case: Case) -> Iterator[Remark]:
     """Rule process-capability: half-widths that are smaller than their process can hold."""
-    remarks = []
     for process in case.rules.process_capability.processes:
         for tolerance in list_tolerances(case.design):
             least = process.min_half_width_deg if tolerance.unit == "deg" else process.min_half_width_mm
@@ -309,8 +299,7 @@ def find_tight_tolerances(case: Case) -> list[Remark]:
                 message = (
                     f"{tolerance.name}: {what} is tighter than {process.name} can hold ({least:g} {tolerance.unit})"
                 )
-                remarks.append(Remark(tolerance.pointer, message, tolerance.half_width, least))
-    return remarks
+                yield Remark(tolerance.pointer, message, tolerance.half_width, least)
 
 
 def point_at_fiducial(design: Design, index: int) -> str:

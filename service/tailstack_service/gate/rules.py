@@ -5,7 +5,7 @@ Of a page, docs/rules.md has what the rule finds and what to do; what a policy m
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, partial
 from textwrap import fill
@@ -40,7 +40,7 @@ class Rule:
 
     id: str  # stable
     title: str
-    find: Callable[[Case], list[Remark]] | None = None  # None: not about one design that was computed
+    find: Callable[[Case], Iterable[Remark]] | None = None  # None: not about one design that was computed
     worse: Literal["more", "less", "fixed"] = "fixed"  # fixed: it has no value and cannot be waived
     unit: str = ""
 
