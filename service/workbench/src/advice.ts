@@ -3,8 +3,8 @@
 // and is looked for only where that holds.
 
 import { computed, effect, signal } from "@preact/signals";
-import { current, pathOf, pointerOf, refused, type Score, send } from "./api";
-import { design, type Edit, gesture, type Json, type Path, valueAt, withEdits } from "./state";
+import { current, pathOf, refused, type Score, send } from "./api";
+import { design, type Edit, gesture, type Json, type Path, pointerOf, valueAt, withEdits } from "./state";
 import { answering, known, type Known, read, shown, standing, standingOf } from "./readings";
 import { brief, decimalsOf } from "./words";
 

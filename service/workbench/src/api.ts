@@ -2,7 +2,7 @@
 
 import { computed, effect, signal, untracked } from "@preact/signals";
 import type { components } from "../../../openapi/typescript/tailstack";
-import { mergePatch, notFinite } from "./document";
+import { notFinite } from "./document";
 import { design, errors, gesture, type Json, opened, type Path, valueAt } from "./state";
 
 export type Score = components["schemas"]["Score"];
@@ -84,9 +84,6 @@ export const pathOf = (pointer: string): Path =>
     return /^\d+$/.test(name) ? Number(name) : name;
   });
 
-export const pointerOf = (path: Path): string =>
-  path.map((part) => `/${String(part).replace(/~/g, "~0").replace(/\//g, "~1")}`).join("");
-
 /** A place in the design in words: "fiducials › F3 › position_mm". */
 export function placeInWords(data: Json, pointer: string): string {
   const path = pathOf(pointer);
@@ -128,7 +125,6 @@ effect(() => {
 export const trouble = computed(() => refused.value ?? (reachable.value ? null : unreachable()));
 
 let wanted: Json = null;
-let base: { data: Json; sha256: string } | null = null; // a design that the service knows: patches of it are sent
 let retry = 0;
 let tookBefore = 0; // ms that the answer before the last one took
 let slow = false; // hundreds of targets: a number for each move would come when it is let go, and delay the one that counts
@@ -167,16 +163,15 @@ async function follow(): Promise<void> {
 
 async function scoreOnce(sent: Json): Promise<void> {
   const losses = !slow && !gesture.value.length; // they take half of a score's time again
-  const begin = performance.now(), changed = base && mergePatch(base.data, sent), patch = changed && { design_sha256: base!.sha256, patch: changed };
+  const begin = performance.now();
   try {
-    const response = await send("POST", "/v1/scores", { ...(patch ?? { design: sent }), losses });
+    const response = await send("POST", "/v1/scores", { design: sent, losses });
     if (response.ok) {
       const score = (await response.json()) as Score;
       if (!understood(score)) {
         refusal.value = { design: sent, problem: otherVersion() };
         return;
       }
-      if (!patch) base = score.provenance.design_sha256 ? { data: sent, sha256: score.provenance.design_sha256 } : null;
       answer.value = { design: sent, score };
       refusal.value = null;
       const took = performance.now() - begin;
@@ -186,19 +181,13 @@ async function scoreOnce(sent: Json): Promise<void> {
       return;
     }
     const problem = await readRefusal(response);
-    if (patch && response.status < 429) {
-      base = null; // whole, then: the service may have forgotten the other design, and what it refuses it says of this one
-      wanted ??= sent;
-    } else if (response.status === 503 || response.status === 429) {
-      later(sent, Number(response.headers.get("Retry-After") ?? 1));
-      refusal.value = { design: sent, problem };
-    } else refusal.value = { design: sent, problem };
+    if (response.status === 503 || response.status === 429) later(sent, Number(response.headers.get("Retry-After") ?? 1));
+    refusal.value = { design: sent, problem };
   } catch {
     refusal.value = { design: sent, problem: unreachable() };
     later(sent, Math.min(10, 0.5 * 2 ** retry++));
   }
 }
-
 
 /** Where things are: asked for when no newer score is wanted, so that nothing is beside a score in flight. */
 async function drawOnce(sent: Json): Promise<void> {

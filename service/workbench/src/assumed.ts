@@ -1,10 +1,9 @@
 // What nobody stated: the list `assumed` of a design, as the service reads it (solver/tailstack/design/assumed.py).
 // A pointer to a mapping, or to a list of mappings, covers every number below it; stating a value takes it off.
 
-import { type Edit, equal, type Json, type Path, valueAt, withEdits } from "./document";
+import { type Edit, equal, type Json, type Path, pointerOf, valueAt, withEdits } from "./document";
 
 const pathOf = (pointer: string): Path => pointer.split("/").slice(1).map((step) => step.replace(/~1/g, "/").replace(/~0/g, "~"));
-const pointerOf = (path: Path) => path.map((step) => `/${String(step).replace(/~/g, "~0").replace(/\//g, "~1")}`).join("");
 const at = (data: Json, pointer: string): Json => valueAt(data, pathOf(pointer));
 const covers = (pointer: string, other: string) => other === pointer || other.startsWith(`${pointer}/`);
 

@@ -132,6 +132,8 @@ function withValue(data: Json, path: Path, value: Json): Json {
   return copy;
 }
 
+export const pointerOf = (path: Path): string => path.map((part) => `/${String(part).replace(/~/g, "~0").replace(/\//g, "~1")}`).join("");
+
 export function valueAt(data: Json, path: Path): Json {
   return path.reduce((part, key) => (part === null || part === undefined ? undefined : part[key]), data);
 }
@@ -148,29 +150,11 @@ export function differences(before: Json, after: Json, path: Path = []): Edit[] 
   return [{ path, value: after }];
 }
 
-/** RFC 7396: what merged into ``before`` gives ``after``; lists are replaced whole.  Null where no patch does: a field
- * that is null cannot be set by one. */
-export function mergePatch(before: Json, after: Json): Json {
-  const patch: Json = {};
-  for (const key of Object.keys({ ...before, ...after })) {
-    const [a, b] = [before[key], after[key]];
-    if (equal(a, b)) continue;
-    if (b === undefined) patch[key] = null;
-    else if (Array.isArray(b)) patch[key] = b;
-    else {
-      const part = b === null ? null : plain(b) ? mergePatch(plain(a) ? a : {}, b) : b;
-      if (part === null) return null;
-      patch[key] = part;
-    }
-  }
-  return patch;
-}
-
 /** Numbers that JSON does not have, with their pointers: it would say null for them, which means "not stated". */
 export function notFinite(data: Json, pointer = ""): { pointer: string; value: number }[] {
   if (typeof data === "number") return Number.isFinite(data) ? [] : [{ pointer, value: data }];
   if (data === null || typeof data !== "object") return [];
-  return Object.entries(data).flatMap(([name, part]) => notFinite(part, `${pointer}/${name.replace(/~/g, "~0").replace(/\//g, "~1")}`));
+  return Object.entries(data).flatMap(([name, part]) => notFinite(part, pointer + pointerOf([name])));
 }
 
 // --- writing -------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import { batch, computed, effect, signal } from "@preact/signals";
 import { stating } from "./assumed";
 import { type Edit, type Json, parse, withEdits, writeEdits } from "./document";
 
-export { differences, type Edit, type Json, parse, type Path, valueAt, withEdits, writeYaml } from "./document";
+export { differences, type Edit, type Json, parse, type Path, pointerOf, valueAt, withEdits, writeYaml } from "./document";
 
 interface Step {
   text: string;
@@ -172,11 +172,6 @@ export function shareList<T extends object>(key: string, name: keyof T, texts: (
     stored = next.every((entry) => old.includes(entry) || remember(`${key}.${entry[name]}`, entry));
     if (stored) for (const gone of old) if (!next.some((entry) => entry[name] === gone[name])) localStorage.removeItem(`${key}.${gone[name]}`);
   };
-  const together = sound(recall<T[]>(key, [])); // as an older page kept them
-  if (together.length) {
-    change((kept) => [...kept, ...together]);
-    localStorage.removeItem(key);
-  }
   return { list, change };
 }
 

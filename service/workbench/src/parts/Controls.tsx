@@ -24,14 +24,12 @@ export function NumberField({ path, label, unit, what, hidden = false }: { path:
     const text = field.current!.value, number = readNumber(text, unit);
     if (text.trim() === "") field.current!.value = String(value ?? "");
     setWrong(text.trim() !== "" && number === null ? text : null);
-    if (text.trim() !== "" && number !== null) {
-      if (number !== value) showAndEdit(() => edit([{ path, value: number }], what ?? `${label} ${number} ${unit}`.trim()));
-      else field.current!.value = String(value);
+    if (text.trim() === "" || number === null) return;
+    if (number === value) field.current!.value = String(value);
+    else {
+      field.current!.defaultValue = text;
+      edit([{ path, value: number }], what ?? `${label} ${number} ${unit}`.trim());
     }
-  };
-  const showAndEdit = (change: () => void) => {
-    field.current!.defaultValue = field.current!.value;
-    change();
   };
   return (
     <>

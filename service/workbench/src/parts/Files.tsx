@@ -2,8 +2,8 @@
 
 import { signal } from "@preact/signals";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { current, key, pathOf, placeInWords, pointerOf, readRefusal, type Score, send, unreachable } from "../api";
-import { canUndo, commit, design, differences, edit, type Json, keepVariant, linked, linkOf, LONGEST_LINK, open, parse, removeVariant, say, text, valueAt, variants } from "../state";
+import { current, key, pathOf, placeInWords, readRefusal, type Score, send, unreachable } from "../api";
+import { canUndo, commit, design, differences, edit, type Json, keepVariant, linked, linkOf, LONGEST_LINK, open, parse, pointerOf, removeVariant, say, text, valueAt, variants } from "../state";
 import { firstDesign } from "../first";
 import { rounded } from "../geometry";
 import { runs, start, unfinished } from "../jobs";

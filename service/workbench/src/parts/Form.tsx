@@ -2,9 +2,9 @@
 
 import { signal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
-import { key, pointerOf, reachable, refused, send } from "../api";
+import { key, reachable, refused, send } from "../api";
 import { showValue } from "./Controls";
-import { design, type Edit, edit, type Json, type Path, valueAt } from "../state";
+import { design, type Edit, edit, type Json, type Path, pointerOf, valueAt } from "../state";
 
 export const schema = signal<Json>(null);
 

@@ -1,11 +1,9 @@
 // The first minute, on the drill guide: what to do, one thing after the other; each is done when its effect is seen.
 
 import { computed, effect, signal } from "@preact/signals";
-import { advised } from "../advice";
 import { answer, current } from "../api";
 import { design, gesture, position, recall, remember, steps } from "../state";
-import { decimals, verified } from "../readings";
-import { mm } from "../words";
+import { verified } from "../readings";
 
 const KEY = "tailstack.workbench.minute", BEAD = "F10", ENDED = 4;
 const kept = signal({ step: 0, of: "", ...recall<object>(KEY, {}) }); // of: name of the design
@@ -36,9 +34,8 @@ const WORDS = [
 ];
 
 export function Minute() {
-  const words = WORDS[step.value - 1], { places, seats } = advised.value ?? { places: null, seats: null };
-  const reach = step.value > 2 || places === null || seats === null ? "" : ` At best, by estimate, beads alone come to ${mm(places, decimals.value)} mm, tighter seats to ${mm(seats, decimals.value)}.`;
+  const words = WORDS[step.value - 1];
   return words ? (
-    <p class="minute" role="note" aria-label="The first minute"><strong>{`${step.value} of ${WORDS.length}`}</strong><span>{words}{reach}</span><button type="button" class="small" onClick={() => go(ENDED)}>Skip</button></p>
+    <p class="minute" role="note" aria-label="The first minute"><strong>{`${step.value} of ${WORDS.length}`}</strong><span>{words}</span><button type="button" class="small" onClick={() => go(ENDED)}>Skip</button></p>
   ) : null;
 }

@@ -31,8 +31,7 @@ function beadsOf(data: Json): Bead[] {
 export const ghost = signal<string | null>(null); // name of the variant that is drawn below
 const ghosts = computed<Bead[]>(() => {
   const variant = variants.value.find((v) => v.name === ghost.value);
-  const points = variant && parse(variant.text).data?.fiducials?.points;
-  return (Array.isArray(points) ? points : []).map((p: Json, index: number) => ({ index, label: p.label, position: p.position_mm }));
+  return variant ? beadsOf(parse(variant.text).data) : [];
 });
 
 /** Where beads were that a change has moved: at the grab while one is dragged, then in the step before. */
