@@ -12,6 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tailstack.design import DEFAULT_LIMITS, Design, design_to_data, load_design
+from tailstack.design.document import DesignDocument
+from tailstack.design.fiducial_files import write_fiducials
+from tailstack.design.loading import sha256_of
+from tailstack.design.reading import decode, read_text
+from tailstack.design.write import data_to_yaml, dump_block, to_json
+from tailstack.design.yaml_text import revise_yaml
 from tailstack.errors import DesignError, LimitError, Problem, TailstackError
 from tailstack.results import Optimisation
 from tailstack.results.json_text import write_json
@@ -22,8 +29,6 @@ from .editors import write_document
 
 if TYPE_CHECKING:
     import argparse
-
-    from tailstack.design import Design
 
 DOCUMENTS, FIDUCIALS = (".yaml", ".yml", ".json"), (".mrk.json", ".csv", ".fcsv")
 
@@ -87,9 +92,6 @@ def write_results(design: Design, result: Optimisation, files: OutputFiles) -> N
 
 def design_text(design: Design, result: Optimisation, files: OutputFiles) -> tuple[str, str]:
     """The new design as its file's ending asks for, and why its author's text could not be kept, if so."""
-    from tailstack.design.write import data_to_yaml, to_json
-    from tailstack.design.yaml_text import revise_yaml
-
     path = files.design
     assert path is not None
     there = _read_design(path)
@@ -126,23 +128,16 @@ def _with_file(result: Optimisation, files: OutputFiles, there: Design | None) -
 
 
 def _points_of(result: Optimisation) -> dict[str, tuple[float, float, float]]:
-    from tailstack.design import load_design
-
     fiducials = load_design(result.design).fiducials
     return dict(zip(fiducials.labels, fiducials.positions_mm, strict=True))
 
 
 def _fiducials_text(result: Optimisation, path: Path) -> str:
-    from tailstack.design import load_design
-    from tailstack.design.fiducial_files import write_fiducials
-
     return write_fiducials(load_design(result.design).fiducials, path.name)
 
 
 def _read_design(path: Path) -> Design | None:
     """The design that a file holds; None if it holds none."""
-    from tailstack.design import load_design
-
     if is_stream(str(path)):
         return None
     with suppress(DesignError, LimitError):
@@ -152,9 +147,6 @@ def _read_design(path: Path) -> Design | None:
 
 def own_text(design: Design) -> str | None:
     """The YAML that a design was read from; None if it was JSON, or came from elsewhere, or changed meanwhile."""
-    from tailstack.design import load_design
-    from tailstack.design.reading import decode
-
     file = design.source.file
     if file is None or design.source.json_text is not None:
         return None
@@ -166,8 +158,6 @@ def own_text(design: Design) -> str | None:
 
 
 def _as_written(design: Design) -> dict[str, Any]:
-    from tailstack.design import design_to_data
-
     return design_to_data(design, inline=False)
 
 
@@ -187,18 +177,11 @@ def _like(wanted: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _hash_of_data(result: Optimisation) -> str:
-    from tailstack.design import load_design
-
     return load_design(result.design).sha256
 
 
 def _hash_of_text(text: str, result: Optimisation) -> str:
     """The hash of a text with the fiducials of the new design, which may be in a file that is not written yet."""
-    from tailstack.design import DEFAULT_LIMITS, load_design
-    from tailstack.design.document import DesignDocument
-    from tailstack.design.loading import sha256_of
-    from tailstack.design.reading import read_text
-
     fiducials = load_design(result.design).fiducials
     data = read_text(text, DEFAULT_LIMITS, file=None, directory=None, form="yaml").data
     try:
@@ -215,8 +198,6 @@ def _hash_of_text(text: str, result: Optimisation) -> str:
 
 def patch_text(design: Design, result: Optimisation) -> str:
     """What to change in a design, as a merge patch (RFC 7396) in YAML."""
-    from tailstack.design.write import dump_block
-
     old = _as_written(design)
     return dump_block(merge_patch(old, _like(result.design, old)))
 
