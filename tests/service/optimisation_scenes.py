@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
+from dataclasses import asdict
 from typing import Any
 
 from tailstack.results import (
@@ -38,7 +38,8 @@ def verification(status: Any = "pass", p95_mm: float = 0.9985) -> Verification:
     """A check of one target, "tip", with the limit 1 mm."""
     low, high = p95_mm - 0.0012, p95_mm + 0.0012
     metric = MetricEstimate((0.1, 0.0, 0.0), (0.3, 0.3, 0.1), 0.5, p95_mm, (low, high), 1.2, 2.5, None, 0.999)
-    target = TargetEstimate("tip", "tcp", *astuple(metric), 0.95, 0, p95_mm, metric)
+    told = {"confidence": 0.95, "flagged_trials": 0, "first_order_p95_mm": p95_mm, "localisation": metric}
+    target = TargetEstimate(**{"name": "tip", "frame": "tcp", **asdict(metric), **told})
     check = Check("tip-accuracy", "tip", "tcp", "pooled", 0.95, p95_mm, (low, high), 1.0, None, None, status)
     verdict = Verdict(status, "Monte Carlo", (check,), (Finding("far-target", "warning", "the target is far away"),))
     return Verification(

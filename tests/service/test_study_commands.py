@@ -285,7 +285,9 @@ def test_a_map_with_a_direction_where_two_views_are_one_still_shows_the_others()
 
 
 def test_a_map_of_too_many_directions_is_refused_before_it_is_a_job() -> None:
-    request = Request(ViewOptions(step_deg=1.0), (load_design(DEMO),), {}, ("/design",), False)
+    request = Request(
+        ViewOptions(cone_deg=30.0, step_deg=1.0, error="tcp"), (load_design(DEMO),), {}, ("/design",), False
+    )
     with pytest.raises(StudyError, match="at most 15 steps") as refused:
         OPERATIONS["study-views"].check(request, Settings())
     assert refused.value.problems[0].pointer == "/step_deg"
