@@ -54,7 +54,7 @@ def first_order() -> Findings:
     imaging, count, mean = chain_of(system).imaging, 4 * len(system.fiducials_mm) + 4, np.zeros(3)
     aim, still = system.targets[0].position_mm, np.zeros((2, count // 2, 0))
     model = linearise(system, system.targets[0])
-    mounts = sum((b.covariance("tcp") for b in model.blocks if not b.grouped), np.zeros((3, 3)))
+    mounts = sum((b.covariance("tcp") for b in model.blocks if not b.is_grouped), np.zeros((3, 3)))
 
     def kernels() -> int:
         for _ in range(500):

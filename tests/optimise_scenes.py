@@ -194,7 +194,7 @@ def image_covariance_by_score(problem: PlacementProblem, fiducials_mm: Array) ->
     total = np.zeros((3, 3))
     for block in model.blocks:
         if "noise" in block.contributor or "manufacturing" in block.contributor:
-            scaled = block.scaled(problem.requirements[0].error)
+            scaled = block.columns_mm(problem.requirements[0].error)
             total += scaled @ scaled.T
     return total
 

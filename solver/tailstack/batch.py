@@ -332,7 +332,7 @@ class Batch:
             self.validity_bounds = ValidityBounds.of(system, detector_distances(self.design))
         effects = (*system.shared_image_errors, *(each for each in system.believed_errors if each is not None))
         named = {**{link.name: link for link in system.links}, **{effect.label: effect for effect in effects}}
-        bounded = [name for name, effect in named.items() if effect.sources.bounded.any()]
+        bounded = [name for name, effect in named.items() if effect.sources.are_bounded.any()]
         if bounded:
             reasons.append(f"{', '.join(bounded)}: bounded, and the worst of all ends is searched for, row by row")
         if "verdict" in self.columns and system.requirements:
@@ -569,10 +569,10 @@ class _RowLoop:
             views_of=imaging.views_of,
             assumed=imaging.assumed,
             aims=np.ascontiguousarray(way.reconstructed_mm),
-            biases=_stacked([way.localisation_bias_mm, way.tcp_bias_mm]),
+            biases=_stack([way.localisation_bias_mm, way.tcp_bias_mm]),
             to_tcp=np.ascontiguousarray(way.tcp_from_localisation),
             from_flange=np.ascontiguousarray(way.tcp_from_flange),
-            mounts=_stacked(
+            mounts=_stack(
                 [np.concatenate(_alike([pair[error] for pair in gains]), axis=-1) for error in ("localisation", "tcp")]
             ),
             shifts=shifts,
@@ -621,7 +621,7 @@ def _alike(arrays: Sequence[Array]) -> list[Array]:
     return [np.broadcast_to(each, (*lead, each.shape[-1])) for each in arrays]
 
 
-def _stacked(arrays: Sequence[Array]) -> Array:
+def _stack(arrays: Sequence[Array]) -> Array:
     return np.ascontiguousarray(np.stack(np.broadcast_arrays(*arrays)))
 
 

@@ -35,7 +35,7 @@ class BudgetEntry(NamedTuple):
     def alike(self) -> bool:
         """Whether its sources are, so that one half-width speaks for all of them."""
         return len(self.sources) == 1 or (
-            self.block.grouped and bool((self.block.half_width == self.block.half_width[0]).all())
+            self.block.is_grouped and bool((self.block.half_width == self.block.half_width[0]).all())
         )
 
     @property
@@ -48,9 +48,9 @@ def lines_of(model: ErrorModel) -> tuple[BudgetEntry, ...]:
     """The lines, in the order of the chain."""
     lines, first = [], 0
     for number, block in enumerate(model.blocks):
-        if not block.grouped:
+        if not block.is_grouped:
             lines += [BudgetEntry(block, name, (j,), number, first) for j, name in enumerate(block.components)]
-        if block.grouped or len(block.units) > 1:
+        if block.is_grouped or len(block.units) > 1:
             lines.append(BudgetEntry(block, "all", tuple(range(len(block.units))), number, first))
         first += len(block.units)
     return tuple(lines)
@@ -59,7 +59,7 @@ def lines_of(model: ErrorModel) -> tuple[BudgetEntry, ...]:
 def budget(model: ErrorModel, at: ErrorLaw, total: LawQuantile) -> tuple[Contributor, ...]:
     """The lines with their numbers; total: the quantile of the law, at the worst vertex of bounded components."""
     variance = float(np.trace(at.total_covariance))
-    localised = (np.concatenate([block.scaled("localisation") for block in model.blocks], axis=1) ** 2).sum(axis=0)
+    localised = (np.concatenate([block.columns_mm("localisation") for block in model.blocks], axis=1) ** 2).sum(axis=0)
     all_localised = float(localised.sum()) or 1.0
     slopes = np.vstack([_slopes(model, at, law_gradient(at.law, total, fine=False)), localised])
     rows = []

@@ -198,7 +198,7 @@ class Shots:
     unexamined: float  # probability of patterns that were not looked at
 
     @property
-    def unaccounted(self) -> float:
+    def beyond_limits(self) -> float:
         """Probability of a shot that counts as beyond every limit."""
         return max(1.0 - float(self.law.weights.sum()), 0.0)
 
@@ -210,7 +210,7 @@ class Shots:
     @property
     def open_words(self) -> str:
         """Which shots first order cannot tell of."""
-        refused = max(self.unaccounted - self.unexamined, 0.0)
+        refused = max(self.beyond_limits - self.unexamined, 0.0)
         unknown = float(self.law.weights[~np.isfinite(self.errors)].sum())
         parts = (
             (self.unexamined, "miss more fiducials than are looked at"),
@@ -370,10 +370,10 @@ class LossSearch:
             smallest_loss_probability=float(probability.min()),
             largest_loss_probability=float(probability.max()),
             probability_of_none=float((1 - probability).prod()),
-            probability_unaccounted=shots[highest].unaccounted,
+            probability_unaccounted=shots[highest].beyond_limits,
         )
 
-    def simulated(self, name: str, error: str, quantile: float) -> MixedLaw:
+    def law_of_simulation(self, name: str, error: str, quantile: float) -> MixedLaw:
         """The law of an error at a target over all shots of a simulation, as far as first order tells.
 
         Patterns of more losses than are looked at do not count as beyond, as they do in ``shots``, which is a bound:
@@ -489,7 +489,7 @@ class LossSearch:
         gain, ways = np.stack([law.columns.gain for law in laws]), self._ways
         _, std, half_width, kinds, _ = laws[0].columns
         behind = ways == Way.LINK
-        uneven = laws[0].columns.wide & ~np.array([effect.grouped for effect in self._effects])
+        uneven = laws[0].columns.wide & ~np.array([effect.is_grouped for effect in self._effects])
         scaled = gain[..., behind] * std[behind]
         models = [self.models[name] for name in targets]
         return Rest(

@@ -62,7 +62,7 @@ def slip_reliabilities(chain: Chain, models: dict[str, LinearModel]) -> tuple[Sl
 
 
 def _is_noise_of_fiducials(effect: Effect, view: str) -> bool:
-    return effect.grouped and effect.acts_at(Place.IMAGES, view) and not effect.of_target
+    return effect.is_grouped and effect.acts_at(Place.IMAGES, view) and not effect.of_target
 
 
 def _information(chain: Chain, v: int, seen: NDArray[np.intp]) -> list[Array | None]:

@@ -115,7 +115,7 @@ def score(
         provenance=provenance(system, missed=bool(system.loss_probability)),
         losses=_losses(system, search, checks, metrics) if losses and search is not None else (),
         reliability=slip_reliabilities(chain, models) if reliability else (),
-        measures=tuple(_score_measure(metrics[metric.key]) for metric in system.joined),
+        measures=tuple(_score_measure(metrics[metric.key]) for metric in system.joining_metrics),
     )
 
 
@@ -216,7 +216,7 @@ def basis_of(how: str, system: System) -> str:
 
 def _remark_missed(search: LossSearch, trust: Validity) -> Finding:
     """That a verdict is of all shots, and where first order cannot say what those with fiducials missed come to."""
-    name = max(search.models, key=lambda each: search.shots(each, "tcp", P95).unaccounted)
+    name = max(search.models, key=lambda each: search.shots(each, "tcp", P95).beyond_limits)
     shots = search.shots(name, "tcp", P95)
     none = float((1 - np.array(search.system.loss_probability)).prod())
     message = (
@@ -226,7 +226,7 @@ def _remark_missed(search: LossSearch, trust: Validity) -> Finding:
     if trust.expected_error_percent is None:
         message += f"; {shots.open_words}: how far the estimate is from a simulation is not known"
     return Finding("missed-fiducials", "note" if trust.expected_error_percent else "warning", message,
-                   "/fiducials/loss_probability", shots.unaccounted)  # fmt: skip
+                   "/fiducials/loss_probability", shots.beyond_limits)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -383,7 +383,7 @@ def _second_order(system: System, tcp: ErrorScore) -> SecondOrder:
     except OutOfRangeError as error:
         return SecondOrder("refused", error.problems[0].detail)
     index = system.targets.index(model.target)
-    gains = np.hstack([block.scaled("tcp") for block in model.blocks])
+    gains = np.hstack([block.columns_mm("tcp") for block in model.blocks])
     shift, covariance = second_order_moments(lambda z: evaluate(plan, z)[:, index, 0], plan.standard_std, gains)
     return SecondOrder(
         "applied",

@@ -198,7 +198,7 @@ class Sources:
         return spread_of(self.laws, self.half_width, self.std)
 
     @property
-    def bounded(self) -> NDArray[np.bool_]:
+    def are_bounded(self) -> NDArray[np.bool_]:
         """(k,) which of them are BOUNDED and wider than 0."""
         return np.array([law is Law.BOUNDED for law in self.laws], dtype=np.bool_) & (self.half_width > 0)
 
@@ -317,7 +317,7 @@ class Effect:
         return kind.replace("_", " ") if of_view or self.label == kind else self.label
 
     @property
-    def grouped(self) -> bool:
+    def is_grouped(self) -> bool:
         """Whether its sources are all alike, and one line of a budget."""
         return False
 
@@ -357,7 +357,7 @@ class DirectEffect(Effect):
         return ((self.place, self.view),)
 
     @property
-    def grouped(self) -> bool:
+    def is_grouped(self) -> bool:
         match self.place:
             case Place.IMAGES | Place.BEADS:
                 return True
@@ -561,7 +561,7 @@ class System:
         return metrics_at({target.name: target.position_mm for target in self.targets}, self.T_tcp_con)
 
     @property
-    def joined(self) -> tuple[Metric, ...]:
+    def joining_metrics(self) -> tuple[Metric, ...]:
         """The last of ``metrics``: of measures that join several targets."""
         return joined_at({target.name: target.position_mm for target in self.targets}, self.T_tcp_con)
 

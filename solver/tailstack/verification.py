@@ -178,7 +178,7 @@ class PreparedDesign:
     def law(self, name: str, error: str) -> MixedLaw:
         """What first order says of an error at a target over all shots, those with fiducials missed among them."""
         if self.search is not None and MEASURE[error] in POINTS:
-            return self.search.simulated(name, error, P95)
+            return self.search.law_of_simulation(name, error, P95)
         law, _ = declared_law(self.models.get(name) or self.joined[name], error, self.worst[name, error].mean_mm)
         return MixedLaw((law,), np.ones(1))
 
@@ -301,7 +301,7 @@ def unit_quantiles(task: UnitsTask, first: int, count: int) -> Array:
     """(count,) mm: the quantile over its shots of each of the units ``first`` ... ``first + count - 1``."""
     rank, outcome = ceil(SHOTS * task.quantile) - 1, run_indices(task.plan, task.seed, first * SHOTS, count * SHOTS)
     keys = [metric.key for metric in task.plan.system.metrics]
-    errors = outcome.measured(task.plan.system)[keys.index((task.target, task.error))]
+    errors = outcome.measure_errors(task.plan.system)[keys.index((task.target, task.error))]
     norms = norms_of(errors).reshape(count, SHOTS)
     return np.asarray(np.partition(norms, rank, axis=1)[:, rank])
 
@@ -617,7 +617,7 @@ def _record(ready: PreparedDesign, sampling: Sampling, sampled: SampledDesign, o
         verdict=conclude(checks, ready.findings + _remark_losses(drawn) + _remark_gaps(targets), basis),
         provenance=provenance(ready.system, simulated=True, missed=drawn is not None),
         losses=drawn,
-        measures=tuple(_estimate_measure(ready, sampled, each) for each in ready.system.joined),
+        measures=tuple(_estimate_measure(ready, sampled, each) for each in ready.system.joining_metrics),
     )
 
 

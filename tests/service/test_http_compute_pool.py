@@ -109,7 +109,7 @@ async def test_a_process_that_dies_is_replaced_and_while_it_waited_nobodys_loss(
     async with some(1) as computing:
         pid = await computing.run(request(), os.getpid, QUICK)
         os.kill(pid, signal.SIGKILL)
-        await until_async(lambda: computing._processes.idle[0].ended)
+        await until_async(lambda: computing._processes.idle[0].has_ended)
         assert await computing.run(request(), partial(operator.add, 1, 1), QUICK) == 2
         assert computing.kills == 0
 

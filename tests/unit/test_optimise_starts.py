@@ -144,7 +144,7 @@ def test_the_first_start_is_the_present_layout() -> None:
 def _mean_square(problem: PlacementProblem, layout: Array) -> float:
     """Image noise at the target, mm^2, by the compiled model that the score uses."""
     model = linearise(replace(problem.system, fiducials_mm=layout), problem.targets[0])
-    gains = [block.scaled("tcp") for block in model.blocks if "noise" in block.contributor]
+    gains = [block.columns_mm("tcp") for block in model.blocks if "noise" in block.contributor]
     return float(sum((gain**2).sum() for gain in gains))
 
 

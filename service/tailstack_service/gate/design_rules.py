@@ -96,9 +96,9 @@ def _make_remark(case: Case, comparison: LimitComparison, hint: str) -> Remark:
     if number.min_yield is None:
         bound = number.interval[1]
     elif case.verification is not None:
-        bound = bound_yield(number.found)
+        bound = bound_yield(number.judged_value)
     return Remark(
-        _point_at_limit(case, comparison), message, number.found, number.asked, number.target,
+        _point_at_limit(case, comparison), message, number.judged_value, number.judged_limit, number.target,
         bound=bound, about=number.rule, unbounded=bound is None,
     )  # fmt: skip
 

@@ -220,7 +220,8 @@ def _list_cases(design: GatedDesign, findings: list[GateFinding]) -> list[_Case]
             for finding in findings
             if finding.rule in (number.rule, "inconclusive")
             and finding.message.startswith(f"{name}: ")
-            and (finding.value, finding.limit) == (number.found, number.asked)  # two limits may be called the same
+            and (finding.value, finding.limit)
+            == (number.judged_value, number.judged_limit)  # two limits may be called the same
         ]
         findings = [finding for finding in findings if finding not in about]
         cases.append((f"{number.rule}: {name}", about))

@@ -51,12 +51,12 @@ class GateNumber(Check):
             object.__setattr__(self, "headline", "CVaR95")
 
     @property
-    def found(self) -> float:
+    def judged_value(self) -> float:
         """What findings and waivers are about: the yield, otherwise what decided."""
         return self.value if self.yield_fraction is None else self.yield_fraction
 
     @property
-    def asked(self) -> float:
+    def judged_limit(self) -> float:
         """What that was held against."""
         return self.limit if self.min_yield is None else self.min_yield
 

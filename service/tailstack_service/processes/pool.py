@@ -68,7 +68,7 @@ class ComputingProcess:
         self._opening.add_done_callback(lambda opening: opening.cancelled() or opening.exception())
 
     @property
-    def ended(self) -> bool:
+    def has_ended(self) -> bool:
         return self._process.poll() is not None
 
     async def wait_for_birth(self) -> None:
@@ -188,7 +188,7 @@ class Processes:
         """One that waits, or a new one; those that have ended meanwhile are nobody's loss.  Raises OSError."""
         while self.idle:
             process = self.idle.pop()
-            if not process.ended:
+            if not process.has_ended:
                 return process
             self._discard(process)
         return self._new()

@@ -58,14 +58,14 @@ class TrialResults(NamedTuple):
         """(n,) mm; infinite for a shot without an answer."""
         return norms_of(self.errors[target, metric])
 
-    def measured(self, system: System) -> Array:
+    def measure_errors(self, system: System) -> Array:
         """(M, 3, n) of ``system.metrics``, each in its unit; contiguous.
 
         By plain sums: BLAS picks its order of summation by processor.
         """
         targets, _, _, count = self.errors.shape
         points = np.ascontiguousarray(self.errors).reshape(-1, 3, count)
-        joined = system.joined
+        joined = system.joining_metrics
         if not joined:
             return points
         places = {target.name: t for t, target in enumerate(system.targets)}

@@ -120,13 +120,13 @@ _operator(operator.invert, MASK, (MASK,), lambda b, x: b.not_(x))
 def _intrinsic(name: str, parameters: str, define: Callable[..., Any]) -> Any:
     """What ``define`` makes of the types of these parameters, as a function for compiled code."""
 
-    def typed(typingctx: Any, *arguments: Any) -> Any:
+    def make_code(typingctx: Any, *arguments: Any) -> Any:
         return define(*arguments)
 
-    typed.__name__ = typed.__qualname__ = name
+    make_code.__name__ = make_code.__qualname__ = name
     names = ["typingctx", *parameters.split()]
-    typed.__signature__ = Signature([Parameter(each, Parameter.POSITIONAL_OR_KEYWORD) for each in names])
-    return intrinsic(prefer_literal=True)(typed)
+    make_code.__signature__ = Signature([Parameter(each, Parameter.POSITIONAL_OR_KEYWORD) for each in names])
+    return intrinsic(prefer_literal=True)(make_code)
 
 
 def _function(name: str, result: Any, operands: tuple[Any, ...], emit: Callable[..., Any]) -> Any:

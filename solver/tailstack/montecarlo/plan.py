@@ -172,7 +172,7 @@ class _Slot(NamedTuple):
     pivot_mm: Array = np.zeros(3)
 
     @property
-    def fixed(self) -> Array:
+    def known(self) -> Array:
         return sum((part.fixed for part in self.parts), np.zeros(self.rows))
 
 
@@ -501,7 +501,7 @@ class _SourceTables(NamedTuple):
 def _compile_sources(slots: list[_Slot], vertex: tuple[float, ...]) -> _SourceTables:
     gains, laws, fixed, taken = [], [], [], 0
     for slot in slots:
-        own_gains, own_laws, here = [np.zeros((slot.rows, 0))], [], slot.fixed
+        own_gains, own_laws, here = [np.zeros((slot.rows, 0))], [], slot.known
         for part in slot.parts:
             sources = part.sources
             gain, law = scale_directions(sources)

@@ -51,7 +51,7 @@ class LinearBlock(Protocol):
     def effect(self) -> Effect: ...
     @property
     def laws(self) -> tuple[Law, ...]: ...
-    def scaled(self, error: str) -> Array: ...
+    def columns_mm(self, error: str) -> Array: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +88,7 @@ def gains_in_plan_order(plan: ChainPlan, blocks: Sequence[LinearBlock], target: 
         block = by_name.get(place.name)
         if block is None:
             continue
-        values = block.scaled(error)
+        values = block.columns_mm(error)
         values = values[:, [k for k, law in enumerate(block.laws) if law is not Law.BOUNDED]]
         start = place.start + (2 * target if block.effect.of_target else 0)
         stop = start + values.shape[1]

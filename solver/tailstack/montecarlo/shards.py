@@ -100,7 +100,7 @@ def draw_block(task: TrialsTask, first: int) -> Shard:
     count = min(BLOCK, task.stop - first)
     reprojection = task.reprojection and first < REPROJECTION_TRIALS
     outcome = run_indices(task.plan, task.seed, first, count, reprojection=reprojection)
-    errors = outcome.measured(task.plan.system)
+    errors = outcome.measure_errors(task.plan.system)
     answered = np.isfinite(errors).all(axis=(0, 1)) if outcome.missed else np.ones(count, dtype=bool)
     answers = int(answered.sum())
     reprojections = outcome.reprojection

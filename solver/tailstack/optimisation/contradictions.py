@@ -250,7 +250,7 @@ def _word(region: Shape) -> str:
 
 def _behind(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFiducial) -> list[Problem]:
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
-        row = projection[2, :3] @ estimator.assumed
+        row = projection[2, :3] @ estimator.assumed_turn
         depth = -furthest_mm(place.region, -row) + float(
             projection[2, :3] @ estimator.assumed_shift_mm + projection[2, 3]
         )
@@ -274,7 +274,7 @@ def _image_rows(problem: PlacementProblem, estimator: EstimationTerms, view: Vie
     for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
         edge = problem.image_margin_px if sign > 0 else view.image_size_px[axis] - 1 - problem.image_margin_px
         row = -sign * (projection[axis] - edge * projection[2])
-        rows.append(row[:3] @ estimator.assumed)
+        rows.append(row[:3] @ estimator.assumed_turn)
         limits.append(-(row[:3] @ estimator.assumed_shift_mm + row[3]))
     scale = np.linalg.norm(rows, axis=1)
     return np.array(rows) / scale[:, None], np.array(limits) / scale
@@ -396,7 +396,7 @@ def _packing(problem: PlacementProblem, estimator: EstimationTerms, place: FreeF
     box = bounding_box(region)
     if d > diameter_mm(region) + 1e-9 or _too_many(count, d, box[1] - box[0]):
         return [_refuse_crowd("/optimise/min_spacing_mm", count, f"{d:g} mm", f"the {word}", word)]
-    assumed = corners(box) @ estimator.assumed.T + estimator.assumed_shift_mm
+    assumed = corners(box) @ estimator.assumed_turn.T + estimator.assumed_shift_mm
     d = problem.min_projected_spacing_px
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
         image = assumed @ projection[:, :3].T + projection[:, 3]

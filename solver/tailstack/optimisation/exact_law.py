@@ -243,7 +243,7 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
 
     def by_covariance(per_unit: bool) -> Array:
         blocks = [b for b in evaluation.model.blocks if b.effect.way is not Way.LINK and b.per_unit == per_unit]
-        scaled = np.hstack([np.zeros((3, 0)), *(b.scaled(error) for b in blocks)])
+        scaled = np.hstack([np.zeros((3, 0)), *(b.columns_mm(error) for b in blocks)])
         names = [block.contributor for block in blocks]
         lengths, axes = np.linalg.eigh(scaled @ scaled.T)
         gradient = np.zeros((3, 3))

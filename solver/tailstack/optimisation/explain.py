@@ -87,7 +87,7 @@ def _shares(worst: Evaluation, error: str) -> str:
     """What makes up the mean square, largest first."""
     shares: dict[str, float] = {}
     for block in worst.model.blocks:
-        scaled = block.scaled(error)
+        scaled = block.columns_mm(error)
         shares[block.contributor] = shares.get(block.contributor, 0.0) + float((scaled**2).sum())
     if float(worst.mean_mm @ worst.mean_mm) > 0:
         shares["bias and bounded components"] = float(worst.mean_mm @ worst.mean_mm)

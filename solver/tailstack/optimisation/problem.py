@@ -221,7 +221,7 @@ def hold_spent(problem: PlacementProblem) -> PlacementProblem:
 
 def count_ends(system: System) -> int:
     """How many bounded sources move the images of all fiducials of a view together."""
-    return sum(int(effect.sources.bounded.sum()) for effect in system.shared_image_errors)
+    return sum(int(effect.sources.are_bounded.sum()) for effect in system.shared_image_errors)
 
 
 def mount_named(system: System, contributor: str) -> DirectEffect:

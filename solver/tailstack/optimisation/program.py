@@ -470,7 +470,7 @@ def geometric_rows(
     if not problem.places:
         return
     yield from _spacing(problem, points)
-    assumed = points @ plain(estimator.assumed).T + plain(estimator.assumed_shift_mm)
+    assumed = points @ plain(estimator.assumed_turn).T + plain(estimator.assumed_shift_mm)
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
         homogeneous = assumed @ plain(projection[:, :3]).T + plain(projection[:, 3])
         image = image_of(homogeneous)
@@ -558,7 +558,9 @@ def _field(
             reach = corners(bounding_box(place.region))
             if copy:
                 reach = move(problem.symmetry[copy - 1], reach)
-            seen = (reach @ estimator.assumed.T + estimator.assumed_shift_mm) @ projection[:, :3].T + projection[:, 3]
+            seen = (reach @ estimator.assumed_turn.T + estimator.assumed_shift_mm) @ projection[:, :3].T + projection[
+                :, 3
+            ]
             scale = float(np.abs(seen[:, 2]).mean()) * max(view.image_size_px)
             for axis, sign, name in ((0, 1, "left"), (0, -1, "right"), (1, 1, "top"), (1, -1, "bottom")):
                 edge = problem.image_margin_px if sign > 0 else view.image_size_px[axis] - 1 - problem.image_margin_px

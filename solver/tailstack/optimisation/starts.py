@@ -72,7 +72,7 @@ def with_copies(problem: PlacementProblem, points: Array) -> Array:
 
 def _displace(estimator: EstimationTerms, points: Array) -> Array:
     """Positions (..., 3) as the estimator assumes them."""
-    flat = points.reshape(-1, 3) @ estimator.assumed.T + estimator.assumed_shift_mm
+    flat = points.reshape(-1, 3) @ estimator.assumed_turn.T + estimator.assumed_shift_mm
     return np.ascontiguousarray(flat.reshape(points.shape))
 
 
@@ -148,7 +148,7 @@ def starting_layouts(
     least_gap = APART * max(diameter_mm(region) for region in regions)
     spacing = Spacing(max(float(problem.min_spacing_mm), least_gap), float(problem.min_projected_spacing_px))
     layouts = [present]
-    inverse = np.linalg.inv(estimator.assumed)
+    inverse = np.linalg.inv(estimator.assumed_turn)
     for k in range(1, starts):
         rng = np.random.default_rng([seed, k])
         pools = [_candidates(problem, estimator, terms, region, rng) for region in regions]
@@ -184,7 +184,7 @@ def _exchange_model(
     ]
     return ExchangeModel(
         projections=np.ascontiguousarray(estimator.projections),
-        assumed=np.ascontiguousarray(estimator.assumed),
+        assumed=np.ascontiguousarray(estimator.assumed_turn),
         reconstructed=np.array([term.reconstructed_mm for term in terms]),
         to_error=np.array([term.to_error for term in terms]) * share[:, None, None],
         constant=np.array(constant) * share**2,

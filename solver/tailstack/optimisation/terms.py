@@ -108,7 +108,7 @@ class EstimationTerms:
         return np.asarray(self.imaging.projections)
 
     @property
-    def assumed(self) -> Array:
+    def assumed_turn(self) -> Array:
         """(3, 3): see ``assumed_shift_mm``."""
         return np.asarray(self.imaging.per_error)
 
@@ -405,7 +405,7 @@ def image_parts_at(
     laid: a system whose fiducials and pivots, as projections (V, 3, 4), assumed_shift (3,) and reconstructed (3,), are
     object arrays of numbers or symbols.
     """
-    points = laid.fiducials_mm @ plain(estimator.assumed).T + assumed_shift
+    points = laid.fiducials_mm @ plain(estimator.assumed_turn).T + assumed_shift
     own = estimator.imaging
     estimation = own.estimation._replace(precision=plain(own.estimation.precision), noise=plain(own.estimation.noise))
     imaging = own._replace(

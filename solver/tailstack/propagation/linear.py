@@ -94,9 +94,9 @@ class Block(NamedTuple):
         return self.effect.sources.spread
 
     @property
-    def grouped(self) -> bool:
+    def is_grouped(self) -> bool:
         """Whether it is one line of a budget, not component by component."""
-        return self.effect.grouped
+        return self.effect.is_grouped
 
     @property
     def per_unit(self) -> bool:
@@ -111,13 +111,13 @@ class Block(NamedTuple):
         """(3, k) mm per native unit of each source, of one error and in its frame."""
         return self.gains[error]
 
-    def scaled(self, error: str) -> Array:
+    def columns_mm(self, error: str) -> Array:
         """(3, k) mm: what a standard deviation of each source does."""
         return self.gain(error) * self.std
 
     def covariance(self, error: str) -> Array:
         """(3, 3) mm^2."""
-        scaled = self.scaled(error)
+        scaled = self.columns_mm(error)
         return np.asarray(scaled @ scaled.T)
 
 
@@ -368,7 +368,7 @@ def linearise_all(chain: Chain) -> dict[str, LinearModel]:
 
 def join_all(system: System, models: Mapping[str, LinearModel]) -> dict[str, ErrorModel]:
     """The linear models of all measures that join several targets, by their sites; models: at every target."""
-    return {site.name: join(models, measure, site) for measure, site in system.joined}
+    return {site.name: join(models, measure, site) for measure, site in system.joining_metrics}
 
 
 def join(models: Mapping[str, LinearModel], measure: Measure, site: Site) -> ErrorModel:
@@ -497,7 +497,7 @@ def _turns(
     system = chain.system
     mounts = system.mounts
     if any(Law.BOUNDED in block.laws for block in blocks):
-        biases = {error: _lengthened(bias, error, blocks) for error, bias in biases.items()}
+        biases = {error: _lengthen(bias, error, blocks) for error, bias in biases.items()}
     turning = any(mount.sources.direction[:3].any() for mount in mounts)
     if not turning and not any(bias.any() for bias in biases.values()):
         return NO_TURNS
@@ -537,7 +537,7 @@ def _turns(
     return out
 
 
-def _lengthened(bias: Array, error: str, blocks: Sequence[Block]) -> Array:
+def _lengthen(bias: Array, error: str, blocks: Sequence[Block]) -> Array:
     """A bias (3,) with each BOUNDED source at the end at which it lengthens it, the longest first."""
     columns = [
         block.gain(error)[:, j] * block.half_width[j]
@@ -635,8 +635,8 @@ def covariance_block_diagonal(model: LinearModel, error: str) -> Array:
     """The paper's Eq 16 as printed: shared fiducial errors treated as independent in each view."""
     total = covariance(model, error)
     for block in model.blocks:
-        if block.grouped and block.effect.acts_at(Place.BEADS):
-            shared = block.scaled("localisation")
+        if block.is_grouped and block.effect.acts_at(Place.BEADS):
+            shared = block.columns_mm("localisation")
             change = model.manufacturing_block_diagonal - shared @ shared.T
             to_frame = model.tcp_from_localisation if error == "tcp" else np.eye(3)
             total += to_frame @ change @ to_frame.T

@@ -121,11 +121,6 @@ def signed_decimal(value: float | None, decimals: int = 3) -> str:
     return "-" if value is None else f"{value:+.{decimals}f}"
 
 
-def stated(value: float | None, decimals: int) -> str:
-    """A number that the design states: as many decimals as its neighbours, never rounded."""
-    return "-" if value is None else exact(value, decimals)
-
-
 def saving(value_mm: float | None, decimals: int) -> str:
     """What a change saves, with two digits; ``<0.001`` for what none of the decimals of the answer shows."""
     if value_mm is None:

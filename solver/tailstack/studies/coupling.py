@@ -434,7 +434,7 @@ def _predict(case: InstallationCase, model: LinearModel, still: LinearModel, err
 
 def noise_variance(model: LinearModel) -> float:
     """mm^2: trace of the covariance that the noise, all that is drawn at each shot, gives the localisation error."""
-    return sum(float((block.scaled("localisation") ** 2).sum()) for block in model.blocks if not block.per_unit)
+    return sum(float((block.columns_mm("localisation") ** 2).sum()) for block in model.blocks if not block.per_unit)
 
 
 Level = tuple[float, float]  # degrees about each axis, mm along (1, 1, 1)

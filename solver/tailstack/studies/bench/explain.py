@@ -105,7 +105,7 @@ class Contribution:
 def _list_shares(model: LinearModel, error: str, instrument_sd_mm: float) -> list[Contribution]:
     """Every contributor; the noise of all images counts as one beside that of each."""
     shares = [Contribution(b.contributor, b.label, draw_time(b), b.covariance(error)) for b in model.blocks]
-    noises = {block.contributor for block in model.blocks if block.grouped and block.effect.acts_at(Place.IMAGES)}
+    noises = {block.contributor for block in model.blocks if block.is_grouped and block.effect.acts_at(Place.IMAGES)}
     seen = [share.covariance for share in shares if share.name in noises]
     if len(seen) > 1:
         shares.insert(0, Contribution("image_noise", "image noise", "shot", np.sum(seen, axis=0)))
@@ -202,7 +202,7 @@ def _list_displacements(bench: Bench, error: str) -> Iterator[MountComponent]:
     declared = {(b.contributor, name): (b, j) for b in bench.model.blocks for j, name in enumerate(b.components)}
     probed = put_links(bench.system, map(_free_six, bench.system.mounts))
     for block in linearise(probed, bench.model.target).blocks:
-        if block.grouped or block.effect.acts_at(Place.TOOL):
+        if block.is_grouped or block.effect.acts_at(Place.TOOL):
             continue
         for j, component in enumerate(block.components):
             gain, unit = block.gain(error)[:, j], block.units[j]
