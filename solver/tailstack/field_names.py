@@ -327,9 +327,11 @@ def _change_spread(mine: str, theirs: str, beside: Mapping[str, Any]) -> list[Va
 
 def _change_mark(mine: str, theirs: str) -> list[ValueChange]:
     changes: dict[str, tuple[str, _Change]] = {
-        "inverse": ("invert it", _invert), "transposed": ("transpose it, rows into columns", _transpose),
-        "swapped": ("width first", _swap), "negative": ("with the other sign", _each(neg)),
-    }  # fmt: skip
+        "inverse": ("invert it", _invert),
+        "transposed": ("transpose it, rows into columns", _transpose),
+        "swapped": ("width first", _swap),
+        "negative": ("with the other sign", _each(neg)),
+    }
     return [ValueChange(*changes[mark]) for mark in (mine, theirs) if mark in changes] if mine != theirs else []
 
 
@@ -378,8 +380,12 @@ def _follow(second: Sequence[float], first: Sequence[float]) -> list[float]:
     """The product of two quaternions, scalar first: the turn by ``first``, then that by ``second``."""
     a, b, c, d = second
     w, x, y, z = first
-    return [a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
-            a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w]  # fmt: skip
+    return [
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    ]
 
 
 # --- the field that is meant ------------------------------------------------------------------------------

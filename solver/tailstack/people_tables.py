@@ -21,6 +21,7 @@ from typing import IO
 
 from .cures import cure_text
 from .errors import Problem, TailstackError
+from .tables import read_table
 from .units import LENGTHS_MM
 
 DELIMITERS = "\t;,"
@@ -29,10 +30,8 @@ NUMBERINGS = ("no", "no.", "nr", "nr.", "#", "index", "idx", "row", "lfd. nr.", 
 PREVIEW = 12  # rows that are looked at for the delimiter and the header
 MOST_REMARKS = 200  # lines above the header
 CHUNK = 1 << 20
-SUMMARIES = (  # what the first cell of a row says that sums up those above it
-    "average", "avg", "count", "max", "maximum", "mean", "median", "min", "minimum", "mittelwert", "moyenne", "range",
-    "rms", "sd", "std", "std.dev", "stddev", "stdev", "sum", "summe", "total", "standardabweichung",
-)  # fmt: skip
+SUMMARIES = read_table("words")["summaries"]  # what the first cell of a row says that sums up those above it
+_OTHER_ENDS: dict[str, str] = read_table("words")["line ends"]  # which nothing here takes for one
 
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _COMMA_NUMBER = re.compile(r"[-+]?[0-9]+,[0-9]+([eE][-+]?[0-9]+)?")
@@ -57,10 +56,6 @@ _HEADING = re.compile(
 )
 KEPT_ENDS = "curl -d @FILE drops line ends, --data-binary @FILE keeps them"
 _LINE_BREAK = "a cell goes on over several lines"
-_OTHER_ENDS = {  # of lines, which nothing here takes for one
-    "\\n": "a backslash and an n", "\u2028": "U+2028", "\u2029": "U+2029", "\x85": "U+0085", "\x0b": "U+000B",
-    "\x0c": "U+000C", "\x1e": "U+001E",
-}  # fmt: skip
 
 
 def read_plain_number(text: str) -> float | None:
@@ -505,10 +500,8 @@ def _refuse_spaces(contents: list[TextLine], header: TextLine, refuse: Callable[
 
 
 def _is_unit_row(cells: Sequence[str], width: int) -> bool:
-    units = [clean_unit(cell) for cell in cells]
-    return len(cells) == width and any(unit in UNITS for unit in units) and all(
-        unit in UNITS or not unit for unit in units
-    )  # fmt: skip
+    units = {clean_unit(cell) for cell in cells} - {""}
+    return len(cells) == width and bool(units) and units <= UNITS
 
 
 def _list_rows(table: PeopleTable, lines: Iterable[str], begins: int, trailing: int) -> Iterator[tuple[int, list[str]]]:

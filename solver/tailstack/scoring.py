@@ -225,8 +225,13 @@ def _remark_missed(search: LossSearch, trust: Validity) -> Finding:
     )
     if trust.expected_error_percent is None:
         message += f"; {shots.open_words}: how far the estimate is from a simulation is not known"
-    return Finding("missed-fiducials", "note" if trust.expected_error_percent else "warning", message,
-                   "/fiducials/loss_probability", shots.beyond_limits)  # fmt: skip
+    return Finding(
+        "missed-fiducials",
+        "note" if trust.expected_error_percent else "warning",
+        message,
+        "/fiducials/loss_probability",
+        shots.beyond_limits,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -139,14 +139,15 @@ def _list_folder(folder: Path, endings: tuple[str, ...]) -> list[str]:
     return sorted(name for name in shown if not endings or name.lower().endswith(endings))
 
 
+_CONVERTED = "tailstack convert {file} -o design.yaml makes a design of its balls"
+_CHECKED = "if it is a report, tailstack report --verify {file} checks it"
+_EXPORTED = f"{_CHECKED}; a CAD project is exported as STEP first"
 _FOREIGN = (  # files of other kinds by their first bytes: code, what it is, what it is for
-    (b"ISO-10303-21", "step-file", "a STEP file",
-     "tailstack convert {file} -o design.yaml makes a design of its balls"),
-    (b"%PDF-", "report-file", "a PDF", "if it is a report, tailstack report --verify {file} checks it"),
-    (b"PK\x03\x04", "report-file", "a ZIP archive (a spreadsheet, a CAD project)",
-     "if it is a report, tailstack report --verify {file} checks it; a CAD project is exported as STEP first"),
-    (b"<!doctype html", "report-file", "a web page", "if it is a report, tailstack report --verify {file} checks it"),
-)  # fmt: skip
+    (b"ISO-10303-21", "step-file", "a STEP file", _CONVERTED),
+    (b"%PDF-", "report-file", "a PDF", _CHECKED),
+    (b"PK\x03\x04", "report-file", "a ZIP archive (a spreadsheet, a CAD project)", _EXPORTED),
+    (b"<!doctype html", "report-file", "a web page", _CHECKED),
+)
 
 
 def refuse_foreign(content: bytes, name: str | None) -> None:

@@ -116,10 +116,8 @@ def temperature(
 ) -> ThermalEffect:
     """The effect: sources of the difference about the known one, none or one in K; expansions of the structure and the
     connector, relative; their seats (3,), con."""
-    return ThermalEffect(
-        "temperature", "temperature", "/temperature", Drawn.SHOT, sources, frozen([difference_k]), *expansion_per_k,
-        *seats_mm, at_pivots,
-    )  # fmt: skip
+    name, known = "temperature", frozen([difference_k])
+    return ThermalEffect(name, name, f"/{name}", Drawn.SHOT, sources, known, *expansion_per_k, *seats_mm, at_pivots)
 
 
 def _compile(section: OfDesign, setting: Setting) -> Iterator[Effect]:

@@ -297,12 +297,15 @@ def vertices_of(model: LinearModel, ends: tuple[float, ...]) -> list[Array]:
     """(k,) native unit for each common block in turn: bounded sources at ``QuantileConstraint.ends``, others 0."""
     left = iter(ends)
     return [
-        np.array([
-            h * next(left, 0.0) if law is Law.BOUNDED and h > 0 else 0.0
-            for law, h in zip(block.laws, block.half_width, strict=True)
-        ])
-        for block in model.blocks if _is_common(block)
-    ]  # fmt: skip
+        np.array(
+            [
+                h * next(left, 0.0) if law is Law.BOUNDED and h > 0 else 0.0
+                for law, h in zip(block.laws, block.half_width, strict=True)
+            ]
+        )
+        for block in model.blocks
+        if _is_common(block)
+    ]
 
 
 def at_ends(model: LinearModel, ends: tuple[float, ...]) -> LinearModel:

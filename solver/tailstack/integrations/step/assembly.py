@@ -99,8 +99,10 @@ class Assembly(Shapes):
                 if file.keyword_of(product, definition) in _PRODUCTS:
                     self._shapes[product].append(reference_of(file, shape, number))
         self._own = {shape for shapes in self._shapes.values() for shape in shapes}
-        used = {file.part(file.read(number), "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION", 2)[0]
-                for number in file.list_numbers("CONTEXT_DEPENDENT_SHAPE_REPRESENTATION")}  # fmt: skip
+        used = {
+            file.part(file.read(number), "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION", 2)[0]
+            for number in file.list_numbers("CONTEXT_DEPENDENT_SHAPE_REPRESENTATION")
+        }
         for keyword in _LINKS:
             for number in file.list_numbers(keyword):
                 instance = file.read(number)

@@ -110,8 +110,10 @@ def read_step(
     if len(left) > MOST_LISTED:
         notes.append(f"{name}: {len(left) - MOST_LISTED} more bodies were left than are listed")
     labels = _label(taken)
-    bodies = [StepBody(label, body.path, body.position_mm, body.diameter_mm, "")
-              for label, body in zip(labels, taken, strict=True)] + left[:MOST_LISTED]  # fmt: skip
+    bodies = [
+        StepBody(label, body.path, body.position_mm, body.diameter_mm, "")
+        for label, body in zip(labels, taken, strict=True)
+    ] + left[:MOST_LISTED]
     unit, factor = assembly.unit
     stated: dict[str, Any] = {"coordinate_unit": unit} if unit not in ("mm", "") else {}
     if not unit:

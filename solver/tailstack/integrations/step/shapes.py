@@ -55,12 +55,17 @@ class Shapes:
 
     def axis(self, number: int) -> tuple[Array, Array] | None:
         """The point in the middle of a solid's cylindrical faces and their direction, if they are about one axis."""
-        faces = [face for face in self._faces(self._shells(self.file.read(number))[0][0])
-                 if face.surface == "CYLINDRICAL_SURFACE"]  # fmt: skip
+        faces = [
+            face
+            for face in self._faces(self._shells(self.file.read(number))[0][0])
+            if face.surface == "CYLINDRICAL_SURFACE"
+        ]
         if not faces:
             return None
-        frames = [self.placement(self.file.values(face.geometry, face.surface, 3, face.number)[1], face.geometry)
-                  for face in faces]  # fmt: skip
+        frames = [
+            self.placement(self.file.values(face.geometry, face.surface, 3, face.number)[1], face.geometry)
+            for face in faces
+        ]
         origin, axis = frames[0][:3, 3], frames[0][:3, 2]
         if not all(is_on_axis(frame, origin, axis) for frame in frames):
             return None
@@ -75,8 +80,10 @@ class Shapes:
             return [(shell, "it is a surface, not a solid") for shell in shells]
         if keyword == "BREP_WITH_VOIDS":
             _, outer, voids = file.part(solid, keyword, 3)
-            return [(reference_of(file, outer, number), "it is hollow"),
-                    *((shell, "it is a void inside a body") for shell in file.references(voids, number))]  # fmt: skip
+            return [
+                (reference_of(file, outer, number), "it is hollow"),
+                *((shell, "it is a void inside a body") for shell in file.references(voids, number)),
+            ]
         return [(reference_of(file, file.part(solid, keyword, 2)[1], number), "")]
 
     def _faces(self, shell: Reference) -> list[_Face]:
