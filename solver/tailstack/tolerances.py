@@ -5,9 +5,9 @@ Interfaces, hand-eye calibration and motion between the shots are all stated in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import radians
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -26,7 +26,7 @@ from .fields import (
 )
 from .geometry.arrays import Array, frozen
 from .ranges import KNOWN_DEG, KNOWN_MM, SEAT_DEG, SEAT_MM
-from .system import TORSOR_COMPONENTS, Law, Sources
+from .system import TORSOR_COMPONENTS, Law, Sources, no_sources
 
 DEFAULT_COVERAGE = 2.0
 
@@ -88,22 +88,36 @@ class Tolerances(Record):
         return compile_sources({name: getattr(self, name) for name in TORSOR_COMPONENTS})
 
 
+class Source(NamedTuple):
+    """A scalar source as a design states it, its half-width in rad, mm, N, K, px or as a part of one."""
+
+    name: str
+    law: str
+    half_width: float
+    coverage_factor: float | None
+    unit: str
+    direction: Array  # (d,)
+
+
+def gather_sources(stated: Sequence[Source], dimension: int) -> Sources:
+    """Independent sources that act on a vector of ``dimension`` d."""
+    if not stated:
+        return no_sources(dimension)
+    names, laws, half_widths, factors, units, directions = zip(*stated, strict=True)
+    coverage = [coverage_of(law, factor) for law, factor in zip(laws, factors, strict=True)]
+    ways = frozen(np.column_stack(directions))
+    return Sources(names, tuple(map(Law, laws)), frozen(half_widths), frozen(coverage), units, ways)
+
+
 def compile_sources(components: Mapping[str, RotationTolerance | TranslationTolerance | None]) -> Sources:
     """One source for each of d components that has a tolerance, rad or mm; its direction (d,) is that component."""
-    given = [(k, name, item) for k, (name, item) in enumerate(components.items()) if item is not None]
-    turns = [isinstance(item, RotationTolerance) for _, _, item in given]
-    widths = [
-        radians(item.half_width_deg) if isinstance(item, RotationTolerance) else item.half_width_mm
-        for _, _, item in given
-    ]
-    return Sources(
-        tuple(name for _, name, _ in given),
-        tuple(Law(item.distribution) for _, _, item in given),
-        frozen(widths),
-        frozen([coverage_of(item.distribution, item.coverage_factor) for _, _, item in given]),
-        tuple("rad" if turn else "mm" for turn in turns),
-        frozen(np.eye(len(components))[:, [k for k, _, _ in given]]),
-    )
+    stated = []
+    for (name, item), way in zip(components.items(), np.eye(len(components)), strict=True):
+        if item is not None:
+            turns = isinstance(item, RotationTolerance)
+            width, unit = (radians(item.half_width_deg), "rad") if turns else (item.half_width_mm, "mm")
+            stated.append(Source(name, item.distribution, width, item.coverage_factor, unit, way))
+    return gather_sources(stated, len(components))
 
 
 def coverage_of(law: str, factor: float | None) -> float:

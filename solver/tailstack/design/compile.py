@@ -17,9 +17,7 @@ from ..errors import DesignError, IllPosedError, Problem
 from ..estimation.checks import examine
 from ..fields import Record
 from ..geometry.arrays import Array, frozen
-from ..geometry.camera import (
-    depths,
-)
+from ..geometry.camera import depths
 from ..geometry.naming import direction_name, point_name
 from ..measures import MEASURE, Metric, metrics_at
 from ..results import Finding, ViewCheck
@@ -29,7 +27,6 @@ from ..system import (
     Law,
     Place,
     Requirement,
-    Sources,
     System,
     Target,
     View,
@@ -37,18 +34,16 @@ from ..system import (
     mount,
     no_sources,
 )
-from ..tolerances import coverage_of
+from ..tolerances import Source, coverage_of, gather_sources
 from .assumed import list_assumed
 from .cameras import compile_transform, compile_view, detector_distances
 from .consistency import find_pivots
 from .document import (
-    Compliance,
     DesignDocument,
     Execution,
     Fiducials,
     HandEye,
     Interface,
-    Repeatability,
     RequirementDocument,
 )
 from .loading import Design
@@ -164,14 +159,11 @@ def _interface(interface: Interface | None, name: str) -> DirectEffect:
             pivot,
             f"/interfaces/{name}/locators",
         )
-        sources = Sources(
-            tuple(locator.name for locator in held),
-            tuple(Law(locator.distribution) for locator in held),
-            frozen([locator.half_width_mm for locator in held]),
-            frozen([coverage_of(locator.distribution, locator.coverage_factor) for locator in held]),
-            ("mm",) * 6,
-            frozen(direction),
-        )
+        stated = [
+            Source(locator.name, locator.distribution, locator.half_width_mm, locator.coverage_factor, "mm", way)
+            for locator, way in zip(held, direction.T, strict=True)
+        ]
+        sources = gather_sources(stated, 6)
     return mount(name, pivot, interface.bias.torsor, sources, interface.label)
 
 
@@ -183,52 +175,31 @@ def _hand_eye(hand_eye: HandEye | None) -> DirectEffect:
 
 
 def _execution(execution: Execution) -> DirectEffect:
-    parts = []
+    stated: list[Source] = []
     bias = np.zeros(3)
-    if execution.repeatability is not None:
-        parts.append(_repeatability(execution.repeatability))
-    if execution.compliance is not None:
-        bias = np.array(execution.compliance.matrix_mm_per_n) @ np.array(execution.compliance.load_n)
-        if execution.compliance.load_half_width_n is not None:
-            parts.append(_load(execution.compliance))
-    parts = parts or [no_sources(3)]
-    sources = Sources(
-        tuple(name for part in parts for name in part.names),
-        tuple(law for part in parts for law in part.laws),
-        frozen(np.concatenate([part.half_width for part in parts])),
-        frozen(np.concatenate([part.coverage_factor for part in parts])),
-        tuple(unit for part in parts for unit in part.units),
-        frozen(np.hstack([part.direction for part in parts])),
-    )
-    return execution_of(sources, frozen(bias))
+    if (scatter := execution.repeatability) is not None:
+        if scatter.std_mm is not None:
+            stated += _along_axes("repeatability", "mm", np.eye(3), scatter.std_mm, "normal", 1.0)
+        else:
+            law = scatter.distribution or "normal"
+            stated += _along_axes("repeatability", "mm", np.eye(3), scatter.half_width_mm, law, scatter.coverage_factor)
+    if (load := execution.compliance) is not None:
+        matrix = np.array(load.matrix_mm_per_n)
+        bias = matrix @ np.array(load.load_n)
+        if (width := load.load_half_width_n) is not None:
+            stated += _along_axes("load", "N", matrix, width, load.distribution or "normal", load.coverage_factor)
+    return execution_of(gather_sources(stated, 3), frozen(bias))
 
 
-def _along_axes(name: str, unit: str, half_width: Any, law: str, coverage: float, direction: Array) -> Sources:
+def _along_axes(
+    name: str, unit: str, direction: Array, half_width: Any, law: str, coverage_factor: float | None
+) -> list[Source]:
     widths = [half_width] * 3 if isinstance(half_width, float | int) else half_width
-    keep = [k for k in range(3) if direction[:, k].any()]
-    return Sources(
-        tuple(f"{name}.{'xyz'[k]}" for k in keep),
-        (Law(law),) * len(keep),
-        frozen([widths[k] for k in keep]),
-        frozen([coverage] * len(keep)),
-        (unit,) * len(keep),
-        frozen(direction[:, keep]),
-    )
-
-
-def _repeatability(scatter: Repeatability) -> Sources:
-    if scatter.std_mm is not None:
-        return _along_axes("repeatability", "mm", scatter.std_mm, "normal", 1.0, np.eye(3))
-    law = scatter.distribution or "normal"
-    coverage = coverage_of(law, scatter.coverage_factor)
-    return _along_axes("repeatability", "mm", scatter.half_width_mm, law, coverage, np.eye(3))
-
-
-def _load(compliance: Compliance) -> Sources:
-    law = compliance.distribution or "normal"
-    coverage = coverage_of(law, compliance.coverage_factor)
-    matrix = np.array(compliance.matrix_mm_per_n)
-    return _along_axes("load", "N", compliance.load_half_width_n, str(law), coverage, matrix)
+    return [
+        Source(f"{name}.{axis}", law, width, coverage_factor, unit, way)
+        for axis, width, way in zip("xyz", widths, direction.T, strict=True)
+        if way.any()
+    ]
 
 
 def loss_probabilities(fiducials: Fiducials, count: int) -> tuple[float, ...]:

@@ -14,8 +14,8 @@ from pydantic import Field
 from ..fields import COVERAGE_WORDS, LAW_WORDS, CoverageFactor, ImagePoint, RandomLaw, Record, Typical, with_law
 from ..geometry.arrays import frozen
 from ..ranges import FOOT_ERROR_PX, SHARE
-from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Law, Place, Sources, System
-from ..tolerances import coverage_of
+from ..system import INTRINSICS, DirectEffect, Drawn, Effect, Place, Sources, System
+from ..tolerances import Source, gather_sources
 from .kind import EffectKind, Limit, Proportional, Setting
 
 NAME = "assumed_intrinsics"
@@ -99,17 +99,13 @@ def _compile(section: IntrinsicsOfView, setting: Setting) -> Iterator[Effect]:
             principal_point=PrincipalPointError(half_width_px=foot_px_sd, distribution="normal", coverage_factor=1.0),
         )
     focal, centre = error.focal or FocalError(), error.principal_point or PrincipalPointError()
-    widths = (focal.half_width_rel, centre.half_width_px, centre.half_width_px)
-    parts = [(k, (focal, centre, centre)[k]) for k in range(3) if widths[k]]
-    laws = tuple(Law(part.distribution or "normal") for _, part in parts)
-    sources = Sources(
-        tuple(INTRINSICS[k] for k, _ in parts),
-        laws,
-        frozen([widths[k] for k, _ in parts]),
-        frozen([coverage_of(law, part.coverage_factor) for law, (_, part) in zip(laws, parts, strict=True)]),
-        tuple(UNITS[k] for k, _ in parts),
-        frozen(np.eye(3)[:, [k for k, _ in parts]]),
-    )
+    widths, parts = (focal.half_width_rel, centre.half_width_px, centre.half_width_px), (focal, centre, centre)
+    stated = [
+        Source(name, part.distribution or "normal", width, part.coverage_factor, unit, way)
+        for name, part, width, unit, way in zip(INTRINSICS, parts, widths, UNITS, np.eye(3), strict=True)
+        if width
+    ]
+    sources = gather_sources(stated, 3)
     yield intrinsics_error(view.name, [focal.bias_rel, *centre.bias_px], sources, f"{setting.pointer}/intrinsics_error")
 
 

@@ -23,8 +23,8 @@ from ..fields import (
 )
 from ..geometry.arrays import frozen
 from ..ranges import DIFFERENCE_K, EXPANSION
-from ..system import Act, ArrayLike, Drawn, Effect, Law, Place, Scene, Sources, System, no_sources
-from ..tolerances import coverage_of
+from ..system import Act, ArrayLike, Drawn, Effect, Place, Scene, Sources, System
+from ..tolerances import Source, gather_sources
 from .kind import EffectKind, Limit, Pivots, Proportional, Setting
 
 
@@ -126,12 +126,8 @@ def _compile(section: OfDesign, setting: Setting) -> Iterator[Effect]:
     pivots = [setting.pivots_mm.get(interface, (0.0, 0.0, 0.0)) for interface in INTERFACES]
     stated = declared.seat_mm, declared.flange_seat_mm
     first, second = (frozen(pivot if seat is None else seat) for seat, pivot in zip(stated, pivots, strict=True))
-    sources = no_sources(1)
-    if declared.half_width_k > 0:
-        law = str(declared.distribution)
-        coverage = frozen([coverage_of(law, declared.coverage_factor)])
-        width = frozen([declared.half_width_k])
-        sources = Sources(("difference",), (Law(law),), width, coverage, ("K",), frozen(np.eye(1)))
+    law, width, factor = str(declared.distribution), declared.half_width_k, declared.coverage_factor
+    sources = gather_sources([Source("difference", law, width, factor, "K", np.ones(1))] if width > 0 else [], 1)
     expansions = declared.structure_expansion_um_per_m_k * 1e-6, declared.connector_expansion_um_per_m_k * 1e-6
     at_pivots = declared.seat_mm is None, declared.flange_seat_mm is None
     yield temperature(declared.difference_k, sources, expansions, (first, second), at_pivots)
