@@ -189,9 +189,10 @@ def _each(change: Callable[[float], float]) -> _Change:
     return apply
 
 
-def _is_numeric(value: Any) -> bool:
+def is_numeric(value: Any) -> bool:
+    """Whether a value is a number that can be computed with, or lists of such numbers."""
     if isinstance(value, list | tuple):
-        return bool(value) and all(map(_is_numeric, value))
+        return bool(value) and all(map(is_numeric, value))
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
 
 
@@ -199,7 +200,7 @@ def write_value(value: Any, digits: int = 12) -> str:
     """A value as a design has it, numbers with so many digits."""
     if isinstance(value, list | tuple):
         return f"[{', '.join(write_value(each, digits) for each in value)}]"
-    return f"{value + 0.0:.{digits}g}" if _is_numeric(value) else str(value)
+    return f"{value + 0.0:.{digits}g}" if is_numeric(value) else str(value)
 
 
 def _round(value: Any) -> Any:
@@ -285,7 +286,7 @@ def _change_unit(
 def _place_foot(factor: float, pixel: float | None, size: Any) -> ValueChange:
     """The principal point, of lengths from the image's corner or from its centre."""
     words = "it is in px, counted from the first pixel: divide by pixel_mm"
-    if pixel is None or not isinstance(size, list | tuple) or len(size) != 2 or not _is_numeric(size):
+    if pixel is None or not isinstance(size, list | tuple) or len(size) != 2 or not is_numeric(size):
         return ValueChange(f"{words}; from the image's centre, add that", None)
     times = factor / pixel
 
@@ -344,19 +345,11 @@ def _rename_rotation(form: str, unit: Unit | None, value: Any, fields: Sequence[
     if field not in fields:
         return None
     scale = (unit.factor if unit is not None and unit.dimension == "angle" else 1.0) * pi / 180
-    words = {
-        "wxyz": "",
-        "xyzw": "the scalar comes first there",
-        "quaternion": "the scalar comes first there; where it comes last (ROS, SciPy, Eigen) move it to the front",
-        "vector": "a rotation vector is an axis times an angle, not [rx, ry, rz] of rotation_deg: a quaternion says it",
-        "rpy": "R = Rz(yaw) Ry(pitch) Rx(roll) is not the order of rotation_deg: a quaternion says it",
-        "ypr": "R = Rz Ry Rx is not the order of rotation_deg: a quaternion says it",
-        "euler": "rotation_deg is R = Rx(rx) Ry(ry) Rz(rz); of the order z, y, x (ROS, KUKA) give a quaternion",
-    }[form]
+    words = _WORDS["rotation words"][form]
     count = 4 if form in ("wxyz", "xyzw", "quaternion") else 3
     if form == "euler":
         return Renaming("rotation_deg", words, sure=False)
-    if not isinstance(value, list | tuple) or len(value) != count or not all(map(_is_numeric, value)):
+    if not isinstance(value, list | tuple) or len(value) != count or not all(map(is_numeric, value)):
         return Renaming(field, words)
     if count == 4:
         turned = [*value[3:], *value[:3]] if form == "xyzw" else list(value)
@@ -436,7 +429,7 @@ def _apply(field: str, steps: Sequence[ValueChange], value: Any) -> Renaming:
         return Renaming(field, words, sure=False)
     if value is NOTHING or not steps:
         return Renaming(field, words, value, sure)
-    if not _is_numeric(value):
+    if not is_numeric(value):
         return Renaming(field, words)
     try:
         for step in steps:

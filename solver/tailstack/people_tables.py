@@ -166,13 +166,8 @@ class PeopleTable:
                 self._refuse_two_marks(line, column)
             value = float(text)
             if not isfinite(value):
-                raise self.refuse(
-                    "out-of-range",
-                    f"{self.header[column]} is too large: {quote(cell)}",
-                    "leave out what was not measured",
-                    line,
-                    column + 1,
-                )
+                detail, cure = f"{self.header[column]} is too large: {quote(cell)}", "leave out what was not measured"
+                raise self.refuse("out-of-range", detail, cure, line, column + 1)
         elif self.delimiter != "," and _COMMA_NUMBER.fullmatch(text):
             if self.delimiter != ";" and _THOUSANDS.fullmatch(text):
                 return None  # between tabs a comma may separate thousands, too

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..cures import find_nearest
 from ..errors import Problem
+from ..field_names import is_numeric
 from .pointers import EVERY, find_places, pointer_of, value_at
 from .refusals import pointer as write_pointer
 
@@ -92,7 +93,7 @@ def _values_below(data: Any, pointer: str) -> Sequence[str]:
 
 def _numbers_below(node: Any, pointer: str) -> Iterator[str]:
     if _is_value(node):
-        if _is_numeric(node):
+        if is_numeric(node):
             yield pointer
         return
     for child, way in _children(node, pointer):
@@ -112,9 +113,3 @@ def _children(node: Any, pointer: str) -> list[tuple[Any, str]]:
 def _is_value(node: Any) -> bool:
     """Whether it is stated as a whole: neither a mapping nor a list of mappings."""
     return not isinstance(node, dict) and not (isinstance(node, list) and any(isinstance(each, dict) for each in node))
-
-
-def _is_numeric(node: Any) -> bool:
-    if isinstance(node, list | tuple):
-        return bool(node) and all(map(_is_numeric, node))
-    return isinstance(node, int | float) and not isinstance(node, bool)

@@ -95,14 +95,9 @@ def _read_matrix(view: MatrixView, pointer: str, fiducials: Array) -> Array:
     # rows of a projection differ by the focal length in px; scaling each makes the rank a matter of directions
     rows = np.linalg.norm(left, axis=1)
     if rows.min() == 0 or np.linalg.svd(left / rows[:, None], compute_uv=False)[-1] < 1e-9:
-        raise IllPosedError(
-            Problem(
-                f"{pointer}/projection",
-                "no-source",
-                "the left 3x3 block of the projection is singular: it has no finite X-ray source",
-                "give a perspective projection that maps con millimetres to pixels",
-            )
-        )
+        detail = "the left 3x3 block of the projection is singular: it has no finite X-ray source"
+        cure = "give a perspective projection that maps con millimetres to pixels"
+        raise IllPosedError(Problem(f"{pointer}/projection", "no-source", detail, cure))
     if np.abs(matrix).max() > 1e12 * np.linalg.norm(matrix[2, :3]):
         detail = "the rows of the projection differ by more than a factor of 1e12: no camera has such a focal length"
         raise IllPosedError(Problem(f"{pointer}/projection", "no-source", detail, "it maps con millimetres to pixels"))
@@ -157,11 +152,5 @@ def _transform(value: Pose | Any | None, pointer: str) -> tuple[Array, tuple[str
 
 
 def _refuse_not_rigid(pointer: str, detail: str, hint: str = "") -> DesignError:
-    return DesignError(
-        Problem(
-            pointer,
-            "not-rigid",
-            f"a transform is rigid; {detail} (accepted: {RIGID:g})",
-            hint or "give more digits, or use rotation_deg",
-        )
-    )
+    rule, cure = f"a transform is rigid; {detail} (accepted: {RIGID:g})", "give more digits, or use rotation_deg"
+    return DesignError(Problem(pointer, "not-rigid", rule, hint or cure))

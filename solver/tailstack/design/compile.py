@@ -242,15 +242,9 @@ def refuse_behind_detector(
         if depth[worst] > detector:
             count = len(fiducials)
             name = f"target {targets[worst - count].name}" if worst >= count else f"fiducial {labels[worst]}"
-            raise IllPosedError(
-                Problem(
-                    f"/views/{index}",
-                    "behind-detector",
-                    f"{name} lies {depth[worst]:.4g} mm from the source of view {compiled.name}, behind its detector "
-                    f"at {detector:g} mm",
-                    "check the isocentre, the direction of the beam and the frame of the coordinates",
-                )
-            )
+            detail = f"{name} lies {depth[worst]:.4g} mm from the source of view {compiled.name}, behind its detector "
+            cure = "check the isocentre, the direction of the beam and the frame of the coordinates"
+            raise IllPosedError(Problem(f"/views/{index}", "behind-detector", f"{detail}at {detector:g} mm", cure))
 
 
 def check_design(design: Design) -> tuple[System, tuple[Finding, ...], tuple[ViewCheck, ...]]:
@@ -278,16 +272,11 @@ def _explain(design: Design, error: DesignError | IllPosedError, system: System 
 
 def _name_left_out(design: Design) -> list[Problem]:
     """What a fiducial file holds and the design does not: it may be why too little is there."""
-    origin, pointer = (
-        design.fiducials.origin,
-        "/fiducials" + ("" if design.document.fiducials.file is None else "/file"),
-    )
-    if origin is None:
+    if (origin := design.fiducials.origin) is None:
         return []
-    sentences = [
-        origin.describe_left_out(),
-        *(f"{origin.file}: {remark}" for remark in origin.remarks if "left out" in remark),
-    ]
+    pointer = "/fiducials" if design.document.fiducials.file is None else "/fiducials/file"
+    others = [f"{origin.file}: {remark}" for remark in origin.remarks if "left out" in remark]
+    sentences = [origin.describe_left_out(), *others]
     return [Problem(pointer, "left-out", each) for each in sentences if each]
 
 
@@ -311,15 +300,11 @@ def torsor_from_locators(positions_mm: Array, normals: Array, pivot_mm: Array, p
     if values[-1] <= SINGULAR * values[0]:
         free = right[values <= SINGULAR * values[0]]
         motions = [describe_motion(vector[:3] / radius, vector[3:], centre, radius) for vector in _tidy(free)]
-        raise IllPosedError(
-            Problem(
-                pointer,
-                "free-motion",
-                f"the six locators leave {len(motions)} motion(s) of the part free: {'; '.join(motions)}",
-                "move or turn a locator so that it resists that motion (3-2-1: three on one face, two on the next, "
-                "one on the third)",
-            )
+        detail = f"the six locators leave {len(motions)} motion(s) of the part free: {'; '.join(motions)}"
+        cure = (
+            "move or turn a locator so that it resists that motion (3-2-1: three on one face, two on the next, one on "
         )
+        raise IllPosedError(Problem(pointer, "free-motion", detail, f"{cure}the third)"))
     inverse = (right.T / values) @ left.T
     turn, shift = inverse[:3] / radius, inverse[3:]
     return np.vstack([turn, shift + np.cross(turn, pivot_mm - centre, axis=0)])

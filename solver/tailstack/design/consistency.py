@@ -6,6 +6,7 @@ Among them are the rules of the ``optimise`` section that look at the rest of th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 
 from ..cures import ask_label
 from ..effects import EFFECTS
@@ -54,18 +55,14 @@ def check_document(document: DesignDocument, limits: Limits) -> list[Problem]:
     named = [target.name for target in document.targets]
     problems += find_duplicates(named, "/targets/{}/name".format, "targets")
     problems += _expanded_names(document.targets)
-    problems += find_duplicates(
-        [item.name for item in document.requirements], "/requirements/{}/name".format, "requirements"
-    )
+    promised = [item.name for item in document.requirements]
+    problems += find_duplicates(promised, "/requirements/{}/name".format, "requirements")
     for index, view in enumerate(document.views):
         if isinstance(view, PresetView):
             problems += _preset(view, f"/views/{index}")
     for index, requirement in enumerate(document.requirements):
-        if requirement.targets == "all":
-            continue
-        for place, name in enumerate(requirement.targets):
-            problems += find_unknown(f"/requirements/{index}/targets/{place}", "target", name, named)
-        problems += find_duplicates(requirement.targets, f"/requirements/{index}/targets/{{}}".format, "entries")
+        if requirement.targets != "all":
+            problems += check_entries(f"/requirements/{index}/targets", "target", requirement.targets, named)
     problems += _estimator(document)
     hosts: dict[Host, Sequence[Record]] = {
         "design": [document],
@@ -87,28 +84,17 @@ def _estimator(document: DesignDocument) -> list[Problem]:
     """What an estimator has to be told, and the rotations that it can follow."""
     model = document.model
     problems = []
-    if model.estimator.traits.takes_prior:
-        problems += [
-            Problem(
-                f"/views/{index}",
-                "missing-field",
-                f"the estimator {model.estimator} weighs what it assumes of the intrinsics; view {view.name} does not "
-                "say how well they are known",
-                "intrinsics_prior: {focal_rel_sd: 0.01, principal_point_px_sd: 10}",
+    for index, view in enumerate(document.views):
+        if model.estimator.traits.takes_prior and view.intrinsics_prior is None:
+            detail = f"the estimator {model.estimator} weighs what it assumes of the intrinsics; view {view.name} does "
+            cure = "intrinsics_prior: {focal_rel_sd: 0.01, principal_point_px_sd: 10}"
+            problems.append(
+                Problem(f"/views/{index}", "missing-field", f"{detail}not say how well they are known", cure)
             )
-            for index, view in enumerate(document.views)
-            if view.intrinsics_prior is None
-        ]
     if model.estimator.traits.seeks_pose and model.rotation is RotationForm.SMALL_ANGLE:
-        problems.append(
-            Problem(
-                "/model/rotation",
-                "not-rigid",
-                f"small_angle moves the structure by a map that is not rigid, which the estimator {model.estimator} "
-                "cannot follow: its intrinsics would be wrong by what the map stretches",
-                "rotation: full",
-            )
-        )
+        detail = f"small_angle moves the structure by a map that is not rigid, which the estimator {model.estimator} "
+        detail += "cannot follow: its intrinsics would be wrong by what the map stretches"
+        problems.append(Problem("/model/rotation", "not-rigid", detail, "rotation: full"))
     return problems
 
 
@@ -117,10 +103,7 @@ def check_fiducials(document: DesignDocument, fiducials: FiducialList) -> list[P
     place = "/fiducials/file" if document.fiducials.points is None else "/fiducials/points/{}/label"
     problems = find_duplicates(fiducials.labels, place.format, "fiducials")
     for index, view in enumerate(document.views):
-        pointer = f"/views/{index}/sees/{{}}"
-        problems += find_duplicates(view.sees or (), pointer.format, "entries")
-        for entry, label in enumerate(view.sees or ()):
-            problems += find_unknown(pointer.format(entry), "fiducial", label, fiducials.labels)
+        problems += check_entries(f"/views/{index}/sees", "fiducial", view.sees or (), fiducials.labels)
     return problems + check_optimise_labels(document, fiducials)
 
 
@@ -144,26 +127,16 @@ def _preset(view: PresetView, pointer: str) -> list[Problem]:
     preset = PRESETS.get(view.preset)
     if preset is None:
         return find_unknown(f"{pointer}/preset", "preset", view.preset, list(PRESETS))
-    problems = [
-        Problem(
-            pointer,
-            "missing-field",
-            f"the field {name!r} is required: preset {preset.name} does not state it",
-            preset.remark or f"add {name}",
-        )
-        for name in preset.missing
-        if getattr(view, name) is None
-    ]
+    problems = []
+    for name in preset.missing:
+        if getattr(view, name) is None:
+            detail = f"the field {name!r} is required: preset {preset.name} does not state it"
+            problems.append(Problem(pointer, "missing-field", detail, preset.remark or f"add {name}"))
     isocentre = view.source_isocentre_mm or preset.source_isocentre_mm
     detector = view.source_detector_mm or preset.source_detector_mm
     if isocentre is not None and isocentre >= detector:
-        problems.append(
-            Problem(
-                f"{pointer}/source_isocentre_mm",
-                "distance-order",
-                f"the isocentre lies between source and detector: {isocentre:g} mm is not below {detector:g} mm",
-            )
-        )
+        detail = f"the isocentre lies between source and detector: {isocentre:g} mm is not below {detector:g} mm"
+        problems.append(Problem(f"{pointer}/source_isocentre_mm", "distance-order", detail))
     return problems
 
 
@@ -186,15 +159,12 @@ def check_optimise(document: DesignDocument, most_fiducials: int) -> list[Proble
     problems: list[Problem] = []
     names = [requirement.name for requirement in document.requirements]
     if not names:
-        problems.append(
-            Problem("/optimise", "missing-field", "the design has no requirements: no limit to hold", "add one")
-        )
+        detail = "the design has no requirements: no limit to hold"
+        problems.append(Problem("/optimise", "missing-field", detail, "add one"))
     elif isinstance(wanted.requirement, str):
         problems += find_unknown("/optimise/requirement", "requirement", wanted.requirement, names)
     elif wanted.requirement is not None:
-        problems += find_duplicates(wanted.requirement, "/optimise/requirement/{}".format, "entries")
-        for index, name in enumerate(wanted.requirement):
-            problems += find_unknown(f"/optimise/requirement/{index}", "requirement", name, names)
+        problems += check_entries("/optimise/requirement", "requirement", wanted.requirement, names)
     if wanted.count is not None and wanted.count.max > most_fiducials:
         detail = f"{wanted.count.max} fiducials; at most {most_fiducials} are accepted"
         problems.append(Problem("/optimise/count/max", "too-many", detail, f"max: {most_fiducials}"))
@@ -226,9 +196,8 @@ def _views(document: DesignDocument) -> list[Problem]:
                 problems.append(Problem(f"{pointer}/source_isocentre_mm/1", "distance-order", detail))
         elif view is not None:
             detail = f"{name} is given by a matrix or by intrinsics and a pose, which say nothing of how it is aimed"
-            hint = "give it by a preset or by distances, or " + (
-                "name another" if field == "like" else "leave it as it is"
-            )
+            other = "name another" if field == "like" else "leave it as it is"
+            hint = f"give it by a preset or by distances, or {other}"
             problems.append(Problem(f"{pointer}/{field}", "not-aimed", detail, hint))
     return problems
 
@@ -247,24 +216,14 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
             problems += find_unknown(f"{pointer}/component", "component", free.component, (*ROTATIONS, *TRANSLATIONS))
             continue
         if interface is None or interface.tolerances is None or getattr(interface.tolerances, free.component) is None:
-            problems.append(
-                Problem(
-                    pointer,
-                    "unknown-name",
-                    f"{free.interface} declares no tolerance for {free.component}: its law is not known",
-                    f"add interfaces/{free.interface}/tolerances/{free.component}",
-                )
-            )
+            detail = f"{free.interface} declares no tolerance for {free.component}: its law is not known"
+            cure = f"add interfaces/{free.interface}/tolerances/{free.component}"
+            problems.append(Problem(pointer, "unknown-name", detail, cure))
     for field, components in (("rotation_bounds", ROTATIONS), ("translation_bounds", TRANSLATIONS)):
         if getattr(document.optimise, field) is not None and not list_declared(document, components):
-            problems.append(
-                Problem(
-                    f"/optimise/{field}",
-                    "nothing-free",
-                    f"neither interface declares a {field.partition('_')[0]}al tolerance",
-                    f"declare {', '.join(components[:-1])} or {components[-1]} under interfaces/.../tolerances",
-                )
-            )
+            detail = f"neither interface declares a {field.partition('_')[0]}al tolerance"
+            cure = f"declare {', '.join(components[:-1])} or {components[-1]} under interfaces/.../tolerances"
+            problems.append(Problem(f"/optimise/{field}", "nothing-free", detail, cure))
     return problems
 
 
@@ -275,26 +234,17 @@ def _mounts(document: DesignDocument) -> list[Problem]:
     for index, pivot in enumerate(document.optimise.pivots):
         interface: Interface | None = getattr(document.interfaces, pivot.interface)
         if interface is None or interface.locators is not None:
-            why = "is not in the design" if interface is None else "is held by locators: its pivot only reduces them"
-            problems.append(
-                Problem(
-                    f"/optimise/pivots/{index}/interface",
-                    "no-pivot",
-                    f"{pivot.interface} {why}",
-                    "free locator_spacing instead" if interface is not None else f"add interfaces/{pivot.interface}",
-                )
-            )
+            why, cure = "is held by locators: its pivot only reduces them", "free locator_spacing instead"
+            if interface is None:
+                why, cure = "is not in the design", f"add interfaces/{pivot.interface}"
+            at = f"/optimise/pivots/{index}/interface"
+            problems.append(Problem(at, "no-pivot", f"{pivot.interface} {why}", cure))
     for index, spacing in enumerate(document.optimise.locator_spacing):
         interface = getattr(document.interfaces, spacing.interface)
         if interface is None or interface.locators is None:
-            problems.append(
-                Problem(
-                    f"/optimise/locator_spacing/{index}/interface",
-                    "no-locators",
-                    f"{spacing.interface} has no locators",
-                    f"describe it by interfaces/{spacing.interface}/locators",
-                )
-            )
+            at, detail = f"/optimise/locator_spacing/{index}/interface", f"{spacing.interface} has no locators"
+            cure = f"describe it by interfaces/{spacing.interface}/locators"
+            problems.append(Problem(at, "no-locators", detail, cure))
     return problems
 
 
@@ -305,14 +255,12 @@ def check_optimise_labels(document: DesignDocument, fiducials: FiducialList) -> 
         return []
     labels = fiducials.labels
     problems: list[Problem] = []
-    for index, label in enumerate(wanted.fixed):
-        problems += find_unknown(f"/optimise/fixed/{index}", "fiducial", label, labels)
+    problems += check_entries("/optimise/fixed", "fiducial", wanted.fixed, labels)
     named = [
         (f"/optimise/regions/{r}/fiducials/{i}", label)
         for r, region in enumerate(wanted.regions or ())
         for i, label in enumerate(region.fiducials)
     ]
-    problems += find_duplicates(wanted.fixed, "/optimise/fixed/{}".format, "entries")
     problems += find_duplicates([label for _, label in named], lambda index: named[index][0], "entries")
     for pointer, label in named:
         if label in wanted.fixed:
@@ -335,16 +283,9 @@ def _groups(document: DesignDocument, labels: tuple[str, ...]) -> list[Problem]:
     groups = [("/optimise/symmetry", len(free))]
     if wanted.regions is not None:
         groups = [(f"/optimise/regions/{r}/fiducials", len(item.fiducials)) for r, item in enumerate(wanted.regions)]
-    return [
-        Problem(
-            pointer,
-            "incomplete-group",
-            f"{count} free fiducials do not make whole groups of {size} under the symmetry",
-            "fix some, or add some",
-        )
-        for pointer, count in groups
-        if count % size
-    ]
+    what = f"free fiducials do not make whole groups of {size} under the symmetry"
+    odd = [(pointer, count) for pointer, count in groups if count % size]
+    return [Problem(pointer, "incomplete-group", f"{count} {what}", "fix some, or add some") for pointer, count in odd]
 
 
 def _counts(document: DesignDocument, present: int) -> list[Problem]:
@@ -372,6 +313,12 @@ def _counts(document: DesignDocument, present: int) -> list[Problem]:
     return []
 
 
+def check_entries(pointer: str, what: str, entries: Sequence[str], known: Sequence[str]) -> list[Problem]:
+    """Entries of a list each name something, and no two the same."""
+    unknown = [find_unknown(f"{pointer}/{index}", what, name, known) for index, name in enumerate(entries)]
+    return [*find_duplicates(entries, lambda index: f"{pointer}/{index}", "entries"), *chain.from_iterable(unknown)]
+
+
 def find_duplicates(names: Sequence[str], pointer: Callable[[int], str], what: str) -> list[Problem]:
     """A problem for each name that was there before, at the ``pointer`` of its index."""
     if len(set(names)) == len(names):
@@ -380,9 +327,8 @@ def find_duplicates(names: Sequence[str], pointer: Callable[[int], str], what: s
     problems = []
     for index, name in enumerate(names):
         if name in seen:
-            problems.append(
-                Problem(pointer(index), "duplicate-name", f"two {what} are called {name!r}", "names are unique")
-            )
+            detail = f"two {what} are called {name!r}"
+            problems.append(Problem(pointer(index), "duplicate-name", detail, "names are unique"))
         seen.add(name)
     return problems
 

@@ -15,10 +15,7 @@ from ..errors import DesignError, LimitError, Problem
 from ..results.json_text import write_json
 from .assumed import FIELD, check_assumed, follow_changes
 from .consistency import check_document, check_fiducials
-from .document import (
-    SCHEMA_NAME,
-    DesignDocument,
-)
+from .document import SCHEMA_NAME, DesignDocument
 from .fiducial_files import ENDINGS, FiducialList, check_ending, read_fiducials
 from .frozen_data import freeze, freeze_lists
 from .pointers import find_places, pointer_of, replace_value, suggest
@@ -170,14 +167,10 @@ def _check_schema_name(source: DocumentSource) -> None:
         hint = "editors use it; tailstack init makes a design, tailstack example prints others"
         raise DesignError(place(Problem("", "schema-file", detail, hint), source))
     if data.get("schema") != SCHEMA_NAME:
-        got = show(data["schema"]) if "schema" in data else "no schema"
-        problem = Problem(
-            "/schema" if "schema" in data else "",
-            "unsupported-schema",
-            f"this version reads {SCHEMA_NAME}; got {got}",
-            _name_other(data.get("schema")) or f"schema: {SCHEMA_NAME}",
-        )
-        raise DesignError(place(problem, source))
+        at, got = ("/schema", show(data["schema"])) if "schema" in data else ("", "no schema")
+        detail, cure = f"this version reads {SCHEMA_NAME}; got {got}", f"schema: {SCHEMA_NAME}"
+        cure = _name_other(data.get("schema")) or cure
+        raise DesignError(place(Problem(at, "unsupported-schema", detail, cure), source))
 
 
 def _name_other(schema: Any) -> str:
@@ -237,32 +230,25 @@ def _describe_missing(name: str, path: Path, source: DocumentSource) -> Problem:
 
 def _find_file(name: str, source: DocumentSource, allow_files: bool) -> Path:
     """The file a design refers to: relative, and below the design's own directory."""
+
+    def refuse_file(detail: str, cure: str = "") -> DesignError:
+        return DesignError(Problem("", "file-refused", detail, cure))
+
+    inline = "put the points inline (points:)"
     if not allow_files:
-        raise DesignError(
-            Problem("", "file-refused", f"files are not read here; got {show(name)}", "put the points inline (points:)")
-        )
+        raise refuse_file(f"files are not read here; got {show(name)}", inline)
     if source.directory is None:
-        raise DesignError(
-            Problem(
-                "",
-                "file-refused",
-                "the document did not come from a file: there is no directory to look in",
-                "put the points inline (points:), or load the design from its file",
-            )
-        )
+        detail = "the document did not come from a file: there is no directory to look in"
+        raise refuse_file(detail, f"{inline}, or load the design from its file")
     if "\0" in name or "\\" in name or Path(name).is_absolute() or ":" in name[:2]:
-        raise DesignError(
-            Problem("", "file-refused", f"a fiducial file is named by a relative path with /; got {show(name)}")
-        )
+        raise refuse_file(f"a fiducial file is named by a relative path with /; got {show(name)}")
     try:
         base = source.directory.resolve()
         path = (base / name).resolve()
     except (OSError, RuntimeError, ValueError) as error:
-        raise DesignError(Problem("", "file-refused", f"cannot follow {show(name)}: {error}")) from None
+        raise refuse_file(f"cannot follow {show(name)}: {error}") from None
     if not path.is_relative_to(base):
-        raise DesignError(
-            Problem("", "file-refused", f"{show(name)} leads out of the design's directory", "move the file beside it")
-        )
+        raise refuse_file(f"{show(name)} leads out of the design's directory", "move the file beside it")
     return path
 
 

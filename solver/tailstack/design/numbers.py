@@ -97,28 +97,20 @@ def _mask_reason(values: Any) -> _Reason | None:
     return _Reason("a missing value", "leave out the rows without a value", int(np.flatnonzero(missing)[0]))
 
 
-_WORDS = {
-    "b": ("a truth value", "write 1 or 0 if a number is meant"),
-    "c": ("a complex number", "hand over its real part, if that is meant"),
-    "m": ("a duration", "divide it by its unit, and hand over the number"),
-    "M": ("a date", "hand over numbers in the unit of the field"),
-    "U": ("a text", "convert it, as in float(text)"),
-}
-_KINDS: Sequence[tuple[tuple[type, ...], str]] = (
-    ((bool, np.bool_), "b"),
-    ((timedelta, np.timedelta64), "m"),
-    ((date, np.datetime64), "M"),
-    ((complex, np.complexfloating), "c"),
-    ((str, bytes), "U"),
+_OTHERS: Sequence[tuple[tuple[type, ...], str, _Reason]] = (  # types, kinds of arrays
+    ((bool, np.bool_), "b", _Reason("a truth value", "write 1 or 0 if a number is meant")),
+    ((timedelta, np.timedelta64), "m", _Reason("a duration", "divide it by its unit, and hand over the number")),
+    ((date, np.datetime64), "M", _Reason("a date", "hand over numbers in the unit of the field")),
+    ((complex, np.complexfloating), "c", _Reason("a complex number", "hand over its real part, if that is meant")),
+    ((str, bytes), "UST", _Reason("a text", "convert it, as in float(text)")),
 )
 
 
 def _word(value: Any) -> _Reason:
     """What something that is no number is, an array of such things too."""
-    kind = next((kind for types, kind in _KINDS if isinstance(value, types)), None)
-    if kind is None and isinstance(value, np.ndarray):
-        kind = {"S": "U", "T": "U"}.get(value.dtype.kind, value.dtype.kind)
-    return _Reason(*_WORDS.get(kind or "", (_describe(value), "hand over numbers in the unit of the field")))
+    kind = value.dtype.kind if isinstance(value, np.ndarray) else "none"
+    found = (why for types, kinds, why in _OTHERS if isinstance(value, types) or kind in kinds)
+    return next(found, _Reason(_describe(value), "hand over numbers in the unit of the field"))
 
 
 def _describe(value: Any) -> str:

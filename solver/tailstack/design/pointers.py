@@ -12,7 +12,7 @@ from typing import Any
 
 from ..cures import find_nearest
 from ..errors import Problem, TailstackError
-from ..field_names import Renaming, find_renamings, say_renaming
+from ..field_names import Renaming, find_renamings, is_numeric, say_renaming
 from .refusals import escape, records_on
 
 EVERY = "*"
@@ -75,7 +75,7 @@ def locate_numbers(data: Any, pointer: str, where: str, refusal: type[TailstackE
         raise refusal(Problem(where, "not-found", f"the design as it was written has nothing at {pointer}", hint))
     for place in places:
         value = value_at(data, place)
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, list) or not is_numeric(value):
             reason, hint = f"{pointer} is not a number", suggest(data, pointer) or cure
             if isinstance(value, str):
                 reason, hint = f"{pointer} is a text", "write a design for each text, and score them one by one"
@@ -176,7 +176,7 @@ def find_numbers(node: Any, place: Place) -> Iterator[Place]:
     elif isinstance(node, list):
         for k, child in enumerate(node):
             yield from find_numbers(child, (*place, k))
-    elif isinstance(node, int | float) and not isinstance(node, bool):
+    elif is_numeric(node):
         yield place
 
 

@@ -165,23 +165,11 @@ def decode(content: bytes, name: str | None) -> str:
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:
-        raise DesignError(
-            problem(
-                "not-text",
-                f"byte {error.start} is not valid {error.encoding.upper()}: this is not a text file",
-                "save it as UTF-8",
-                file=name,
-            )
-        ) from None
+        detail = f"byte {error.start} is not valid {error.encoding.upper()}: this is not a text file"
+        raise DesignError(problem("not-text", detail, "save it as UTF-8", file=name)) from None
     if "\0" in text:
-        raise DesignError(
-            problem(
-                "not-text",
-                f"character {text.index(chr(0))} is NUL: a binary file, or UTF-16 without a byte order mark",
-                "save it as UTF-8",
-                file=name,
-            )
-        )
+        detail = f"character {text.index(chr(0))} is NUL: a binary file, or UTF-16 without a byte order mark"
+        raise DesignError(problem("not-text", detail, "save it as UTF-8", file=name))
     return text
 
 
@@ -204,10 +192,8 @@ def read_text(text: str, limits: Limits, *, file: str | None, directory: Path | 
             return DocumentSource(_from_json(text, limits, file), file, directory, json_text=text)
         except json.JSONDecodeError as error:
             if form == "json":
-                hint = LOOKS_LIKE_YAML if _YAML.match(text) else ""
-                where = Problem(
-                    "", "json-syntax", f"this is not JSON: {error.msg}", hint, file, error.lineno, error.colno
-                )
+                hint, detail = LOOKS_LIKE_YAML if _YAML.match(text) else "", f"this is not JSON: {error.msg}"
+                where = Problem("", "json-syntax", detail, hint, file, error.lineno, error.colno)
                 raise DesignError(where) from None
     try:
         data, place = read_yaml(text, file, limits)
@@ -708,13 +694,8 @@ def show(value: Any, length: int = 60) -> str:
 
 def size_problem(limits: Limits, file: str | None, mark: Any) -> Problem:
     """Too many values, or nested too deep."""
-    return problem(
-        "too-complex",
-        f"the document has more than {limits.nodes} values (aliases counted where they are used) "
-        f"or is nested deeper than {limits.depth}",
-        file=file,
-        mark=mark,
-    )
+    detail = f"the document has more than {limits.nodes} values (aliases counted where they are used) "
+    return problem("too-complex", f"{detail}or is nested deeper than {limits.depth}", file=file, mark=mark)
 
 
 def _long_key_problem(key: str, file: str | None, mark: Any) -> Problem:

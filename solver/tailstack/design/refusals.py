@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 
 from ..cures import ask_meant, cure_list, cure_range, cure_text, cure_zone
 from ..errors import DesignError, Edit, Problem
-from ..field_names import cure_name, write_value
+from ..field_names import cure_name, is_numeric, write_value
 from .document import VIEW_KINDS, DesignDocument, Pose
 from .optimise_document import FREE_VIEW_KINDS
 from .presets import PRESETS
@@ -56,12 +56,14 @@ def place(problem: Problem, source: DocumentSource) -> Problem:
     """The same problem with file, line and column, when the document came as text and it has none yet."""
     if problem.file is not None:
         return problem
-    path: list[str | int] = []
-    for token in problem.pointer.split("/")[1:]:
-        token = token.replace("~1", "/").replace("~0", "~")
-        path.append(int(token) if token.isascii() and token.isdigit() else token)
-    line, column = source.locate(path, key=problem.code == "unknown-field")
+    line, column = source.locate(_read_pointer(problem.pointer), key=problem.code == "unknown-field")
     return replace(problem, file=source.file, line=line, column=column)
+
+
+def _read_pointer(text: str) -> list[str | int]:
+    """The path of an RFC 6901 pointer."""
+    tokens = [token.replace("~1", "/").replace("~0", "~") for token in text.split("/")[1:]]
+    return [int(token) if token.isascii() and token.isdigit() else token for token in tokens]
 
 
 def refuse(
@@ -88,15 +90,10 @@ _LOWER = ("lower", "min", "minus", "lower_limit", "ei")
 
 def _cure_limits(problem: Problem, data: Any) -> Problem:
     """The limits of a zone that were given for a tolerance: what they are as bias and half-width."""
-    steps = problem.pointer.split("/")
-    if problem.code != "unknown-field" or re.sub(r"_(mm|deg|px)$", "", steps[-1]) not in (*_UPPER, *_LOWER):
+    path = _read_pointer(problem.pointer)
+    if problem.code != "unknown-field" or re.sub(r"_(mm|deg|px)$", "", str(path[-1])) not in (*_UPPER, *_LOWER):
         return problem
-    for step in steps[1:-1]:
-        if isinstance(data, list):
-            data = data[int(step)] if step.isdecimal() and int(step) < len(data) else None
-        else:
-            data = data.get(step.replace("~1", "/").replace("~0", "~")) if isinstance(data, dict) else None
-    cure = _cure_zone_of(data) if isinstance(data, dict) else ""
+    cure = _cure_zone_of(records_on(data, path[:-1])[0])
     return replace(problem, hint=cure, fix=()) if cure else problem
 
 
@@ -107,9 +104,7 @@ def _cure_zone_of(value: Any) -> str:
         value = [next((given[name] for name in names if name in given), None) for names in (_UPPER, _LOWER)]
         if "minus" in given and isinstance(value[1], int | float):
             value[1] = -abs(value[1])
-    if not isinstance(value, list) or len(value) != 2 or value[0] == value[1]:
-        return ""
-    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in value):
+    if not isinstance(value, list) or len(value) != 2 or not is_numeric(value) or value[0] == value[1]:
         return ""
     return cure_zone(*map(float, value))
 
@@ -255,26 +250,24 @@ def _cure_matrix(field: str, value: Any) -> str:
     if not isinstance(value, list | tuple) or not value:
         return ""
     kind = "transform" if field.startswith("T_") or field == "pose" else field
-    if kind == "projection" and [len(row) if isinstance(row, list | tuple) else 0 for row in value] == [1] * len(value):
+    if kind == "projection" and _list_widths(value) == [1] * len(value):
         value = [row[0] for row in value]  # a column
     if not any(isinstance(row, list | tuple) for row in value):
         return _cure_flat(kind, value)
-    if kind == "projection" and [len(row) if isinstance(row, list | tuple) else 0 for row in value] == [3] * 4:
+    widths = _list_widths(value)
+    if kind == "projection" and widths == [3] * 4:
         rows = write_value(list(zip(*value, strict=True)))
         return f"a matrix of 4 x 3 is MATLAB's, for rows (X, Y, Z, 1) on its left: transposed it is {rows}"
-    widths = {len(row) if isinstance(row, list | tuple) else 0 for row in value}
-    return _SHAPES.get((kind, len(value), widths.pop()), "") if len(widths) == 1 else ""
+    return _SHAPES.get((kind, len(value), widths[0]), "") if len(set(widths)) == 1 else ""
+
+
+def _list_widths(rows: Sequence[Any]) -> list[int]:
+    return [len(row) if isinstance(row, list | tuple) else 0 for row in rows]
 
 
 def _cure_intrinsics(field: str | int, value: Any) -> str:
     """The fields that a camera matrix K is, given row by row, or transposed as MATLAB has it."""
-    if (
-        field != "intrinsics"
-        or not isinstance(value, list)
-        or [len(r) for r in value if isinstance(r, list)] != [3] * 3
-    ):
-        return ""
-    if not all(isinstance(each, int | float) and not isinstance(each, bool) for row in value for each in row):
+    if field != "intrinsics" or not is_numeric(value) or not isinstance(value, list) or _list_widths(value) != [3] * 3:
         return ""
     rows = [list(row) for row in zip(*value, strict=True)] if value[0][2] == value[1][2] == 0 else value
     (fx, skew, cx), (below, fy, cy), last = rows

@@ -142,12 +142,8 @@ def _check(section: OfDesign, pivots_mm: Pivots) -> Iterator[Problem]:
         needed.append(("flange_seat_mm", declared.flange_seat_mm, "connector_flange"))
     for field, given, interface in needed:
         if given is None and interface not in pivots_mm:
-            yield Problem(
-                f"/temperature/{field}",
-                "missing-field",
-                f"{field} is not given, and interfaces.{interface}, whose pivot it would be, is not declared",
-                f"give {field}: [x, y, z] in con, mm",
-            )
+            detail = f"{field} is not given, and interfaces.{interface}, whose pivot it would be, is not declared"
+            yield Problem(f"/temperature/{field}", "missing-field", detail, f"give {field}: [x, y, z] in con, mm")
 
 
 def _not_modelled(system: System) -> str:
