@@ -118,22 +118,6 @@ def test_a_zero_has_no_sign_in_whatever_form_it_arrives(order, written):
     assert systems[0].design_sha256 == systems[1].design_sha256
 
 
-@pytest.mark.parametrize("value", [True, "1.0", None, 10**30, float("nan")])
-def test_what_equals_a_number_or_looks_like_it_is_refused_after_it(value):
-    path = ("interfaces", "structure_connector", "bias")
-    load_design(replaced(DEMO, path, {"rz_deg": 1.0}))
-    for _ in range(2):
-        problems = problems_of(load_design, replaced(DEMO, path, {"rz_deg": value}), error=DesignError)
-        assert [problem.pointer for problem in problems] == ["/interfaces/structure_connector/bias/rz_deg"]
-
-
-def test_what_compiling_refuses_it_refuses_again():
-    reflection = {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}
-    for field in ("T_flange_con", "T_tcp_flange", "T_flange_con"):
-        design = load_design(DEMO | {"transforms": {field: reflection}})
-        assert problems_of(compile_design, design)[0].pointer == f"/transforms/{field}/rotation"
-
-
 def test_rounding_is_taken_out_and_noted_each_time():
     matrix = [[1, 1e-7, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     data = DEMO | {"transforms": {"T_flange_con": matrix, "T_tcp_flange": matrix}}
@@ -167,15 +151,6 @@ def test_the_hash_does_not_depend_on_who_writes_the_numbers(size):
     data["fiducials"]["points"][1]["label"] = 'a, "é" e'
     design = load_design(data)
     assert design.sha256 == hash_of_all(design)
-
-
-@pytest.mark.parametrize("count", [1, 16, 17, 40])
-def test_lists_of_any_length_are_hashed(count):
-    targets = [{"name": f"t{k}", "position_mm": [k, 0, 70.0]} for k in range(count)]
-    for _ in range(2):
-        design = load_design(DEMO | {"targets": targets})
-        assert design.sha256 == hash_of_all(design)
-        assert [target.name for target in compile_design(design).targets] == [target["name"] for target in targets]
 
 
 def test_sections_that_are_left_out_are_those_that_hold_nothing():

@@ -92,26 +92,6 @@ def test_csv_refusals(text, code, line):
     assert (problem.code, problem.line) == (code, line)
 
 
-HEADERS = [
-    "label,X [mm],Y [mm],Z [mm]\nA,1,2,3\n",
-    "Label,X(mm),Y(mm),Z(mm)\nA,1,2,3\n",
-    "label,x,y,z\n,mm,mm,mm\nA,1,2,3\n",
-    "label;x;y;z\n-;[mm];[mm];[mm]\nA;1;2;3\n",
-    "name\tx/mm\ty/mm\tz/mm\nA\t1\t2\t3\n",
-    "label,x mm,y mm,z mm\nA,1,2,3\n",
-    "label,x_mm,y_mm,z_mm\nA,1,2,3\n",
-    "label,z [cm],y [cm],x [cm]\nA,.3,.2,.1\n",
-    "label,x [\N{GREEK SMALL LETTER MU}m],y [\N{MICRO SIGN}m],z [um]\nA,1000,2000,3000\n".replace("[um]", "[µm]"),
-]
-
-
-@pytest.mark.parametrize("text", HEADERS)
-def test_headers_of_csv_as_people_write_them(text):
-    found = read(text, "b.csv")
-    assert found.labels == ("A",)
-    assert found.positions_mm[0] == pytest.approx((1, 2, 3))
-
-
 ROWS = "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\nn1,1,2,3,0,0,0,1,1,1,0,A,,\n"
 
 

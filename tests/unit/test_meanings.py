@@ -7,7 +7,6 @@ here, and the camera that it is, by plain matrices; beads and cameras are rebuil
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -297,24 +296,6 @@ def test_the_identity_with_its_scalar_last_is_half_a_turn_and_is_said_to_be(last
     meant = yaml.safe_load(re.search(r"write (\[.*?\]);", met.message)[1])
     np.testing.assert_allclose(Rotation.from_quat(written).as_quat(), np.roll(meant, -1), atol=1e-3)
     assert not remarks(replaced(DEMO, CON, {"quaternion_wxyz": meant, "translation_mm": [0, 0, 145]}))
-
-
-def test_orders_of_angles_as_the_page_has_them():
-    """independent: SciPy; the page says X-Y-Z about moving axes here, Z-Y-X of ROS and KUKA, vectors of UR."""
-    page = (Path(__file__).parents[2] / "docs/conventions.md").read_text()
-    for words in (
-        "X-Y-Z about the moving axes",
-        "Z-Y-X: `Rz(yaw)",
-        "Z-Y-X: `Rz(A)",
-        "Universal Robots",
-        "rotation vector",
-    ):
-        assert words in page
-    angles = [20, -35, 80]
-    system = check_design(load_design(replaced(DEMO, (*CON, "rotation_deg"), angles)))[0]
-    np.testing.assert_allclose(
-        system.T_flange_con[:3, :3], Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
-    )
 
 
 # --- principal points -------------------------------------------------------------------------------------
