@@ -67,8 +67,8 @@ def task_of(problem: PlacementProblem) -> Task:
         problem.min_projected_spacing_px, problem.target_clearance_px,
     )  # fmt: skip
     scene = (
-        np.ascontiguousarray(estimator.projections), np.array(term.reconstructed_mm), np.array(term.to_error),
-        np.array(estimator.fiducial_px), np.array(estimator.target_px), np.ascontiguousarray(term.free_gain.T),
+        np.ascontiguousarray(estimator.projections), term.reconstructed_mm[0], np.array(term.to_error),
+        *np.ascontiguousarray(estimator.imaging.estimation.noise.T), np.ascontiguousarray(term.free_gain.T),
         problem.lower, problem.upper, *limits,
     )  # fmt: skip
     return Task(problem, np.array(box.low_mm), np.array(box.high_mm), scene)
@@ -80,7 +80,7 @@ def _margins(problem: PlacementProblem, points: Array) -> list[tuple[float, floa
     found = []
     first, second = np.triu_indices(len(points), 1)
     for view in problem.system.views:
-        seen = np.vstack([points, demand.target.position_mm]) @ view.projection[:, :3].T + view.projection[:, 3]
+        seen = np.vstack([points, demand.targets[0].position_mm]) @ view.projection[:, :3].T + view.projection[:, 3]
         images, target = (seen[:, :2] / seen[:, 2:])[:-1], seen[-1, :2] / seen[-1, 2]
         edge = np.array(view.image_size_px) - 1 - problem.image_margin_px
         found.append((
@@ -114,7 +114,7 @@ def is_feasible(task: Task, answer: Answer) -> bool:
 def quantile_mm(problem: PlacementProblem, term: DemandTerms, layout: Array, half_width: Array) -> float:
     """The closed form by the score's linear model."""
     choice = Choice(layout, half_width, present_choice(problem).pivots_mm, np.ones(0))
-    images = image_parts(linearise(apply_choice(problem, choice), term.demand.target), term.demand.requirement.error)
+    images = image_parts(linearise(apply_choice(problem, choice), term.demand.targets[0]), term.demand.requirement.error)
     return closed_form_mm(term, images, half_width, mechanics_of(problem, choice), np.zeros(0))
 
 

@@ -126,7 +126,7 @@ def meet_optimiser(own: Subject, folder: Path) -> None:
     term, laid = terms_of(problem, demand), lay(problem, problem.system.fiducials_mm, mechanics)
     aim = term.reconstructed.at(mechanics)
     found = image_parts_at(estimator_of(problem.system), term, laid, projections, told, aim).numbers
-    wanted = image_parts(linearise(problem.system, demand.target), "tcp").numbers
+    wanted = image_parts(linearise(problem.system, demand.targets[0]), "tcp").numbers
     np.testing.assert_allclose(np.asarray(found, float), wanted, rtol=1e-7, atol=1e-12)
 
 

@@ -420,7 +420,7 @@ def test_the_flange_does_not_act_on_localisation() -> None:
         (problem,) = problems_of(call, load_design(alone), error=DesignError)
         assert (problem.pointer, problem.code) == ("/optimise", "no-influence")
         assert "flange rx" in problem.detail
-        assert "tcp" in problem.hint
+        assert "at the tool" in problem.hint
     both = document(rotation_bounds=DEG)
     both["requirements"][0]["error"] = "localisation"
     assert {re.match(r"flange r[xy]", finding.message) is not None for finding in findings(both, "no-lever")} == {True}

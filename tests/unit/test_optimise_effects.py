@@ -112,7 +112,7 @@ def test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout(
 
     def expected(at: Array) -> Array:
         choice = replace(present_choice(problem), fiducials_mm=at[:24].reshape(8, 3), pivots_mm=at[24:].reshape(1, 3))
-        return image_parts(linearise(apply_choice(problem, choice), demand.target), "tcp").numbers
+        return image_parts(linearise(apply_choice(problem, choice), demand.targets[0]), "tcp").numbers
 
     rng = np.random.default_rng(5)
     for _ in range(2):

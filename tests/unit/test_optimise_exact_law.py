@@ -179,7 +179,7 @@ def _exact_worst(solution: PlacementSolution, choice: Choice) -> float:
     """By the linear model, its worst vertex and its law: no term of the programme."""
     system, found = apply_choice(solution.problem, choice), []
     for demand in solution.problem.demands:
-        model = linearise(system, demand.target)
+        model = linearise(system, demand.targets[0])
         error = demand.requirement.error
         ends = [
             (block.gain(error)[:, j] * block.half_width[j])

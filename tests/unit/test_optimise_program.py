@@ -144,7 +144,7 @@ def _quantile_rows(program: Program, x: Array, parameters: Parameters, by_hand: 
     mechanics = mechanics_of(problem, choice)
     values = []
     for t, (term, part) in enumerate(zip(program.terms, parameters.corrections, strict=True)):
-        model = linearise(apply_choice(problem, choice), term.demand.target)
+        model = linearise(apply_choice(problem, choice), term.demand.targets[0])
         error = term.demand.requirement.error
         images = image_parts(model, error)
         upper = np.triu_indices(3)
@@ -271,7 +271,7 @@ def test_gains_are_exactly_affine_in_pivots_and_inverse_spacings(name: str) -> N
         for _ in range(4):
             choice = _random_choice(problem, rng)
             mechanics: Mechanics = mechanics_of(problem, choice)
-            model = linearise(apply_choice(problem, choice), demand.target)
+            model = linearise(apply_choice(problem, choice), demand.targets[0])
             expected = np.vstack([
                 block.gain(error).T for block in model.blocks
                 if "noise" not in block.contributor and block.contributor != "fiducial_manufacturing"
@@ -283,7 +283,7 @@ def test_gains_are_exactly_affine_in_pivots_and_inverse_spacings(name: str) -> N
                 np.asarray(term.bias.at(mechanics), dtype=float), model.bias_mm(error), rtol=1e-10, atol=1e-10
             )
             np.testing.assert_allclose(
-                np.asarray(term.reconstructed.at(mechanics), dtype=float), model.reconstructed_mm, rtol=1e-10
+                np.asarray(term.reconstructed.at(mechanics)[0], dtype=float), model.reconstructed_mm, rtol=1e-10
             )
 
 
@@ -293,7 +293,7 @@ def test_the_split_model_has_the_covariance_of_the_score(seed: int) -> None:
     problem = general_problem(seed)
     for demand in problem.demands:
         term, error = terms_of(problem, demand), demand.requirement.error
-        model = linearise(problem.system, demand.target)
+        model = linearise(problem.system, demand.targets[0])
         images = image_parts(model, error)
         total = term.covariance + images.noise + images.made
         for k, free in enumerate(problem.half_widths):
@@ -374,7 +374,7 @@ def test_geometric_rows_hold_where_the_rules_are_kept(reading: Reading) -> None:
         assert (min(found["region"]) > 0) == (20 < radius < 50 and -60 < layout[4, 2] < 30)
         clear = [((layout[i] < [-23, -23, -43]) | (layout[i] > [33, 13, 3])).any() for i in (1, 4)]
         assert [value > 0 for value in found["keep_out"]] == clear
-        centres = [p @ [*term.reconstructed_mm, 1] for p in estimator_of(problem.system).projections]
+        centres = [p @ [*term.reconstructed_mm[0], 1] for p in estimator_of(problem.system).projections]
         gaps = [
             np.linalg.norm(image[i] - centre[:2] / centre[2]) ** 2 / 160000 - 1
             for image, centre in zip(images, centres, strict=True) for i in (1, 4)

@@ -531,8 +531,8 @@ SLOW: dict[str, Data] = {
     "cost-out-of-reach": spending(100.0, box=BOX, min_spacing_mm=12.0),
 }
 WORDS = {"outside-view", "outside-symmetry", "kept-out", "does-not-fit"}  # hints that name a shape, not a number
-# As many as a programme holds; a requirement that it cannot hold; a version of a package.
-ELSEWHERE = {"too-many", "not-optimised", "missing-solver"}
+# As many as a programme holds; a version of a package.
+ELSEWHERE = {"too-many", "missing-solver"}
 
 
 def told_with_numbers() -> Iterator[str]:

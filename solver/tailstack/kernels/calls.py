@@ -33,7 +33,7 @@ _TABLES = (
     "f3r f2r f1r i2r f2r f3r f2r f1r f2r f2r f2r f2r f1r f1r)"
 )
 _IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2) f2 b f2 i1 f2)"
-_EXCHANGE = "ExchangeModel(f3 f2 f2 f3 f1 f1 f2 f2 Estimation(i i f2 f2) f3)"
+_EXCHANGE = "ExchangeModel(f3 f2 f2 f3 i1 f1 f1 f2 f2 Estimation(i i f2 f2) f3)"
 _ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 i f2 i1 i1 b)"
 _VALIDITY_BOUNDS = "ValidityBounds(f3 f2 f3 f1 f b)"
 _TABLE = {

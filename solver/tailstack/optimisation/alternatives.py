@@ -107,13 +107,13 @@ def mark_dominated(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
 def _empty(
     problem: PlacementProblem, factor: float, status: Literal["out of reach", "not tried"], note: str
 ) -> FrontPoint:
-    limit = problem.requirements[0].limit * factor
+    limit = problem.in_mm[0].requirement.limit * factor
     return FrontPoint(factor, limit, status, note, None, None, None, (), (), (), ())
 
 
 def front_factors(request: OptimiseRequest, search: Search) -> tuple[float, ...]:
     """Multiples of the requirement's limit, evenly spaced in logarithm."""
-    limit = search.program.problem.requirements[0].limit
+    limit = search.program.problem.in_mm[0].requirement.limit
     front = request.section.front
     low = front.min_limit_mm / limit if front is not None and front.min_limit_mm is not None else None
     high = front.max_limit_mm / limit if front is not None and front.max_limit_mm is not None else LOOSEST
@@ -134,7 +134,7 @@ def _least_ratio(program: Program, search: Search) -> float:
 
 def _point(problem: PlacementProblem, search: Search, verified: VerifiedOptimum, factor: float) -> FrontPoint:
     choice = verified.optimum.choice
-    first = problem.requirements[0]
+    first = problem.in_mm[0].requirement
     own = [term for term in search.terms if term.demand.requirement.name == first.name]
     checks = [check for check in verified.verification.verdict.checks if check.requirement == first.name]
     return FrontPoint(

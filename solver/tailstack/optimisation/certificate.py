@@ -11,6 +11,7 @@ from math import floor, log10, radians
 import numpy as np
 
 from ..errors import InfeasibleError, NotConvergedError
+from ..measures import MEASURE
 from ..results import Relaxation, ShadowPrice
 from ..results.digits import at_least, at_most
 from ..system import Law
@@ -62,10 +63,10 @@ def name_binding(program: Program, point: Point, parameters: Parameters) -> tupl
 def _upper_text(program: Program, t: int, row: ConstraintRow) -> str:
     if row.kind == "cost":
         return f"the cost limit of {program.problem.cost_limit:g}"
-    requirement = program.terms[t].demand.requirement
+    demand = program.terms[t].demand
     if program.problem.objective == "quantile":
-        return f"{row.text}: the largest part of its limit ({requirement.name})"
-    return f"{row.text}, limit {requirement.limit:g} mm ({requirement.name})"
+        return f"{row.text}: the largest part of its limit ({demand.requirement.name})"
+    return f"{row.text}, limit {demand.limit_text} ({demand.requirement.name})"
 
 
 def _minimum(problem: PlacementProblem, kind: str) -> str:
@@ -142,10 +143,10 @@ PRICED = 1e-2  # per cent of the objective for one step: smaller shadow prices o
 def price_bounds(
     program: Program, point: Point, objective: float, whole: float | None = None
 ) -> tuple[ShadowPrice, ...]:
-    """Derivatives of the objective (cost; or the quantile in mm, where that is least) by every limit that binds.
+    """Derivatives of the objective (cost; or the quantile, where that is least) by every limit that binds.
 
     By the envelope theorem ``d log f / d theta`` is the partial derivative of the Lagrangian of ``log f``: a limit L
-    enters as ``-2 log L`` with multiplier lambda, so its price is ``-2 lambda f / L`` per mm; a bound h of a
+    enters as ``-2 log L`` with multiplier lambda, so its price is ``-2 lambda f / L``; a bound h of a
     half-width through its logarithm, ``-mu f / h``; a spacing d as ``-2 / d`` where it binds; a face of the box at
     distance ``half`` from the centre per scaled unit.  Where the quantile is least the programme minimises
     ``s = 2 log``, so every price is half of that.
@@ -177,11 +178,11 @@ def price_bounds(
             float(rows[t]) for t, term in enumerate(program.terms) if term.demand.requirement.name == requirement.name
         )
         if not quantile_least:
-            limit = requirement.limit
+            limit, unit = requirement.limit, MEASURE[requirement.error].unit
             step = 10.0 ** floor(log10(limit / 10))  # small enough for a derivative to mean something
             name = "limit" if len(problem.requirements) == 1 else f"limit of {requirement.name}"
-            phrase = f"the {name} ({limit:g} mm)" if " of " in name else f"the limit of {limit:g} mm"
-            add(name, "mm", -2 * pressed * objective / limit, f"{{step}} mm more on {phrase}", limit, step)
+            phrase = f"the {name} ({limit:g} {unit})" if " of " in name else f"the limit of {limit:g} {unit}"
+            add(name, unit, -2 * pressed * objective / limit, f"{{step}} {unit} more on {phrase}", limit, step)
     for row, multiplier in zip(program.rows, rows, strict=True):
         if row.kind == "cost" and problem.cost_limit is not None:
             step = 10.0 ** floor(log10(problem.cost_limit / 10))

@@ -10,7 +10,7 @@ The moments of a limited error and the smooth closed form of its quantile are wr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import log, sqrt
 
@@ -19,15 +19,16 @@ from scipy.special import ndtri
 
 from ..contributors import WorstCase, columns_of, declared_law, law_of, worst_case
 from ..geometry.arrays import Array
-from ..losses import without_fiducials
-from ..propagation.linear import LinearModel, linearise
-from ..system import ArrayLike, Law, Way
+from ..losses import search_losses, without_fiducials
+from ..propagation.linear import ErrorModel
+from ..results.verdicts import P95
+from ..system import ArrayLike, Law, System, Way
 from ..tail.approximation import pearson_square, square_cumulants, unit_quantile_squared
 from ..tail.declared import column_gradient, law_gradient, law_quantile
 from ..tail.per_unit import UnitQuantile, unit_quantile
 from .problem import Choice, PlacementProblem, QuantileConstraint, apply_choice
 from .symbols import plain, times
-from .terms import DemandTerms, ImageParts, Mechanics, at_ends, mechanics_of
+from .terms import DemandTerms, ImageParts, Mechanics, at_ends, linearise_demand, mechanics_of
 
 LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
 STEP = 1e-5  # relative step of central differences of the closed form
@@ -37,16 +38,16 @@ PIVOT_STEP_MM, SPACING_STEP = 0.05, 1e-3  # of the exact quantile
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """One quantile at one choice."""
+    """One quantile at one choice, in the unit of its measure."""
 
     exact_mm: float
-    limit_mm: float  # of its requirement
+    limit: float  # of its requirement
     density: float  # of the error's norm there, 1/mm
     relative_error: float  # numerical error of exact_mm, relative
     mean_mm: Array  # (3,) at the worst vertex
     signs: Array  # (B,) ends of the bounded sources, in the order of ``DemandTerms.at_ends``
     images: ImageParts
-    model: LinearModel
+    model: ErrorModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +62,7 @@ class Correction:
     slopes: Array
 
 
-def image_parts(model: LinearModel, error: str) -> ImageParts:
+def image_parts(model: ErrorModel, error: str) -> ImageParts:
     """What comes through the images by the linear model."""
     noise, made, gains = np.zeros((3, 3)), np.zeros((3, 3)), [np.zeros((0, 3))]
     for block in model.blocks:
@@ -77,13 +78,13 @@ def evaluate_demand(problem: PlacementProblem, terms: DemandTerms, choice: Choic
     score reports.  Raises IllPosedError or NotConvergedError."""
     requirement = terms.demand.requirement
     system = without_fiducials(apply_choice(problem, choice), terms.demand.lost)
-    model = at_ends(linearise(system, terms.demand.target), terms.demand.ends)
+    model = at_ends(linearise_demand(system, terms.demand)[0], terms.demand.ends)
     exact = exact_quantile(model, terms.demand)
     sources = (*terms.sources, *terms.common)
     keys = [(sources[b].contributor, sources[b].index) for b in terms.at_ends]
     return Evaluation(
         exact_mm=exact.value_mm,
-        limit_mm=requirement.limit,
+        limit=requirement.limit,
         density=exact.density,
         relative_error=exact.relative_error,
         mean_mm=exact.worst.mean_mm,
@@ -103,7 +104,7 @@ class ExactQuantile:
     worst: WorstCase
 
 
-def exact_quantile(model: LinearModel, demand: QuantileConstraint) -> ExactQuantile:
+def exact_quantile(model: ErrorModel, demand: QuantileConstraint) -> ExactQuantile:
     """Quantile of the declared law; per unit, the required fraction of units' own quantile (sampled)."""
     requirement = demand.requirement
     worst = worst_case(model, requirement.error, requirement.quantile)
@@ -118,7 +119,7 @@ def exact_quantile(model: LinearModel, demand: QuantileConstraint) -> ExactQuant
 
 
 def _unit_quantile(
-    model: LinearModel, demand: QuantileConstraint, mean_mm: Array, stretch: Mapping[str, Array] | None = None
+    model: ErrorModel, demand: QuantileConstraint, mean_mm: Array, stretch: Mapping[str, Array] | None = None
 ) -> UnitQuantile:
     """The required fraction of units' own quantile; ``stretch``: (3, 3) by which gains of some contributors are
     multiplied."""
@@ -339,7 +340,21 @@ def _closed_gradient(
 def exact_ratios(problem: PlacementProblem, terms: tuple[DemandTerms, ...], choice: Choice) -> Array:
     """(T,) exact quantile over its limit of every demand at a choice."""
     evaluations = [evaluate_demand(problem, term, choice) for term in terms]
-    return np.array([item.exact_mm / item.limit_mm for item in evaluations])
+    return np.array([item.exact_mm / item.limit for item in evaluations])
+
+
+def p95_of(system: System, demands: Sequence[QuantileConstraint]) -> list[float]:
+    """P95 of each error to first order, pooled, whatever its requirement limits; of all shots, those that miss
+    fiducials among them, where that is known.  Raises IllPosedError."""
+    search, values = search_losses(system), []
+    for demand in demands:
+        wanted = replace(demand.requirement, quantile=P95, risk="pooled", min_yield=None)
+        if search is not None and demand.is_point:
+            values.append(search.shots(demand.site.name, wanted.error, P95).value(P95))
+        else:
+            model, _ = linearise_demand(system, demand)
+            values.append(exact_quantile(model, replace(demand, requirement=wanted)).value_mm)
+    return values
 
 
 def leading_demands(

@@ -19,7 +19,7 @@ from tailstack.fields import INTERFACES
 from ..errors import DesignError, IllPosedError, InfeasibleError, NotConvergedError, Problem
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
-from ..propagation.linear import LinearModel, linearise
+from ..propagation.linear import ErrorModel
 from ..results import Finding
 from ..results.digits import at_least, at_most
 from ..system import Way
@@ -40,7 +40,7 @@ from .problem import (
 )
 from .program import QUIET, ConstraintRow, Parameters, Point, Program
 from .solver import make_solver
-from .terms import DemandTerms, blind_half_widths, every_terms, is_singular, scatter
+from .terms import DemandTerms, blind_half_widths, every_terms, is_singular, linearise_demand, scatter
 
 LEADING = 3  # contributors named
 NOISE = ("fiducial_noise:", "target_noise:")
@@ -55,19 +55,20 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
     problem = program.problem
     choice = replace(program.split(point.x), half_width=least_half_widths(problem, program.present_width))
     evaluations = [evaluate_demand(problem, term, choice) for term in program.terms]
-    k = int(np.argmax([item.exact_mm / item.limit_mm for item in evaluations]))
+    k = int(np.argmax([item.exact_mm / item.limit for item in evaluations]))
     worst, term = evaluations[k], program.terms[k]
     requirement = term.demand.requirement
     tight = ", every free half-width at its smallest" if problem.half_widths else ""
-    aim = f"the limit of {requirement.limit:g} mm"
+    unit, aim = term.demand.measure.unit, f"the limit of {term.demand.limit_text}"
     if parameters is not None and parameters.log_limits[k] < np.log(requirement.limit * (1 - 1e-4)):
-        aim += f" (with the margin the Monte Carlo check needs: {at_most(float(np.exp(parameters.log_limits[k])))} mm)"
+        margin = f"{at_most(float(np.exp(parameters.log_limits[k])))} {unit}"
+        aim += f" (with the margin the Monte Carlo check needs: {margin})"
     shares = _shares(worst, requirement.error)
     own = aim_of(worst, term.demand, trials_for(len(problem.targets)))
     left = own if parameters is None else min(own, float(np.exp(parameters.log_limits[k])) / requirement.limit)
     enough = at_least(worst.exact_mm / left * (1 + INTERIOR))
     which = "the limit" if not term.demand.lost else "limit_mm of survive"
-    raised = f"raise {which} to {enough} mm or more, which leaves the check its margin"
+    raised = f"raise {which} to {enough} {unit} or more, which leaves the check its margin"
     if left * FAR_OFF < own:
         raised = f"the check finds {at_least(own / left, 2)} times what the estimate that guides the search says: "
         raised += "spread the fiducials or reduce the noise"
@@ -77,7 +78,7 @@ def explain_infeasible(program: Program, point: Point, parameters: Parameters | 
             "/optimise",
             "limit-out-of-reach",
             f"the smallest {term.demand.text.replace(' at target', ' found within the given freedom, at target')}, is "
-            f"{worst.exact_mm:.4g} mm{tight}; {aim} lies below it. Share of the mean square there: {shares}",
+            f"{worst.exact_mm:.4g} {unit}{tight}; {aim} lies below it. Share of the mean square there: {shares}",
             raised + "".join(f"; or {cure}" for cure in cures),
         )
     )
@@ -96,7 +97,7 @@ def _shares(worst: Evaluation, error: str) -> str:
     return ", ".join(f"{name} {100 * value / whole:.0f} %" for name, value in leading if value > 0.01 * whole)
 
 
-def _cures(problem: PlacementProblem, demand: QuantileConstraint, model: LinearModel, limit: float) -> list[str]:
+def _cures(problem: PlacementProblem, demand: QuantileConstraint, model: ErrorModel, limit: float) -> list[str]:
     """By how much one contributor at a time would have to shrink; all of them together where none is enough."""
     names = {block.contributor: _noise_or_itself(block.contributor) for block in model.blocks}
     weight: dict[str, float] = {}
@@ -127,7 +128,7 @@ def _in_words(problem: PlacementProblem, name: str) -> str:
     return {"image noise": "the image noise"}.get(name, f"{name}")
 
 
-def _factor(model: LinearModel, demand: QuantileConstraint, contributors: set[str], limit_mm: float) -> float | None:
+def _factor(model: ErrorModel, demand: QuantileConstraint, contributors: set[str], limit_mm: float) -> float | None:
     """Largest factor on these contributors with which the quantile is within the limit, rounded down; or None."""
 
     def quantile(factor: float) -> float:
@@ -299,7 +300,7 @@ def remark_levers(problem: PlacementProblem, found: Choice | None = None) -> tup
                 "/optimise",
                 "no-influence",
                 "nothing that is free acts on the limited error: " + "; ".join(item.message for item in findings),
-                "free something with a lever on the target, or limit another error (tcp instead of localisation)",
+                "free something with a lever on the target, or limit the error at the tool",
             )
         )
     return tuple(findings)
@@ -325,7 +326,7 @@ def refuse_incurable(problem: PlacementProblem) -> None:
     for index, requirement in enumerate(problem.system.requirements):
         provable = ((1 - requirement.confidence) / 2) ** (1 / UNITS)  # lower limit when every unit meets the limit
         if requirement in problem.requirements and requirement.risk == "per_unit":
-            wanted = QuantileConstraint(requirement, problem.system.targets[0]).fraction
+            wanted = requirement.units_fraction or 0.0
             if wanted >= provable:
                 raise DesignError(
                     Problem(
@@ -383,30 +384,30 @@ def _layout(problem: PlacementProblem, demand: QuantileConstraint) -> Finding | 
     if is_singular(problem.system, problem.system.fiducials_mm):
         return None
     try:
-        model = linearise(apply_choice(problem, choice), demand.target)
+        model, _ = linearise_demand(apply_choice(problem, choice), demand)
     except IllPosedError:  # as drawn, the layout has no answer: there is nothing to compare with
         return None
     now = exact_quantile(model, demand).value_mm
-    floor = exact_quantile(with_perfect_fiducials(model), demand).value_mm
+    floor = exact_quantile(with_perfect_fiducials(model, demand.measure.name), demand).value_mm
     gain = 1 - floor / now
-    what = "the fiducials' own image noise and manufacturing errors"
-    if any(block.effect.way is Way.SHARED for block in model.blocks) or model.imaged_bias_mm("tcp").any():
+    unit, what = demand.measure.unit, "the fiducials' own image noise and manufacturing errors"
+    if any(block.effect.way is Way.SHARED for block in model.blocks) or model.imaged_bias_mm(demand.measure.name).any():
         what = "image noise, manufacturing errors and systematic errors of the images"
     return Finding(
         "layout-influence",
         "warning" if gain < HARDLY else "note",
-        f"{demand.text} is {now:.4g} mm; with the tolerances as they are, placement can gain no more than what "
-        f"{what} cost: down to {floor:.4g} mm ({-100 * gain:+.1f} %)",
+        f"{demand.text} is {now:.4g} {unit}; with the tolerances as they are, placement can gain no more than what "
+        f"{what} cost: down to {floor:.4g} {unit} ({-100 * gain:+.1f} %)",
         problem.places[0].pointer,
         floor,
         demand.requirement.limit,
     )
 
 
-def with_perfect_fiducials(model: LinearModel) -> LinearModel:
+def with_perfect_fiducials(model: ErrorModel, error: str) -> ErrorModel:
     """The linear model without what comes by way of the fiducials: their noise, their manufacture, assumed intrinsics,
     what moves their images together; and without any bias where some of it comes that way too."""
     rest = tuple(b for b in model.blocks if b.effect.way is Way.LINK or b.effect.of_target)
-    if not model.imaged_bias_mm("tcp").any():
+    if not model.imaged_bias_mm(error).any():
         return replace(model, blocks=rest)
     return replace(model, blocks=rest, biases=dict.fromkeys(model.biases, np.zeros(3)))

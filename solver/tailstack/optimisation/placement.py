@@ -68,7 +68,7 @@ def settle(search: Search, aims: Array, start: PlacementSolution | None = None) 
         program = search.program
         own = _own_aims(search, aims)
         evaluations = evaluate_demands(program, here.point)
-        reached = max(item.exact_mm / item.limit_mm / aim for item, aim in zip(evaluations, own, strict=True))
+        reached = max(item.exact_mm / item.limit / aim for item, aim in zip(evaluations, own, strict=True))
         if rounds and _has_arrived(program, here.point, evaluations, reached):
             exact = _correct(program, here, evaluations, own, same_ends=True)
             residual = kkt_residual(program, here.point, exact)
@@ -207,7 +207,7 @@ def _correct(
         correction_at(problem, term, choice, item, signs[t] if same_ends else None)
         for t, (term, item) in enumerate(zip(program.terms, evaluations, strict=True))
     )
-    limits = np.log([item.limit_mm for item in evaluations])
+    limits = np.log([item.limit for item in evaluations])
     if problem.objective != "quantile":
         limits = limits + np.log(aims * (1 - _window(program, evaluations) / 2))
     return Parameters(limits, signs, corrections, program.pieces_of(choice))

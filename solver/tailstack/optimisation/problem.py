@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import degrees
@@ -11,6 +11,8 @@ from typing import Any, Literal
 import numpy as np
 
 from ..geometry.arrays import Array, frozen
+from ..measures import MEASURE, POINTS
+from ..measures.measure import Measure, Site
 from ..system import ArrayLike, DirectEffect, Requirement, System, Target, put_mounts
 from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
@@ -79,17 +81,18 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuantileConstraint:
-    """One requirement at one target: one quantile that has one limit."""
+    """One requirement at one site of its measure: one quantile that has one limit."""
 
     requirement: Requirement
-    target: Target
+    site: Site
+    targets: tuple[Target, ...]  # that it joins, in its order: one, of a measure of a single target
     lost: tuple[str, ...] = ()  # labels of the fiducials that are lost, in all views
     ends: tuple[float, ...] = ()  # -1 or 1: where each bounded source of ``count_ends`` stands; (): wherever is worst
 
     @property
     def subject(self) -> tuple[str, ...]:
         """What has the limit, wherever bounded sources stand."""
-        return self.requirement.name, self.target.name, *self.lost
+        return self.requirement.name, self.site.name, *self.lost
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -97,11 +100,27 @@ class QuantileConstraint:
 
     @property
     def text(self) -> str:
+        of = "" if self.is_point else f" of {self.measure.words}"
         per_unit = f" of {100 * self.fraction:g} % of units" if self.per_unit else ""
         without = f" without {' and '.join(self.lost)}" if self.lost else ""
         signs = "".join("+" if end > 0 else "-" for end in self.ends)
         at = f", bounded errors of images at {signs}" if signs else ""
-        return f"P{100 * self.requirement.quantile:g}{per_unit} at target {self.target.name!r}{without}{at}"
+        return f"P{100 * self.requirement.quantile:g}{of}{per_unit} at target {self.site.name!r}{without}{at}"
+
+    @property
+    def measure(self) -> Measure:
+        """What is limited."""
+        return MEASURE[self.requirement.error]
+
+    @property
+    def is_point(self) -> bool:
+        """Whether that is an error at one target, mm."""
+        return self.measure in POINTS
+
+    @property
+    def limit_text(self) -> str:
+        """With its unit."""
+        return f"{self.requirement.limit:g} {self.measure.unit}"
 
     @property
     def per_unit(self) -> bool:
@@ -109,9 +128,8 @@ class QuantileConstraint:
 
     @property
     def fraction(self) -> float:
-        """Per unit: the fraction of units whose own quantile must meet the limit, as the verdict takes it."""
-        required = self.requirement.min_yield
-        return self.requirement.quantile if required is None else required
+        """Per unit: the fraction of units whose own quantile must meet the limit."""
+        return self.requirement.units_fraction or self.requirement.quantile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,19 +181,23 @@ class PlacementProblem:
 
     @property
     def demands(self) -> tuple[QuantileConstraint, ...]:
-        """Every requirement at every target it names, in the order of the system; then what must hold after every
+        """Every requirement wherever it is asked for, in the order of the system; then what must hold after every
         loss."""
-        asked = tuple(
-            QuantileConstraint(requirement, target)
-            for requirement in self.requirements
-            for target in self.system.targets
-            if target.name in requirement.targets
-        )
+        asked = tuple(demand for requirement in self.requirements for demand in demands_of(self.system, requirement))
         if self.survival is None:
             return asked
         losses = combinations(self.system.fiducial_labels, self.survival.lost)
-        survived = (QuantileConstraint(self.survival.requirement, *each) for each in product(self.targets, losses))
-        return (*asked, *survived)
+        each = product(demands_of(self.system, self.survival.requirement), losses)
+        return (*asked, *(replace(demand, lost=lost) for demand, lost in each))
+
+    @property
+    def in_mm(self) -> tuple[QuantileConstraint, ...]:
+        """Those of errors at targets, with all fiducials; where none is asked for, the error at the tool at all targets
+        that are joined."""
+        asked = tuple(demand for demand in self.demands if demand.is_point and not demand.lost)
+        names = tuple(target.name for target in self.targets)
+        stand_in = replace(self.requirements[0], error=POINTS[0].name, targets=names)
+        return asked or demands_of(self.system, stand_in)
 
     @property
     def ends(self) -> tuple[tuple[float, ...], ...]:
@@ -187,8 +209,7 @@ class PlacementProblem:
     @property
     def targets(self) -> tuple[Target, ...]:
         """The targets that some requirement names, in the order of the system."""
-        named = {name for requirement in self.requirements for name in requirement.targets}
-        return tuple(target for target in self.system.targets if target.name in named)
+        return targets_of(self.system, self.requirements)
 
     @property
     def lower(self) -> Array:
@@ -208,6 +229,25 @@ class PlacementProblem:
     def cost(self, half_width: Array) -> float:
         """Sum over the free half-widths (K,), native unit."""
         return sum((cost_of(f.price, float(h)) for f, h in zip(self.half_widths, half_width, strict=True)), 0.0)
+
+
+def demands_of(system: System, requirement: Requirement) -> tuple[QuantileConstraint, ...]:
+    """A requirement at every site of its measure that it names, in the order of the system."""
+    targets = {target.name: target for target in system.targets}
+    return tuple(
+        QuantileConstraint(requirement, site, tuple(targets[name] for name in site.weights))
+        for measure, site in system.metrics
+        if measure.name == requirement.error and site.name in requirement.targets
+    )
+
+
+def targets_of(system: System, requirements: Sequence[Requirement]) -> tuple[Target, ...]:
+    """The targets that some requirement names, in the order of the system; all of them where a measure joins several,
+    as its sites follow from all."""
+    if any(MEASURE[requirement.error] not in POINTS for requirement in requirements):
+        return system.targets
+    named = {name for requirement in requirements for name in requirement.targets}
+    return tuple(target for target in system.targets if target.name in named)
 
 
 def hold_spent(problem: PlacementProblem) -> PlacementProblem:

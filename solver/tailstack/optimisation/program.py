@@ -532,7 +532,11 @@ def _target_clearance(
 ) -> Iterator[tuple[ConstraintRow, Any]]:
     if problem.target_clearance_px <= 0:
         return
-    named = {term.demand.target.name: term.reconstructed_mm for term in terms}
+    named = {
+        target.name: aim
+        for term in terms
+        for target, aim in zip(term.demand.targets, term.reconstructed_mm, strict=True)
+    }
     for name, reconstructed in named.items():
         centre = projection[:, :3] @ reconstructed + projection[:, 3]
         for i in problem.free_fiducials:

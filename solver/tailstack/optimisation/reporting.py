@@ -10,8 +10,7 @@ from ..design import Design, compile_design, design_to_data
 from ..errors import IllPosedError
 from ..estimation.checks import check_geometry
 from ..geometry.arrays import Array
-from ..losses import search_losses
-from ..propagation.linear import linearise
+from ..measures import MEASURE
 from ..results import (
     ERRORS,
     Certificate,
@@ -27,19 +26,18 @@ from ..results import (
     ViewSearch,
 )
 from ..results.digits import at_least, percent_change
-from ..results.verdicts import P95
 from ..scoring import vector3
 from ..system import System
 from .certificate import bound_cost, name_binding, price_bounds
-from .exact_law import exact_quantile
+from .exact_law import p95_of
 from .explain import influence_of, remark_levers
 from .placement import PlacementSolution
 from .present import present_design, say_outside
 from .prices import cost_of
-from .problem import Choice, PlacementProblem, QuantileConstraint, for_people, in_words, label_of, present_choice
+from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice
 from .request import OptimiseRequest, read_request
 from .task import OptimisationTask
-from .terms import DemandTerms, mechanics_of
+from .terms import DemandTerms, mechanics_of, terms_of
 from .tightening import VerifiedOptimum
 
 NEAR = 0.01  # a design that is kept has the shadow prices of an optimum that costs about as much
@@ -67,7 +65,7 @@ def report(
     fiducials_cost = count_price * len(after_system.fiducial_labels)
     cost_after = (problem.cost(now.half_width) if priced else 0.0) + fiducials_cost
     minimised = problem.objective != "quantile"
-    p95_before_mm, p95_after_mm = find_p95_mm(request.design), _p95(compile_design(verified.design), after.demands)
+    p95_before_mm, p95_after_mm = find_p95_mm(request.design), max(p95_of(compile_design(verified.design), after.in_mm))
     certified = optimum.solution or verified.exact
     return Optimisation(
         schema="tailstack/optimisation/1",
@@ -188,7 +186,7 @@ def find_p95_mm(design: Design) -> float | None:
     system = compile_design(design)
     try:
         check_geometry(system)
-        return _p95(system, read_request(design).problem.demands)
+        return max(p95_of(system, read_request(design).problem.in_mm))
     except IllPosedError:  # the layout as it stands has no answer; the new one has
         return None
 
@@ -197,14 +195,13 @@ def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
     limits = ", ".join(
         f"P{100 * item.quantile:g} of {ERRORS[item.error]}"
         + (f" of each of {100 * item.min_yield:g} % of units" if item.min_yield is not None else "")
-        + f" within {item.limit:g} mm"
+        + f" within {item.limit:g} {MEASURE[item.error].unit}"
         for item in problem.requirements
     )
     if problem.survival is not None:
-        limits += (
-            f", and P95 of {ERRORS['tcp']} within {problem.survival.requirement.limit:g} mm when any "
-            f"{problem.survival.lost} fiducial{'s are' if problem.survival.lost > 1 else ' is'} lost"
-        )
+        lost, item = problem.survival.lost, problem.survival.requirement
+        limits += f", and P95 of {ERRORS[item.error]} within {item.limit:g} mm when any {lost} fiducial"
+        limits += f"{'s are' if lost > 1 else ' is'} lost"
     count = len(problem.half_widths)
     if problem.objective == "scaling":
         return f"largest common factor on {count} free half-widths with {limits}"
@@ -219,22 +216,6 @@ def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
     made_of = "sum of cost_weight / half-width, in rad or mm," if plain else "sum of the cost curves"
     fiducials = ", fiducials included" if request.section.count and request.section.count.cost_per_fiducial else ""
     return f"least cost ({made_of} over {count} free tolerances{fiducials}) with {limits}"
-
-
-def _p95(system: System, demands: tuple[QuantileConstraint, ...]) -> float:
-    """Largest P95 over the demanded errors and targets, pooled, whatever the requirements limit; of all shots, those
-    that miss fiducials among them."""
-    search, values = search_losses(system), []
-    for demand in demands:
-        if demand.lost:
-            continue
-        wanted = replace(demand.requirement, quantile=0.95, risk="pooled", min_yield=None)
-        if search is not None:
-            values.append(search.shots(demand.target.name, wanted.error, P95).value(P95))
-            continue
-        model = linearise(system, demand.target)
-        values.append(exact_quantile(model, QuantileConstraint(wanted, demand.target)).value_mm)
-    return max(values)
 
 
 def _binding(solution: PlacementSolution | None) -> tuple[str, ...]:
@@ -254,13 +235,15 @@ def _shadow_prices(verified: VerifiedOptimum) -> tuple[ShadowPrice, ...]:
         return ()
     program, point = optimum.solution.program, optimum.solution.iterate.point
     if optimum.problem.objective == "quantile":
-        return price_bounds(program, point, _largest_mm(verified))
+        return price_bounds(program, point, _largest(verified))
     return price_bounds(program, point, optimum.solution.cost, optimum.cost)
 
 
-def _largest_mm(verified: VerifiedOptimum) -> float:
-    sized = zip(verified.optimum.ratios, verified.search.terms, strict=True)
-    return max(ratio * term.demand.requirement.limit for ratio, term in sized)
+def _largest(verified: VerifiedOptimum) -> float:
+    """The largest quantile in the unit of the one that is the largest part of its limit."""
+    sized = [*zip(verified.optimum.ratios, (term.demand for term in verified.search.terms), strict=True)]
+    unit = max(sized, key=lambda each: each[0])[1].measure.unit
+    return max(ratio * demand.requirement.limit for ratio, demand in sized if demand.measure.unit == unit)
 
 
 def _list_moves(before: System, after: System, problem: PlacementProblem) -> tuple[MovedFiducial, ...]:
@@ -277,10 +260,11 @@ def _list_moves(before: System, after: System, problem: PlacementProblem) -> tup
 def _tolerances(
     request: OptimiseRequest, verified: VerifiedOptimum, before: Choice, now: Choice
 ) -> tuple[ChangedTolerance, ...]:
-    """Lever by the linear model at the demand with the largest quantile over its limit."""
+    """Lever by the linear model at the demand in mm with the largest quantile over its limit."""
     optimum = verified.optimum
     problem = optimum.problem
-    worst = verified.search.terms[int(np.argmax(optimum.ratios))]
+    sized = [each for each in zip(optimum.ratios, verified.search.terms, strict=True) if each[1].demand.is_point]
+    worst = max(sized, key=lambda each: each[0])[1] if sized else terms_of(problem, problem.in_mm[0])
     lever_before, lever = (_lever(worst, problem, choice) for choice in (before, optimum.choice))
     chosen = {}
     if optimum.purchase is not None:

@@ -75,9 +75,19 @@ def read_request(design: Design) -> OptimiseRequest:
     system = replace(compile_design(design), loss_probability=())
     half_widths = _half_widths(design, section)
     kind = "cost" if section.goal == "pareto" else section.goal
+    requirements = _requirements(system, section.requirement)
+    if section.goal == "pareto" and not any(MEASURE[item.error] in POINTS for item in requirements):
+        raise DesignError(
+            Problem(
+                "/optimise/objective",
+                "unsupported",
+                "a front is traced along a limit in mm",
+                "name a requirement in mm beside it in optimise.requirement, or objective: cost",
+            )
+        )
     problem = PlacementProblem(
         system=system,
-        requirements=_requirements(system, section.requirement),
+        requirements=requirements,
         places=_places(system, section),
         half_widths=half_widths,
         pivots=_pivots(section),
@@ -103,18 +113,12 @@ def read_request(design: Design) -> OptimiseRequest:
 
 def _requirements(system: System, named: str | list[str] | None) -> tuple[Requirement, ...]:
     names = [named] if isinstance(named, str) else named
-    wanted = tuple(item for item in system.requirements if names is None or item.name in names)
-    for item in wanted:
-        if MEASURE[item.error] not in POINTS:
-            detail = f"{item.name} limits {MEASURE[item.error].words}, which joins several targets and is not optimised"
-            hint = "name in optimise.requirement those that are to be held, and verify what comes of it"
-            raise DesignError(Problem("/optimise/requirement", "not-optimised", detail, hint))
-    return wanted
+    return tuple(item for item in system.requirements if names is None or item.name in names)
 
 
 def _survival(wanted: Survive, problem: PlacementProblem) -> Survival:
     names = tuple(target.name for target in problem.targets)
-    return Survival(wanted.lost, Requirement("survive", "tcp", 0.95, wanted.limit_mm, 0.95, names))
+    return Survival(wanted.lost, Requirement("survive", POINTS[0].name, 0.95, wanted.limit_mm, 0.95, names))
 
 
 def _shape(shape: SearchBox | SearchCylinder | SearchBall) -> Shape:

@@ -347,7 +347,8 @@ def farthest(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple
     if problem.places:
         centre = np.mean([bounding_box(place.region).mean(axis=0) for place in problem.places], axis=0)
     terms = tuple(term for term in terms if not term.demand.lost and term.demand.ends in problem.ends[:1])
-    apart = [-float(np.linalg.norm(term.demand.target.position_mm - centre)) for term in terms]
+    places = ([target.position_mm for target in term.demand.targets] for term in terms)
+    apart = [-max(float(np.linalg.norm(place - centre)) for place in each) for each in places]
     return tuple(terms[k] for k in sorted(np.argsort(apart, kind="stable")[:STEERING]))
 
 
@@ -430,7 +431,7 @@ def evaluate_demands(program: Program, point: Point) -> list[Evaluation]:
 
 def worst_ratio(evaluations: list[Evaluation]) -> float:
     """Largest quantile over its limit."""
-    return max(item.exact_mm / item.limit_mm for item in evaluations)
+    return max(item.exact_mm / item.limit for item in evaluations)
 
 
 def with_demands(search: Search, point: Point, ratios: Array, least: float) -> Search:
@@ -485,7 +486,7 @@ def start_at(program: Program, layout: Array) -> Start:
 def worst_closed_ratio(program: Program, evaluations: list[Evaluation], choice: Choice) -> float:
     """Largest closed form over its limit, the image covariances those of ``evaluations``."""
     return max(
-        closed_form_at(program.problem, term, item, choice) / item.limit_mm
+        closed_form_at(program.problem, term, item, choice) / item.limit
         for term, item in zip(program.terms, evaluations, strict=True)
     )
 

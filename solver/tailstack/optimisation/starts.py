@@ -58,8 +58,8 @@ def in_field(
         if view.image_size_px is not None:
             edge = np.array(view.image_size_px) - 1 - problem.image_margin_px
             allowed &= ((image >= problem.image_margin_px) & (image <= edge)).all(axis=1)
-        for term in terms:
-            centre = projection[:, :3] @ term.reconstructed_mm + projection[:, 3]
+        for aim in (aim for term in terms for aim in term.reconstructed_mm):
+            centre = projection[:, :3] @ aim + projection[:, 3]
             apart = np.linalg.norm(image - image_of(centre), axis=1)
             allowed &= apart >= problem.target_clearance_px
     return np.asarray(allowed)
@@ -178,6 +178,7 @@ def _exchange_model(
     smallest = problem.lower * [per for _, per in free_laws(problem)]
     limits = np.array([term.demand.requirement.limit for term in terms])
     share = limits.min() / limits
+    to_error = (term.to_error * part for term, part in zip(terms, share, strict=True))
     constant = [
         term.bias_mm @ term.bias_mm + np.trace(term.covariance) + ((term.free_gain * smallest) ** 2).sum()
         for term in terms
@@ -185,8 +186,9 @@ def _exchange_model(
     return ExchangeModel(
         projections=np.ascontiguousarray(estimator.projections),
         assumed=np.ascontiguousarray(estimator.assumed_turn),
-        reconstructed=np.array([term.reconstructed_mm for term in terms]),
-        to_error=np.array([term.to_error for term in terms]) * share[:, None, None],
+        reconstructed=np.vstack([term.reconstructed_mm for term in terms]),
+        to_error=np.concatenate([part.reshape(3, -1, 3).swapaxes(0, 1) for part in to_error]),
+        first=np.cumsum([0, *(len(term.demand.targets) for term in terms)]),
         constant=np.array(constant) * share**2,
         fiducial_px=np.ascontiguousarray(estimator.imaging.estimation.noise[:, 0]),
         manufacturing_std_mm=estimator.manufacturing_std_mm,
@@ -339,8 +341,9 @@ class ExchangeModel(NamedTuple):
 
     projections: Array  # (V, 3, 4) of assumed mm, |p3| = 1
     assumed: Array  # (3, 3) displacement of a fiducial to that of its assumed position
-    reconstructed: Array  # (T, 3) mm: targets as the estimator sees them
-    to_error: Array  # (T, 3, 3) displacement of the triangulated point to the limited error, over its limit
+    reconstructed: Array  # (Q, 3) mm: targets as the estimator sees them, of each demand in turn
+    to_error: Array  # (Q, 3, 3) displacement of the triangulated point to the limited error, over its limit
+    first: NDArray[np.int64]  # (T + 1,) the targets of demand t are those from first[t] to first[t + 1]
     constant: Array  # (T,) mm^2: what no fiducial changes, likewise
     fiducial_px: Array  # (V,) standard deviations
     manufacturing_std_mm: Array  # (N, 3)
@@ -360,36 +363,40 @@ def mean_square(points: Array, model: ExchangeModel, gains: PointGains) -> float
     points: (N, 3) mm as the estimator assumes them; gains: overwritten.
     """
     fiducial, _, manufacturing, intrinsics, _ = gains
-    views = model.projections.shape[0]
+    views, count = model.projections.shape[0], points.shape[0]
+    by_images, by_making = np.empty((views, count, 3, 2)), np.empty((count, 3, 3))
+    by_intrinsics = np.empty((views, 3, 3))
     worst = 0.0
-    for t in range(model.reconstructed.shape[0]):
-        gains_or_infinity(model.projections, points, model.weights, model.estimation, model.reconstructed[t], gains)
+    for t in range(model.constant.size):
+        by_images[:], by_making[:], by_intrinsics[:] = 0.0, 0.0, 0.0
+        for q in range(model.first[t], model.first[t + 1]):
+            gains_or_infinity(model.projections, points, model.weights, model.estimation, model.reconstructed[q], gains)
+            to_error = model.to_error[q]
+            for r in range(3):
+                for v in range(views):
+                    for k in range(3):
+                        for i in range(count):
+                            for c in range(2):
+                                by_images[v, i, r, c] += to_error[r, k] * fiducial[v, i, k, c]
+                            for m in range(3):
+                                for c in range(3):
+                                    moved = to_error[r, k] * manufacturing[v, i, k, m]
+                                    by_making[i, r, c] += moved * model.assumed[m, c]
+                        for m in range(3):
+                            by_intrinsics[v, r, m] += to_error[r, k] * intrinsics[v, k, m]
         total = model.constant[t]
-        for i in range(points.shape[0]):
+        for i in range(count):
             for r in range(3):
                 for v in range(views):
                     for c in range(2):
-                        g = 0.0
-                        for k in range(3):
-                            g += model.to_error[t, r, k] * fiducial[v, i, k, c]
-                        total += (g * model.fiducial_px[v]) ** 2
+                        total += (by_images[v, i, r, c] * model.fiducial_px[v]) ** 2
                 for c in range(3):
-                    g = 0.0
-                    for v in range(views):
-                        for k in range(3):
-                            for m in range(3):
-                                g += model.to_error[t, r, k] * manufacturing[v, i, k, m] * model.assumed[m, c]
-                    total += (g * model.manufacturing_std_mm[i, c]) ** 2
+                    total += (by_making[i, r, c] * model.manufacturing_std_mm[i, c]) ** 2
         for v in range(views):
-            through = np.zeros((3, 3))
-            for r in range(3):
-                for m in range(3):
-                    for k in range(3):
-                        through[r, m] += model.to_error[t, r, k] * intrinsics[v, k, m]
             for r in range(3):
                 for m in range(3):
                     for n in range(3):
-                        total += through[r, m] * model.intrinsics_covariance[v, m, n] * through[r, n]
+                        total += by_intrinsics[v, r, m] * model.intrinsics_covariance[v, m, n] * by_intrinsics[v, r, n]
         if not total < np.inf:
             return np.inf
         worst = max(worst, total)

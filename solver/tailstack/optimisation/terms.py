@@ -15,7 +15,7 @@ at a few points give the coefficients exactly.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -27,12 +27,15 @@ from ..geometry.rotation import displacement
 from ..propagation.columns import Imaging, gains_of_images
 from ..propagation.linear import (
     Block,
+    ErrorModel,
     KnownShift,
     LinearModel,
+    chain_of,
     effects_of_images,
     estimator_geometry,
     imaging_of,
-    linearise,
+    join,
+    linearise_at,
 )
 from ..propagation.systematic import shift_together
 from ..system import ArrayLike, DirectEffect, Law, System, Way, std_per_half_width
@@ -152,14 +155,14 @@ class DemandTerms:
     """One quantile: the linear model's parts that no fiducial changes."""
 
     demand: QuantileConstraint
-    reconstructed: Affine  # (3,) con: the target as the estimator sees it, noise-free
+    reconstructed: Affine  # (T, 3) con: the targets that it joins as the estimator sees them, noise-free
     bias: Affine  # (3,) mm, without what comes through the images
     gains: Affine  # (S, 3) mm per native unit of each source
     sources: tuple[SourceTerm, ...]  # S, outside the images
     common: tuple[SourceTerm, ...]  # C, those that move the images of all fiducials of a view together
     vertex: Array  # (C,) native unit: where the demand says that these stand, 0 of those that vary
-    to_error: Array  # (3, 3): displacement of the triangulated point to the error that is limited
-    flange_to_error: Array  # (3, 3): likewise of a displacement behind it, at the flange
+    to_error: Array  # (3, 3 T): displacements of the triangulated points to the error that is limited
+    flange_to_error: Array  # (3, 3 T): likewise of displacements behind them, at the flange
     kept: Array  # (N,) 0 of a fiducial that is lost, otherwise 1
 
     @property
@@ -175,6 +178,7 @@ class DemandTerms:
     # At the present pivots and spacings, for the starts:
     @property
     def reconstructed_mm(self) -> Array:
+        """(T, 3)."""
         return self.reconstructed.base
 
     @property
@@ -207,7 +211,7 @@ def every_terms(problem: PlacementProblem) -> tuple[DemandTerms, ...]:
     made: dict[tuple[object, ...], DemandTerms] = {}
     terms = []
     for demand in (replace(demand, ends=ends) for demand in problem.demands for ends in problem.ends):
-        key = demand.requirement.error, demand.target.name, demand.ends
+        key = demand.requirement.error, demand.site.name, demand.ends
         if key not in made:
             made[key] = terms_of(problem, demand)
         mask = np.array([label not in demand.lost for label in problem.system.fiducial_labels], dtype=float)
@@ -223,7 +227,6 @@ def terms_of(problem: PlacementProblem, demand: QuantileConstraint) -> DemandTer
     problem = replace(problem, system=system)
     here = present_choice(problem)
     base = _parts(problem, here, demand)
-    tcp = demand.requirement.error == "tcp"
     pivots, spacings = here.pivots_mm.size, here.spacing.size
 
     def at(p: int | None, spread: int | None) -> tuple[Array, Array, Array]:
@@ -254,11 +257,16 @@ def terms_of(problem: PlacementProblem, demand: QuantileConstraint) -> DemandTer
         gains=affine(2),
         sources=_sources(problem, base.model, _is_constant),
         common=_sources(problem, base.model, _is_common),
-        vertex=np.concatenate([np.zeros(0), *vertices_of(linearise(problem.system, demand.target), demand.ends)]),
-        to_error=base.model.tcp_from_localisation if tcp else np.eye(3),
-        flange_to_error=base.model.tcp_from_flange if tcp else np.zeros((3, 3)),
+        vertex=np.concatenate([np.zeros(0), *vertices_of(base.free, demand.ends)]),
+        to_error=weigh(demand, [np.vstack([point.tcp_from_localisation, np.eye(3)]) for point in base.points]),
+        flange_to_error=weigh(demand, [np.vstack([point.tcp_from_flange, np.zeros((3, 3))]) for point in base.points]),
         kept=np.ones(len(system.fiducial_labels)),
     )
+
+
+def weigh(demand: QuantileConstraint, each: Sequence[Array]) -> Array:
+    """(3, 3 T) of what displacements of each target do to the errors there, at the tool and as located (6, 3)."""
+    return np.hstack([weights @ own for weights, own in zip(demand.site.weights.values(), each, strict=True)])
 
 
 def _clean(slope: Array) -> Array:
@@ -281,19 +289,31 @@ def scatter(problem: PlacementProblem) -> System:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Parts:
-    model: LinearModel
+    free: ErrorModel  # bounded sources not at any end
+    model: ErrorModel
+    points: tuple[LinearModel, ...]  # at each target
     values: tuple[Array, Array, Array]  # reconstructed, bias less what comes through the images, gains
 
 
 def _parts(problem: PlacementProblem, choice: Choice, demand: QuantileConstraint) -> _Parts:
-    model = at_ends(linearise(apply_choice(problem, choice), demand.target), demand.ends)
-    error = demand.requirement.error
+    free, points = linearise_demand(apply_choice(problem, choice), demand)
+    model, error = at_ends(free, demand.ends), demand.requirement.error
     gains = [block.gain(error).T for block in model.blocks if _is_constant(block)]
     stacked = np.vstack(gains) if gains else np.zeros((0, 3))
-    return _Parts(model, (model.reconstructed_mm, model.bias_mm(error) - model.imaged_bias_mm(error), stacked))
+    reconstructed = np.array([point.reconstructed_mm for point in points])
+    bias = model.bias_mm(error) - model.imaged_bias_mm(error)
+    return _Parts(free, model, points, (reconstructed, bias, stacked))
 
 
-def vertices_of(model: LinearModel, ends: tuple[float, ...]) -> list[Array]:
+def linearise_demand(system: System, demand: QuantileConstraint) -> tuple[ErrorModel, tuple[LinearModel, ...]]:
+    """The linear model of what is limited, and that of each target.  Raises IllPosedError."""
+    chain = chain_of(system)
+    models = {target.name: linearise_at(chain, target) for target in demand.targets}
+    points = tuple(models.values())
+    return points[0] if demand.is_point else join(models, demand.measure, demand.site), points
+
+
+def vertices_of(model: ErrorModel, ends: tuple[float, ...]) -> list[Array]:
     """(k,) native unit for each common block in turn: bounded sources at ``QuantileConstraint.ends``, others 0."""
     left = iter(ends)
     return [
@@ -308,7 +328,7 @@ def vertices_of(model: LinearModel, ends: tuple[float, ...]) -> list[Array]:
     ]
 
 
-def at_ends(model: LinearModel, ends: tuple[float, ...]) -> LinearModel:
+def at_ends(model: ErrorModel, ends: tuple[float, ...]) -> ErrorModel:
     """The linear model with the bounded common sources at ``QuantileConstraint.ends``: part of what is known."""
     if not ends:
         return model
@@ -337,7 +357,7 @@ def _is_common(block: Block) -> bool:
     return block.effect.way is Way.SHARED
 
 
-def _sources(problem: PlacementProblem, model: LinearModel, wanted: Callable[[Block], bool]) -> tuple[SourceTerm, ...]:
+def _sources(problem: PlacementProblem, model: ErrorModel, wanted: Callable[[Block], bool]) -> tuple[SourceTerm, ...]:
     free = {(item.contributor, item.component): k for k, item in enumerate(problem.half_widths)}
     laws = free_laws(problem)
     sources = []
@@ -405,8 +425,8 @@ def image_parts_at(
 ) -> ImageParts:
     """What comes through the images at a layout.
 
-    laid: a system whose fiducials and pivots, as projections (V, 3, 4), assumed_shift (3,) and reconstructed (3,), are
-    object arrays of numbers or symbols.
+    laid: a system whose fiducials and pivots, as projections (V, 3, 4), assumed_shift (3,) and reconstructed (T, 3),
+    are object arrays of numbers or symbols.
     """
     points = laid.fiducials_mm @ plain(estimator.assumed_turn).T + assumed_shift
     own = estimator.imaging
@@ -421,14 +441,24 @@ def image_parts_at(
     )
     seat = laid.structure_connector
     first = displacement(seat.known, seat.pivot_mm, laid.rotation_form)
-    shifts, at_flange = shift_together(laid, first, terms.demand.target)
-    columns, _ = gains_of_images(imaging, estimator.weights * terms.kept, reconstructed, shifts)
-    single, noises, common = len(estimator.std), shifts.shape[0] * shifts.shape[1], len(terms.common)
-    scaled, to_error = columns[:, :single] * plain(estimator.std), plain(terms.to_error)
-    noise, made = (to_error @ part @ part.T @ to_error.T for part in np.split(scaled, [noises], axis=1))
-    moved = to_error @ columns[:, single:] + plain(terms.flange_to_error) @ at_flange
+    shifts, at_flange = zip(*(shift_together(laid, first, target) for target in terms.demand.targets), strict=True)
+    weights, (views, rows, _) = estimator.weights * terms.kept, shifts[0].shape
+    gained = (gains_of_images(imaging, weights, *each) for each in zip(reconstructed, shifts, strict=True))
+    columns = np.vstack([own for own, _ in gained])
+    single, common, to_error = len(estimator.std), len(terms.common), plain(terms.to_error)
+    noises, made = np.split(columns[:, :single] * plain(estimator.std), [views * rows], axis=1)
+    noises = _tell_apart(noises, np.arange(views * rows) % rows >= rows - 2)
+    noise, made = (to_error @ part @ part.T @ to_error.T for part in (noises, made))
+    moved = to_error @ columns[:, single:] + plain(terms.flange_to_error) @ np.vstack(at_flange)
     known = moved[:, common:].sum(axis=1) + moved[:, :common] @ plain(terms.vertex)
     return ImageParts(noise, made, known, moved[:, :common].T)
+
+
+def _tell_apart(columns: ArrayLike, own: NDArray[np.bool_]) -> ArrayLike:
+    """Columns (3 T, M) of T targets, those of noise of a target's ``own`` images (M,) once for each target."""
+    target = np.arange(len(columns))[:, None] // 3
+    each = (np.where(own & (target != t), 0.0, columns) for t in range(len(columns) // 3))
+    return np.hstack([part if t == 0 else part[:, own] for t, part in enumerate(each)])
 
 
 def lay(problem: PlacementProblem, points: ArrayLike, mechanics: Mechanics) -> System:

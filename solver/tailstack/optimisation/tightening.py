@@ -21,7 +21,7 @@ from .grades import Optimum, Purchase, settle_grades
 from .margin import MARGIN, aim_of, trials_for
 from .placement import PlacementSolution, settle
 from .present import bring_inside, merit_of, present_design
-from .problem import PlacementProblem, Survival, present_choice
+from .problem import PlacementProblem, Survival, present_choice, targets_of
 from .request import OptimiseRequest, revise
 from .search import Control, Search
 
@@ -197,7 +197,7 @@ def _check_loss(
         ((ratio, term) for ratio, term in zip(optimum.ratios, search.terms, strict=True) if term.demand.lost),
         key=lambda each: each[0],
     )
-    lost, target = term.demand.lost, term.demand.target
+    lost, (target,) = term.demand.lost, term.demand.targets
     left = replace(
         without_fiducials(system, lost),
         requirements=(replace(survival.requirement, targets=(target.name,)),),
@@ -230,12 +230,9 @@ def _system_to_check(design: Design, problem: PlacementProblem, settings: CheckS
     system: System = compile_design(design)
     if settings.others:
         requirements = system.requirements
-        named = {name for item in requirements for name in item.targets}
-        targets = tuple(target for target in system.targets if target.name in named)
     else:
         requirements = tuple(replace(item, limit=item.limit * settings.limits) for item in problem.requirements)
-        targets = problem.targets
-    return replace(system, requirements=requirements, targets=targets)
+    return replace(system, requirements=requirements, targets=targets_of(system, requirements))
 
 
 def first_aims(search: Search, trials: int) -> Array:
@@ -261,15 +258,15 @@ def _tightening(check: Check, attempt: int) -> float:
 def _explain_miss(optimum: Optimum, checks: dict[tuple[str, ...], Check], problem: PlacementProblem) -> InfeasibleError:
     worst = max(checks.values(), key=lambda check: check.upper / check.limit)
     within = "" if problem.cost_limit is None else f" within the cost limit of {problem.cost_limit:g}"
-    first = max(optimum.ratios) * worst.limit
+    first, upper = max(optimum.ratios) * worst.limit, f"{at_least(worst.upper)} {worst.unit}"
     return InfeasibleError(
         Problem(
             "/optimise",
             "limit-out-of-reach",
-            f"the smallest error found{within} is {first:.4g} mm by estimate and at most "
-            f"{at_least(worst.upper)} mm by Monte Carlo at target {worst.target!r}, which is not within the limit "
-            f"of {worst.limit:g} mm ({worst.requirement})",
-            f"raise the limit to {at_least(worst.upper)} mm or more, or "
+            f"the smallest error found{within} is {first:.4g} {worst.unit} by estimate and at most {upper} by Monte "
+            f"Carlo at target {worst.target!r}, which is not within the limit of {worst.limit:g} {worst.unit} "
+            f"({worst.requirement})",
+            f"raise the limit to {upper} or more, or "
             + ("free tolerances" if not problem.half_widths else "raise the cost limit"),
         )
     )

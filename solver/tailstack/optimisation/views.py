@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..design import Design
+from ..design import Design, check_design
 from ..design.document import PresetView
 from ..design.optimise_document import AddedView, FreeView
 from ..design.presets import PRESETS
@@ -23,8 +23,9 @@ from ..errors import NotConvergedError, TailstackError
 from ..geometry.camera import list_turns, turn_view
 from ..geometry.rotation import unit
 from ..results import AimedView, ViewSearch
-from ..scoring import score_errors, vector3
-from ..system import Requirement
+from ..scoring import vector3
+from .exact_law import p95_of
+from .problem import QuantileConstraint
 from .request import read_request
 from .search import SAME, Control
 
@@ -87,12 +88,13 @@ class AimSearch:
     scored: int = 0
     solved: dict[Aims, float] = field(default_factory=dict)  # infinite where refused
     refusals: dict[Aims, TailstackError] = field(default_factory=dict)
-    requirements: tuple[Requirement, ...] = ()
+    demands: tuple[QuantileConstraint, ...] = ()  # with all fiducials
     free: list[FreeView] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         request = read_request(self.design)
-        self.requirements, self.free = request.problem.requirements, request.section.free_views
+        self.demands = tuple(demand for demand in request.problem.demands if not demand.lost)
+        self.free = request.section.free_views
 
     def aim(self, aims: Aims) -> Design:
         """The design with its views so aimed.  Raises DesignError."""
@@ -125,15 +127,11 @@ class AimSearch:
     def _score(self, aims: Aims) -> float:
         self.scored += 1
         try:
-            targets = score_errors(self.aim(aims)).targets
+            system, _, _ = check_design(self.aim(aims))
+            values = p95_of(system, self.demands)
         except TailstackError:
             return inf
-        return max(
-            (target if asked.error == "tcp" else target.localisation).p95_mm / asked.limit
-            for asked in self.requirements
-            for target in targets
-            if target.name in asked.targets
-        )
+        return max(value / each.requirement.limit for value, each in zip(values, self.demands, strict=True))
 
     def solve_at(self, aims: Aims) -> float:
         """The objective with everything else optimised; infinite where that is refused."""

@@ -252,7 +252,8 @@ class SurvivedLoss:
 class FrontPoint:
     """One limit of the front of cost and limit; with a design that was verified like the one returned, or without.
 
-    Every requirement's limit is scaled by the same factor; limit, quantile and upper limit are those of the first.
+    Every requirement's limit is scaled by the same factor; limit, quantile and upper limit are those of the first that
+    is in mm.
     """
 
     factor: float
@@ -397,8 +398,9 @@ class Optimisation(Result):
     def worst_target(self) -> TargetEstimate:
         """Of the targets of what was asked for, the one with the largest P95 by the check."""
         check = self.certificate.verification
-        asked = {entry.target for entry in check.verdict.checks if entry.requirement not in self.not_asked}
-        return max((target for target in check.targets if target.name in asked), key=lambda target: target.p95_mm)
+        named = {entry.target for entry in check.verdict.checks if entry.requirement not in self.not_asked}
+        asked = [target for target in check.targets if target.name in named] or check.targets
+        return max(asked, key=lambda target: target.p95_mm)
 
     @property
     def others(self) -> tuple[Check, ...]:

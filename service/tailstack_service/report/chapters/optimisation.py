@@ -224,12 +224,15 @@ def _requirements_table(optimisation: Optimisation, now: Known | None, before: K
         )
         return lambda row: of.get((row[0].requirement, row[0].target))
 
+    units = {check.unit for check in checks}
+    unit = units.pop() if len(units) == 1 else ""
     columns = (
         Column("Requirement", brief="by estimate,\nrequirement", of=lambda row: row[0].requirement),
         Column("Target", of=lambda row: row[0].target),
-        Column("Before", "mm", "fixed", decimals, of=look_up(before)),
-        Column("After", "mm", "fixed", decimals, of=look_up(now)),
-        Column("Limit", "mm", "stated", decimals, of=lambda row: row[0].limit),
+        *(() if unit else (Column("Unit", of=lambda row: row[0].unit),)),
+        Column("Before", unit, "fixed", decimals, of=look_up(before)),
+        Column("After", unit, "fixed", decimals, of=look_up(now)),
+        Column("Limit", unit, "stated", decimals, of=lambda row: row[0].limit),
     )
     return tabulate("Before and after", "Requirements by estimate, before and after", columns, decided_by(checks))
 
