@@ -17,7 +17,7 @@ from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.exact_law import closed_form_mm, image_parts
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.regions import BoxRegion
-from tailstack.optimisation.terms import DemandTerms, estimator_of, mechanics_of, terms_of
+from tailstack.optimisation.terms import DemandTerms, estimator_of, pivot_shift_of, terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.noise import Estimation, noise_gains, room_for_gains
 from tailstack.system import Law
@@ -113,9 +113,11 @@ def is_feasible(task: Task, answer: Answer) -> bool:
 
 def quantile_mm(problem: PlacementProblem, term: DemandTerms, layout: Array, half_width: Array) -> float:
     """The closed form by the score's linear model."""
-    choice = Choice(layout, half_width, present_choice(problem).pivots_mm, np.ones(0))
-    images = image_parts(linearise(apply_choice(problem, choice), term.demand.targets[0]), term.demand.requirement.error)
-    return closed_form_mm(term, images, half_width, mechanics_of(problem, choice), np.zeros(0))
+    choice = Choice(layout, half_width, present_choice(problem).pivots_mm)
+    images = image_parts(
+        linearise(apply_choice(problem, choice), term.demand.targets[0]), term.demand.requirement.error
+    )
+    return closed_form_mm(term, images, half_width, pivot_shift_of(problem, choice), np.zeros(0))
 
 
 @njit(cache=True, error_model="numpy")

@@ -16,7 +16,7 @@ from tailstack.geometry.arrays import Array
 from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem
 from tailstack.optimisation.placement import PlacementSolution, settle
 from tailstack.optimisation.prices import Price, reciprocal
-from tailstack.optimisation.problem import Choice, FreeSpacing, PivotVariable, apply_choice
+from tailstack.optimisation.problem import Choice, PivotVariable, apply_choice
 from tailstack.optimisation.regions import BoxRegion
 from tailstack.optimisation.search import search
 from tailstack.propagation.linear import linearise
@@ -119,12 +119,6 @@ def at_prices(problem: PlacementProblem, *prices: Price) -> PlacementProblem:
     return replace(problem, half_widths=free)
 
 
-def locators_at(factor: float) -> Array:
-    """(6, 3) mm: the seat spread by a factor about the centre of its contacts."""
-    centre = LOCATORS_MM.mean(axis=0)
-    return np.asarray(centre + factor * (LOCATORS_MM - centre))
-
-
 def seat(name: str, pivot_mm: Any, half_width_mm: Any, law: Law | tuple[Law, ...] = Law.NORMAL) -> DirectEffect:
     """A mount on the six locators; half_width_mm (6,), those of no size left out."""
     laws = law if isinstance(law, tuple) else (law,) * 6
@@ -140,19 +134,13 @@ def seat(name: str, pivot_mm: Any, half_width_mm: Any, law: Law | tuple[Law, ...
     return mount_of(name, read_only(pivot_mm), read_only(np.zeros(6)), sources)
 
 
-def free_spacing(contributor: str, pivot_mm: Any, minimum: float, maximum: float) -> FreeSpacing:
-    """The locators of :func:`seat` (all six of some size) spread by a factor."""
-    once, half = (torsor_from_locators(locators_at(s), NORMALS, np.asarray(pivot_mm)) for s in (1.0, 0.5))
-    return FreeSpacing(contributor, minimum, maximum, 2 * once - half, half - once)
-
-
 def pivot_in(contributor: str, low_mm: Any, high_mm: Any) -> PivotVariable:
     return PivotVariable(contributor, np.array(low_mm, dtype=float), np.array(high_mm, dtype=float))
 
 
 def general_problem(seed: int, *, error: str = "tcp", **system_changes: Any) -> PlacementProblem:
     """Everything at once: two targets, biases, mixed laws, manufacturing, hand-eye, execution; three of seven
-    fiducials free, locators of one interface and rotations of the other, both pivots and the locators' spacing."""
+    fiducials free, locators of one interface and rotations of the other, and both pivots."""
     rng = np.random.default_rng(seed)
     system = random_system(rng, fiducials=7, targets=2, **system_changes)
     laws = (Law.UNIFORM, Law.NORMAL, Law.TRIANGULAR, Law.UNIFORM, Law.NORMAL, Law.UNIFORM)
@@ -173,7 +161,6 @@ def general_problem(seed: int, *, error: str = "tcp", **system_changes: Any) -> 
             pivot_in("structure_connector", first.pivot_mm - 30, first.pivot_mm + 20),
             pivot_in("connector_flange", system.connector_flange.pivot_mm - 20, system.connector_flange.pivot_mm + 30),
         ),
-        spacings=(free_spacing("structure_connector", first.pivot_mm, 0.6, 1.8),),
         min_spacing_mm=5.0,
     )
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from tailstack.results import (
     Certificate,
-    ChangedSpacing,
     ChangedTolerance,
     Check,
     CountTried,
@@ -93,7 +92,6 @@ def full_result(**changes: Any) -> Optimisation:
             tolerance("tz", 250.0, contributor="connector_flange", label="connector on flange tz", unit="mm"),
         ),
         "pivots": (MovedPivot("structure_connector", SEAT, (0.0, 0.0, -95.0), (0.0, 0.0, -80.0)),),
-        "spacings": (ChangedSpacing("connector_flange", "connector on flange", 1.25),),
         "scaling": 1.375,
         "certificate": certificate,
         "shadow_prices": (ShadowPrice("limit", "mm", -1800.0, "0.1 mm of limit is worth about 180"),),
@@ -112,10 +110,9 @@ def full_result(**changes: Any) -> Optimisation:
                 0.7496,
                 (0.1, 0.1, 0.02),
                 ((0.0, 0.0, -95.0),),
-                (1.2,),
                 ((0.0, 0.0, 0.0),),
             ),
-            FrontPoint(0.5, 0.5, "out of reach", "the smallest P95 found is 0.61 mm", None, None, None, (), (), (), ()),
+            FrontPoint(0.5, 0.5, "out of reach", "the smallest P95 found is 0.61 mm", None, None, None, (), (), ()),
         ),
         "design_before": {},
         "design": {},
@@ -130,6 +127,6 @@ def bare_result() -> Optimisation:
         objective="least P95 of the tcp error", cost_before=None, cost_after=0.0, cost_closed_form=None,
         cost_exact_law=None,
         p95_before_mm=None, moved=(MovedFiducial("F2", (1.0, 1.0, 1.0), (1.0, 1.0, 1.0)),), tolerances=(), pivots=(),
-        spacings=(), scaling=None, shadow_prices=(), binding=(), influence=(), placement_value=None, counts=(),
+        scaling=None, shadow_prices=(), binding=(), influence=(), placement_value=None, counts=(),
         front=(),
     )  # fmt: skip

@@ -33,7 +33,7 @@ from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.task import read_task
-from tailstack.optimisation.terms import estimator_affine, estimator_of, image_parts_at, lay, mechanics_of, terms_of
+from tailstack.optimisation.terms import estimator_affine, estimator_of, image_parts_at, lay, pivot_shift_of, terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.studies.bench.levels import BenchDraws, expect, simulate_benches
 from tailstack.studies.coupling import study_coupling
@@ -121,7 +121,7 @@ def meet_simulation(own: Subject, folder: Path) -> None:
 def meet_optimiser(own: Subject, folder: Path) -> None:
     """independent: the linear model; the optimiser has terms of its own."""
     problem = read_task(own.design).problems[0]
-    demand, mechanics = problem.demands[0], mechanics_of(problem, present_choice(problem))
+    demand, mechanics = problem.demands[0], pivot_shift_of(problem, present_choice(problem))
     projections, told = (part.at(mechanics) for part in estimator_affine(problem))
     term, laid = terms_of(problem, demand), lay(problem, problem.system.fiducials_mm, mechanics)
     aim = term.reconstructed.at(mechanics)

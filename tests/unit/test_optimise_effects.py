@@ -27,7 +27,6 @@ from tailstack.optimisation.regions import BoxRegion
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
 from tailstack.optimisation.terms import (
-    Mechanics,
     estimator_affine,
     estimator_of,
     every_terms,
@@ -104,7 +103,7 @@ def test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout(
     term, imaging = terms_of(problem, demand), estimator_of(problem.system)
     x = ca.SX.sym("x", 27)
     symbols = np.array([x[k] for k in range(27)], dtype=object)
-    mechanics = Mechanics(symbols[24:] - plain(present_choice(problem).pivots_mm.ravel()), np.zeros(0))
+    mechanics = symbols[24:] - plain(present_choice(problem).pivots_mm.ravel())
     projections, told = (part.at(mechanics) for part in estimator_affine(problem))
     laid, aim = lay(problem, symbols[:24].reshape(8, 3), mechanics), term.reconstructed.at(mechanics)
     numbers = ca.vertcat(*image_parts_at(imaging, term, laid, projections, told, aim).numbers)

@@ -43,7 +43,7 @@ def test_the_promise_is_the_quantile_of_the_score(seed: int, error: str) -> None
     here = present_choice(problem)
     choice = Choice(
         here.fiducials_mm + rng.normal(size=here.fiducials_mm.shape), here.half_width * rng.uniform(0.5, 2, 4),
-        here.pivots_mm + rng.uniform(-15, 15, (2, 3)), np.array([1.3]),
+        here.pivots_mm + rng.uniform(-15, 15, (2, 3)),
     )  # fmt: skip
     found = [evaluate_demand(problem, terms_of(problem, demand), choice).exact_mm for demand in problem.demands]
     np.testing.assert_allclose(found, score_mm(problem, choice), rtol=1e-12)

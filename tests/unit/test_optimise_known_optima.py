@@ -12,30 +12,25 @@ from scipy.optimize import minimize, minimize_scalar
 from optimise_scenes import (
     BOX_MM,
     NORMAL_P95,
-    NORMALS,
     ORACLE,
     ROTATIONS,
     at_prices,
     first_interface_only,
     fixed_layout,
-    free_spacing,
     image_covariance_by_score,
-    locators_at,
     oracle_levers_mm,
     oracle_p95_mm,
     oracle_problem,
     pivot_in,
     requirement,
     score_mm,
-    seat,
     silent_problem,
     solve_placement,
 )
 from scenes import cube_fiducials, mount, target, with_noise
 from tailstack.contributors import declared_law
-from tailstack.design.compile import torsor_from_locators
 from tailstack.geometry.arrays import Array
-from tailstack.optimisation import FreeFiducial, FreeHalfWidth, PlacementProblem
+from tailstack.optimisation import FreeFiducial, PlacementProblem
 from tailstack.optimisation.certificate import name_binding, price_bounds
 from tailstack.optimisation.exact_law import closed_form_mm
 from tailstack.optimisation.placement import PlacementSolution
@@ -44,7 +39,7 @@ from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut
 from tailstack.optimisation.search import objective_for_people, search
 from tailstack.optimisation.symbols import plain
-from tailstack.optimisation.terms import ImageParts, Mechanics, estimator_of, image_parts_at, terms_of
+from tailstack.optimisation.terms import ImageParts, estimator_of, image_parts_at, terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law
 from tailstack.tail.declared import law_gradient, law_quantile
@@ -209,34 +204,6 @@ def test_a_pivot_that_can_reach_the_target_goes_there() -> None:
     assert solution.worst_ratio * 0.5 == pytest.approx(noise, rel=1e-6)
 
 
-def test_locators_spread_to_their_largest_spacing() -> None:
-    """independent: the seat solved again at contacts 2.5 times as far apart, one contact of which may deviate."""
-    base = silent_problem(0.5, ("rx",))
-    held = seat("structure_connector", (0.0, 0.0, -95.0), [0.01, 0, 0, 0, 0, 0])
-    spread = free_spacing("structure_connector", (0.0, 0.0, -95.0), 1.0, 2.5)
-    problem = replace(
-        first_interface_only(base),
-        system=replace(first_interface_only(base).system, structure_connector=held),
-        half_widths=(FreeHalfWidth("structure_connector", "L1", 1e-4, 5.0, reciprocal()),),
-        spacings=(replace(spread, shift=spread.shift[:, :1], turn=spread.turn[:, :1]),),
-    )
-
-    def moved_mm(factor: float) -> float:
-        """Displacement of the target by one millimetre at the first contact."""
-        torsor = torsor_from_locators(locators_at(factor), NORMALS, np.array([0.0, 0.0, -95.0]))[:, 0]
-        return float(np.linalg.norm(torsor[3:] + np.cross(torsor[:3], [0.0, 0.0, 165.0])))
-
-    moves = [moved_mm(factor) for factor in np.linspace(1, 2.5, 20)]
-    assert moves == sorted(moves, reverse=True)  # farther apart is better throughout
-    solution = solve_placement(problem)
-    assert solution.choice.spacing[0] == pytest.approx(2.5, rel=1e-7)
-    assert solution.choice.half_width[0] == pytest.approx(0.5 / (NORMAL_P95 * moved_mm(2.5)), rel=1e-5)
-    slope = (moved_mm(2.5 + 1e-4) - moved_mm(2.5 - 1e-4)) / 2e-4 / moved_mm(2.5)
-    prices = {price.name: price for price in price_bounds(solution.program, solution.iterate.point, solution.cost)}
-    (price,) = [price for name, price in prices.items() if "spacing" in name]
-    assert price.cost_per_unit == pytest.approx(solution.cost * slope, rel=1e-4)
-
-
 # One fiducial free among seven corners of a cube: its region is a line or a surface that can be scanned.
 
 
@@ -344,7 +311,7 @@ def test_the_recorded_optimum_is_reproduced() -> None:
     noise, made = images.noise, images.made
     np.testing.assert_allclose(noise, ORACLE["Sigma_noise"], rtol=1e-9, atol=1e-15)
     assert not made.any()
-    closed = closed_form_mm(term, images, tau, Mechanics(np.zeros(0), np.zeros(0)), np.zeros(0))
+    closed = closed_form_mm(term, images, tau, np.zeros(0), np.zeros(0))
     assert closed == pytest.approx(0.5, rel=1e-7)
     assert oracle_p95_mm(noise, oracle_levers_mm(), tau) == pytest.approx(0.5, rel=1e-7)
     assert problem.cost(tau) == pytest.approx(ORACLE["best_known_cost"], rel=1e-12)

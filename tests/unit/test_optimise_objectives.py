@@ -147,32 +147,6 @@ def test_grades_are_the_cheapest_of_all_assignments(limit_mm: float, layout: dic
     assert_passes(result)
 
 
-@pytest.mark.long
-def test_grades_beside_continuous_budgets() -> None:
-    """brute force: all nine assignments held, the two continuous half-widths optimised for each."""
-    limit_mm, rough = 1.5, (("ground", 0.02, 900.0), ("milled", 0.06, 360.0), ("sawn", 0.2, 120.0))
-    graded, grades = [(SEAT, "rx"), (FLANGE, "rx")], table(*rough)
-    rest = [free(*pair, **DEG) for pair in ROTATIONS if pair not in graded]
-    tolerances = [*(free(*pair, grades=grades) for pair in graded), *rest]
-    result = optimised(document(limit_mm=limit_mm, tolerances=tolerances))
-    widths = widths_of(result.design, ROTATIONS)
-    prices = [
-        next(grade["price"] for grade in grades if grade["half_width_deg"] == pytest.approx(widths[pair]))
-        for pair in graded
-    ]
-    by_hand = sum(prices) + sum(1 / radians(widths[pair]) for pair in ROTATIONS if pair not in graded)
-    assert result.cost_after == pytest.approx(by_hand, rel=1e-9)
-    assert_passes(result)
-    least = np.inf
-    for chosen in product(grades, grades):
-        held = {pair: grade["half_width_deg"] for pair, grade in zip(graded, chosen, strict=True)}
-        data = with_half_widths(document(limit_mm=limit_mm), held)
-        if p95_mm(data, widths=dict.fromkeys(set(ROTATIONS) - set(graded), 0.01)) < 0.98 * limit_mm:
-            cost = optimised(data | {"optimise": {"tolerances": rest, "starts": 1}}).cost_after
-            least = min(least, cost + sum(grade["price"] for grade in chosen))
-    assert result.cost_after <= least * 1.01
-
-
 def test_least_quantile_within_a_cost_limit() -> None:
     """brute force: every other split of the same money between the two half-widths, by the score."""
     pairs = [(SEAT, "rx"), (FLANGE, "rx")]

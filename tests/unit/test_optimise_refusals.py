@@ -35,7 +35,7 @@ from tailstack.errors import DesignError, InfeasibleError, NotConvergedError, Pr
 from tailstack.optimisation import PlacementProblem, tightening
 from tailstack.optimisation.contradictions import refuse_contradictions
 from tailstack.optimisation.prices import PricedGrade, of_grades
-from tailstack.optimisation.problem import Choice, FreeFiducial, FreeSpacing, PivotVariable, present_choice
+from tailstack.optimisation.problem import Choice, FreeFiducial, PivotVariable, present_choice
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, Shape, mirror, turns
 from tailstack.results import Optimisation
 from tailstack.system import DirectEffect, Law, System
@@ -74,10 +74,6 @@ def _pivot(low: float, high: float) -> PivotVariable:
     return PivotVariable(
         "structure_connector", np.array([0.0, low, 0.0]), np.array([0.0, high, 0.0]), "/optimise/pivots/0"
     )
-
-
-def _spread(low: float, high: float) -> FreeSpacing:
-    return FreeSpacing("connector_flange", low, high, np.eye(6), np.eye(6), "/optimise/locator_spacing/0")
 
 
 TOO_SMALL = Cylinder(CENTRE_MM, UP, 4.0, 3.0)
@@ -147,7 +143,6 @@ def test_contradictions_point_at_their_field(changes: dict[str, Any], pointer: s
         {"half_widths": (replace(FIRST, minimum=0.01, maximum=0.01),)},
         {"pivots": (_pivot(4.0, 4.0),)},
         {"places": (), "half_widths": (), "pivots": (_pivot(4.0, 5.0),)},
-        {"places": (), "half_widths": (), "spacings": (_spread(0.9, 1.1),)},
         # six half-widths at 3 degrees cost 6 / 0.05236 = 114.59
         {"objective": "quantile", "cost_limit": 114.6},
         {"objective": "quantile", "half_widths": ()},

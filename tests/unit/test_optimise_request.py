@@ -296,46 +296,19 @@ def locators_with(**section: Any) -> dict[str, Any]:
     return data
 
 
-def locator_positions(data: Any) -> Array:
-    return np.array([item["position_mm"] for item in data["interfaces"]["structure_connector"]["locators"]])
-
-
 @pytest.mark.long
-def test_locators_as_tolerances_and_their_spacing() -> None:
-    """independent: positions by hand, P95 by the score of the document with the spacing as it was."""
+def test_locators_as_tolerances() -> None:
+    """independent: cost by hand, P95 by the score of the document."""
     names = ("A1", "A2", "A3", "B1", "B2", "C1")
     data = locators_with(
         tolerances=[free("structure_connector", name, min_mm=0.002, max_mm=0.2) for name in names],
-        locator_spacing=[{"interface": "structure_connector", "min_scale": 0.7, "max_scale": 1.25}],
     )
     result = optimised(data)
-    (spacing,) = result.spacings
-    before, after = locator_positions(data), locator_positions(result.design)
-    centre = before.mean(axis=0)
-    np.testing.assert_allclose(after, centre + spacing.scale * (before - centre), rtol=0, atol=1e-9)
-    assert spacing.scale == 1.25  # wider contacts turn less: nothing speaks against the largest
     widths = {item.component: item.after_half_width for item in result.tolerances}
     assert widths == pytest.approx(
         {name: half_width(result.design, "structure_connector", name) for name in names}, rel=1e-9
     )
     assert result.cost_after == pytest.approx(sum(1 / width for width in widths.values()), rel=1e-9)
-    assert_scores_as_promised(result)
-    narrow = design_to_data(load_design(result.design))
-    for item, position in zip(narrow["interfaces"]["structure_connector"]["locators"], before, strict=True):
-        item["position_mm"] = position.tolist()
-    assert score(load_design(narrow)).targets[0].p95_mm > result.p95_after_mm * 1.001
-
-
-@pytest.mark.long
-def test_a_locator_from_a_table_beside_continuous_ones() -> None:
-    """The table has one useful grade: what the exact law wants beyond the closed form comes from the others."""
-    grades = [{"name": "stop", "half_width_mm": 0.02, "price": 5.0}, {"name": "pin", "half_width_mm": 0.05, "price": 2}]
-    names = ("A1", "A2", "A3", "B1", "B2")
-    rest = [free("structure_connector", name, min_mm=0.002, max_mm=0.2) for name in names]
-    result = optimised(locators_with(tolerances=[*rest, free("structure_connector", "C1", grades=grades)]))
-    chosen = next(item for item in result.tolerances if item.component == "C1")
-    assert (chosen.grade, chosen.after_half_width, chosen.cost_after) in (("stop", 0.02, 5.0), ("pin", 0.05, 2.0))
-    assert half_width(result.design, "structure_connector", "C1") == chosen.after_half_width
     assert_scores_as_promised(result)
 
 

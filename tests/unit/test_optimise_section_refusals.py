@@ -175,6 +175,14 @@ MEANING: dict[str, tuple[dict[str, Any], str, str, str]] = {
         section(tolerances=[free(SEAT, "rx", grades=graded({}, {"half_width_deg": 0.0}))]), "/tolerances/0/grades/1",
         "out-of-range", "above zero",
     ),
+    "grades beside bounds": (
+        section(tolerances=[free(FLANGE, "ry", **DEG), free(SEAT, "rx", grades=GRADES)]), "/tolerances/1",
+        "unsupported", "give the others grades too",
+    ),
+    "grades beside bounds for all": (
+        section(tolerances=[free(SEAT, "rx", grades=GRADES)], rotation_bounds=DEG), "/tolerances/0", "unsupported",
+        "chosen from grades, or none",
+    ),
     "grades under scaling": (
         section(objective="scaling", tolerances=[free(SEAT, "rx", grades=GRADES)]), "/tolerances/0", "unsupported",
         "scaling",
@@ -209,14 +217,6 @@ MEANING: dict[str, tuple[dict[str, Any], str, str, str]] = {
     "nothing free": (section(starts=3), "", "nothing-free", "nothing may change"),
     "no translation declared": (
         section(translation_bounds=MM), "/translation_bounds", "nothing-free", "translational",
-    ),
-    "spacing without locators": (
-        section(locator_spacing=[{"interface": SEAT, "min_scale": 0.5, "max_scale": 2}]),
-        "/locator_spacing/0/interface", "no-locators", "has no locators",
-    ),
-    "crossed scales": (
-        section(locator_spacing=[{"interface": SEAT, "min_scale": 2, "max_scale": 0.5}]),
-        "/locator_spacing/0/min_scale", "out-of-range", "above max_scale",
     ),
 }  # fmt: skip
 
@@ -266,7 +266,7 @@ def test_locators_are_named_and_have_no_pivot_to_move() -> None:
     data["optimise"] = {"pivots": [PIVOT | {"interface": SEAT}]}
     (problem,) = refusal(data)
     assert (problem.pointer, problem.code) == ("/optimise/pivots/0/interface", "no-pivot")
-    assert "locator_spacing" in problem.hint
+    assert "free its locators" in problem.hint
     data["optimise"] = {"rotation_bounds": DEG, "pivots": [PIVOT]}
     del data["interfaces"][FLANGE]
     assert {p.pointer for p in refusal(data)} == {
@@ -336,7 +336,7 @@ SECTIONS: dict[str, dict[str, Any]] = {
         rotation_bounds=DEG | {"cost": {"curve": "exponential", "weight": 3, "scale_deg": 0.1}},
         translation_bounds=MM | {"cost": {"curve": "reciprocal_square"}}, tolerances=[RX | {"cost_weight": 2}],
     ),
-    "grades": section(tolerances=[free(SEAT, "rx", grades=GRADES), free(SEAT, "tx", **MM)], objective="cost"),
+    "grades": section(tolerances=[free(interface, "rx", grades=GRADES) for interface in (SEAT, FLANGE)]),
     "pivot": section(pivots=[PIVOT], starts=4, seed=9),
     "quantile": section(objective="quantile", cost_limit=900, rotation_bounds=DEG),
     "front": section(

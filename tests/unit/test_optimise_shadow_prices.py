@@ -16,7 +16,6 @@ import tailstack.optimisation.certificate as module
 from optimise_scenes import (
     ORACLE,
     fixed_layout,
-    free_spacing,
     oracle_problem,
     pivot_in,
     places_in_box,
@@ -49,7 +48,7 @@ def _free_layout() -> PlacementProblem:
 
 
 def _mechanical() -> PlacementProblem:
-    """A seat on locators whose spacing is free and an interface with a free pivot, layout fixed."""
+    """A seat on locators and an interface with a free pivot, layout fixed."""
     problem = fixed_layout(oracle_problem(8, LIMIT_MM), cube_fiducials())
     held = seat("structure_connector", (0.0, 0.0, -95.0), [0.02] * 6)
     widths = (FreeHalfWidth("structure_connector", "L1", 1e-3, 0.5, reciprocal(0.2)), *problem.half_widths[3:])
@@ -58,7 +57,6 @@ def _mechanical() -> PlacementProblem:
         system=replace(problem.system, structure_connector=held),
         half_widths=widths,
         pivots=(pivot_in("connector_flange", (-5, -5, -150), (5, 5, -120)),),
-        spacings=(free_spacing("structure_connector", (0.0, 0.0, -95.0), 0.8, 1.5),),
     )
 
 
@@ -130,10 +128,6 @@ def _with_pivot(side: int, axis: int) -> Callable[[PlacementProblem, float], Pla
     return change
 
 
-def _with_spacing(problem: PlacementProblem, by: float) -> PlacementProblem:
-    return replace(problem, spacings=(replace(problem.spacings[0], maximum=problem.spacings[0].maximum + by),))
-
-
 CHANGES: dict[str, tuple[Callable[[PlacementProblem, float], PlacementProblem], float]] = {
     "limit": (_with_limit, 0.001),
     "min_spacing_mm": (_with_field("min_spacing_mm"), 0.02),
@@ -142,7 +136,6 @@ CHANGES: dict[str, tuple[Callable[[PlacementProblem, float], PlacementProblem], 
     "lower x face of the box": (_with_face(0, 0), 0.02),
     "connector_flange rz largest half-width": (_with_largest(-1, radians(0.01)), 1.0),
     "upper z bound of the pivot of connector_flange": (_with_pivot(1, 2), 0.05),
-    "largest locator spacing of structure_connector": (_with_spacing, 0.002),
 }  # fmt: skip
 
 

@@ -228,23 +228,18 @@ def _tolerances(document: DesignDocument) -> list[Problem]:
 
 
 def _mounts(document: DesignDocument) -> list[Problem]:
-    """Pivots of seats with tolerances may move, locators of seats with locators may be spread."""
+    """Pivots of seats with tolerances may move."""
     assert document.optimise is not None
     problems = []
     for index, pivot in enumerate(document.optimise.pivots):
         interface: Interface | None = getattr(document.interfaces, pivot.interface)
         if interface is None or interface.locators is not None:
-            why, cure = "is held by locators: its pivot only reduces them", "free locator_spacing instead"
+            why, cure = "is held by locators: its pivot only reduces them", "free its locators instead"
             if interface is None:
                 why, cure = "is not in the design", f"add interfaces/{pivot.interface}"
-            at = f"/optimise/pivots/{index}/interface"
-            problems.append(Problem(at, "no-pivot", f"{pivot.interface} {why}", cure))
-    for index, spacing in enumerate(document.optimise.locator_spacing):
-        interface = getattr(document.interfaces, spacing.interface)
-        if interface is None or interface.locators is None:
-            at, detail = f"/optimise/locator_spacing/{index}/interface", f"{spacing.interface} has no locators"
-            cure = f"describe it by interfaces/{spacing.interface}/locators"
-            problems.append(Problem(at, "no-locators", detail, cure))
+            problems.append(
+                Problem(f"/optimise/pivots/{index}/interface", "no-pivot", f"{pivot.interface} {why}", cure)
+            )
     return problems
 
 

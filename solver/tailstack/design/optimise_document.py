@@ -259,7 +259,8 @@ class FreeTolerance(Record):
     cost: CostCurve | None = Field(default=None, description="Another cost curve, instead of cost_weight.")
     grades: Annotated[list[Grade], Field(min_length=1, max_length=40)] | None = Field(
         default=None,
-        description="Process grades to choose from, instead of bounds and a curve; with objective: cost only.",
+        description="Process grades to choose from, instead of bounds and a curve; for every free tolerance, with "
+        "objective: cost only.",
     )
 
     @property
@@ -312,28 +313,6 @@ class FreePivot(Record):
         description="Which interface; it declares tolerances, not locators.", examples=["connector_flange"]
     )
     box: SearchBox = Field(description="Where its pivot may be.")
-
-
-FACTOR = Meant("factor on distances", "", 0.1, "less than a tenth of them", 10.0, "more than ten times them")
-
-
-class LocatorSpacing(Record):
-    """Six locators that may be spread or drawn together about their centre."""
-
-    interface: InterfaceName = Field(
-        description="Which interface; it declares locators.", examples=["structure_connector"]
-    )
-    min_scale: Annotated[float, Field(ge=0.01, le=100), FACTOR] = Field(
-        description="Smallest factor on the distances from the locators' centre.", examples=[0.5]
-    )
-    max_scale: Annotated[float, Field(ge=0.01, le=100), FACTOR] = Field(description="Largest factor.", examples=[1.5])
-
-    @model_validator(mode="after")
-    def _check_order(self) -> LocatorSpacing:
-        if self.min_scale > self.max_scale:
-            message = f"min_scale {self.min_scale} is above max_scale {self.max_scale}"
-            raise refusal("out-of-range", message, at="min_scale")
-        return self
 
 
 class Front(Record):
@@ -431,9 +410,6 @@ class Optimise(Record):
     pivots: Annotated[list[FreePivot], Field(max_length=2)] = Field(
         default=[], description="Pivots that may move. Default none."
     )
-    locator_spacing: Annotated[list[LocatorSpacing], Field(max_length=2)] = Field(
-        default=[], description="Locator patterns that may be spread. Default none."
-    )
     starts: Annotated[int, Field(ge=1, le=256), COUNT] = Field(
         default=8, description="Number of starting layouts. Default 8.", examples=[8]
     )
@@ -465,10 +441,10 @@ class Optimise(Record):
         given = [name for name in _REGIONS if getattr(self, name) is not None]
         if len(given) > 1:
             raise refusal("one-of", f"give one of box, region and regions; {' and '.join(given)} arrived", at=given[1])
-        if not (given or self.frees_tolerances or self.pivots or self.locator_spacing):
+        if not (given or self.frees_tolerances or self.pivots):
             raise refusal(
                 "nothing-free",
-                "give box, region, regions, rotation_bounds, tolerances, pivots or locator_spacing: nothing may change",
+                "give box, region, regions, rotation_bounds, tolerances or pivots: nothing may change",
                 "add a box",
             )
         for field in ("keep_out", "symmetry", "count"):
@@ -477,7 +453,7 @@ class Optimise(Record):
         if self.count is not None and self.regions is not None:
             raise refusal("one-of", "count needs one region for all: give box or region, not regions", at="count")
         self._check_objective()
-        for field in ("tolerances", "pivots", "locator_spacing"):
+        for field in ("tolerances", "pivots"):
             seen = [(free.interface, getattr(free, "component", "")) for free in getattr(self, field)]
             for index, pair in enumerate(seen):
                 if pair in seen[:index]:
@@ -516,6 +492,13 @@ class Optimise(Record):
         if graded and self.goal != "cost":
             raise refusal(
                 "unsupported", f"grades go with objective: cost; it is {self.goal}", at=f"tolerances/{graded[0]}"
+            )
+        if graded and (self.rotation_bounds or self.translation_bounds or len(graded) < len(self.tolerances)):
+            raise refusal(
+                "unsupported",
+                "every free tolerance is chosen from grades, or none",
+                "give the others grades too: a cost curve is one of its values at some half-widths",
+                at=f"tolerances/{graded[0]}",
             )
 
 

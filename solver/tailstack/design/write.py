@@ -146,7 +146,6 @@ class Revision:
     fiducials_mm: Array | None = None  # (N, 3) con; None: they stay
     half_width: Mapping[tuple[str, str], float] = field(default_factory=dict)  # (interface, component or locator)
     pivot_mm: Mapping[str, Array] = field(default_factory=dict)  # (3,) con
-    locator_scale: Mapping[str, float] = field(default_factory=dict)  # about the locators' centre
 
 
 def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIMITS) -> Design:
@@ -173,12 +172,6 @@ def revise_design(design: Design, change: Revision, limits: Limits = DEFAULT_LIM
         _set_half_width(data["interfaces"][contributor], component, float(value))
     for contributor, position in change.pivot_mm.items():
         data["interfaces"][contributor]["pivot_mm"] = [float(value) for value in position]
-    for contributor, scale in change.locator_scale.items():
-        locators = data["interfaces"][contributor]["locators"]
-        positions = np.array([locator["position_mm"] for locator in locators], dtype=float)
-        centre = positions.mean(axis=0)
-        for locator, position in zip(locators, centre + scale * (positions - centre), strict=True):
-            locator["position_mm"] = [float(value) for value in position]
     return load_design(follow_changes(before, data), limits=limits)
 
 

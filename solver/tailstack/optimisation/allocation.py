@@ -24,12 +24,11 @@ to the exact squared quantile fell below 1.  ``c = q_1 - 1`` alone is no bound b
          1.186   1.063   1.0187  1.125   1.231
 
 *For many layouts* there is a small programme with the image covariances as parameters.  It has the same moments and
-closed form as the large programme, of the half-widths (or their common factor) and the slack alone.  Some half-widths
-may be held, and each quantile may carry an offset that stands for its exact law."""
+closed form as the large programme, of the half-widths (or their common factor) and the slack alone."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import exp, sqrt
@@ -50,7 +49,7 @@ from .problem import Choice
 from .program import QUIET, SOLVED, Program, log_cost, log_half_widths
 from .solver import make_solver
 from .symbols import elements
-from .terms import ImageParts, Mechanics, mechanics_of
+from .terms import ImageParts, pivot_shift_of
 
 # Half-widths are as good as the square root of the gap, so it is asked for near rounding; what is reached is checked.
 _SOLVER_OPTIONS = {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12}
@@ -401,36 +400,26 @@ class Budgets:
     upper: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Budget:
-    """Half-widths at a layout, and the programme's objective there."""
-
-    half_width: Array  # (K,) native units
-    objective: float  # log of the cost, or of the squared largest ratio
-
-
 def budgets_of(program: Program) -> Budgets:
     """Build it once; :func:`best_budget` solves it at a layout."""
     problem = program.problem
     u, s = ca.SX.sym("u", program.width_variables), ca.SX.sym("s")
     logs = log_half_widths(problem, program.present_width, u)
     half_width = np.array([ca.exp(value) for value in logs], dtype=object)
-    pivots, spacings = ca.SX.sym("w", 3 * len(problem.pivots)), ca.SX.sym("d", len(problem.spacings))
-    mechanics = Mechanics(elements(pivots), elements(spacings))
+    shift = ca.SX.sym("w", 3 * len(problem.pivots))
     rows, parameters = [], []
     for term in program.terms:
-        images, offset = ca.SX.sym("images", 15 + 3 * len(term.common)), ca.SX.sym("offset")
-        signs = ca.SX.sym("signs", len(term.at_ends))
-        law = error_moments(term, ImageParts.of(elements(images)), half_width, mechanics, elements(signs))
+        images, signs = ca.SX.sym("images", 15 + 3 * len(term.common)), ca.SX.sym("signs", len(term.at_ends))
+        law = error_moments(term, ImageParts.of(elements(images)), half_width, elements(shift), elements(signs))
         limit = 2 * float(np.log(term.demand.requirement.limit))
-        rows.append(ca.log(squared_quantile(term.demand, law)) + offset - limit - s)
-        parameters += [images, offset, signs]
+        rows.append(ca.log(squared_quantile(term.demand, law)) - limit - s)
+        parameters += [images, signs]
     cost = log_cost(problem, logs)
     if problem.cost_limit is not None:
         rows.append(cost - float(np.log(problem.cost_limit)))
     nlp = {
         "x": ca.vertcat(u, s),
-        "p": ca.vertcat(*parameters, pivots, spacings),
+        "p": ca.vertcat(*parameters, shift),
         "f": s if problem.objective == "quantile" else cost,
         "g": ca.vertcat(*rows),
     }
@@ -444,41 +433,15 @@ def budgets_of(program: Program) -> Budgets:
     )
 
 
-def best_budget(
-    budgets: Budgets,
-    choice: Choice,
-    evaluations: list[Evaluation],
-    start: Array,
-    *,
-    fixed: Mapping[int, float] | None = None,
-    offsets: Array | None = None,
-) -> Budget | None:
-    """The optimum at a choice's layout and mechanics, or None where the limits are out of reach.
+def best_budget(budgets: Budgets, choice: Choice, evaluations: list[Evaluation], start: Array) -> float | None:
+    """The programme's objective at the optimum of a choice's layout and pivots: log of the cost, or of the squared
+    largest ratio.  None where the limits are out of reach.
 
-    ``evaluations`` there, one for each of the programme's terms; ``start`` (U,) logarithms; ``fixed``: native
-    values of half-widths that are not free here; ``offsets`` (T,) added to the log of each squared quantile.
+    ``evaluations`` there, one for each of the programme's terms; ``start`` (U,) logarithms.
     """
-    program = budgets.program
-    lower, upper = budgets.lower.copy(), budgets.upper.copy()
-    for k, value in (fixed or {}).items():
-        lower[k] = upper[k] = np.log(value)
-    mechanics = mechanics_of(program.problem, choice)
-    given = np.zeros(len(evaluations)) if offsets is None else offsets
-    parameters = np.concatenate(
-        [
-            *(
-                np.concatenate([item.images.numbers, [offset], item.signs])
-                for item, offset in zip(evaluations, given, strict=True)
-            ),
-            mechanics.pivot_shift,
-            mechanics.inverse_shift,
-        ]
-    )
+    images = (part for item in evaluations for part in (item.images.numbers, item.signs))
+    parameters = np.concatenate([*images, pivot_shift_of(budgets.program.problem, choice)])
+    lower, upper = budgets.lower, budgets.upper
     x0 = np.clip(np.concatenate([start, [0.0]]), lower, upper)
     result = budgets.solver(x0=x0, p=parameters, lbx=lower, ubx=upper, lbg=-np.inf, ubg=0.0)
-    if budgets.solver.stats()["return_status"] not in SOLVED:
-        return None
-    widths = np.exp(result["x"].full().ravel()[:-1])
-    if program.problem.objective == "scaling":
-        widths = program.present_width * widths[0]
-    return Budget(widths, float(result["f"]))
+    return float(result["f"]) if budgets.solver.stats()["return_status"] in SOLVED else None

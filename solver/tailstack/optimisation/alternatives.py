@@ -108,7 +108,7 @@ def _empty(
     problem: PlacementProblem, factor: float, status: Literal["out of reach", "not tried"], note: str
 ) -> FrontPoint:
     limit = problem.in_mm[0].requirement.limit * factor
-    return FrontPoint(factor, limit, status, note, None, None, None, (), (), (), ())
+    return FrontPoint(factor, limit, status, note, None, None, None, (), (), ())
 
 
 def front_factors(request: OptimiseRequest, search: Search) -> tuple[float, ...]:
@@ -147,7 +147,6 @@ def _point(problem: PlacementProblem, search: Search, verified: VerifiedOptimum,
         verified_upper_mm=max(check.upper for check in checks),
         half_widths=tuple(for_people(problem, k, float(value))[0] for k, value in enumerate(choice.half_width)),
         pivots_mm=tuple(vector3(pivot) for pivot in choice.pivots_mm),
-        locator_scales=tuple(float(scale) for scale in choice.spacing),
         fiducials_mm=tuple(vector3(point) for point in choice.fiducials_mm),
     )
 
@@ -233,8 +232,8 @@ def _at_layout(search: Search) -> Callable[[Array], float | None]:
     reach."""
     program = search.program
     problem = program.problem
-    if problem.pivots or problem.spacings:
-        # Mechanics act through the same constants whatever the layout: leave them where the optimum has them.
+    if problem.pivots:
+        # They act through the same constants whatever the layout: leave them where the optimum has them.
         choice = program.split(search.iterates[0].point.x)
     else:
         choice = present_choice(problem)
@@ -253,7 +252,7 @@ def _at_layout(search: Search) -> Callable[[Array], float | None]:
             return worst_closed_ratio(program, evaluations, here)
         if start.tightest_ratio > 1 and problem.objective != "quantile":
             return None
-        budget = best_budget(small, here, evaluations, start.x[program.widths_at])
-        return None if budget is None else objective_for_people(program, budget.objective)
+        reached = best_budget(small, here, evaluations, start.x[program.widths_at])
+        return None if reached is None else objective_for_people(program, reached)
 
     return value

@@ -23,7 +23,7 @@ from .problem import Choice, PlacementProblem, for_people, in_words, label_of, p
 from .program import ConstraintRow, Parameters, Point, Program
 from .regions import BoxRegion
 from .search import Search
-from .terms import free_laws, mechanics_of
+from .terms import free_laws, pivot_shift_of
 
 ACTIVE = 1e-6  # slack, in the scaled units of the programme, up to which a constraint binds
 TOUCHING = 1e-4  # of a rule of the layout: half of that in a distance
@@ -127,11 +127,6 @@ def _bounds_on_mechanics(program: Program, point: Point) -> list[str]:
             if side:
                 bound = (free.high_mm if side > 0 else free.low_mm)[k]
                 texts.append(f"pivot of {label_of(problem, free.contributor)} at {'xyz'[k]} = {bound:g} mm")
-    for i, spacing in enumerate(problem.spacings):
-        side = _at_bound(program, point, program.spacings_at.start + i)
-        if side:
-            bound = spacing.maximum if side > 0 else spacing.minimum
-            texts.append(f"locators of {label_of(problem, spacing.contributor)} at {bound:g} times their spacing")
     return texts
 
 
@@ -258,12 +253,6 @@ def _price_mechanics(program: Program, point: Point, objective: float, add: Add)
                 name = f"{word} {'xyz'[k]} bound of the pivot of {label_of(problem, free.contributor)}"
                 per_mm = -abs(multiplier) / half * objective
                 add(name, "mm", per_mm, f"moving the {name} out by {{step}} mm", 2 * half)
-    for i, spacing in enumerate(problem.spacings):
-        multiplier = float(point.bound_multipliers[program.spacings_at.start + i])
-        if multiplier:
-            bound, word = (spacing.maximum, "largest") if multiplier > 0 else (spacing.minimum, "smallest")
-            name = f"{word} locator spacing of {label_of(problem, spacing.contributor)}"
-            add(name, "factor", -multiplier / bound * objective, f"{{step}} more on the {name}", bound, 0.1)
 
 
 def bound_cost(search: Search, optimum: Optimum) -> Relaxation:
@@ -296,8 +285,8 @@ def _no_bound(search: Search, problem: PlacementProblem) -> str | None:
     """Why the allocation is not convex, or its bound does not hold; None where it is and does."""
     if problem.objective != "cost":
         return "no cost is minimised: KKT certifies a local optimum"
-    if problem.places or problem.pivots or problem.spacings:
-        what = "layout" if problem.places else "pivots and spacings"
+    if problem.moves:
+        what = "layout" if problem.places else "pivots"
         return (
             f"not convex in the {what}: KKT certifies a local optimum, the spread over starts is all that is known "
             "beyond that"
@@ -330,7 +319,7 @@ def _bracket(search: Search, problem: PlacementProblem, choice: Choice) -> tuple
     for term in search.terms:
         images = evaluate_demand(problem, term, replace(choice, half_width=problem.lower)).images
         nothing = np.zeros(len(problem.half_widths))
-        fixed = error_moments(term, images, nothing, mechanics_of(problem, choice), np.zeros(0))
+        fixed = error_moments(term, images, nothing, pivot_shift_of(problem, choice), np.zeros(0))
         noise.append((fixed.unit + fixed.shot).astype(float))
         gains.append(term.free_gain.T)
         limits.append(term.demand.requirement.limit)

@@ -75,12 +75,12 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
                     "state the noise of the fiducials in the views, or remove the region",
                 )
             )
-    elif not (problem.half_widths or problem.pivots or problem.spacings):
+    elif not (problem.half_widths or problem.pivots):
         problems.append(
             Problem(
                 "/optimise",
                 "nothing-free",
-                "no fiducial, tolerance, pivot or locator spacing is free to change",
+                "no fiducial, tolerance or pivot is free to change",
                 "add a box or rotation_bounds",
             )
         )
@@ -119,7 +119,7 @@ def _flat(problem: PlacementProblem) -> list[Problem]:
 def _ends(problem: PlacementProblem) -> list[Problem]:
     """Bounded sources whose effect changes with the layout: the programme holds every vertex of theirs."""
     count = count_ends(problem.system)
-    if count <= MOST_ENDS or not (problem.places or problem.pivots or problem.spacings):
+    if count <= MOST_ENDS or not problem.moves:
         return []
     return [
         Problem(

@@ -1,7 +1,7 @@
 """The quantile that is limited: the exact law at a choice, and the correction that carries it into the programme.
 
 The programme's constraint is smooth closed form + correction.  The correction is affine in what the quantile sees
-(what comes through the images, logarithms of half-widths, pivots, spacings) and is chosen at an iterate so that value
+(what comes through the images, logarithms of half-widths, pivots) and is chosen at an iterate so that value
 *and* gradient are those of the exact law there.  Solved again until the iterate stands still, the programme's
 first-order conditions are those of the exact law (first-order model management: Alexandrov and Lewis 2001).
 
@@ -10,7 +10,7 @@ The moments of a limited error and the smooth closed form of its quantile are wr
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import log, sqrt
 
@@ -28,12 +28,12 @@ from ..tail.declared import column_gradient, law_gradient, law_quantile
 from ..tail.per_unit import UnitQuantile, unit_quantile
 from .problem import Choice, PlacementProblem, QuantileConstraint, apply_choice
 from .symbols import plain, times
-from .terms import DemandTerms, ImageParts, Mechanics, at_ends, linearise_demand, mechanics_of
+from .terms import DemandTerms, ImageParts, at_ends, linearise_demand, pivot_shift_of
 
 LOG2_UNITS = 7  # 2048 units for a per-unit quantile: as the score draws them
 STEP = 1e-5  # relative step of central differences of the closed form
 UNIT_STEP = 1e-2  # likewise of a per-unit quantile: its slope jumps a little, which the step evens out
-PIVOT_STEP_MM, SPACING_STEP = 0.05, 1e-3  # of the exact quantile
+PIVOT_STEP_MM = 0.05  # of the exact quantile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +54,8 @@ class Evaluation:
 class Correction:
     """``offset + slopes . seen``, added to log r^2.
 
-    seen (15 + 3 C + K + 3P + L,): what comes through the images (``ImageParts.numbers``), logarithms of the
-    half-widths, deviations of the pivots, mm, logarithms of the spacings.
+    seen (15 + 3 C + K + 3P,): what comes through the images (``ImageParts.numbers``), logarithms of the half-widths,
+    deviations of the pivots, mm.
     """
 
     offset: float
@@ -135,14 +135,13 @@ def _unit_quantile(
 
 def closed_form_at(problem: PlacementProblem, terms: DemandTerms, evaluation: Evaluation, choice: Choice) -> float:
     """The closed form, mm, at the choice of a constraint and with its ends."""
-    mechanics = mechanics_of(problem, choice)
-    return closed_form_mm(terms, evaluation.images, choice.half_width, mechanics, evaluation.signs)
+    shift = pivot_shift_of(problem, choice)
+    return closed_form_mm(terms, evaluation.images, choice.half_width, shift, evaluation.signs)
 
 
 def count_seen(problem: PlacementProblem, terms: DemandTerms) -> int:
     """How many numbers a correction is affine in."""
-    mechanical = 3 * len(problem.pivots) + len(problem.spacings)
-    return 15 + 3 * len(terms.common) + len(problem.half_widths) + mechanical
+    return 15 + 3 * len(terms.common) + len(problem.half_widths) + 3 * len(problem.pivots)
 
 
 def no_correction(problem: PlacementProblem, terms: DemandTerms) -> Correction:
@@ -163,18 +162,17 @@ def correction_at(
 
 
 def _what_is_seen(problem: PlacementProblem, choice: Choice, evaluation: Evaluation) -> Array:
-    mechanics = mechanics_of(problem, choice)
-    own = np.log(choice.half_width), mechanics.pivot_shift, np.log(choice.spacing)
+    own = np.log(choice.half_width), pivot_shift_of(problem, choice)
     return np.concatenate([evaluation.images.numbers, *own])
 
 
 def _exact_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
-    """Gradient of log r^2 under the declared law; by differences along pivots and spacings, analytic otherwise."""
+    """Gradient of log r^2 under the declared law; by differences along pivots, analytic otherwise."""
     error, p = terms.demand.requirement.error, terms.demand.requirement.quantile
     law, where = declared_law(evaluation.model, error, evaluation.mean_mm)
     quantile = law_quantile(law, p)
     slopes = law_gradient(law, quantile)
-    gains = terms.gains.at(mechanics_of(problem, choice))
+    gains = terms.gains.at(pivot_shift_of(problem, choice))
     ends = {index: evaluation.signs[b] for b, index in enumerate(terms.at_ends)}
     widths = np.zeros(len(problem.half_widths))
     for index, source in enumerate(terms.sources):
@@ -216,15 +214,15 @@ def _gradient(
     problem: PlacementProblem, terms: DemandTerms, choice: Choice, per: float, images: ImageParts, widths: Array
 ) -> Array:
     """``per`` times the gradient by what comes through the images (covariances: symmetric matrices) and by logarithms
-    of half-widths, followed by that by pivots and spacings."""
+    of half-widths, followed by that by pivots."""
     twice = 2.0 - np.eye(3)  # an entry of the upper triangle stands for two
     by_images = per * images._replace(noise=images.noise * twice, made=images.made * twice).numbers
-    by_mechanics = []
-    for low, high, width in _mechanical_steps(choice):
-        below, above = evaluate_demand(problem, terms, low), evaluate_demand(problem, terms, high)
+    by_pivots = []
+    for sides in _pivot_steps(choice):
+        below, above = (evaluate_demand(problem, terms, side) for side in sides)
         through = float(by_images @ (above.images.numbers - below.images.numbers))
-        by_mechanics.append((2 * log(above.exact_mm / below.exact_mm) - through) / width)
-    return np.concatenate([by_images, per * widths, by_mechanics])
+        by_pivots.append((2 * log(above.exact_mm / below.exact_mm) - through) / (2 * PIVOT_STEP_MM))
+    return np.concatenate([by_images, per * widths, by_pivots])
 
 
 def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice, evaluation: Evaluation) -> Array:
@@ -284,31 +282,12 @@ def _unit_gradient(problem: PlacementProblem, terms: DemandTerms, choice: Choice
     return _gradient(problem, terms, choice, 1.0, slopes, widths)
 
 
-def _mechanical_steps(choice: Choice) -> list[tuple[Choice, Choice, float]]:
-    """Choices on either side along each pivot coordinate (mm) and each spacing (its logarithm), and their distance."""
-    steps = []
+def _pivot_steps(choice: Choice) -> Iterator[tuple[Choice, Choice]]:
+    """Choices on either side along each coordinate of a pivot."""
     for p in range(choice.pivots_mm.size):
-        step = np.zeros(choice.pivots_mm.size)
-        step[p] = PIVOT_STEP_MM
-        shift = step.reshape(choice.pivots_mm.shape)
-        steps.append(
-            (
-                replace(choice, pivots_mm=choice.pivots_mm - shift),
-                replace(choice, pivots_mm=choice.pivots_mm + shift),
-                2 * PIVOT_STEP_MM,
-            )
-        )
-    for spread in range(choice.spacing.size):
-        factor = np.ones(choice.spacing.size)
-        factor[spread] = np.exp(SPACING_STEP)
-        steps.append(
-            (
-                replace(choice, spacing=choice.spacing / factor),
-                replace(choice, spacing=choice.spacing * factor),
-                2 * SPACING_STEP,
-            )
-        )
-    return steps
+        step = np.zeros(choice.pivots_mm.shape)
+        step.flat[p] = PIVOT_STEP_MM
+        yield replace(choice, pivots_mm=choice.pivots_mm - step), replace(choice, pivots_mm=choice.pivots_mm + step)
 
 
 def _closed_gradient(
@@ -317,7 +296,7 @@ def _closed_gradient(
     """Gradient of the closed form's log r^2, by central differences (it costs microseconds)."""
 
     def form(numbers: Array, half_width: Array, at: Choice) -> float:
-        return 2 * log(closed_form_mm(terms, ImageParts.of(numbers), half_width, mechanics_of(problem, at), signs))
+        return 2 * log(closed_form_mm(terms, ImageParts.of(numbers), half_width, pivot_shift_of(problem, at), signs))
 
     here, images, widths = evaluation.images.numbers, evaluation.images, choice.half_width
     scale = float(np.trace(images.noise + images.made)) or float(evaluation.exact_mm**2)
@@ -332,8 +311,8 @@ def _closed_gradient(
         factor = np.ones(len(widths))
         factor[k] = np.exp(STEP)
         slopes.append((form(here, widths * factor, choice) - form(here, widths / factor, choice)) / (2 * STEP))
-    for low, high, width in _mechanical_steps(choice):
-        slopes.append((form(here, widths, high) - form(here, widths, low)) / width)
+    for below, above in _pivot_steps(choice):
+        slopes.append((form(here, widths, above) - form(here, widths, below)) / (2 * PIVOT_STEP_MM))
     return np.array(slopes)
 
 
@@ -384,16 +363,16 @@ class ErrorMoments:
 
 
 def error_moments(
-    terms: DemandTerms, images: ImageParts, half_width: ArrayLike, mechanics: Mechanics, signs: ArrayLike
+    terms: DemandTerms, images: ImageParts, half_width: ArrayLike, pivot_shift: ArrayLike, signs: ArrayLike
 ) -> ErrorMoments:
     """Moments at one target.
 
-    half_width (K,) native units; signs (B,): the end at which each of ``terms.at_ends`` stands.  All but the terms may
-    be symbols.
+    half_width (K,) native units; pivot_shift (3P,) mm; signs (B,): the end at which each of ``terms.at_ends`` stands.
+    All but the terms may be symbols.
     """
-    bias = terms.bias.at(mechanics)
+    bias = terms.bias.at(pivot_shift)
     mean = (plain(bias) if bias.dtype != object else bias) + images.shift
-    gains = (*terms.gains.at(mechanics), *images.gains)
+    gains = (*terms.gains.at(pivot_shift), *images.gains)
     covariance = {True: images.made, False: images.noise}
     columns: dict[tuple[bool, Law], list[ArrayLike]] = {
         (per_unit, law): [] for per_unit in (True, False) for law in (Law.UNIFORM, Law.TRIANGULAR)
@@ -444,9 +423,9 @@ def squared_quantile(demand: QuantileConstraint, law: ErrorMoments) -> ArrayLike
 
 
 def closed_form_mm(
-    terms: DemandTerms, images: ImageParts, half_width: Array, mechanics: Mechanics, signs: Array
+    terms: DemandTerms, images: ImageParts, half_width: Array, pivot_shift: Array, signs: Array
 ) -> float:
     """The same in floats, mm."""
     plainly = images._replace(noise=plain(images.noise), made=plain(images.made))
-    law = error_moments(terms, plainly, half_width, mechanics, signs)
+    law = error_moments(terms, plainly, half_width, pivot_shift, signs)
     return sqrt(float(squared_quantile(terms.demand, law)))

@@ -288,12 +288,6 @@ def remark_levers(problem: PlacementProblem, found: Choice | None = None) -> tup
             message = f"the pivot of {label_of(problem, pivot.contributor)} does not act on any limited error"
             hint = "no rotation about it varies"
             findings.append(Finding("no-lever", "warning", f"{message}: {hint}", pivot.pointer))
-    for k, spacing in enumerate(problem.spacings):
-        idle = not any(term.gains.by_spacing[k].any() for term in terms)
-        acting = acting or not idle
-        if idle:
-            message = f"the spacing of the locators of {label_of(problem, spacing.contributor)} does not act"
-            findings.append(Finding("no-lever", "warning", message, spacing.pointer))
     if not acting:
         raise DesignError(
             Problem(

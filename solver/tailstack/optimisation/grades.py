@@ -1,10 +1,7 @@
-"""Process grades: tolerances that are bought from a table, together with a layout and with budgets that are not.
+"""Process grades: tolerances that are bought from a table, together with a layout.
 
-Alternates until neither step pays: the cheapest grades at the layout, then the layout and the continuous half-widths
-with those grades held.  The first layout comes from the relaxation that prices grades by the power law through them.
-Where every free tolerance has a table the grades are chosen exactly.  Beside continuous budgets each
-assignment is worth its price and the least cost of those budgets at the layout: all assignments are compared, or
-where there are too many, single changes are made as long as one pays.
+Alternates until neither step pays: the cheapest grades at the layout, then the layout with those grades held.  The
+first layout comes from the relaxation that prices grades by the power law through them.
 
 *The exact choice* at a fixed layout, under the exact law: which assignments of grades meet the limits is asked of the
 exact law, one evaluation at a time; which to ask about comes from a master problem over binary choices (one per
@@ -23,8 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
-from math import inf, log, prod
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
@@ -33,10 +28,9 @@ from ..errors import InfeasibleError, NotConvergedError, Problem
 from ..geometry.arrays import Array
 from ..results import Relaxation
 from ..results.digits import at_least, at_most
-from .allocation import best_budget, budgets_of
-from .exact_law import closed_form_at, evaluate_demand, exact_ratios
+from .exact_law import exact_ratios
 from .placement import PlacementSolution, settle
-from .prices import Price, PricedGrade, cost_of, drop_dominated
+from .prices import Price, PricedGrade, drop_dominated
 from .problem import Choice, PlacementProblem, apply_choice, present_choice
 from .program import build_program, solve
 from .search import Iterate, Search, Stop, start_at
@@ -44,28 +38,26 @@ from .terms import every_terms
 
 MAX_ALTERNATIONS = 4
 PAYS = 1e-6  # relative: a cheaper choice than that is worth another round
-COMPARED = 400  # assignments that are all compared; beyond, single changes
-SPARE = 3  # next best assignments, for when the exact law refuses the best
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Purchase:
     """Grades chosen at a layout."""
 
-    half_width: Array  # (G,) of the graded tolerances, native units
+    half_width: Array  # (K,) native units
     names: tuple[str, ...]
     bound: Relaxation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Optimum:
-    """An optimum by the exact law: of the continuous programme, or of grades and what was left of it."""
+    """An optimum by the exact law: of the continuous programme, or of grades and the layout."""
 
     problem: PlacementProblem
-    choice: Choice  # of the whole problem
+    choice: Choice
     cost: float
     ratios: tuple[float, ...]  # exact quantile over its limit, every demand
-    solution: PlacementSolution | None  # of what is continuous; None where everything was bought from tables
+    solution: PlacementSolution | None  # of what is continuous; None where nothing is
     purchase: Purchase | None = None
 
     @staticmethod
@@ -74,80 +66,49 @@ class Optimum:
         return Optimum(solution.problem, solution.choice, solution.cost, solution.ratios, solution)
 
 
-def settle_grades(search: Search, aims: Array, graded: tuple[int, ...], stop: Stop | None = None) -> Optimum:
+def settle_grades(search: Search, aims: Array, stop: Stop | None = None) -> Optimum:
     """Cheapest grades found, every exact quantile at or below its aim.
 
     Raises InfeasibleError when even the tightest grades do not do, NotConvergedError.
     """
     problem = search.program.problem
-    exact = len(graded) == len(problem.half_widths)
-    best: tuple[float, Choice, tuple[Purchase, ...]] | None = None
+    best: tuple[float, Choice, Purchase] | None = None
     for item in search.iterates:
         # The relaxation at its aims: the tightest grades are no looser, so there is something to choose.
         start = settle(replace(search, iterates=(item,)), aims)
-        bought = _choose(search, aims, graded, start.choice, stop) if exact else _compare(search, aims, graded, start)
-        cost = _price(problem, graded, bought[0].half_width) if exact else float(bought[0].bound.cost or inf)
+        bought = _choose(search, aims, start.choice, stop)
+        cost = problem.cost(bought.half_width)
         if best is None or cost < best[0] * (1 - PAYS):
             best = (cost, start.choice, bought)
         if stop is not None and stop():
             break
     assert best is not None  # a search has at least one point
-    return _alternate(search, aims, graded, best[1], best[2], stop)
+    return _alternate(search, aims, best[1], best[2], stop)
 
 
-def _alternate(
-    search: Search, aims: Array, graded: tuple[int, ...], start: Choice, first: tuple[Purchase, ...], stop: Stop | None
-) -> Optimum:
-    problem = search.program.problem
-    exact = len(graded) == len(problem.half_widths)
-    choice, best, bought = start, None, first
-    for round_ in range(MAX_ALTERNATIONS):
-        if round_:
-            bought = (
-                _choose(search, aims, graded, choice, stop) if exact else _compare_again(search, aims, graded, choice)
-            )
-        candidate = _first_that_holds(search, aims, graded, choice, bought)
+def _alternate(search: Search, aims: Array, choice: Choice, bought: Purchase, stop: Stop | None) -> Optimum:
+    best: Optimum | None = None
+    for _ in range(MAX_ALTERNATIONS):
+        candidate = _place(search, aims, replace(choice, half_width=bought.half_width), bought)
         if best is not None and candidate.cost >= best.cost * (1 - PAYS):
             break
         best, choice = candidate, candidate.choice
-        if not (problem.places or problem.pivots or problem.spacings) or (stop is not None and stop()):
+        if not search.program.problem.moves or (stop is not None and stop()):
             break
+        bought = _choose(search, aims, choice, stop)
     assert best is not None  # the loop ran
     return best
 
 
-def _first_that_holds(
-    search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, bought: tuple[Purchase, ...]
-) -> Optimum:
-    """The cheapest of the proposals that the exact law accepts.  Raises InfeasibleError when it accepts none."""
-    refused: InfeasibleError | None = None
-    for item in bought:
-        width = _replace_widths(choice.half_width, graded, item.half_width)
-        try:
-            return _place(search, aims, graded, replace(choice, half_width=width), item)
-        except InfeasibleError as error:
-            refused = refused or error
-    assert refused is not None  # there is at least one proposal
-    raise refused
-
-
-def _price(problem: PlacementProblem, graded: tuple[int, ...], half_width: Array) -> float:
-    priced = zip((problem.half_widths[k].price for k in graded), half_width, strict=True)
-    return sum((cost_of(price, float(value)) for price, value in priced), 0.0)
-
-
-def _choose(
-    search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, stop: Stop | None
-) -> tuple[Purchase, ...]:
-    """The cheapest grades at this layout, by the exact law and with a bound; every free tolerance has a table."""
+def _choose(search: Search, aims: Array, choice: Choice, stop: Stop | None) -> Purchase:
+    """The cheapest grades at this layout, by the exact law and with a bound."""
     problem = search.program.problem
 
     def worst(half_width: Array) -> float:
-        at = replace(choice, half_width=_replace_widths(choice.half_width, graded, half_width))
-        return float((exact_ratios(problem, search.terms, at) / aims).max())
+        return float((exact_ratios(problem, search.terms, replace(choice, half_width=half_width)) / aims).max())
 
-    prices = [problem.half_widths[k].price for k in graded]
-    solution = choose_grades(prices, worst, start=choice.half_width[list(graded)], stop=stop)
+    prices = [free.price for free in problem.half_widths]
+    solution = choose_grades(prices, worst, start=choice.half_width, stop=stop)
     where = "at this layout" if problem.places else "for this layout"
     bound = Relaxation(
         "monotone cuts over grades",
@@ -156,131 +117,25 @@ def _choose(
         solution.gap_percent,
         f"{solution.statement.rstrip('.')} ({where})",
     )
-    return (Purchase(solution.half_width, solution.names, bound),)
+    return Purchase(solution.half_width, solution.names, bound)
 
 
-def _replace_widths(half_width: Array, graded: tuple[int, ...], values: Array) -> Array:
-    changed = half_width.copy()
-    changed[list(graded)] = values
-    return changed
-
-
-def _compare_again(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice) -> tuple[Purchase, ...]:
-    """The comparison at a layout that was optimised since."""
-    layout = start_at(search.program, choice.fiducials_mm)
-    point = solve(search.program, layout.x, layout.parameters)
-    start = settle(replace(search, iterates=(Iterate(point, layout.parameters),)), aims)
-    return _compare(search, aims, graded, start)
-
-
-def _compare(search: Search, aims: Array, graded: tuple[int, ...], start: PlacementSolution) -> tuple[Purchase, ...]:
-    """The best assignments beside continuous budgets at the layout of a settled relaxation, cheapest first."""
-    program, choice = start.program, start.choice
-    problem = program.problem
-    ladders = [drop_dominated(problem.half_widths[k].price.grades) for k in graded]
-    evaluations = [evaluate_demand(problem, term, choice) for term in program.terms]
-    own = {term.demand.key: aim for term, aim in zip(search.terms, aims, strict=True)}
-    offsets = np.array(
-        [
-            2 * log(item.exact_mm / closed_form_at(problem, term, item, choice)) - 2 * log(own[term.demand.key])
-            for term, item in zip(program.terms, evaluations, strict=True)
-        ]
-    )
-    small, start_logs = budgets_of(program), np.log(choice.half_width)
-    known: dict[tuple[int, ...], float] = {}
-
-    def cost(levels: tuple[int, ...]) -> float:
-        if levels not in known:
-            fixed = {k: ladder[level].half_width for k, ladder, level in zip(graded, ladders, levels, strict=True)}
-            budget = best_budget(small, choice, evaluations, start_logs, fixed=fixed, offsets=offsets)
-            known[levels] = (
-                inf
-                if budget is None
-                else problem.cost(
-                    # as they are in their tables, not as the solver rounded them
-                    _replace_widths(budget.half_width, graded, np.array(list(fixed.values())))
-                )
-            )
-        return known[levels]
-
-    if prod(map(len, ladders)) <= COMPARED:
-        for levels in product(*(range(len(ladder)) for ladder in ladders)):
-            cost(levels)
-        how = f"all {len(known)} assignments of grades were compared at this layout"
-    else:
-        _descend(
-            cost,
-            ladders,
-            tuple(_no_looser(ladder, choice.half_width[k]) for k, ladder in zip(graded, ladders, strict=True)),
-        )
-        how = f"{len(known)} assignments of grades were compared at this layout; no single change of grade is cheaper"
-    ranked = sorted((value, levels) for levels, value in known.items() if value < inf)[: 1 + SPARE]
-    if not ranked:  # the closed form refuses what the exact law may accept
-        ranked = [(inf, tuple(0 for _ in ladders))]
-    statement = f"{how}, the other half-widths optimised for each; no bound is known beyond that"
-    return tuple(
-        Purchase(
-            np.array([ladder[level].half_width for ladder, level in zip(ladders, levels, strict=True)]),
-            tuple(ladder[level].name for ladder, level in zip(ladders, levels, strict=True)),
-            Relaxation("none", value if value < inf else None, None, None, statement),
-        )
-        for value, levels in ranked
-    )
-
-
-def _no_looser(ladder: tuple[PricedGrade, ...], half_width: float) -> int:
-    """The loosest grade that holds a half-width."""
-    return max([level for level, grade in enumerate(ladder) if grade.half_width <= half_width * (1 + 1e-9)], default=0)
-
-
-def _descend(
-    cost: Callable[[tuple[int, ...]], float], ladders: list[tuple[PricedGrade, ...]], start: tuple[int, ...]
-) -> None:
-    """One grade up or down at a time, and exchanges of one up for one down, as long as one pays."""
-    here = start
-    while True:
-        near = [_shift_levels(here, {k: step}) for k in range(len(here)) for step in (-1, 1)]
-        near += [_shift_levels(here, {a: 1, b: -1}) for a in range(len(here)) for b in range(len(here)) if a != b]
-        inside = [
-            levels
-            for levels in near
-            if all(0 <= level < len(ladder) for level, ladder in zip(levels, ladders, strict=True))
-        ]
-        best = min(inside, key=cost, default=here)
-        if cost(best) >= cost(here) * (1 - PAYS) or cost(best) == inf:
-            return
-        here = best
-
-
-def _shift_levels(levels: tuple[int, ...], steps: dict[int, int]) -> tuple[int, ...]:
-    return tuple(level + steps.get(k, 0) for k, level in enumerate(levels))
-
-
-def _place(search: Search, aims: Array, graded: tuple[int, ...], choice: Choice, bought: Purchase) -> Optimum:
-    """Everything else optimised with the grades held: budgets that are continuous, or the layout for more room."""
-    whole = search.program.problem
-    rest = hold_grades(whole, choice, graded)
-    if not (rest.half_widths or rest.places or rest.pivots or rest.spacings):
+def _place(search: Search, aims: Array, choice: Choice, bought: Purchase) -> Optimum:
+    """The layout optimised for more room, with the grades held."""
+    whole, width = search.program.problem, choice.half_width
+    if not whole.moves:
         ratios = tuple(float(ratio) for ratio in exact_ratios(whole, search.terms, choice))
-        return Optimum(whole, choice, whole.cost(choice.half_width), ratios, None, bought)
+        return Optimum(whole, choice, whole.cost(width), ratios, None, bought)
+    system = apply_choice(whole, replace(present_choice(whole), half_width=width))
+    rest = replace(whole, system=system, half_widths=(), objective="quantile")
     program = build_program(rest, search.estimator, every_terms(rest))
     start = start_at(program, choice.fiducials_mm)
     point = solve(program, start.x, start.parameters)
     inner = replace(search, program=program, iterates=(Iterate(point, start.parameters),), terms=program.terms)
     solution = settle(inner, aims)
-    others = tuple(k for k in range(len(choice.half_width)) if k not in graded)
-    width = _replace_widths(choice.half_width, others, solution.choice.half_width)
-    placed = replace(solution.choice, half_width=width)
-    return Optimum(whole, placed, whole.cost(width), solution.ratios, solution, bought)
-
-
-def hold_grades(problem: PlacementProblem, choice: Choice, graded: tuple[int, ...]) -> PlacementProblem:
-    """The problem with these half-widths no longer free but at their value in a choice."""
-    here = present_choice(problem)
-    width = _replace_widths(here.half_width, graded, choice.half_width[list(graded)])
-    system = apply_choice(problem, replace(here, half_width=width))
-    left = tuple(free for k, free in enumerate(problem.half_widths) if k not in graded)
-    return replace(problem, system=system, half_widths=left, objective="cost" if left else "quantile")
+    return Optimum(
+        whole, replace(solution.choice, half_width=width), whole.cost(width), solution.ratios, solution, bought
+    )
 
 
 Levels = tuple[int, ...]  # of each tolerance the index of its grade, 0 the tightest

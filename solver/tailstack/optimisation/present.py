@@ -68,7 +68,7 @@ def present_design(problem: PlacementProblem) -> PresentDesign:
             pass
     moved = any(
         not np.array_equal(getattr(choice, part), getattr(here, part))
-        for part in ("fiducials_mm", "half_width", "pivots_mm", "spacing")
+        for part in ("fiducials_mm", "half_width", "pivots_mm")
     )
     return PresentDesign(problem, choice, outside, moved, ratios)
 
@@ -102,17 +102,9 @@ def bring_inside(problem: PlacementProblem, choice: Choice) -> Choice:
             held = [grade.half_width for grade in drop_dominated(free.price.grades)]
             widths[k] = max([h for h in held if h <= widths[k] * (1 + 1e-9)], default=min(held))
     pivots = [np.clip(at, free.low_mm, free.high_mm) for free, at in zip(problem.pivots, choice.pivots_mm, strict=True)]
-    spacing = [
-        float(np.clip(s, free.minimum, free.maximum)) for free, s in zip(problem.spacings, choice.spacing, strict=True)
-    ]
     placed = clip_to_regions(problem, choice.fiducials_mm)
     moved = np.linalg.norm(placed - choice.fiducials_mm, axis=1, keepdims=True) > INSIDE_MM
-    return Choice(
-        np.where(moved, placed, choice.fiducials_mm),
-        widths,
-        np.array(pivots).reshape(-1, 3),
-        np.array(spacing).reshape(-1),
-    )
+    return Choice(np.where(moved, placed, choice.fiducials_mm), widths, np.array(pivots).reshape(-1, 3))
 
 
 def _pay_for(problem: PlacementProblem, half_width: Array) -> Array:
@@ -151,10 +143,6 @@ def _outside_bounds(problem: PlacementProblem, here: Choice, inside: Choice) -> 
     for pivot, at, to in zip(problem.pivots, here.pivots_mm, inside.pivots_mm, strict=True):
         if (gone := float(np.linalg.norm(to - at))) > INSIDE_MM:
             yield f"the pivot of {label_of(problem, pivot.contributor)} is {at_least(gone, 2)} mm outside its box"
-    for spacing, scale in zip(problem.spacings, inside.spacing, strict=True):
-        if abs(scale - 1) > 1e-9:
-            words = f"the locators of {label_of(problem, spacing.contributor)} stand at 1 times their spacing"
-            yield f"{words}, not at {spacing.minimum:g} to {spacing.maximum:g} times"
     if problem.cost_limit is not None:
         cost = problem.cost(here.half_width)
         if cost > problem.cost_limit * (1 + 1e-9):

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import degrees
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -55,28 +55,12 @@ class PivotVariable:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FreeSpacing:
-    """Six locators spread by a factor s about their centre: the mount's direction is ``shift + turn / s``.
-
-    A contact at distance s r turns the seat by 1/s of what it did at r and shifts the centre as before.
-    """
-
-    contributor: str
-    minimum: float
-    maximum: float
-    shift: Array  # (6, 6)
-    turn: Array  # (6, 6)
-    pointer: str = "/optimise/locator_spacing"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Choice:
     """A value for everything that may change."""
 
     fiducials_mm: Array  # (N, 3) all of them, con
     half_width: Array  # (K,) native units
     pivots_mm: Array  # (P, 3) con
-    spacing: Array  # (L,) factors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,7 +138,6 @@ class PlacementProblem:
     places: tuple[FreeFiducial, ...] = ()
     half_widths: tuple[FreeHalfWidth, ...] = ()
     pivots: tuple[PivotVariable, ...] = ()
-    spacings: tuple[FreeSpacing, ...] = ()
     objective: Objective = "cost"
     cost_limit: float | None = None
     symmetry: tuple[Isometry, ...] = ()
@@ -203,8 +186,12 @@ class PlacementProblem:
     def ends(self) -> tuple[tuple[float, ...], ...]:
         """Where the bounded sources that move the images of all fiducials together may stand: all vertices, as which is
         worst changes with the layout and at the optimum several are; one that is empty where the layout stays."""
-        moving = self.places or self.pivots or self.spacings
-        return tuple(product((1.0, -1.0), repeat=count_ends(self.system) if moving else 0))
+        return tuple(product((1.0, -1.0), repeat=count_ends(self.system) if self.moves else 0))
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything may be elsewhere: fiducials or pivots."""
+        return bool(self.places or self.pivots)
 
     @property
     def targets(self) -> tuple[Target, ...]:
@@ -299,9 +286,7 @@ def present_choice(problem: PlacementProblem) -> Choice:
         sources = mount_named(problem.system, free.contributor).sources
         widths.append(float(sources.half_width[sources.names.index(free.component)]))
     pivots = [mount_named(problem.system, free.contributor).pivot_mm for free in problem.pivots]
-    return Choice(
-        problem.system.fiducials_mm, np.array(widths), np.array(pivots).reshape(-1, 3), np.ones(len(problem.spacings))
-    )
+    return Choice(problem.system.fiducials_mm, np.array(widths), np.array(pivots).reshape(-1, 3))
 
 
 def width_bounds(problem: PlacementProblem, present: Array) -> tuple[Array, Array]:
@@ -322,19 +307,11 @@ def least_half_widths(problem: PlacementProblem, present: Array) -> Array:
 def apply_choice(problem: PlacementProblem, choice: Choice) -> System:
     """The system with a choice made."""
     mounts = {mount.name: mount for mount in problem.system.interfaces}
-
-    def change(contributor: str, **fields: Any) -> None:
-        mount = mounts[contributor]
-        fields = {name: frozen(values) for name, values in fields.items()}
-        mounts[contributor] = replace(mount, sources=replace(mount.sources, **fields))
-
     for free, value in zip(problem.half_widths, choice.half_width, strict=True):
-        sources = mounts[free.contributor].sources
-        widths = sources.half_width.copy()
-        widths[sources.names.index(free.component)] = value
-        change(free.contributor, half_width=widths)
-    for spacing, factor in zip(problem.spacings, choice.spacing, strict=True):
-        change(spacing.contributor, direction=spacing.shift + spacing.turn / float(factor))
+        mount = mounts[free.contributor]
+        widths = mount.sources.half_width.copy()
+        widths[mount.sources.names.index(free.component)] = value
+        mounts[free.contributor] = replace(mount, sources=replace(mount.sources, half_width=frozen(widths)))
     first, second = (mounts[mount.name] for mount in problem.system.interfaces)
     system = replace(
         problem.system,

@@ -1,7 +1,7 @@
 """The nonlinear programme: one CasADi expression, built once, solved from many starts by IPOPT.
 
 Variables: free positions scaled to [-1, 1] in the bounding box of their region, logarithms of the free half-widths
-(of one common factor when scaling), free pivots scaled likewise, logarithms of locator spacings, and a slack s.
+(of one common factor when scaling), free pivots scaled likewise, and a slack s.
 ``log r_t^2 + correction_t - 2 log limit_t <= s`` for every quantile, so that one programme serves two questions: with
 ``s = 0`` and the logarithm of the cost as objective, the optimum; with s as objective, the smallest quantile
 attainable.  Logarithms make both scale free.
@@ -40,7 +40,7 @@ from .regions import (
 )
 from .solver import make_solver
 from .symbols import elements, plain
-from .terms import DemandTerms, EstimationTerms, Mechanics, blind_half_widths, estimator_affine, image_parts_at, lay
+from .terms import DemandTerms, EstimationTerms, blind_half_widths, estimator_affine, image_parts_at, lay
 
 QUIET: dict[str, Any] = {
     "print_time": False,
@@ -143,11 +143,6 @@ class Program:
         start = self.widths_at.stop
         return slice(start, start + 3 * len(self.problem.pivots))
 
-    @property
-    def spacings_at(self) -> slice:
-        start = self.pivots_at.stop
-        return slice(start, start + len(self.problem.spacings))
-
     def split(self, x: Array) -> Choice:
         """What the variables stand for."""
         positions = self.problem.system.fiducials_mm.copy()
@@ -161,7 +156,7 @@ class Program:
         if self.problem.objective == "scaling":
             widths = self.present_width * (widths[0] if len(widths) else 1.0)
         pivots = self.centre[count:] + self.half[count:] * x[self.pivots_at].reshape(-1, 3)
-        return Choice(positions, widths, pivots, np.exp(x[self.spacings_at]))
+        return Choice(positions, widths, pivots)
 
     def join(self, choice: Choice, slack: float = 0.0) -> Array:
         """The variables of a choice, those outside their bounds clipped; an axis without extent holds its at 0."""
@@ -172,7 +167,7 @@ class Program:
         widths = np.log(choice.half_width)
         if self.problem.objective == "scaling":
             widths = np.log(choice.half_width / self.present_width)[:1]
-        return np.concatenate([flat[:split], widths, flat[split:], np.log(choice.spacing), [slack]])
+        return np.concatenate([flat[:split], widths, flat[split:], [slack]])
 
     def bounds(self, question: Question) -> tuple[Array, Array]:
         """Bounds of the variables for either question."""
@@ -182,14 +177,10 @@ class Program:
         free = question == "least" or self.problem.objective == "quantile"
         if question == "least":
             high = low
-        spread = [
-            np.log([free.minimum for free in self.problem.spacings]),
-            np.log([free.maximum for free in self.problem.spacings]),
-        ]
         slack = [SLACK] if free else [0.0]
         return (
-            np.concatenate([-extent[:split], low, -extent[split:], spread[0], np.negative(slack)]),
-            np.concatenate([extent[:split], high, extent[split:], spread[1], slack]),
+            np.concatenate([-extent[:split], low, -extent[split:], np.negative(slack)]),
+            np.concatenate([extent[:split], high, extent[split:], slack]),
         )
 
     def pieces_of(self, choice: Choice) -> Array:
@@ -225,7 +216,7 @@ def build_program(
         *_keep_out_rows(problem, design.points, choosers),
         strict=True,
     )
-    variables = ca.vertcat(symbols.x, symbols.u, symbols.w, symbols.tau, symbols.s)
+    variables = ca.vertcat(symbols.x, symbols.u, symbols.w, symbols.s)
     parameters = ca.vertcat(
         symbols.limits, ca.vec(symbols.signs), ca.vec(symbols.corrections), *choosers, symbols.least
     )
@@ -261,21 +252,19 @@ class _Symbols(NamedTuple):
     x: Any  # (3G,) free positions, scaled
     u: Any  # (U,) logarithms of half-widths, or that of their common factor
     w: Any  # (3P,) free pivots, scaled
-    tau: Any  # (L,) logarithms of locator spacings
     s: Any  # the slack
     limits: Any  # (T,) logarithm of each limit
     signs: Any  # (B, T) ends of the bounded sources
-    corrections: Any  # (1 + 15 + 3 C + K + 3P + L, T) to the exact law
+    corrections: Any  # (1 + 15 + 3 C + K + 3P, T) to the exact law
     least: Any  # 1 where the slack is minimised, 0 where the cost is
 
 
 def _make_symbols(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> _Symbols:
-    widths, pivots, spacings = len(problem.half_widths), 3 * len(problem.pivots), len(problem.spacings)
+    widths, pivots = len(problem.half_widths), 3 * len(problem.pivots)
     return _Symbols(
         x=ca.SX.sym("x", 3 * len(problem.places)),
         u=ca.SX.sym("u", min(widths, 1) if problem.objective == "scaling" else widths),
         w=ca.SX.sym("w", pivots),
-        tau=ca.SX.sym("tau", spacings),
         s=ca.SX.sym("s"),
         limits=ca.SX.sym("limits", len(terms)),
         signs=ca.SX.sym("signs", len(terms[0].at_ends), len(terms)),
@@ -289,7 +278,7 @@ class _SymbolicDesign(NamedTuple):
 
     points: ArrayLike  # (N, 3) mm
     logs: ArrayLike  # (K,) of the half-widths, native units
-    mechanics: Mechanics
+    pivot_shift: ArrayLike  # (3P,) mm
 
 
 def _express_design(problem: PlacementProblem, symbols: _Symbols, centre: Array, half: Array) -> _SymbolicDesign:
@@ -304,11 +293,8 @@ def _express_design(problem: PlacementProblem, symbols: _Symbols, centre: Array,
     pivots = plain(centre[count:].ravel())
     for p in range(symbols.w.numel()):
         pivots[p] = pivots[p] + float(half[count:].flat[p]) * symbols.w[p]
-    mechanics = Mechanics(
-        pivots - plain(present.pivots_mm.ravel()),
-        np.array([ca.exp(-value) - 1 for value in elements(symbols.tau)], dtype=object),
-    )
-    return _SymbolicDesign(points, log_half_widths(problem, present.half_width, symbols.u), mechanics)
+    logs = log_half_widths(problem, present.half_width, symbols.u)
+    return _SymbolicDesign(points, logs, pivots - plain(present.pivots_mm.ravel()))
 
 
 def log_half_widths(problem: PlacementProblem, present: Array, u: Any) -> ArrayLike:
@@ -335,14 +321,14 @@ def _quantile_rows(
 ) -> Iterator[tuple[ConstraintRow, Any]]:
     """``log r^2 + correction - 2 log limit - s <= 0`` of every quantile in the programme."""
     half_width = np.array([ca.exp(value) for value in design.logs], dtype=object)
-    mechanics = design.mechanics
-    projections, assumed_shift = (_duck(part.at(mechanics)) for part in estimator_affine(problem))
-    laid = lay(problem, design.points, mechanics)
+    shift = design.pivot_shift
+    projections, assumed_shift = (_duck(part.at(shift)) for part in estimator_affine(problem))
+    laid = lay(problem, design.points, shift)
     for t, term in enumerate(terms):
-        reconstructed = _duck(term.reconstructed.at(mechanics))
+        reconstructed = _duck(term.reconstructed.at(shift))
         images = image_parts_at(estimator, term, laid, projections, assumed_shift, reconstructed)
-        law = error_moments(term, images, half_width, mechanics, elements(symbols.signs[:, t]))
-        seen = [1.0, *images.numbers, *design.logs, *mechanics.pivot_shift, *elements(symbols.tau)]
+        law = error_moments(term, images, half_width, shift, elements(symbols.signs[:, t]))
+        seen = [1.0, *images.numbers, *design.logs, *shift]
         correction = sum(symbols.corrections[i, t] * value for i, value in enumerate(seen))
         form = ca.log(squared_quantile(term.demand, law))
         yield (

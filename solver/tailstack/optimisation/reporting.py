@@ -14,7 +14,6 @@ from ..measures import MEASURE
 from ..results import (
     ERRORS,
     Certificate,
-    ChangedSpacing,
     ChangedTolerance,
     CountTried,
     FrontPoint,
@@ -37,7 +36,7 @@ from .prices import cost_of
 from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice
 from .request import OptimiseRequest, read_request
 from .task import OptimisationTask
-from .terms import DemandTerms, mechanics_of, terms_of
+from .terms import DemandTerms, pivot_shift_of, terms_of
 from .tightening import VerifiedOptimum
 
 NEAR = 0.01  # a design that is kept has the shadow prices of an optimum that costs about as much
@@ -78,7 +77,7 @@ def report(
         p95_before_mm=p95_before_mm,
         p95_after_mm=p95_after_mm,
         moved=_list_moves(request.problem.system, after_system, problem),
-        tolerances=_tolerances(task.request, verified, before, now),
+        tolerances=_tolerances(verified, before, now),
         pivots=tuple(
             MovedPivot(
                 free.contributor,
@@ -87,12 +86,6 @@ def report(
                 vector3(now.pivots_mm[k]),
             )
             for k, free in enumerate(problem.pivots)
-        ),
-        spacings=tuple(
-            ChangedSpacing(
-                free.contributor, label_of(problem, free.contributor), round(float(optimum.choice.spacing[k]), 6)
-            )
-            for k, free in enumerate(problem.spacings)
         ),
         scaling=_scaling(problem, before, now),
         certificate=Certificate(
@@ -257,20 +250,16 @@ def _list_moves(before: System, after: System, problem: PlacementProblem) -> tup
     return (*entries, *(MovedFiducial(label, vector3(old[label]), None) for label in old if label not in new))
 
 
-def _tolerances(
-    request: OptimiseRequest, verified: VerifiedOptimum, before: Choice, now: Choice
-) -> tuple[ChangedTolerance, ...]:
+def _tolerances(verified: VerifiedOptimum, before: Choice, now: Choice) -> tuple[ChangedTolerance, ...]:
     """Lever by the linear model at the demand in mm with the largest quantile over its limit."""
     optimum = verified.optimum
     problem = optimum.problem
     sized = [each for each in zip(optimum.ratios, verified.search.terms, strict=True) if each[1].demand.is_point]
     worst = max(sized, key=lambda each: each[0])[1] if sized else terms_of(problem, problem.in_mm[0])
     lever_before, lever = (_lever(worst, problem, choice) for choice in (before, optimum.choice))
-    chosen = {}
-    if optimum.purchase is not None:
-        chosen = dict(zip(request.graded, optimum.purchase.names, strict=True))
+    grades = [None] * len(problem.half_widths) if optimum.purchase is None else optimum.purchase.names
     changes = []
-    for k, free in enumerate(problem.half_widths):
+    for k, (free, grade) in enumerate(zip(problem.half_widths, grades, strict=True)):
         (old, unit), (new, _) = (for_people(problem, k, float(c.half_width[k])) for c in (before, now))
         cost_before = cost_of(free.price, float(before.half_width[k]))
         changes.append(
@@ -285,16 +274,16 @@ def _tolerances(
                 at_target_mm=float(lever[k] * now.half_width[k]),
                 cost_before=cost_before if np.isfinite(cost_before) else None,
                 cost_after=cost_of(free.price, float(now.half_width[k])),
-                grade=chosen.get(k),
+                grade=grade,
             )
         )
     return tuple(changes)
 
 
 def _lever(terms: DemandTerms, problem: PlacementProblem, choice: Choice) -> Array:
-    """(K,) mm at the target per native unit of each free half-width, at the pivots and spacings of a choice."""
+    """(K,) mm at the target per native unit of each free half-width, at the pivots of a choice."""
     lever = np.zeros(len(problem.half_widths))
-    for source, gain in zip(terms.sources, terms.gains.at(mechanics_of(problem, choice)), strict=True):
+    for source, gain in zip(terms.sources, terms.gains.at(pivot_shift_of(problem, choice)), strict=True):
         if source.free is not None:
             lever[source.free] = float(np.linalg.norm(gain))
     return lever

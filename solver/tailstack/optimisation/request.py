@@ -10,7 +10,6 @@ import numpy as np
 from tailstack.fields import INTERFACES
 
 from ..design import Design, Revision, compile_design, revise_design
-from ..design.compile import torsor_from_locators
 from ..design.consistency import list_declared
 from ..design.optimise_document import (
     CostCurve,
@@ -35,7 +34,6 @@ from .problem import (
     Choice,
     FreeFiducial,
     FreeHalfWidth,
-    FreeSpacing,
     PivotVariable,
     PlacementProblem,
     Survival,
@@ -56,7 +54,7 @@ class OptimiseRequest:
     design: Design
     section: Optimise
     problem: PlacementProblem  # with the fiducials as they are in number
-    graded: tuple[int, ...]  # free half-widths that a table of grades is given for
+    graded: bool  # whether half-widths are bought from tables of grades
 
 
 def read_request(design: Design) -> OptimiseRequest:
@@ -91,7 +89,6 @@ def read_request(design: Design) -> OptimiseRequest:
         places=_places(system, section),
         half_widths=half_widths,
         pivots=_pivots(section),
-        spacings=_spacings(design, section),
         objective=kind,
         cost_limit=section.cost_limit,
         symmetry=_symmetry(section.symmetry),
@@ -107,8 +104,7 @@ def read_request(design: Design) -> OptimiseRequest:
     if section.survive is not None:
         problem = replace(problem, survival=_survival(section.survive, problem))
     problem = hold_spent(problem)
-    graded = tuple(k for k, free in enumerate(half_widths) if free.price.curve == "grades")
-    return OptimiseRequest(design, section, problem, graded)
+    return OptimiseRequest(design, section, problem, any(free.price.curve == "grades" for free in half_widths))
 
 
 def _requirements(system: System, named: str | list[str] | None) -> tuple[Requirement, ...]:
@@ -240,31 +236,6 @@ def _pivots(section: Optimise) -> tuple[PivotVariable, ...]:
     )
 
 
-def _spacings(design: Design, section: Optimise) -> tuple[FreeSpacing, ...]:
-    """Direction of the locators as ``shift + turn / s``, from the pattern as it is and at half its spacing."""
-    spacings = []
-    for index, free in enumerate(section.locator_spacing):
-        interface = getattr(design.document.interfaces, free.interface)
-        positions = np.array([locator.position_mm for locator in interface.locators])
-        normals = np.array([locator.normal for locator in interface.locators])
-        centre, pivot = positions.mean(axis=0), np.array(interface.pivot_mm)
-        once, twice = (
-            torsor_from_locators(centre + scale * (positions - centre), normals, pivot) for scale in (1.0, 0.5)
-        )
-        turn = twice - once  # the part that goes as 1/s doubles
-        spacings.append(
-            FreeSpacing(
-                free.interface,
-                free.min_scale,
-                free.max_scale,
-                once - turn,
-                turn,
-                f"/optimise/locator_spacing/{index}",
-            )
-        )
-    return tuple(spacings)
-
-
 def with_count(request: OptimiseRequest, count: int) -> PlacementProblem:
     """The problem with so many fiducials: the last free ones left out, or new ones added to the region.
 
@@ -340,10 +311,6 @@ def revise(request: OptimiseRequest, problem: PlacementProblem, choice: Choice) 
             pivot_mm={
                 free.contributor: np.clip(np.round(value, POSITION_DECIMALS[0]), free.low_mm, free.high_mm)
                 for free, value in zip(problem.pivots, choice.pivots_mm, strict=True)
-            },
-            locator_scale={
-                free.contributor: float(np.clip(np.round(value, 6), free.minimum, free.maximum))
-                for free, value in zip(problem.spacings, choice.spacing, strict=True)
             },
         ),
     )

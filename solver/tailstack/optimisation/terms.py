@@ -7,10 +7,8 @@ together.  The constants come from :func:`~tailstack.propagation.linear.linearis
 :func:`~tailstack.propagation.columns.assemble` and :func:`~tailstack.propagation.systematic.shift_together` that the
 score runs, here on symbols.
 
-Pivots and locator spacings enter those constants: a displacement ``R (x - p) + p + t`` and its derivative by the
-torsor are affine in the pivot p, the direction of six locators in the inverse 1/s of their spacing.  So every gain
-is affine in the pivots, and affine in 1/s with coefficients affine in the pivots: differences of the linear model
-at a few points give the coefficients exactly.
+Pivots enter those constants: a displacement ``R (x - p) + p + t`` and its derivative by the torsor are affine in the
+pivot p.  So every gain is, and differences of the linear model at a few points give the coefficients exactly.
 """
 
 from __future__ import annotations
@@ -56,42 +54,38 @@ PIVOT_STEP_MM = 64.0  # any step would do for an affine function; a large one lo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Affine:
-    """``base + sum_p w_p by_pivot[p] + sum_l d_l (by_spacing[l] + sum_p w_p cross[p, l])``.
-
-    w (3P,) mm: pivot coordinates less the present ones; d (L,): inverse spacing factors less 1.
-    """
+    """``base + sum_p w_p by_pivot[p]``, w (3P,) mm: pivot coordinates less the present ones."""
 
     base: Array  # (...)
     by_pivot: Array  # (3P, ...)
-    by_spacing: Array  # (L, ...)
-    cross: Array  # (3P, L, ...)
 
-    def at(self, mechanics: Mechanics) -> ArrayLike:
-        """Value for floats or symbols; the base itself when nothing mechanical is free."""
+    def at(self, pivot_shift: ArrayLike) -> ArrayLike:
+        """Value for floats or symbols (3P,) mm; the base itself when no pivot is free."""
         value: Any = self.base
-        for w, slope in zip(mechanics.pivot_shift, self.by_pivot, strict=True):
-            value = _plus(value, slope, w)
-        for spread, (d, slope) in enumerate(zip(mechanics.inverse_shift, self.by_spacing, strict=True)):
-            value = _plus(value, slope, d)
-            for w, cross in zip(mechanics.pivot_shift, self.cross[:, spread], strict=True):
-                value = _plus(value, cross, w * d)
+        for w, slope in zip(pivot_shift, self.by_pivot, strict=True):
+            if slope.any():
+                value = value + times(plain(slope), w)
         return value
 
 
-def _plus(value: ArrayLike, slope: Array, factor: Any) -> ArrayLike:
-    return value + times(plain(slope), factor) if slope.any() else value
+def pivot_shift_of(problem: PlacementProblem, choice: Choice) -> Array:
+    """(3P,) mm: by how much the pivots are elsewhere."""
+    return (choice.pivots_mm - present_choice(problem).pivots_mm).ravel()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Mechanics:
-    """Deviations of pivots (3P,) mm and of inverse locator spacings (L,) from the present ones; floats or symbols."""
-
-    pivot_shift: Any
-    inverse_shift: Any
-
-
-def mechanics_of(problem: PlacementProblem, choice: Choice) -> Mechanics:
-    return Mechanics((choice.pivots_mm - present_choice(problem).pivots_mm).ravel(), 1 / choice.spacing - 1)
+def _differentiate(problem: PlacementProblem, parts_at: Callable[[Choice], tuple[Array, ...]]) -> tuple[Affine, ...]:
+    """Functions of a choice, (...) each, that are affine in its pivots."""
+    here = present_choice(problem)
+    base, moved = parts_at(here), []
+    for p in range(here.pivots_mm.size):
+        positions = here.pivots_mm.copy()
+        positions.flat[p] += PIVOT_STEP_MM
+        moved.append(parts_at(replace(here, pivots_mm=positions)))
+    each = (np.array([there[k] - start for there in moved]) for k, start in enumerate(base))
+    return tuple(
+        Affine(start, _clean(change.reshape(len(moved), *start.shape) / PIVOT_STEP_MM))
+        for start, change in zip(base, each, strict=True)
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +169,7 @@ class DemandTerms:
             if source.law is Law.BOUNDED and (source.free is not None or source.half_width > 0)
         )
 
-    # At the present pivots and spacings, for the starts:
+    # At the present pivots, for the starts:
     @property
     def reconstructed_mm(self) -> Array:
         """(T, 3)."""
@@ -225,36 +219,13 @@ def terms_of(problem: PlacementProblem, demand: QuantileConstraint) -> DemandTer
     if is_singular(system, system.fiducials_mm):
         system = scatter(problem)
     problem = replace(problem, system=system)
-    here = present_choice(problem)
-    base = _parts(problem, here, demand)
-    pivots, spacings = here.pivots_mm.size, here.spacing.size
-
-    def at(p: int | None, spread: int | None) -> tuple[Array, Array, Array]:
-        positions, spacing = here.pivots_mm.copy(), here.spacing.copy()
-        if p is not None:
-            positions.flat[p] += PIVOT_STEP_MM
-        if spread is not None:
-            spacing[spread] = 0.5  # the inverse grows by exactly one
-        return _parts(problem, replace(here, pivots_mm=positions, spacing=spacing), demand).values
-
-    by_pivot = [at(p, None) for p in range(pivots)]
-    by_spacing = [at(None, spread) for spread in range(spacings)]
-    both = [[at(p, spread) for spread in range(spacings)] for p in range(pivots)]
-
-    def affine(part: int) -> Affine:
-        start = base.values[part]
-        shape = start.shape
-        d_pivot = np.array([value[part] - start for value in by_pivot]).reshape(pivots, *shape)
-        d_spacing = np.array([value[part] - start for value in by_spacing]).reshape(spacings, *shape)
-        corner = np.array([[value[part] for value in row] for row in both]).reshape(pivots, spacings, *shape)
-        cross = corner - start - d_pivot[:, None] - d_spacing[None] if corner.size else corner
-        return Affine(start, _clean(d_pivot / PIVOT_STEP_MM), _clean(d_spacing), _clean(cross / PIVOT_STEP_MM))
-
+    base = _parts(problem, present_choice(problem), demand)
+    reconstructed, bias, gains = _differentiate(problem, lambda choice: _parts(problem, choice, demand).values)
     return DemandTerms(
         demand=demand,
-        reconstructed=affine(0),
-        bias=affine(1),
-        gains=affine(2),
+        reconstructed=reconstructed,
+        bias=bias,
+        gains=gains,
         sources=_sources(problem, base.model, _is_constant),
         common=_sources(problem, base.model, _is_common),
         vertex=np.concatenate([np.zeros(0), *vertices_of(base.free, demand.ends)]),
@@ -461,36 +432,22 @@ def _tell_apart(columns: ArrayLike, own: NDArray[np.bool_]) -> ArrayLike:
     return np.hstack([part if t == 0 else part[:, own] for t, part in enumerate(each)])
 
 
-def lay(problem: PlacementProblem, points: ArrayLike, mechanics: Mechanics) -> System:
+def lay(problem: PlacementProblem, points: ArrayLike, pivot_shift: ArrayLike) -> System:
     """The system with fiducials and pivots in numbers or symbols."""
     present = present_choice(problem).pivots_mm
-    shifts = np.asarray(mechanics.pivot_shift).reshape(present.shape)
+    shifts = np.asarray(pivot_shift).reshape(present.shape)
     pivots = {free.contributor: pivot for free, pivot in zip(problem.pivots, present + shifts, strict=True)}
     return with_pivots(replace(problem.system, fiducials_mm=points), pivots)
 
 
-def estimator_affine(problem: PlacementProblem) -> tuple[Affine, Affine]:
+def estimator_affine(problem: PlacementProblem) -> tuple[Affine, ...]:
     """Projections (V, 3, 4) and the shift of the assumed fiducials (3,) as functions of the pivots."""
-    here = present_choice(problem)
-    base = estimator_of(problem.system)
-    slopes = []
-    for p in range(here.pivots_mm.size):
-        positions = here.pivots_mm.copy()
-        positions.flat[p] += PIVOT_STEP_MM
-        moved = estimator_of(apply_choice(problem, replace(here, pivots_mm=positions)))
-        slopes.append(
-            (
-                _clean((moved.projections - base.projections) / PIVOT_STEP_MM),
-                _clean((moved.assumed_shift_mm - base.assumed_shift_mm) / PIVOT_STEP_MM),
-            )
-        )
-    count, spacings = here.pivots_mm.size, here.spacing.size
 
-    def affine(start: Array, part: int) -> Affine:
-        by_pivot = np.array([slope[part] for slope in slopes]).reshape(count, *start.shape)
-        return Affine(start, by_pivot, np.zeros((spacings, *start.shape)), np.zeros((count, spacings, *start.shape)))
+    def parts_at(choice: Choice) -> tuple[Array, Array]:
+        estimator = estimator_of(apply_choice(problem, choice))
+        return estimator.projections, estimator.assumed_shift_mm
 
-    return affine(base.projections, 0), affine(base.assumed_shift_mm, 1)
+    return _differentiate(problem, parts_at)
 
 
 def blind_half_widths(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> NDArray[np.bool_]:
@@ -498,8 +455,7 @@ def blind_half_widths(problem: PlacementProblem, terms: tuple[DemandTerms, ...])
     reach = np.zeros(len(problem.half_widths))
     for term in terms:
         every = np.abs(term.gains.base).max(axis=1, initial=0.0)
-        for slopes in (term.gains.by_pivot, term.gains.by_spacing):
-            every = every + np.abs(slopes).max(axis=(0, 2), initial=0.0)
+        every = every + np.abs(term.gains.by_pivot).max(axis=(0, 2), initial=0.0)
         for source, size in zip(term.sources, every, strict=True):
             if source.free is not None:
                 reach[source.free] = max(reach[source.free], float(size))

@@ -78,7 +78,7 @@ def tighten(
     optimum: Optimum | None = None
     for attempt in range(MAX_TIGHTENING):
         if request.graded:
-            optimum = settle_grades(search, aims, request.graded, control.stop)
+            optimum = settle_grades(search, aims, control.stop)
         else:
             optimum = Optimum.of(settle(search, aims, start if optimum is None else optimum.solution))
         design = revise(request, problem, optimum.choice)
@@ -119,10 +119,10 @@ def check_present(
         return None
     purchase = None
     if request.graded:
-        bought = here.choice.half_width[list(request.graded)]
+        bought = here.choice.half_width
         names = [
-            min((g for g in problem.half_widths[k].price.grades if g.half_width <= width), key=lambda g: g.price).name
-            for k, width in zip(request.graded, bought * (1 + 1e-9), strict=True)
+            min((g for g in free.price.grades if g.half_width <= width), key=lambda g: g.price).name
+            for free, width in zip(problem.half_widths, bought * (1 + 1e-9), strict=True)
         ]
         statement = "the design as it stood is kept: no bound was sought at its layout"
         purchase = Purchase(bought, tuple(names), Relaxation("none", cost, None, None, statement))

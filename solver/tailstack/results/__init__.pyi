@@ -1,6 +1,5 @@
 from .optimisation import AimedView as AimedView
 from .optimisation import Certificate as Certificate
-from .optimisation import ChangedSpacing as ChangedSpacing
 from .optimisation import ChangedTolerance as ChangedTolerance
 from .optimisation import CountTried as CountTried
 from .optimisation import FrontPoint as FrontPoint

@@ -73,18 +73,6 @@ class MovedPivot:
 
 
 @dataclass(frozen=True, slots=True)
-class ChangedSpacing:
-    """Locators that could be spread about their centre, by which factor."""
-
-    contributor: str
-    """structure_connector or connector_flange."""
-    label: str
-    """What the document calls the interface."""
-    scale: float
-    """Factor by which its locators were spread about their centre."""
-
-
-@dataclass(frozen=True, slots=True)
 class AimedView:
     """A view that was free to be aimed otherwise, or that was added: what it was before is then that of its model."""
 
@@ -276,8 +264,6 @@ class FrontPoint:
     """Half-widths, in the order and units of `tolerances`."""
     pivots_mm: tuple[Vector3, ...]
     """Pivots, con, mm, in the order of `pivots`."""
-    locator_scales: tuple[float, ...]
-    """Factors on locators' spacing, in the order of `spacings`."""
     fiducials_mm: tuple[Vector3, ...]
     """Fiducials, con, mm."""
 
@@ -352,8 +338,6 @@ class Optimisation(Result):
     """Half-widths that were free."""
     pivots: tuple[MovedPivot, ...]
     """Pivots that were free."""
-    spacings: tuple[ChangedSpacing, ...]
-    """Locators whose spacing was free."""
     scaling: float | None
     """Objective scaling: the common factor on all half-widths; otherwise null."""
     certificate: Certificate
@@ -511,12 +495,6 @@ def pivots_table(optimisation: Optimisation) -> Table:
     """Pivots that could move."""
     columns = _position_columns("Interface", "pivot,\nin con")
     return _positions("Pivots", "Pivots that could move, frame con", columns, optimisation.pivots)
-
-
-def spacings_table(optimisation: Optimisation) -> Table:
-    """Locators that were spread."""
-    columns = (Column("Interface", of=attrgetter("label")), Column("Factor", "", "fixed", of=attrgetter("scale")))
-    return tabulate("Locators", "Locators spread about their centre", columns, optimisation.spacings)
 
 
 def offer_table(offer: ViewOffer) -> Table:

@@ -19,7 +19,6 @@ from tailstack.results.optimisation import (
     offer_table,
     optima_table,
     pivots_table,
-    spacings_table,
 )
 from tailstack.results.tables import IN_DETAIL, PAPER, Column, On, Table, tabulate
 from tailstack.results.verdicts import decided_by, requirements_table
@@ -181,11 +180,7 @@ def optimised_layout(now: Known | None, before: Known | None) -> tuple[Block, ..
 
 
 def change_blocks(optimisation: Optimisation, now: Known | None, before: Known | None) -> tuple[Block, ...]:
-    """Requirements by estimate, fiducials, pivots, locators and tolerances before and after; what a limit is worth."""
-    spread = (
-        f"{spacing.label}, locators {number(spacing.scale)} times as far from their centre"
-        for spacing in optimisation.spacings
-    )
+    """Requirements by estimate, fiducials, pivots and tolerances before and after; what a limit is worth."""
     more = len(optimisation.binding) - MOST_LISTED
     first = f"{'; '.join(optimisation.binding[:MOST_LISTED])}; and {more} more (--details)"
     binding, better = "; ".join(optimisation.binding), "what keeps it from being better"
@@ -196,7 +191,7 @@ def change_blocks(optimisation: Optimisation, now: Known | None, before: Known |
         _requirements_table(optimisation, now, before),
         group(*_costs(optimisation)),
         moved_table(optimisation),
-        group(pivots_table(optimisation), say("spacing", *spread), group(spacings_table(optimisation), on=PAPER)),
+        pivots_table(optimisation),
         changes_table(optimisation),
         *(() if optimisation.view_offer is None else (group(offer_table(optimisation.view_offer), on=PAPER),)),
         *(() if optimisation.aimed is None else (group(aims_table(optimisation.aimed), on=PAPER),)),
