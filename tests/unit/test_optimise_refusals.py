@@ -94,8 +94,8 @@ HALF_TUBE = Cylinder(BASE_MM, UP, 100.0, 50.0, 45.0)
         (_kept_out(BoxRegion(BOX_MM[0] + 1, BOX_MM[1] - 1), 1.1), "/optimise/box", "kept-out"),
         (_kept_out(Ball(CENTRE_MM, 87.0)), "/optimise/box", "kept-out"),
         (_kept_out(Cylinder(BASE_MM - UP, UP, 102.0, 71.0)), "/optimise/box", "kept-out"),
-        (_in(HALF_TUBE) | _kept_out(Cylinder(BASE_MM, UP, 100.0, 50.0, 46.0), 1.1), "/optimise/region", "kept-out"),
-        (_in(Ball(CENTRE_MM, 50.0, 45.0)) | _kept_out(Ball(CENTRE_MM, 51.0, 44.0)), "/optimise/region", "kept-out"),
+        (_in(HALF_TUBE) | _kept_out(Cylinder(BASE_MM - UP, UP, 102.0, 71.0)), "/optimise/region", "kept-out"),
+        (_in(Ball(CENTRE_MM, 50.0, 45.0)) | _kept_out(Ball(CENTRE_MM, 87.0)), "/optimise/region", "kept-out"),
         (
             _in(Ball(np.array([30.0, 0.0, -40.0]), 14.0), group=2) | {"symmetry": mirror(np.zeros(3), np.eye(3)[0])},
             "/optimise/region",

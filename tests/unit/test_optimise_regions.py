@@ -103,10 +103,6 @@ def test_bounds_and_diameter_are_reached_and_never_exceeded(name: str) -> None:
     assert (cloud >= low - 1e-9).all()
     assert (cloud <= high + 1e-9).all()
     np.testing.assert_allclose([cloud.min(axis=0), cloud.max(axis=0)], [low, high], atol=1.0)
-    for direction in np.random.default_rng(3).normal(size=(10, 3)):
-        reached = (cloud @ direction).max() / np.linalg.norm(direction)
-        stated = regions.furthest_mm(shape, direction) / np.linalg.norm(direction)
-        assert stated - 1.5 < reached <= stated + 1e-9
     rim = cloud[np.argsort(np.linalg.norm(cloud - (low + high) / 2, axis=1))[-600:]]
     longest = max(float(np.linalg.norm(rim - point, axis=1).max()) for point in rim)
     assert regions.diameter_mm(shape) - 2.0 < longest <= regions.diameter_mm(shape) + 1e-9

@@ -26,14 +26,14 @@ from . import store
 
 # Seconds of one processor (an AMD EPYC of 2024) with what the kernel calls, the kernel, and its arguments: f float64,
 # i int64, u uint64, b bool; with a number, a C-contiguous array of so many dimensions, with r a read-only one;
-# NAME(...) a named tuple of the kernel's module, or of the one beside it that stands before a dot.
+# NAME(...) a named tuple of the kernel's module, or of the one that stands before a dot.
 _FRAME = "PrincipalLaw(f1 f1 f2 f2 f1 f2 i f)"
 _TABLES = (
-    "tables.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r "
+    "montecarlo.tables.Tables(i2r i1r i1r f2r f3r f2r f2r f2r f1r f1r f1r f2r f2r f2r f3r "
     "f3r f2r f1r i2r f2r f3r f2r f1r f2r f2r f2r f2r f1r f1r)"
 )
 _IMAGING = "Imaging(f3 f2 propagation.noise.Estimation(i i f2 f2) f2 b f2 i1 f2)"
-_EXCHANGE = "ExchangeModel(f3 f2 f2 f3 i1 f1 f1 f2 f2 Estimation(i i f2 f2) f3)"
+_EXCHANGE = f"ExchangeModel({_IMAGING} f2 f1 f2 f3 i1 f1)"
 _ROWS = "CompiledRows(f4 f3 f3 f3 f2 i i f3 f3 f2 i1 f2 f3 f4 f3 f3 f5 f5 f4 i f2 i1 i1 b)"
 _VALIDITY_BOUNDS = "ValidityBounds(f3 f2 f3 f1 f b)"
 _TABLE = {
@@ -44,7 +44,7 @@ _TABLE = {
         2.2 tail.gaussian.norm_gradient_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantile_jit     f1 f2 f
         2.0 tail.gaussian.norm_quantiles        f f2 f2
-        4.7 propagation.columns.assemble        Imaging(f3 f2 noise.Estimation(i i f2 f2) f2 b f2 i1 f2) f2 f1 f3 f2 f3
+        4.7 propagation.columns.assemble        {_IMAGING} f2 f1 f3 f2 f3
         1.6 tail.lattice.on_principal_axes      f1 f2 f2
         5.0 losses.lose                         {_IMAGING} f2 f4 f1 f3 f4 f4
         1.0 losses.rank                         f4 f4 Rest(f3 f3 f1 f2 f3 f1 f1 f3) f Ranking(f2 f3 f4)
@@ -77,7 +77,7 @@ _TABLE = {
         0.2 montecarlo.streams.draw_columns     i2r u1 i1 i1 f1 f2
     """,
     "optimise": f"""
-        6.0 optimisation.starts.exchange        f2 i2 Candidates(f3 i1 i1) Spacing(f f) {_EXCHANGE} i
+        6.0 optimisation.starts.exchange        i2 Candidates(f3 i1 i1) Spacing(f f) {_EXCHANGE} i
         0.4 optimisation.starts.apart_from_copies  f3 f3 Spacing(f f)
         0.3 optimisation.starts.keeps_distance  f2 i1 f2 f3 Spacing(f f)
     """,
@@ -123,9 +123,8 @@ class KernelCall:
                 yield types.Array(_SCALARS[word[0]], int(word[1]), "C", readonly=word.endswith("r"))
 
     def _tuple_class(self, name: str) -> Any:
-        beside, _, name = name.rpartition(".")
-        module = f"{self._module.rpartition('.')[0]}.{beside}" if beside else self._module
-        return getattr(import_module(module), name)
+        module, _, name = name.rpartition(".")
+        return getattr(import_module(f"tailstack.{module}" if module else self._module), name)
 
     def file(self) -> Path | None:
         """Where its machine code is, with which its first call compiles nothing."""

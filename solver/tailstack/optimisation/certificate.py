@@ -70,10 +70,10 @@ def _upper_text(program: Program, t: int, row: ConstraintRow) -> str:
 
 
 def _minimum(problem: PlacementProblem, kind: str) -> str:
-    if kind == "field":
-        return f" (margin {problem.image_margin_px:g} px)"
-    _, unit, size = problem.distances.get(kind, ("", "", 0.0))
-    return f" at {size:g} {unit}" if unit else ""
+    if kind in problem.distances:
+        _, unit, size = problem.distances[kind]
+        return f" at {size:g} {unit}"
+    return f" (margin {problem.image_margin_px:g} px)" if kind == "field" else ""
 
 
 def _at_bound(program: Program, point: Point, index: int) -> int:

@@ -9,7 +9,6 @@ from itertools import combinations
 from math import log, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from ..errors import DesignError, Problem
@@ -31,13 +30,12 @@ from .regions import (
     Ball,
     BoxRegion,
     Cylinder,
-    KeepOut,
     Shape,
     bounding_box,
+    clear_of,
     corners,
     diameter_mm,
     distinct,
-    furthest_mm,
 )
 from .terms import EstimationTerms, estimator_of
 
@@ -249,17 +247,17 @@ def _word(region: Shape) -> str:
 
 
 def _behind(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFiducial) -> list[Problem]:
+    """Whether the bounding box, in which the programme moves the fiducials, reaches behind a source."""
+    reach = corners(bounding_box(place.region)) @ estimator.assumed_turn.T + estimator.assumed_shift_mm
     for view, projection in zip(problem.system.views, estimator.projections, strict=True):
-        row = projection[2, :3] @ estimator.assumed_turn
-        depth = -furthest_mm(place.region, -row) + float(
-            projection[2, :3] @ estimator.assumed_shift_mm + projection[2, 3]
-        )
+        depth = float((reach @ projection[2, :3] + projection[2, 3]).min())
         if depth <= 0:
             return [
                 Problem(
                     place.pointer,
                     "behind-source",
-                    f"the {_word(place.region)} reaches {-depth:.4g} mm behind the source of view {view.name}",
+                    f"the bounding box of the {_word(place.region)} reaches {-depth:.4g} mm behind the source of view "
+                    f"{view.name}",
                     "make it smaller, or move the source back",
                 )
             ]
@@ -309,8 +307,11 @@ def _outside(problem: PlacementProblem, place: FreeFiducial, where: str) -> Prob
 
 
 def _refuse_kept_out(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
+    """Whether no corner of the bounding box is clear of a zone, which then holds all of it: it is convex, or not asked
+    about."""
     for zone in problem.keep_out:
-        if _swallows(zone, place.region):
+        hollow = not isinstance(zone.shape, BoxRegion) and zone.shape.inner_radius_mm > zone.clearance_mm
+        if not hollow and not clear_of(zone, corners(bounding_box(place.region))).any():
             gap = f" and the {zone.clearance_mm:g} mm around it" if zone.clearance_mm else ""
             return [
                 Problem(
@@ -321,41 +322,6 @@ def _refuse_kept_out(problem: PlacementProblem, place: FreeFiducial) -> list[Pro
                 )
             ]
     return []
-
-
-def _swallows(zone: KeepOut, region: Shape) -> bool:
-    """Whether every point of the region is certainly too near the zone."""
-    shape, gap = zone.shape, zone.clearance_mm - INSIDE_MM
-    if isinstance(shape, BoxRegion):
-        low, high = bounding_box(region)
-        return bool((low > shape.low_mm - gap).all() and (high < shape.high_mm + gap).all())
-    if isinstance(shape, Cylinder):
-        start = float(shape.axis @ shape.base_mm)
-        if furthest_mm(region, shape.axis) >= start + shape.height_mm + gap:
-            return False
-        if -furthest_mm(region, -shape.axis) <= start - gap:
-            return False
-    nearest, furthest = _distances_mm(region, shape)
-    hollow = shape.inner_radius_mm - gap if shape.inner_radius_mm > zone.clearance_mm else 0.0
-    return furthest < shape.radius_mm + gap and (hollow == 0 or nearest > hollow)
-
-
-def _distances_mm(region: Shape, shape: Cylinder | Ball) -> tuple[float, float]:
-    """Bounds on how far points of the region are from the axis of a cylinder, or from the centre of a ball."""
-
-    def across(points: Array) -> NDArray[np.float64]:
-        if isinstance(shape, Ball):
-            return np.asarray(np.linalg.norm(points - shape.centre_mm, axis=1))
-        return np.asarray(np.linalg.norm(np.cross(points - shape.base_mm, shape.axis), axis=1))
-
-    if isinstance(region, Ball):
-        apart = float(across(region.centre_mm[None])[0])
-        inside = region.inner_radius_mm - apart if isinstance(shape, Ball) else 0.0
-        return max(apart - region.radius_mm, inside, 0.0), apart + region.radius_mm
-    if isinstance(region, Cylinder) and isinstance(shape, Cylinder) and abs(region.axis @ shape.axis) > 1 - 1e-12:
-        apart = float(across(region.base_mm[None])[0])
-        return max(apart - region.radius_mm, region.inner_radius_mm - apart, 0.0), apart + region.radius_mm
-    return 0.0, float(across(corners(bounding_box(region))).max())
 
 
 def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:

@@ -164,12 +164,8 @@ def _broken_rules(problem: PlacementProblem, terms: tuple[DemandTerms, ...], lay
 
 
 def _say_broken(problem: PlacementProblem, row: ConstraintRow, value: float) -> str:
-    size, unit = {
-        "spacing": (problem.min_spacing_mm, "mm"),
-        "projected_spacing": (problem.min_projected_spacing_px, "px"),
-        "target_clearance": (problem.target_clearance_px, "px"),
-    }.get(row.kind, (0.0, ""))
-    if unit:
+    if row.kind in problem.distances:
+        _, unit, size = problem.distances[row.kind]
         apart = f"{at_most(size * max(1 + value, 0.0) ** 0.5)} {unit}"
         told = f"is {apart}" if row.kind == "spacing" else f"are {apart} apart"
         return f"{row.text} {told}, below {size:g} {unit}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from math import hypot, pi, sqrt
+from math import hypot, pi
 from typing import Any
 
 import numpy as np
@@ -97,18 +97,6 @@ def bounding_box(shape: Shape) -> Array:
     ends = np.array([shape.base_mm, shape.base_mm + shape.height_mm * shape.axis])
     reach = shape.radius_mm * np.sqrt(np.maximum(1 - shape.axis**2, 0.0))
     return np.array([ends.min(axis=0) - reach, ends.max(axis=0) + reach])
-
-
-def furthest_mm(shape: Shape, direction: Array) -> float:
-    """Largest ``direction @ x`` over the region (its support function); direction (3,) of any length."""
-    if isinstance(shape, BoxRegion):
-        return float(np.maximum(direction * shape.low_mm, direction * shape.high_mm).sum())
-    length_squared = float(direction @ direction)
-    if isinstance(shape, Ball):
-        return float(direction @ shape.centre_mm) + shape.radius_mm * sqrt(length_squared)
-    along = float(direction @ shape.axis)
-    across = sqrt(max(length_squared - along**2, 0.0))
-    return float(direction @ shape.base_mm) + max(along, 0.0) * shape.height_mm + shape.radius_mm * across
 
 
 def diameter_mm(shape: Shape) -> float:

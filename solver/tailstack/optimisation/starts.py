@@ -14,13 +14,12 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.camera import image_of
 from ..kernels.store import kernel
-from ..propagation.noise import Estimation, PointGains, noise_gains, room_for_gains
+from ..propagation.columns import Imaging, assemble
 from .problem import PlacementProblem
 from .regions import (
     BoxRegion,
@@ -110,20 +109,30 @@ def _candidates(
     return _displace(estimator, (candidates if len(candidates) else drawn)[:CANDIDATES])
 
 
-def _spread(
-    rng: np.random.Generator,
-    candidates: list[Array],
-    points: Array,
+def _put_apart(
     groups: NDArray[np.int64],
+    candidates: list[Array],
+    orders: list[NDArray[np.int64]],
+    points: Array,
     projections: Array,
     spacing: Spacing,
-) -> None:
-    """Put each group on a candidate of its own that keeps its distance, in place; on any when none does."""
+    *,
+    anyway: bool,
+) -> list[int] | None:
+    """Put each group on the first of its candidates, in an order, that keeps its distance, in place; which ones.
+
+    Where none does, on the first (``anyway``), or all is given up.
+    """
     points[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]  # out of the way until placed
-    for group, own in zip(groups, candidates, strict=True):
-        order = rng.permutation(len(own))
+    chosen = []
+    for group, own, order in zip(groups, candidates, orders, strict=True):
         free = (c for c in order if keeps_distance(points, group, own[c], projections, spacing))
-        points[group] = own[next(free, order[0])]
+        best = next(free, order[0] if anyway else None)
+        if best is None:
+            return None
+        points[group] = own[best]
+        chosen.append(best)
+    return chosen
 
 
 def starting_layouts(
@@ -155,9 +164,11 @@ def starting_layouts(
         ends = np.cumsum([len(pool) for pool in pools])
         last = ends[list(which)]
         first = last - np.array([len(pools[r]) for r in which])
-        points = _displace(estimator, problem.system.fiducials_mm)
-        _spread(rng, [pools[r] for r in which], points, groups, model.projections, spacing)
-        exchange(points, groups, Candidates(np.concatenate(pools), first, last), spacing, model, SWEEPS)
+        points, own = _displace(estimator, problem.system.fiducials_mm), [pools[r] for r in which]
+        model = model._replace(imaging=model.imaging._replace(points=points))
+        orders = [rng.permutation(len(pool)) for pool in own]
+        _put_apart(groups, own, orders, points, model.imaging.projections, spacing, anyway=True)
+        exchange(groups, Candidates(np.concatenate(pools), first, last), spacing, model, SWEEPS)
         layout = present.copy()
         free = list(problem.free_fiducials)
         layout[free] = ((points - estimator.assumed_shift_mm) @ inverse.T)[free]
@@ -183,18 +194,17 @@ def _exchange_model(
         term.bias_mm @ term.bias_mm + np.trace(term.covariance) + ((term.free_gain * smallest) ** 2).sum()
         for term in terms
     ]
+    views, count = estimator.weights.shape
+    noises, std = views * (2 * count + 2), estimator.std.copy()
+    std[:noises].reshape(views, -1)[:, -2:] = 0.0
     return ExchangeModel(
-        projections=np.ascontiguousarray(estimator.projections),
-        assumed=np.ascontiguousarray(estimator.assumed_turn),
+        imaging=estimator.imaging._replace(projections=np.ascontiguousarray(estimator.projections)),
+        weights=estimator.weights,
+        std=std,
         reconstructed=np.vstack([term.reconstructed_mm for term in terms]),
-        to_error=np.concatenate([part.reshape(3, -1, 3).swapaxes(0, 1) for part in to_error]),
+        to_error=np.ascontiguousarray(np.concatenate([part.reshape(3, -1, 3).swapaxes(0, 1) for part in to_error])),
         first=np.cumsum([0, *(len(term.demand.targets) for term in terms)]),
         constant=np.array(constant) * share**2,
-        fiducial_px=np.ascontiguousarray(estimator.imaging.estimation.noise[:, 0]),
-        manufacturing_std_mm=estimator.manufacturing_std_mm,
-        weights=estimator.weights,
-        estimation=estimator.imaging.estimation,
-        intrinsics_covariance=estimator.intrinsics_covariance,
     )
 
 
@@ -217,7 +227,7 @@ def careless_layouts(
     """
     groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
     regions, which = distinct(place.region for place in problem.places)
-    layouts = []
+    projections, layouts = np.ascontiguousarray(estimator.projections), []
     for k in range(count):
         rng = np.random.default_rng([seed, CARELESS, k])
         for _ in range(BATCHES):
@@ -225,29 +235,17 @@ def careless_layouts(
             for region in regions:
                 drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, 0.0))
                 pools.append(drawn[_keep_rules(problem, estimator, terms, region, drawn)])
-            layout = _draw_layout(problem, estimator, groups, [pools[r] for r in which])
-            if layout is not None:
+            own = [pools[r] for r in which]
+            tried, orders = [_displace(estimator, pool) for pool in own], [np.arange(len(pool)) for pool in own]
+            assumed = _displace(estimator, problem.system.fiducials_mm)
+            chosen = _put_apart(groups, tried, orders, assumed, projections, _spacing(problem), anyway=False)
+            if chosen is not None:
+                layout = problem.system.fiducials_mm.copy()
+                for group, pool, c in zip(groups, own, chosen, strict=True):
+                    layout[group] = pool[c]
                 layouts.append(layout)
                 break
     return layouts
-
-
-def _draw_layout(
-    problem: PlacementProblem, estimator: EstimationTerms, groups: NDArray[np.int64], pools: list[Array]
-) -> Array | None:
-    """Each group on the first point of its pool (M, G, 3), con, that keeps its spacing; None when a pool runs out."""
-    projections, spacing = np.ascontiguousarray(estimator.projections), _spacing(problem)
-    layout = problem.system.fiducials_mm.copy()
-    assumed = _displace(estimator, layout)
-    assumed[groups.ravel()] = 1e6 * (1 + np.arange(groups.size))[:, None]
-    for group, pool in zip(groups, pools, strict=True):
-        tried = _displace(estimator, pool)
-        free = (c for c in range(len(pool)) if keeps_distance(assumed, group, tried[c], projections, spacing))
-        chosen = next(free, None)
-        if chosen is None:
-            return None
-        layout[group], assumed[group] = pool[chosen], tried[chosen]
-    return layout
 
 
 def textbook_layout(
@@ -337,66 +335,37 @@ class Candidates(NamedTuple):
 
 
 class ExchangeModel(NamedTuple):
-    """What the mean square of the error at T demands depends on, but for the layout."""
+    """What the mean square of the error at T demands depends on."""
 
-    projections: Array  # (V, 3, 4) of assumed mm, |p3| = 1
-    assumed: Array  # (3, 3) displacement of a fiducial to that of its assumed position
+    imaging: Imaging  # its points are moved
+    weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
+    std: Array  # (M,) of the sources of ``columns.assemble``, 0 of noise of the targets' images
     reconstructed: Array  # (Q, 3) mm: targets as the estimator sees them, of each demand in turn
     to_error: Array  # (Q, 3, 3) displacement of the triangulated point to the limited error, over its limit
     first: NDArray[np.int64]  # (T + 1,) the targets of demand t are those from first[t] to first[t + 1]
-    constant: Array  # (T,) mm^2: what no fiducial changes, likewise
-    fiducial_px: Array  # (V,) standard deviations
-    manufacturing_std_mm: Array  # (N, 3)
-    weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
-    estimation: Estimation  # what the estimator is and knows
-    intrinsics_covariance: Array  # (V, 3, 3) of the errors of the intrinsics that it believes
-
-
-# Inlined into the kernels below it takes their error model: coplanar candidates get infinite gains, not an exception.
-gains_or_infinity = register_jitable(noise_gains)
+    constant: Array  # (T,) mm^2: what no fiducial changes, over its limit
 
 
 @kernel(nogil=True)
-def mean_square(points: Array, model: ExchangeModel, gains: PointGains) -> float:
-    """Largest over the demands of E|e|^2, mm^2; inf where the layout is singular.
-
-    points: (N, 3) mm as the estimator assumes them; gains: overwritten.
-    """
-    fiducial, _, manufacturing, intrinsics, _ = gains
-    views, count = model.projections.shape[0], points.shape[0]
-    by_images, by_making = np.empty((views, count, 3, 2)), np.empty((count, 3, 3))
-    by_intrinsics = np.empty((views, 3, 3))
+def mean_square(model: ExchangeModel) -> float:
+    """Largest over the demands of E|e|^2, mm^2; inf where the layout is singular: coplanar candidates get infinite
+    gains, not an exception."""
+    views = model.weights.shape[0]
+    shifts, row_weights = np.zeros((views, 2 * model.imaging.points.shape[0] + 2, 0)), np.zeros((views, 2, 2))
+    columns, moved = np.zeros((3, model.std.size + views)), np.zeros((3, model.std.size))
     worst = 0.0
     for t in range(model.constant.size):
-        by_images[:], by_making[:], by_intrinsics[:] = 0.0, 0.0, 0.0
+        moved[:] = 0.0
         for q in range(model.first[t], model.first[t + 1]):
-            gains_or_infinity(model.projections, points, model.weights, model.estimation, model.reconstructed[q], gains)
-            to_error = model.to_error[q]
+            assemble(model.imaging, model.weights, model.reconstructed[q], shifts, columns, row_weights)
             for r in range(3):
-                for v in range(views):
-                    for k in range(3):
-                        for i in range(count):
-                            for c in range(2):
-                                by_images[v, i, r, c] += to_error[r, k] * fiducial[v, i, k, c]
-                            for m in range(3):
-                                for c in range(3):
-                                    moved = to_error[r, k] * manufacturing[v, i, k, m]
-                                    by_making[i, r, c] += moved * model.assumed[m, c]
-                        for m in range(3):
-                            by_intrinsics[v, r, m] += to_error[r, k] * intrinsics[v, k, m]
+                for k in range(3):
+                    for n in range(model.std.size):
+                        moved[r, n] += model.to_error[q, r, k] * columns[k, n]
         total = model.constant[t]
-        for i in range(count):
+        for n in range(model.std.size):
             for r in range(3):
-                for v in range(views):
-                    for c in range(2):
-                        total += (by_images[v, i, r, c] * model.fiducial_px[v]) ** 2
-                for c in range(3):
-                    total += (by_making[i, r, c] * model.manufacturing_std_mm[i, c]) ** 2
-        for v in range(views):
-            for r in range(3):
-                for m in range(3):
-                    for n in range(3):
-                        total += by_intrinsics[v, r, m] * model.intrinsics_covariance[v, m, n] * by_intrinsics[v, r, n]
+                total += (moved[r, n] * model.std[n]) ** 2
         if not total < np.inf:
             return np.inf
         worst = max(worst, total)
@@ -461,28 +430,23 @@ def apart_from_copies(candidates: Array, projections: Array, spacing: Spacing) -
 
 @kernel(nogil=True)
 def exchange(
-    points: Array,
-    groups: NDArray[np.int64],
-    candidates: Candidates,
-    spacing: Spacing,
-    model: ExchangeModel,
-    sweeps: int,
+    groups: NDArray[np.int64], candidates: Candidates, spacing: Spacing, model: ExchangeModel, sweeps: int
 ) -> float:
-    """Move each group (P, G) of the points (N, 3), mm, assumed, to its best candidate in place; returns the mean square
-    reached, mm^2.  At most so many sweeps over all groups.
+    """Move each group (P, G) of the model's points to its best candidate in place; returns the mean square reached,
+    mm^2.  At most so many sweeps over all groups.
     """
-    gains = room_for_gains(points, np.zeros((model.projections.shape[0], 2, 2)))
-    best = mean_square(points, model, gains)
+    points, projections = model.imaging.points, model.imaging.projections
+    best = mean_square(model)
     for _ in range(sweeps):
         improved = False
         for p in range(groups.shape[0]):
             group = groups[p]
             best_points = points[group].copy()
             for c in range(candidates.first[p], candidates.last[p]):
-                if not keeps_distance(points, group, candidates.points[c], model.projections, spacing):
+                if not keeps_distance(points, group, candidates.points[c], projections, spacing):
                     continue
                 points[group] = candidates.points[c]
-                value = mean_square(points, model, gains)
+                value = mean_square(model)
                 if value < best * (1 - 1e-9):
                     best = value
                     best_points = candidates.points[c].copy()
