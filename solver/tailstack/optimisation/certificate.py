@@ -49,8 +49,6 @@ def name_binding(program: Program, point: Point, parameters: Parameters) -> tupl
                 touched.setdefault(f"at the {face}", []).append(labels[row.fiducials[0]])
             else:
                 binding.append(row.text + _minimum(program.problem, row.kind))
-    if program.problem.spends_least:
-        binding.append(f"the cost limit of {program.problem.cost_limit:g}, with every free half-width at its largest")
     binding += [f"{', '.join(names)} {face}" for face, names in touched.items()]
     return (
         *binding,

@@ -39,6 +39,7 @@ from .regions import (
 )
 from .terms import EstimationTerms, estimator_of
 
+ROOM = 1e-3  # relative: above the least possible cost, for a search to have an inside
 LEAST_COST = 1e-290  # of a half-width: less loses its digits
 FLAT = 1e-6  # thickness over width of a region that is a plane
 MOST_ENDS = 6  # bounded sources that move images together: 64 vertices for each quantile
@@ -161,14 +162,15 @@ def _objective(problem: PlacementProblem) -> list[Problem]:
     if problem.objective != "quantile" or not problem.half_widths:
         return []
     least = problem.cost(problem.upper)
-    if problem.cost_limit is not None and problem.cost_limit < least * (1 - 1e-9):
+    enough = at_least(least * (1 + ROOM), 6)
+    if problem.cost_limit is not None and problem.cost_limit < least * (1 + ROOM):
         return [
             Problem(
                 "/optimise/cost_limit",
                 "cost-out-of-reach",
                 f"with every free half-width at its largest the cost is {at_least(least, 6)}, the least possible; "
-                f"cost_limit is {at_most(problem.cost_limit, 6)}",
-                f"raise cost_limit to {at_least(least, 6)} or more, or allow larger half-widths",
+                f"cost_limit is {at_most(problem.cost_limit, 6)}, which leaves nothing to choose",
+                f"raise cost_limit to {enough} or more, or allow larger half-widths",
             )
         ]
     return []

@@ -351,15 +351,12 @@ def leading_demands(
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorMoments:
     """Mean (3,), covariances (3, 3) of what is drawn once per unit and at each shot, and the displacement (3,) at one
-    end of each source that is not normal; mm."""
+    end of each source that is not normal, by whether it is drawn once per unit and by its law; mm."""
 
     mean: ArrayLike
     unit: ArrayLike
     shot: ArrayLike
-    unit_uniform: tuple[ArrayLike, ...]
-    unit_triangular: tuple[ArrayLike, ...]
-    shot_uniform: tuple[ArrayLike, ...]
-    shot_triangular: tuple[ArrayLike, ...]
+    columns: Mapping[tuple[bool, Law], Sequence[ArrayLike]]
 
 
 def error_moments(
@@ -399,10 +396,7 @@ def error_moments(
         mean,
         covariance[True] + plain(fixed[True]),
         covariance[False] + plain(fixed[False]),
-        tuple(columns[True, Law.UNIFORM]),
-        tuple(columns[True, Law.TRIANGULAR]),
-        tuple(columns[False, Law.UNIFORM]),
-        tuple(columns[False, Law.TRIANGULAR]),
+        columns,
     )
 
 
@@ -411,15 +405,12 @@ def squared_quantile(demand: QuantileConstraint, law: ErrorMoments) -> ArrayLike
 
     Pooled: of everything together.  Per unit: of each unit's own shots, that of the required fraction of units.
     """
-    p = demand.requirement.quantile
+    p, laws = demand.requirement.quantile, (Law.UNIFORM, Law.TRIANGULAR)
     if demand.per_unit:
-        return unit_quantile_squared(
-            p, demand.fraction, law.mean, law.unit, law.shot, law.unit_uniform, law.unit_triangular
-        )
-    cumulants = square_cumulants(
-        law.mean, law.unit + law.shot, law.unit_uniform + law.shot_uniform, law.unit_triangular + law.shot_triangular
-    )
-    return pearson_square(*cumulants, float(ndtri(p)))
+        once = (tuple(law.columns[True, each]) for each in laws)
+        return unit_quantile_squared(p, demand.fraction, law.mean, law.unit, law.shot, *once)
+    every = ((*law.columns[True, each], *law.columns[False, each]) for each in laws)
+    return pearson_square(*square_cumulants(law.mean, law.unit + law.shot, *every), float(ndtri(p)))
 
 
 def closed_form_mm(

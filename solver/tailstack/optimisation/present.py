@@ -126,7 +126,7 @@ def _pay_for(problem: PlacementProblem, half_width: Array) -> Array:
 
 def _outside_bounds(problem: PlacementProblem, here: Choice, inside: Choice) -> Iterator[str]:
     """What a choice had to give up."""
-    for k, free in enumerate(() if problem.spends_least else problem.half_widths):
+    for k, free in enumerate(problem.half_widths):
         value = float(here.half_width[k])
         bound = min(max(value, free.minimum), free.maximum)
         if abs(value - bound) > 1e-9 * bound:

@@ -13,13 +13,12 @@ import numpy as np
 from ..geometry.arrays import Array, frozen
 from ..measures import MEASURE, POINTS
 from ..measures.measure import Measure, Site
-from ..system import ArrayLike, DirectEffect, Requirement, System, Target, put_mounts
+from ..system import ArrayLike, DirectEffect, Requirement, Sources, System, Target, put_mounts
 from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
 
 Objective = Literal["cost", "quantile", "scaling"]
 ROUNDED = 1e-5  # of the cost limit, left for half-widths that are rounded down
-SPENT = 1e-4  # relative: a cost limit this near the least possible cost pays for nothing else
 MOST_FIDUCIALS = 64  # memory and time of the programme go as their square
 
 
@@ -208,11 +207,6 @@ class PlacementProblem:
         """(K,) largest half-widths, native unit."""
         return np.array([free.maximum for free in self.half_widths])
 
-    @property
-    def spends_least(self) -> bool:
-        """Whether a limit on the cost leaves every half-width at its largest (:func:`hold_spent`)."""
-        return self.cost_limit is not None and bool((self.lower == self.upper).all())
-
     def cost(self, half_width: Array) -> float:
         """Sum over the free half-widths (K,), native unit."""
         return sum((cost_of(f.price, float(h)) for f, h in zip(self.half_widths, half_width, strict=True)), 0.0)
@@ -237,15 +231,6 @@ def targets_of(system: System, requirements: Sequence[Requirement]) -> tuple[Tar
     return tuple(target for target in system.targets if target.name in named)
 
 
-def hold_spent(problem: PlacementProblem) -> PlacementProblem:
-    """The problem with every half-width at its largest where the limit on the cost pays for nothing else: no inside is
-    left to search."""
-    if problem.cost_limit is None or problem.cost_limit > problem.cost(problem.upper) * (1 + SPENT):
-        return problem
-    held = tuple(replace(free, minimum=free.maximum) for free in problem.half_widths)
-    return replace(problem, half_widths=held)
-
-
 def count_ends(system: System) -> int:
     """How many bounded sources move the images of all fiducials of a view together."""
     return sum(int(effect.sources.are_bounded.sum()) for effect in system.shared_image_errors)
@@ -261,6 +246,12 @@ def label_of(problem: PlacementProblem, contributor: str) -> str:
     return mount_named(problem.system, contributor).label
 
 
+def source_of(problem: PlacementProblem, free: FreeHalfWidth) -> tuple[Sources, int]:
+    """The sources that a free half-width is one of, and which."""
+    sources = mount_named(problem.system, free.contributor).sources
+    return sources, sources.names.index(free.component)
+
+
 def in_words(problem: PlacementProblem, index: int) -> str:
     """What the user calls a free half-width: the interface's label and the component."""
     free = problem.half_widths[index]
@@ -269,9 +260,8 @@ def in_words(problem: PlacementProblem, index: int) -> str:
 
 def unit_of(problem: PlacementProblem, index: int) -> str:
     """Native unit of a free half-width: rad or mm."""
-    free = problem.half_widths[index]
-    sources = mount_named(problem.system, free.contributor).sources
-    return sources.units[sources.names.index(free.component)]
+    sources, j = source_of(problem, problem.half_widths[index])
+    return sources.units[j]
 
 
 def for_people(problem: PlacementProblem, index: int, value: float) -> tuple[float, str]:
@@ -281,10 +271,8 @@ def for_people(problem: PlacementProblem, index: int, value: float) -> tuple[flo
 
 def present_choice(problem: PlacementProblem) -> Choice:
     """Everything as it is in the system."""
-    widths = []
-    for free in problem.half_widths:
-        sources = mount_named(problem.system, free.contributor).sources
-        widths.append(float(sources.half_width[sources.names.index(free.component)]))
+    each = (source_of(problem, free) for free in problem.half_widths)
+    widths = [float(sources.half_width[j]) for sources, j in each]
     pivots = [mount_named(problem.system, free.contributor).pivot_mm for free in problem.pivots]
     return Choice(problem.system.fiducials_mm, np.array(widths), np.array(pivots).reshape(-1, 3))
 

@@ -338,7 +338,7 @@ def _quantile_rows(
 
 
 def _cost_row(problem: PlacementProblem, cost: Any) -> Iterator[tuple[ConstraintRow, Any]]:
-    if problem.cost_limit is not None and not problem.spends_least:
+    if problem.cost_limit is not None:
         yield ConstraintRow("cost", "cost", -np.inf, 0.0), cost - float(np.log(problem.cost_limit * (1 - ROUNDED)))
 
 

@@ -37,7 +37,6 @@ from .problem import (
     PivotVariable,
     PlacementProblem,
     Survival,
-    hold_spent,
     unit_of,
 )
 from .regions import Ball, BoxRegion, Cylinder, Isometry, KeepOut, Shape, bounding_box, mirror, turns
@@ -103,7 +102,6 @@ def read_request(design: Design) -> OptimiseRequest:
     )
     if section.survive is not None:
         problem = replace(problem, survival=_survival(section.survive, problem))
-    problem = hold_spent(problem)
     return OptimiseRequest(design, section, problem, any(free.price.curve == "grades" for free in half_widths))
 
 

@@ -36,14 +36,14 @@ from ..propagation.linear import (
     linearise_at,
 )
 from ..propagation.systematic import shift_together
-from ..system import ArrayLike, DirectEffect, Law, System, Way, std_per_half_width
+from ..system import ArrayLike, DirectEffect, Law, System, Way
 from .problem import (
     Choice,
     PlacementProblem,
     QuantileConstraint,
     apply_choice,
-    mount_named,
     present_choice,
+    source_of,
     with_pivots,
 )
 from .regions import bounding_box
@@ -352,13 +352,8 @@ def is_singular(system: System, fiducials_mm: Array) -> bool:
 
 def free_laws(problem: PlacementProblem) -> tuple[tuple[Law, float], ...]:
     """Law and standard deviation per half-width of each free half-width (0 where bounded)."""
-    laws = []
-    for free in problem.half_widths:
-        sources = mount_named(problem.system, free.contributor).sources
-        j = sources.names.index(free.component)
-        law = sources.laws[j]
-        laws.append((law, std_per_half_width(law, float(sources.coverage_factor[j]))))
-    return tuple(laws)
+    each = (source_of(problem, free) for free in problem.half_widths)
+    return tuple((sources.laws[j], float(sources.std_per_half_width[j])) for sources, j in each)
 
 
 class ImageParts(NamedTuple):
