@@ -17,7 +17,7 @@ from tailstack.optimisation import PlacementProblem
 from tailstack.optimisation.exact_law import closed_form_mm, image_parts
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.regions import BoxRegion
-from tailstack.optimisation.terms import DemandTerms, estimator_of, pivot_shift_of, terms_of
+from tailstack.optimisation.terms import DemandTerms, pivot_shift_of, terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.propagation.noise import Estimation, noise_gains, room_for_gains
 from tailstack.system import Law
@@ -54,12 +54,12 @@ def task_of(problem: PlacementProblem) -> Task:
     """For one quantile without bias, uniform half-widths priced 1/h, one box whose whole volume is in every image."""
     (demand,) = problem.demands
     term = terms_of(problem, demand)
-    estimator = estimator_of(problem.system)
+    estimator = problem.estimation
     box = problem.places[0].region
     assert isinstance(box, BoxRegion)
     assert all(source.law is Law.UNIFORM and source.free is not None for source in term.sources)
     assert not term.bias_mm.any()
-    assert not estimator.manufacturing_std_mm.any()
+    assert not problem.system.manufacturing_std_mm.any()
     grid = np.array(np.meshgrid(*zip(box.low_mm, box.high_mm, strict=True))).reshape(3, -1).T
     assert all(margins[2] >= 0 for margins in _margins(problem, grid))
     limits = (

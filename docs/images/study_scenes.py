@@ -134,10 +134,10 @@ def fixed_half_widths(scene: Scene, starts: int = 8) -> Layouts:
     found = search(problem, starts=starts, seed=scene.seed, threads=1)
     best = settle(found, np.ones(1))
     steering = farthest(problem, found.terms)
-    named = textbook_layout(problem, found.estimator, steering)
+    named = textbook_layout(problem, steering)
     assert named is not None  # a box has one
     name, textbook = named
-    careless = careless_layouts(problem, found.estimator, steering, CARELESS, scene.seed)
+    careless = careless_layouts(problem, steering, CARELESS, scene.seed)
     careless.sort(key=lambda layout: p95_mm(problem, layout))
     trust = [validity(model_of(problem, layout).nonlinearity, system_at(problem, layout)).status for layout in careless]
     model = model_of(problem, best.choice.fiducials_mm)

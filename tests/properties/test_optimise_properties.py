@@ -30,7 +30,7 @@ from tailstack.optimisation.problem import FreeFiducial, FreeHalfWidth
 from tailstack.optimisation.program import build_program
 from tailstack.optimisation.regions import BoxRegion, KeepOut, mirror
 from tailstack.optimisation.search import explore, objective_for_people, search
-from tailstack.optimisation.terms import estimator_of, terms_of
+from tailstack.optimisation.terms import terms_of
 from tailstack.system import DirectEffect, Law, System
 
 LIMIT_MM = 0.7
@@ -44,8 +44,7 @@ def _small(fiducials: int = 6, limit_mm: float = LIMIT_MM, **changes: object) ->
 def _from_layout(problem: PlacementProblem, layout: Array) -> PlacementSolution:
     """The local optimum that one start at a layout ends at."""
     terms = tuple(terms_of(problem, demand) for demand in problem.demands)
-    estimator = estimator_of(problem.system)
-    found = explore(build_program(problem, estimator, terms), terms, estimator, [layout])
+    found = explore(build_program(problem, terms), terms, [layout])
     return settle(found, np.ones(len(terms)))
 
 

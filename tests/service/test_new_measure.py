@@ -80,14 +80,14 @@ from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
 from tailstack.optimisation.terms import (
-    estimator_affine, estimator_of, image_parts_at, lay, linearise_demand, pivot_shift_of, terms_of
+    estimator_affine, image_parts_at, lay, linearise_demand, pivot_shift_of, terms_of
 )
 task = read_task(load_design(open(sys.argv[1], encoding="utf-8").read()))
 problem = task.problems[0]
 (demand,), mechanics = problem.demands, pivot_shift_of(problem, present_choice(problem))
 term, told = terms_of(problem, demand), [plain(part.at(mechanics)) for part in estimator_affine(problem)]
 laid = lay(problem, plain(problem.system.fiducials_mm), mechanics)
-found = image_parts_at(estimator_of(problem.system), term, laid, *told, plain(term.reconstructed_mm)).numbers
+found = image_parts_at(problem.estimation, term, laid, *told, plain(term.reconstructed_mm)).numbers
 model, _ = linearise_demand(problem.system, demand)
 gains = np.vstack([block.gain("axis_angle").T for block in model.blocks if block.effect.way == "link"])
 print(json.dumps([

@@ -33,7 +33,7 @@ from tailstack.montecarlo.plan import compile_plan
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.task import read_task
-from tailstack.optimisation.terms import estimator_affine, estimator_of, image_parts_at, lay, pivot_shift_of, terms_of
+from tailstack.optimisation.terms import estimator_affine, image_parts_at, lay, pivot_shift_of, terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.studies.bench.levels import BenchDraws, expect, simulate_benches
 from tailstack.studies.coupling import study_coupling
@@ -125,7 +125,7 @@ def meet_optimiser(own: Subject, folder: Path) -> None:
     projections, told = (part.at(mechanics) for part in estimator_affine(problem))
     term, laid = terms_of(problem, demand), lay(problem, problem.system.fiducials_mm, mechanics)
     aim = term.reconstructed.at(mechanics)
-    found = image_parts_at(estimator_of(problem.system), term, laid, projections, told, aim).numbers
+    found = image_parts_at(problem.estimation, term, laid, projections, told, aim).numbers
     wanted = image_parts(linearise(problem.system, demand.targets[0]), "tcp").numbers
     np.testing.assert_allclose(np.asarray(found, float), wanted, rtol=1e-7, atol=1e-12)
 

@@ -28,7 +28,6 @@ from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
 from tailstack.optimisation.terms import (
     estimator_affine,
-    estimator_of,
     every_terms,
     image_parts_at,
     lay,
@@ -100,7 +99,7 @@ def test_the_first_order_of_the_optimiser_is_that_of_the_score_at_any_layout(
     """independent: the compiled linear model of the design with other positions; slopes by its differences."""
     problem = read_task(load_design(with_effect(name, estimator, form, **moving(pivots=FREE_PIVOT)))).problems[0]
     (demand,) = problem.demands
-    term, imaging = terms_of(problem, demand), estimator_of(problem.system)
+    term, imaging = terms_of(problem, demand), problem.estimation
     x = ca.SX.sym("x", 27)
     symbols = np.array([x[k] for k in range(27)], dtype=object)
     mechanics = symbols[24:] - plain(present_choice(problem).pivots_mm.ravel())
@@ -253,7 +252,7 @@ def test_the_corrected_programme_has_value_and_slopes_of_the_exact_quantile(risk
         EFFECTS[name](data)
     data["requirements"][0] |= {"risk": risk} | ({"min_yield": 0.9} if risk == "per_unit" else {})
     problem = read_task(load_design(data)).problems[0]
-    program = build_program(problem, estimator_of(problem.system), every_terms(problem))
+    program = build_program(problem, every_terms(problem))
     (term,) = program.terms
     x = 0.9 * program.join(present_choice(problem))
     choice = program.split(x)

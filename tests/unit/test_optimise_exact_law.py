@@ -29,7 +29,7 @@ from tailstack.optimisation.placement import PlacementSolution, settle
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, build_program, kkt_residual
 from tailstack.optimisation.search import search
-from tailstack.optimisation.terms import estimator_of, terms_of
+from tailstack.optimisation.terms import terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law, Reading
 from tailstack.tail.declared import law_quantile
@@ -89,7 +89,7 @@ def test_the_correction_makes_value_and_gradient_those_of_the_exact_law(name: st
     """independent: differences of the promised quantile itself, along random directions of all variables."""
     problem, rng = GRADIENTS[name], np.random.default_rng(5)
     terms = tuple(terms_of(problem, demand) for demand in problem.demands)
-    program = build_program(problem, estimator_of(problem.system), terms)
+    program = build_program(problem, terms)
     low, high = program.bounds("main")
     x = low + rng.uniform(0.1, 0.9, len(low)) * (high - low)
     choice = program.split(x)

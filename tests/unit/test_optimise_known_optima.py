@@ -39,7 +39,7 @@ from tailstack.optimisation.problem import present_choice
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut
 from tailstack.optimisation.search import objective_for_people, search
 from tailstack.optimisation.symbols import plain
-from tailstack.optimisation.terms import ImageParts, estimator_of, image_parts_at, terms_of
+from tailstack.optimisation.terms import ImageParts, image_parts_at, terms_of
 from tailstack.propagation.linear import linearise
 from tailstack.system import Law
 from tailstack.tail.declared import law_gradient, law_quantile
@@ -304,7 +304,7 @@ def test_the_recorded_optimum_is_reproduced() -> None:
     """independent: noise covariance, quantile and cost at the oracle's own positions and half-widths."""
     problem = oracle_problem()
     layout, tau = np.array(ORACLE["X"]), np.deg2rad(ORACLE["tau_deg"])
-    term, estimator = terms_of(problem, problem.demands[0]), estimator_of(problem.system)
+    term, estimator = terms_of(problem, problem.demands[0]), problem.estimation
     laid, told = replace(problem.system, fiducials_mm=plain(layout)), plain(estimator.assumed_shift_mm)
     parts = image_parts_at(estimator, term, laid, plain(estimator.projections), told, plain(term.reconstructed_mm))
     images = ImageParts(*(part.astype(float) for part in parts))

@@ -27,7 +27,7 @@ from tailstack.optimisation.prices import Price, reciprocal
 from tailstack.optimisation.problem import Choice, apply_choice, present_choice
 from tailstack.optimisation.program import Parameters, Program, build_program
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, mirror, turns
-from tailstack.optimisation.terms import estimator_of, pivot_shift_of, terms_of
+from tailstack.optimisation.terms import pivot_shift_of, terms_of
 from tailstack.propagation.linear import LinearModel, covariance, linearise
 from tailstack.system import Law, Reading
 
@@ -112,7 +112,7 @@ PER_UNIT = replace(
 @cache
 def _built(problem: PlacementProblem) -> Program:
     terms = tuple(terms_of(problem, demand) for demand in problem.demands)
-    return build_program(problem, estimator_of(problem.system), terms)
+    return build_program(problem, terms)
 
 
 def _variables(program: Program, rng: np.random.Generator) -> Array:
@@ -363,7 +363,7 @@ def test_geometric_rows_hold_where_the_rules_are_kept(reading: Reading) -> None:
         assert (min(found["region"]) > 0) == (20 < radius < 50 and -60 < layout[4, 2] < 30)
         clear = [((layout[i] < [-23, -23, -43]) | (layout[i] > [33, 13, 3])).any() for i in (1, 4)]
         assert [value > 0 for value in found["keep_out"]] == clear
-        centres = [p @ [*term.reconstructed_mm[0], 1] for p in estimator_of(problem.system).projections]
+        centres = [p @ [*term.reconstructed_mm[0], 1] for p in problem.estimation.projections]
         gaps = [
             np.linalg.norm(image[i] - centre[:2] / centre[2]) ** 2 / 160000 - 1
             for image, centre in zip(images, centres, strict=True) for i in (1, 4)

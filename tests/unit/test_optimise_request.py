@@ -32,7 +32,7 @@ from tailstack.geometry.arrays import Array
 from tailstack.optimisation.exact_law import image_parts
 from tailstack.optimisation.symbols import plain
 from tailstack.optimisation.task import read_task
-from tailstack.optimisation.terms import estimator_of, every_terms, image_parts_at
+from tailstack.optimisation.terms import every_terms, image_parts_at
 from tailstack.propagation.linear import linearise
 from tailstack.results import Optimisation
 from tailstack.scoring import score
@@ -400,7 +400,7 @@ def test_every_loss_is_a_demand_with_the_covariance_of_what_is_left():
     """brute force: the linear model of the system without the fiducial."""
     problem = read_task(with_beads(8, {"lost": 1, "limit_mm": 1.0})).problems[0]
     terms = every_terms(problem)
-    estimator = estimator_of(problem.system)
+    estimator = problem.estimation
     assert [term.demand.lost for term in terms] == [(), *((label,) for label in problem.system.fiducial_labels)]
     for term in terms:
         laid = replace(problem.system, fiducials_mm=plain(problem.system.fiducials_mm))

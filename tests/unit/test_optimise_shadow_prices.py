@@ -30,7 +30,7 @@ from tailstack.optimisation.placement import PlacementSolution, settle
 from tailstack.optimisation.prices import reciprocal
 from tailstack.optimisation.program import build_program
 from tailstack.optimisation.search import Search
-from tailstack.optimisation.terms import estimator_of, terms_of
+from tailstack.optimisation.terms import terms_of
 from tailstack.system import Law
 
 LIMIT_MM = 0.7
@@ -84,9 +84,8 @@ def _objective(solution: PlacementSolution) -> float:
 def _continued(problem: PlacementProblem, solution: PlacementSolution) -> float:
     """The objective of a slightly different problem at the same local optimum."""
     terms = tuple(terms_of(problem, demand) for demand in problem.demands)
-    estimator = estimator_of(problem.system)
-    program = build_program(problem, estimator, terms)
-    found = Search(program, (solution.iterate,), terms, estimator, 1, 1, (), "")
+    program = build_program(problem, terms)
+    found = Search(program, (solution.iterate,), terms, 1, 1, (), "")
     return _objective(settle(found, np.ones(len(terms))))
 
 

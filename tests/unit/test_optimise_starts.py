@@ -15,7 +15,7 @@ from tailstack.geometry.arrays import Array
 from tailstack.optimisation.problem import FreeFiducial, PlacementProblem
 from tailstack.optimisation.regions import Ball, BoxRegion, Cylinder, KeepOut, Shape, contains, mirror, turns
 from tailstack.optimisation.starts import careless_layouts, starting_layouts, textbook_layout
-from tailstack.optimisation.terms import estimator_of, terms_of
+from tailstack.optimisation.terms import terms_of
 from tailstack.propagation.linear import linearise
 
 BOX = BoxRegion(BOX_MM[0], BOX_MM[1])
@@ -48,8 +48,8 @@ PROBLEMS: dict[str, PlacementProblem] = {
 }  # fmt: skip
 
 
-def given(problem: PlacementProblem) -> tuple[PlacementProblem, Any, Any]:
-    return problem, estimator_of(problem.system), tuple(terms_of(problem, demand) for demand in problem.demands)
+def given(problem: PlacementProblem) -> tuple[PlacementProblem, Any]:
+    return problem, tuple(terms_of(problem, demand) for demand in problem.demands)
 
 
 def broken_rules(problem: PlacementProblem, layout: Array) -> list[str]:

@@ -162,13 +162,13 @@ def value_placement(search: Search, seed: int, control: Control) -> PlacementVal
         return None
     value = _at_layout(search)
     steering = farthest(problem, search.terms)
-    named = textbook_layout(problem, search.estimator, steering)
+    named = textbook_layout(problem, steering)
     textbook, textbook_value = "no textbook layout fits this region", None
     if named is not None:
         textbook, layout = named
         textbook_value = value(layout)
     objectives: list[float] = []
-    layouts = careless_layouts(problem, search.estimator, steering, CARELESS, seed)
+    layouts = careless_layouts(problem, steering, CARELESS, seed)
     tried = 0
     for layout in layouts:
         if control.stops():

@@ -37,7 +37,6 @@ from .regions import (
     diameter_mm,
     distinct,
 )
-from .terms import EstimationTerms, estimator_of
 
 ROOM = 1e-3  # relative: above the least possible cost, for a search to have an inside
 LEAST_COST = 1e-290  # of a half-width: less loses its digits
@@ -60,11 +59,11 @@ def refuse_contradictions(problem: PlacementProblem) -> None:
         problems.append(Problem(problem.places[0].pointer, "too-many", detail, "use fewer, or fix the layout"))
     elif problem.places:
         problems += _flat(problem)
-        estimator = estimator_of(problem.system)
-        problems += refuse_regions(problem, estimator)
-        assumed = estimator.intrinsics_covariance.any() or estimator.imaging.assumed.any()
-        random = estimator.imaging.estimation.noise[:, 0].any() or estimator.manufacturing_std_mm.any()
-        if not (random or assumed or problem.system.shared_image_errors):
+        problems += refuse_regions(problem)
+        believed = (error.sources.std for error in problem.system.believed_errors if error is not None)
+        imaging, made = problem.estimation.imaging, problem.system.manufacturing_std_mm
+        varies = imaging.estimation.noise[:, 0].any() or made.any() or any(std.any() for std in believed)
+        if not (varies or imaging.assumed.any() or problem.system.shared_image_errors):
             problems.append(
                 Problem(
                     problem.places[0].pointer,
@@ -228,18 +227,18 @@ def _fixed_pairs(problem: PlacementProblem) -> list[Problem]:
     return problems[:5]
 
 
-def refuse_regions(problem: PlacementProblem, estimator: EstimationTerms) -> list[Problem]:
+def refuse_regions(problem: PlacementProblem) -> list[Problem]:
     """The first contradiction of each different region."""
     regions, which = distinct(place.region for place in problem.places)
     problems = []
     for k in range(len(regions)):
         place = problem.places[which.index(k)]
         problems += (
-            _behind(problem, estimator, place)
-            or _field(problem, estimator, place)
+            _behind(problem, place)
+            or _field(problem, place)
             or _refuse_kept_out(problem, place)
             or _asymmetric(problem, place)
-            or _packing(problem, estimator, place)
+            or _packing(problem, place)
         )
     return problems
 
@@ -248,10 +247,10 @@ def _word(region: Shape) -> str:
     return {BoxRegion: "box", Cylinder: "cylinder", Ball: "ball"}[type(region)]
 
 
-def _behind(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFiducial) -> list[Problem]:
+def _behind(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
     """Whether the bounding box, in which the programme moves the fiducials, reaches behind a source."""
-    reach = corners(bounding_box(place.region)) @ estimator.assumed_turn.T + estimator.assumed_shift_mm
-    for view, projection in zip(problem.system.views, estimator.projections, strict=True):
+    reach = problem.estimation.assume(corners(bounding_box(place.region)))
+    for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
         depth = float((reach @ projection[2, :3] + projection[2, 3]).min())
         if depth <= 0:
             return [
@@ -266,24 +265,24 @@ def _behind(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFi
     return []
 
 
-def _image_rows(problem: PlacementProblem, estimator: EstimationTerms, view: View, v: int) -> tuple[Array, Array]:
+def _image_rows(problem: PlacementProblem, view: View, v: int) -> tuple[Array, Array]:
     """``a x <= b`` for a position x to lie inside the image of one view: linear, as the depth is positive."""
     assert view.image_size_px is not None
     rows, limits = [], []
-    projection = estimator.projections[v]
+    projection = problem.estimation.projections[v]
     for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
         edge = problem.image_margin_px if sign > 0 else view.image_size_px[axis] - 1 - problem.image_margin_px
         row = -sign * (projection[axis] - edge * projection[2])
-        rows.append(row[:3] @ estimator.assumed_turn)
-        limits.append(-(row[:3] @ estimator.assumed_shift_mm + row[3]))
+        rows.append(row[:3] @ problem.estimation.assumed_turn)
+        limits.append(-(row[:3] @ problem.estimation.assumed_shift_mm + row[3]))
     scale = np.linalg.norm(rows, axis=1)
     return np.array(rows) / scale[:, None], np.array(limits) / scale
 
 
-def _field(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFiducial) -> list[Problem]:
+def _field(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
     """Whether any point of the bounding box lies in every image; the views one by one first."""
     sized = [(v, view) for v, view in enumerate(problem.system.views) if view.image_size_px is not None]
-    parts = [_image_rows(problem, estimator, view, v) for v, view in sized]
+    parts = [_image_rows(problem, view, v) for v, view in sized]
     for (_, view), (rows, limits) in zip(sized, parts, strict=True):
         if not _meets(place.region, rows, limits):
             return [_outside(problem, place, f"the image of view {view.name}")]
@@ -352,7 +351,7 @@ def _asymmetric(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]
     ]
 
 
-def _packing(problem: PlacementProblem, estimator: EstimationTerms, place: FreeFiducial) -> list[Problem]:
+def _packing(problem: PlacementProblem, place: FreeFiducial) -> list[Problem]:
     """Balls of diameter d about the fiducials lie in the bounding box grown by d/2 and cannot fill more than Kepler's
     share of it (copies of a box tile space); likewise discs in the rectangle about the box's image."""
     region, word = place.region, _word(place.region)
@@ -364,9 +363,9 @@ def _packing(problem: PlacementProblem, estimator: EstimationTerms, place: FreeF
     box = bounding_box(region)
     if d > diameter_mm(region) + 1e-9 or _too_many(count, d, box[1] - box[0]):
         return [_refuse_crowd("/optimise/min_spacing_mm", count, f"{d:g} mm", f"the {word}", word)]
-    assumed = corners(box) @ estimator.assumed_turn.T + estimator.assumed_shift_mm
+    assumed = problem.estimation.assume(corners(box))
     d = problem.min_projected_spacing_px
-    for view, projection in zip(problem.system.views, estimator.projections, strict=True):
+    for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
         image = assumed @ projection[:, :3].T + projection[:, 3]
         if image[:, 2].min() <= 0:
             continue

@@ -128,7 +128,7 @@ def _place(search: Search, aims: Array, choice: Choice, bought: Purchase) -> Opt
         return Optimum(whole, choice, whole.cost(width), ratios, None, bought)
     system = apply_choice(whole, replace(present_choice(whole), half_width=width))
     rest = replace(whole, system=system, half_widths=(), objective="quantile")
-    program = build_program(rest, search.estimator, every_terms(rest))
+    program = build_program(rest, every_terms(rest))
     start = start_at(program, choice.fiducials_mm)
     point = solve(program, start.x, start.parameters)
     inner = replace(search, program=program, iterates=(Iterate(point, start.parameters),), terms=program.terms)

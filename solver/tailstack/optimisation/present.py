@@ -29,7 +29,7 @@ from .program import ConstraintRow, geometric_rows
 from .regions import clear_of
 from .request import OptimiseRequest
 from .starts import clip_to_regions
-from .terms import DemandTerms, estimator_of, every_terms, is_singular
+from .terms import DemandTerms, every_terms, is_singular
 
 INSIDE_MM = 1e-5  # positions this far outside count as inside
 ROUNDED = 1e-3  # of a rule: what rounding positions to a micrometre may break of it
@@ -152,7 +152,7 @@ def _outside_bounds(problem: PlacementProblem, here: Choice, inside: Choice) -> 
 
 def _broken_rules(problem: PlacementProblem, terms: tuple[DemandTerms, ...], layout: Array) -> Iterator[str]:
     """Rules that a layout (N, 3) does not keep."""
-    for row, value in geometric_rows(problem, estimator_of(problem.system), terms, layout):
+    for row, value in geometric_rows(problem, terms, layout):
         if row.kind != "region" and not value >= row.lower - ROUNDED:
             yield _say_broken(problem, row, float(value))
     labels = problem.system.fiducial_labels

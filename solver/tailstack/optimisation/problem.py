@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations, product
 from math import degrees
 from typing import Literal
@@ -13,6 +14,8 @@ import numpy as np
 from ..geometry.arrays import Array, frozen
 from ..measures import MEASURE, POINTS
 from ..measures.measure import Measure, Site
+from ..propagation.columns import Imaging
+from ..propagation.linear import effects_of_images, estimator_geometry, imaging_of
 from ..system import ArrayLike, DirectEffect, Requirement, Sources, System, Target, put_mounts
 from .prices import Price, cost_of
 from .regions import Isometry, KeepOut, Shape
@@ -124,6 +127,42 @@ class Survival:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class EstimationTerms:
+    """What the layout enters through, the same for every target."""
+
+    imaging: Imaging
+    assumed_shift_mm: Array  # (3,): fiducials as the estimator assumes them are X @ assumed.T + assumed_shift_mm
+    std: Array  # (M,) native unit, of the sources of the columns that ``columns.assemble`` fills
+    weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
+
+    @property
+    def projections(self) -> Array:
+        """(V, 3, 4) effective, |p3| = 1."""
+        return np.ascontiguousarray(self.imaging.projections)
+
+    @property
+    def assumed_turn(self) -> Array:
+        """(3, 3): see ``assumed_shift_mm``."""
+        return np.asarray(self.imaging.per_error)
+
+    def assume(self, points: Array) -> Array:
+        """Positions (..., 3), con, as the estimator assumes them."""
+        flat = points.reshape(-1, 3) @ self.assumed_turn.T + self.assumed_shift_mm
+        return np.ascontiguousarray(flat.reshape(points.shape))
+
+
+def estimator_of(system: System) -> EstimationTerms:
+    projections, points, per_error = estimator_geometry(system)
+    # In the physical reading the estimator assumes X itself, in the Eq 18 reading the displaced X.
+    return EstimationTerms(
+        imaging=imaging_of(system, projections, points, per_error),
+        assumed_shift_mm=points[0] - per_error @ system.fiducials_mm[0],
+        std=np.concatenate([effect.sources.std for effect in effects_of_images(system)]),
+        weights=system.sees,
+    )
+
+
+@dataclass(frozen=True, eq=False)
 class PlacementProblem:
     """Least cost of the free half-widths with every quantile within its limit, over all that is free.
 
@@ -146,6 +185,11 @@ class PlacementProblem:
     image_margin_px: float = 0.0  # from the image's border, in views whose size is stated
     target_clearance_px: float = 0.0  # between the image of a fiducial and that of a required target
     survival: Survival | None = None
+
+    @cached_property
+    def estimation(self) -> EstimationTerms:
+        """What the layout enters through."""
+        return estimator_of(self.system)
 
     @property
     def free_fiducials(self) -> tuple[int, ...]:

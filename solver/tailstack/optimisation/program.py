@@ -40,7 +40,7 @@ from .regions import (
 )
 from .solver import make_solver
 from .symbols import elements, plain
-from .terms import DemandTerms, EstimationTerms, blind_half_widths, estimator_affine, image_parts_at, lay
+from .terms import DemandTerms, blind_half_widths, estimator_affine, image_parts_at, lay
 
 QUIET: dict[str, Any] = {
     "print_time": False,
@@ -191,9 +191,7 @@ class Program:
         return np.concatenate([clearest_piece(zone, choice.fiducials_mm[free]) for zone in self.problem.keep_out])
 
 
-def build_program(
-    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], threads: int = 1
-) -> Program:
+def build_program(problem: PlacementProblem, terms: tuple[DemandTerms, ...], threads: int = 1) -> Program:
     """Build expressions, exact derivatives, a solver for each thread and one that polishes, which share them."""
     movable = np.array([place.fiducials[0] for place in problem.places], dtype=np.int64)
     boxes = [bounding_box(place.region) for place in problem.places]
@@ -210,9 +208,9 @@ def build_program(
         for k, (zone, i) in enumerate(product(problem.keep_out, problem.free_fiducials))
     ]
     rows, expressions = zip(
-        *_quantile_rows(problem, estimator, terms, symbols, design),
+        *_quantile_rows(problem, terms, symbols, design),
         *_cost_row(problem, cost),
-        *geometric_rows(problem, estimator, terms, design.points),
+        *geometric_rows(problem, terms, design.points),
         *_keep_out_rows(problem, design.points, choosers),
         strict=True,
     )
@@ -314,7 +312,6 @@ def log_cost(problem: PlacementProblem, logs: ArrayLike) -> Any:
 
 def _quantile_rows(
     problem: PlacementProblem,
-    estimator: EstimationTerms,
     terms: tuple[DemandTerms, ...],
     symbols: _Symbols,
     design: _SymbolicDesign,
@@ -326,7 +323,7 @@ def _quantile_rows(
     laid = lay(problem, design.points, shift)
     for t, term in enumerate(terms):
         reconstructed = _duck(term.reconstructed.at(shift))
-        images = image_parts_at(estimator, term, laid, projections, assumed_shift, reconstructed)
+        images = image_parts_at(problem.estimation, term, laid, projections, assumed_shift, reconstructed)
         law = error_moments(term, images, half_width, shift, elements(symbols.signs[:, t]))
         seen = [1.0, *images.numbers, *design.logs, *shift]
         correction = sum(symbols.corrections[i, t] * value for i, value in enumerate(seen))
@@ -450,20 +447,20 @@ class ConstraintRow:
 
 
 def geometric_rows(
-    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], points: ArrayLike
+    problem: PlacementProblem, terms: tuple[DemandTerms, ...], points: ArrayLike
 ) -> Iterator[tuple[ConstraintRow, Any]]:
     """Row and expression, each about 1 in size; points (N, 3) mm, floats or symbols."""
     if not problem.places:
         return
     yield from _spacing(problem, points)
-    assumed = points @ plain(estimator.assumed_turn).T + plain(estimator.assumed_shift_mm)
-    for view, projection in zip(problem.system.views, estimator.projections, strict=True):
+    assumed = points @ plain(problem.estimation.assumed_turn).T + plain(problem.estimation.assumed_shift_mm)
+    for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
         homogeneous = assumed @ plain(projection[:, :3]).T + plain(projection[:, 3])
         image = image_of(homogeneous)
         yield from _projected_spacing(problem, view, image)
         yield from _image_gap(problem, view, image, homogeneous[:, 2])
         yield from _target_clearance(problem, terms, view, projection, image)
-        yield from _field(problem, estimator, view, projection, homogeneous)
+        yield from _field(problem, view, projection, homogeneous)
     yield from _regions(problem, points)
 
 
@@ -535,7 +532,7 @@ def _target_clearance(
 
 
 def _field(
-    problem: PlacementProblem, estimator: EstimationTerms, view: View, projection: Array, homogeneous: ArrayLike
+    problem: PlacementProblem, view: View, projection: Array, homogeneous: ArrayLike
 ) -> Iterator[tuple[ConstraintRow, Any]]:
     """Inside the image with its margin, multiplied by the depth: linear in the position.
 
@@ -548,9 +545,7 @@ def _field(
             reach = corners(bounding_box(place.region))
             if copy:
                 reach = move(problem.symmetry[copy - 1], reach)
-            seen = (reach @ estimator.assumed_turn.T + estimator.assumed_shift_mm) @ projection[:, :3].T + projection[
-                :, 3
-            ]
+            seen = problem.estimation.assume(reach) @ projection[:, :3].T + projection[:, 3]
             scale = float(np.abs(seen[:, 2]).mean()) * max(view.image_size_px)
             for axis, sign, name in ((0, 1, "left"), (0, -1, "right"), (1, 1, "top"), (1, -1, "bottom")):
                 edge = problem.image_margin_px if sign > 0 else view.image_size_px[axis] - 1 - problem.image_margin_px

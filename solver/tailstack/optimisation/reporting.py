@@ -30,7 +30,6 @@ from ..system import System
 from .certificate import bound_cost, name_binding, price_bounds
 from .exact_law import p95_of
 from .explain import influence_of, remark_levers
-from .placement import PlacementSolution
 from .present import present_design, say_outside
 from .prices import cost_of
 from .problem import Choice, PlacementProblem, for_people, in_words, label_of, present_choice
@@ -101,7 +100,9 @@ def report(
             verification=verified.verification,
         ),
         shadow_prices=_shadow_prices(verified),
-        binding=_binding(solution),
+        binding=()
+        if solution is None
+        else name_binding(solution.program, solution.iterate.point, solution.iterate.parameters),
         influence=(
             *remark_levers(request.problem, now),
             *(remark for remark in task.remarks if remark.rule != "no-lever"),
@@ -209,12 +210,6 @@ def _in_a_sentence(request: OptimiseRequest, problem: PlacementProblem) -> str:
     made_of = "sum of cost_weight / half-width, in rad or mm," if plain else "sum of the cost curves"
     fiducials = ", fiducials included" if request.section.count and request.section.count.cost_per_fiducial else ""
     return f"least cost ({made_of} over {count} free tolerances{fiducials}) with {limits}"
-
-
-def _binding(solution: PlacementSolution | None) -> tuple[str, ...]:
-    if solution is None:
-        return ()
-    return name_binding(solution.program, solution.iterate.point, solution.iterate.parameters)
 
 
 def _shadow_prices(verified: VerifiedOptimum) -> tuple[ShadowPrice, ...]:

@@ -35,7 +35,7 @@ from .problem import Choice, PlacementProblem, least_half_widths, present_choice
 from .program import Parameters, Point, Program, build_program, solve
 from .regions import bounding_box
 from .starts import starting_layouts
-from .terms import DemandTerms, EstimationTerms, estimator_of, every_terms, is_singular
+from .terms import DemandTerms, every_terms, is_singular
 
 POLISHED = 3  # best explored points that are solved to full precision
 ATTEMPTS = 8  # starts asked for the smallest quantile before a limit is called out of reach
@@ -100,7 +100,6 @@ class Search:
     program: Program
     iterates: tuple[Iterate, ...]
     terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
-    estimator: EstimationTerms
     starts: int
     converged: int
     optima: tuple[LocalOptimum, ...]  # ascending
@@ -123,7 +122,6 @@ class PreparedSearch:
 
     program: Program
     terms: tuple[DemandTerms, ...]  # of every demand, also those outside the programme
-    estimator: EstimationTerms
     starts: tuple[Start, ...]
     ends: dict[int, Iterate]  # that are known already
     present: Array | None = None  # variables of the design as it stands, brought inside; start 0 has its layout
@@ -151,8 +149,7 @@ def prepare_search(
 ) -> PreparedSearch:
     """The programme of a problem and where it is to be solved from.  Raises InfeasibleError."""
     terms = every_terms(problem)
-    estimator = estimator_of(problem.system)
-    layouts = starting_layouts(problem, estimator, farthest(problem, terms), starts, seed, control.reporter("layout"))
+    layouts = starting_layouts(problem, farthest(problem, terms), starts, seed, control.reporter("layout"))
     active = terms
     if len(terms) > MANY_DEMANDS:
         # At half-widths that use up the limit, not at the smallest: a lever may lead where noise does not.
@@ -162,26 +159,24 @@ def prepare_search(
         leading = leading_demands(problem, terms, choices, LEADING)
         active = tuple(term for k, term in enumerate(terms) if k in leading)
     lanes = min(usable_cores() if control.threads is None else control.threads, len(layouts))
-    program = build_program(problem, estimator, active, lanes)
+    program = build_program(problem, active, lanes)
     control.report("programme", 1, 1, None)
-    prepared = _prepare(program, terms, estimator, layouts, control)
+    prepared = _prepare(program, terms, layouts, control)
     if is_singular(problem.system, layouts[0]):
         return prepared
     return replace(prepared, present=program.join(bring_inside(problem, present_choice(problem))))
 
 
 def _prepare(
-    program: Program, terms: tuple[DemandTerms, ...], estimator: EstimationTerms, layouts: list[Array], control: Control
+    program: Program, terms: tuple[DemandTerms, ...], layouts: list[Array], control: Control
 ) -> PreparedSearch:
     starts, ends = _lead(program, _starts(program, layouts, control))
-    return PreparedSearch(program, terms, estimator, tuple(starts), ends)
+    return PreparedSearch(program, terms, tuple(starts), ends)
 
 
-def explore(
-    program: Program, terms: tuple[DemandTerms, ...], estimator: EstimationTerms, layouts: list[Array]
-) -> Search:
+def explore(program: Program, terms: tuple[DemandTerms, ...], layouts: list[Array]) -> Search:
     """Solve from given layouts."""
-    return _solve_prepared(_prepare(program, terms, estimator, layouts, ALONE), ALONE)
+    return _solve_prepared(_prepare(program, terms, layouts, ALONE), ALONE)
 
 
 def _solve_prepared(prepared: PreparedSearch, control: Control) -> Search:
@@ -233,7 +228,6 @@ def conclude_search(prepared: PreparedSearch, points: Points, control: Control) 
         program=program,
         iterates=tuple(best),
         terms=prepared.terms,
-        estimator=prepared.estimator,
         starts=len(starts),
         converged=len(ends),
         optima=local_optima(program, ends),
@@ -443,9 +437,9 @@ def with_demands(search: Search, point: Point, ratios: Array, least: float) -> S
         for term, ratio in zip(search.terms, ratios, strict=True)
         if ratio > least * LEADING or term.demand.key in inside
     )
-    program = build_program(search.program.problem, search.estimator, active, len(search.program.explore))
+    program = build_program(search.program.problem, active, len(search.program.explore))
     layouts = [search.program.split(p.x).fiducials_mm for p in (point, *(item.point for item in search.iterates[1:]))]
-    again = explore(program, search.terms, search.estimator, layouts)
+    again = explore(program, search.terms, layouts)
     return replace(
         again, starts=search.starts, converged=search.converged, optima=search.optima, stopped=search.stopped
     )

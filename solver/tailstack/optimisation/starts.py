@@ -34,7 +34,7 @@ from .regions import (
     move,
     sample,
 )
-from .terms import DemandTerms, EstimationTerms, free_laws
+from .terms import DemandTerms, free_laws
 
 CANDIDATES = 60
 SWEEPS = 3
@@ -44,13 +44,11 @@ BATCHES = 8  # of 4 * CANDIDATES draws, until enough keep the rules
 CARELESS = 0xCA7E  # keeps these seeds apart from those of the starts
 
 
-def in_field(
-    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], points: Array
-) -> NDArray[np.bool_]:
+def in_field(problem: PlacementProblem, terms: tuple[DemandTerms, ...], points: Array) -> NDArray[np.bool_]:
     """(M,) whether each assumed point (M, 3) is in front of every source, inside every image with its margin, and
     clear of the targets' images."""
     allowed = np.ones(len(points), dtype=bool)
-    for view, projection in zip(problem.system.views, estimator.projections, strict=True):
+    for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
         image = points @ projection[:, :3].T + projection[:, 3]
         allowed &= image[:, 2] > 0
         image = image[:, :2] / np.where(image[:, 2:] == 0, 1.0, image[:, 2:])
@@ -69,31 +67,24 @@ def with_copies(problem: PlacementProblem, points: Array) -> Array:
     return np.stack([points, *(move(isometry, points) for isometry in problem.symmetry)], axis=1)
 
 
-def _displace(estimator: EstimationTerms, points: Array) -> Array:
-    """Positions (..., 3) as the estimator assumes them."""
-    flat = points.reshape(-1, 3) @ estimator.assumed_turn.T + estimator.assumed_shift_mm
-    return np.ascontiguousarray(flat.reshape(points.shape))
-
-
 def _keep_rules(
-    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], region: Shape, drawn: Array
+    problem: PlacementProblem, terms: tuple[DemandTerms, ...], region: Shape, drawn: Array
 ) -> NDArray[np.bool_]:
     """(M,) whether points (M, G, 3) of a region and its copies keep every rule but the spacing to other fiducials."""
     count = drawn.shape[1]
-    assumed = _displace(estimator, drawn)
-    allowed = in_field(problem, estimator, terms, assumed.reshape(-1, 3)).reshape(-1, count).all(axis=1)
+    assumed = problem.estimation.assume(drawn)
+    allowed = in_field(problem, terms, assumed.reshape(-1, 3)).reshape(-1, count).all(axis=1)
     for zone in problem.keep_out:
         allowed &= clear_of(zone, drawn.reshape(-1, 3)).reshape(-1, count).all(axis=1)
     for m in range(1, count):
         allowed &= contains(region, drawn[:, m])
     if count > 1:
-        allowed &= apart_from_copies(assumed, np.ascontiguousarray(estimator.projections), _spacing(problem))
+        allowed &= apart_from_copies(assumed, problem.estimation.projections, _spacing(problem))
     return np.asarray(allowed)
 
 
 def _candidates(
     problem: PlacementProblem,
-    estimator: EstimationTerms,
     terms: tuple[DemandTerms, ...],
     region: Shape,
     rng: np.random.Generator,
@@ -102,11 +93,11 @@ def _candidates(
     batches: list[Array] = []
     for _ in range(BATCHES):
         drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, ON_FACE))
-        batches.append(drawn[_keep_rules(problem, estimator, terms, region, drawn)])
+        batches.append(drawn[_keep_rules(problem, terms, region, drawn)])
         if sum(map(len, batches)) >= CANDIDATES // 4:
             break
     candidates = np.concatenate(batches)
-    return _displace(estimator, (candidates if len(candidates) else drawn)[:CANDIDATES])
+    return problem.estimation.assume((candidates if len(candidates) else drawn)[:CANDIDATES])
 
 
 def _put_apart(
@@ -137,7 +128,6 @@ def _put_apart(
 
 def starting_layouts(
     problem: PlacementProblem,
-    estimator: EstimationTerms,
     terms: tuple[DemandTerms, ...],
     starts: int,
     seed: int,
@@ -152,26 +142,26 @@ def starting_layouts(
         return [present]
     groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
     regions, which = distinct(place.region for place in problem.places)
-    model = _exchange_model(problem, estimator, terms)
+    model = _exchange_model(problem, terms)
     # Fiducials that may coincide must not start so: with six of them the layout would be singular.
     least_gap = APART * max(diameter_mm(region) for region in regions)
     spacing = Spacing(max(float(problem.min_spacing_mm), least_gap), float(problem.min_projected_spacing_px))
     layouts = [present]
-    inverse = np.linalg.inv(estimator.assumed_turn)
+    inverse = np.linalg.inv(problem.estimation.assumed_turn)
     for k in range(1, starts):
         rng = np.random.default_rng([seed, k])
-        pools = [_candidates(problem, estimator, terms, region, rng) for region in regions]
+        pools = [_candidates(problem, terms, region, rng) for region in regions]
         ends = np.cumsum([len(pool) for pool in pools])
         last = ends[list(which)]
         first = last - np.array([len(pools[r]) for r in which])
-        points, own = _displace(estimator, problem.system.fiducials_mm), [pools[r] for r in which]
+        points, own = problem.estimation.assume(problem.system.fiducials_mm), [pools[r] for r in which]
         model = model._replace(imaging=model.imaging._replace(points=points))
         orders = [rng.permutation(len(pool)) for pool in own]
         _put_apart(groups, own, orders, points, model.imaging.projections, spacing, anyway=True)
         exchange(groups, Candidates(np.concatenate(pools), first, last), spacing, model, SWEEPS)
         layout = present.copy()
         free = list(problem.free_fiducials)
-        layout[free] = ((points - estimator.assumed_shift_mm) @ inverse.T)[free]
+        layout[free] = ((points - problem.estimation.assumed_shift_mm) @ inverse.T)[free]
         layouts.append(clip_to_regions(problem, layout))
         if progress is not None:
             progress(k + 1, starts)
@@ -182,9 +172,7 @@ def _spacing(problem: PlacementProblem) -> Spacing:
     return Spacing(float(problem.min_spacing_mm), float(problem.min_projected_spacing_px))
 
 
-def _exchange_model(
-    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...]
-) -> ExchangeModel:
+def _exchange_model(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> ExchangeModel:
     """Errors relative to their limits, free half-widths at their smallest."""
     smallest = problem.lower * [per for _, per in free_laws(problem)]
     limits = np.array([term.demand.requirement.limit for term in terms])
@@ -194,12 +182,12 @@ def _exchange_model(
         term.bias_mm @ term.bias_mm + np.trace(term.covariance) + ((term.free_gain * smallest) ** 2).sum()
         for term in terms
     ]
-    views, count = estimator.weights.shape
-    noises, std = views * (2 * count + 2), estimator.std.copy()
+    views, count = problem.estimation.weights.shape
+    noises, std = views * (2 * count + 2), problem.estimation.std.copy()
     std[:noises].reshape(views, -1)[:, -2:] = 0.0
     return ExchangeModel(
-        imaging=estimator.imaging._replace(projections=np.ascontiguousarray(estimator.projections)),
-        weights=estimator.weights,
+        imaging=problem.estimation.imaging._replace(projections=problem.estimation.projections),
+        weights=problem.estimation.weights,
         std=std,
         reconstructed=np.vstack([term.reconstructed_mm for term in terms]),
         to_error=np.ascontiguousarray(np.concatenate([part.reshape(3, -1, 3).swapaxes(0, 1) for part in to_error])),
@@ -217,9 +205,7 @@ def clip_to_regions(problem: PlacementProblem, fiducials_mm: Array) -> Array:
     return layout
 
 
-def careless_layouts(
-    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], count: int, seed: int
-) -> list[Array]:
+def careless_layouts(problem: PlacementProblem, terms: tuple[DemandTerms, ...], count: int, seed: int) -> list[Array]:
     """Up to ``count`` layouts (N, 3) mm as a careless designer might draw them: random, but within every rule.
 
     Fiducials are drawn uniformly in their regions one after the other, and again where one breaks a rule.  Fewer
@@ -227,17 +213,17 @@ def careless_layouts(
     """
     groups = np.array([place.fiducials for place in problem.places], dtype=np.int64)
     regions, which = distinct(place.region for place in problem.places)
-    projections, layouts = np.ascontiguousarray(estimator.projections), []
+    projections, layouts = problem.estimation.projections, []
     for k in range(count):
         rng = np.random.default_rng([seed, CARELESS, k])
         for _ in range(BATCHES):
             pools = []
             for region in regions:
                 drawn = with_copies(problem, sample(region, rng, 4 * CANDIDATES, 0.0))
-                pools.append(drawn[_keep_rules(problem, estimator, terms, region, drawn)])
+                pools.append(drawn[_keep_rules(problem, terms, region, drawn)])
             own = [pools[r] for r in which]
-            tried, orders = [_displace(estimator, pool) for pool in own], [np.arange(len(pool)) for pool in own]
-            assumed = _displace(estimator, problem.system.fiducials_mm)
+            tried, orders = [problem.estimation.assume(pool) for pool in own], [np.arange(len(pool)) for pool in own]
+            assumed = problem.estimation.assume(problem.system.fiducials_mm)
             chosen = _put_apart(groups, tried, orders, assumed, projections, _spacing(problem), anyway=False)
             if chosen is not None:
                 layout = problem.system.fiducials_mm.copy()
@@ -248,9 +234,7 @@ def careless_layouts(
     return layouts
 
 
-def textbook_layout(
-    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...]
-) -> tuple[str, Array] | None:
+def textbook_layout(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple[str, Array] | None:
     """What a textbook would do with the free fiducials, as (name, layout (N, 3) mm), or None where it has no answer.
 
     One box for all: its corners, then midpoints of edges, centres of faces, its centre; six or seven leave out opposite
@@ -271,7 +255,7 @@ def textbook_layout(
     name, points = made
     layout = problem.system.fiducials_mm.copy()
     layout[free] = points
-    if not _keeps_every_rule(problem, estimator, terms, region, layout):
+    if not _keeps_every_rule(problem, terms, region, layout):
         name += ", which breaks a rule on spacing, view or keep-out"
     return name, layout
 
@@ -306,14 +290,12 @@ def _on_rings(cylinder: Cylinder, count: int) -> tuple[str, Array] | None:
     return "two rings at the ends of the cylinder", np.concatenate(rings)
 
 
-def _keeps_every_rule(
-    problem: PlacementProblem, estimator: EstimationTerms, terms: tuple[DemandTerms, ...], region: Shape, layout: Array
-) -> bool:
+def _keeps_every_rule(problem: PlacementProblem, terms: tuple[DemandTerms, ...], region: Shape, layout: Array) -> bool:
     """Whether the free fiducials of a layout without symmetry keep every rule."""
-    projections, spacing = np.ascontiguousarray(estimator.projections), _spacing(problem)
+    projections, spacing = problem.estimation.projections, _spacing(problem)
     free = np.array(problem.free_fiducials, dtype=np.int64)
-    assumed = _displace(estimator, layout)
-    return bool(_keep_rules(problem, estimator, terms, region, layout[free, None]).all()) and all(
+    assumed = problem.estimation.assume(layout)
+    return bool(_keep_rules(problem, terms, region, layout[free, None]).all()) and all(
         keeps_distance(assumed, free[m : m + 1], assumed[free[m : m + 1]], projections, spacing)
         for m in range(len(free))
     )

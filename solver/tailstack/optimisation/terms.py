@@ -22,26 +22,25 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..geometry.rotation import displacement
-from ..propagation.columns import Imaging, gains_of_images
+from ..propagation.columns import gains_of_images
 from ..propagation.linear import (
     Block,
     ErrorModel,
     KnownShift,
     LinearModel,
     chain_of,
-    effects_of_images,
-    estimator_geometry,
-    imaging_of,
     join,
     linearise_at,
 )
 from ..propagation.systematic import shift_together
-from ..system import ArrayLike, DirectEffect, Law, System, Way
+from ..system import ArrayLike, Law, System, Way
 from .problem import (
     Choice,
+    EstimationTerms,
     PlacementProblem,
     QuantileConstraint,
     apply_choice,
+    estimator_of,
     present_choice,
     source_of,
     with_pivots,
@@ -73,10 +72,11 @@ def pivot_shift_of(problem: PlacementProblem, choice: Choice) -> Array:
     return (choice.pivots_mm - present_choice(problem).pivots_mm).ravel()
 
 
-def _differentiate(problem: PlacementProblem, parts_at: Callable[[Choice], tuple[Array, ...]]) -> tuple[Affine, ...]:
-    """Functions of a choice, (...) each, that are affine in its pivots."""
-    here = present_choice(problem)
-    base, moved = parts_at(here), []
+def _differentiate(
+    problem: PlacementProblem, base: tuple[Array, ...], parts_at: Callable[[Choice], tuple[Array, ...]]
+) -> tuple[Affine, ...]:
+    """Functions of a choice, (...) each, that are affine in its pivots; base: at the present ones."""
+    here, moved = present_choice(problem), []
     for p in range(here.pivots_mm.size):
         positions = here.pivots_mm.copy()
         positions.flat[p] += PIVOT_STEP_MM
@@ -86,49 +86,6 @@ def _differentiate(problem: PlacementProblem, parts_at: Callable[[Choice], tuple
         Affine(start, _clean(change.reshape(len(moved), *start.shape) / PIVOT_STEP_MM))
         for start, change in zip(base, each, strict=True)
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EstimationTerms:
-    """What the layout enters through, the same for every target."""
-
-    imaging: Imaging
-    assumed_shift_mm: Array  # (3,): fiducials as the estimator assumes them are X @ assumed.T + assumed_shift_mm
-    std: Array  # (M,) native unit, of the sources of the columns that ``columns.assemble`` fills
-    manufacturing_std_mm: Array  # (N, 3)
-    intrinsics_covariance: Array  # (V, 3, 3) of the errors of the intrinsics that the estimator believes
-    weights: Array  # (V, N) 1 where a view's estimate uses a fiducial, otherwise 0
-
-    @property
-    def projections(self) -> Array:
-        """(V, 3, 4) effective, |p3| = 1."""
-        return np.asarray(self.imaging.projections)
-
-    @property
-    def assumed_turn(self) -> Array:
-        """(3, 3): see ``assumed_shift_mm``."""
-        return np.asarray(self.imaging.per_error)
-
-
-def estimator_of(system: System) -> EstimationTerms:
-    projections, points, per_error = estimator_geometry(system)
-    # In the physical reading the estimator assumes X itself, in the Eq 18 reading the displaced X.
-    return EstimationTerms(
-        imaging=imaging_of(system, projections, points, per_error),
-        assumed_shift_mm=points[0] - per_error @ system.fiducials_mm[0],
-        std=np.concatenate([effect.sources.std for effect in effects_of_images(system)]),
-        manufacturing_std_mm=system.manufacturing_std_mm,
-        intrinsics_covariance=np.array([_covariance(error) for error in system.believed_errors]),
-        weights=system.sees,
-    )
-
-
-def _covariance(error: DirectEffect | None) -> Array:
-    """(3, 3) of the assumed intrinsics of a view."""
-    if error is None:
-        return np.zeros((3, 3))
-    scaled = error.sources.direction * error.sources.std
-    return np.asarray(scaled @ scaled.T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +177,9 @@ def terms_of(problem: PlacementProblem, demand: QuantileConstraint) -> DemandTer
         system = scatter(problem)
     problem = replace(problem, system=system)
     base = _parts(problem, present_choice(problem), demand)
-    reconstructed, bias, gains = _differentiate(problem, lambda choice: _parts(problem, choice, demand).values)
+    reconstructed, bias, gains = _differentiate(
+        problem, base.values, lambda choice: _parts(problem, choice, demand).values
+    )
     return DemandTerms(
         demand=demand,
         reconstructed=reconstructed,
@@ -438,11 +397,12 @@ def lay(problem: PlacementProblem, points: ArrayLike, pivot_shift: ArrayLike) ->
 def estimator_affine(problem: PlacementProblem) -> tuple[Affine, ...]:
     """Projections (V, 3, 4) and the shift of the assumed fiducials (3,) as functions of the pivots."""
 
-    def parts_at(choice: Choice) -> tuple[Array, Array]:
-        estimator = estimator_of(apply_choice(problem, choice))
-        return estimator.projections, estimator.assumed_shift_mm
+    def parts(estimation: EstimationTerms) -> tuple[Array, Array]:
+        return estimation.projections, estimation.assumed_shift_mm
 
-    return _differentiate(problem, parts_at)
+    return _differentiate(
+        problem, parts(problem.estimation), lambda choice: parts(estimator_of(apply_choice(problem, choice)))
+    )
 
 
 def blind_half_widths(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> NDArray[np.bool_]:

@@ -104,9 +104,7 @@ def compute(request: dict[str, Any], spec: dict[str, Any]) -> bytes:
     if isinstance(prepared, TailstackError):
         return _bytes([])
     if spec["what"] == "front":
-        search = Search(
-            prepared.program, _read_iterates(prepared, spec), prepared.terms, prepared.estimator, 0, 0, (), ""
-        )
+        search = Search(prepared.program, _read_iterates(prepared, spec), prepared.terms, 0, 0, (), "")
         point = front_point(_task(*_key(request)), search, spec["number"], spec["factor"], ONE_THREAD)
         return canonical(_FRONT_POINT.dump_python(point))
     numbers = range(spec["first"], min(spec["first"] + spec["count"], len(prepared.starts)))
