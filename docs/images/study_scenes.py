@@ -134,7 +134,7 @@ def fixed_half_widths(scene: Scene, starts: int = 8) -> Layouts:
     found = search(problem, starts=starts, seed=scene.seed, threads=1)
     best = settle(found, np.ones(1))
     steering = farthest(problem, found.terms)
-    named = textbook_layout(problem, steering)
+    named = textbook_layout(problem)
     assert named is not None  # a box has one
     name, textbook = named
     careless = careless_layouts(problem, steering, CARELESS, scene.seed)

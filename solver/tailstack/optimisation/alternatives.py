@@ -20,7 +20,7 @@ from ..scoring import vector3
 from .allocation import best_budget, budgets_of
 from .exact_law import evaluate_demand
 from .margin import trials_for
-from .present import merit_of
+from .present import broken_rules, merit_of
 from .problem import PlacementProblem, for_people, present_choice
 from .program import Program
 from .request import OptimiseRequest
@@ -162,10 +162,12 @@ def value_placement(search: Search, seed: int, control: Control) -> PlacementVal
         return None
     value = _at_layout(search)
     steering = farthest(problem, search.terms)
-    named = textbook_layout(problem, steering)
+    named = textbook_layout(problem)
     textbook, textbook_value = "no textbook layout fits this region", None
     if named is not None:
         textbook, layout = named
+        if any(broken_rules(problem, steering, layout)):
+            textbook += ", which breaks a rule on spacing, view or keep-out"
         textbook_value = value(layout)
     objectives: list[float] = []
     layouts = careless_layouts(problem, steering, CARELESS, seed)

@@ -57,10 +57,10 @@ def present_design(problem: PlacementProblem) -> PresentDesign:
     """The design that a problem starts from."""
     terms, here = every_terms(problem), present_choice(problem)
     choice = bring_inside(problem, here)
-    outside = (*_outside_bounds(problem, here, choice), *_broken_rules(problem, terms, here.fiducials_mm))
+    outside = (*_outside_bounds(problem, here, choice), *broken_rules(problem, terms, here.fiducials_mm))
     ratios: tuple[float, ...] = ()
     spent = problem.cost_limit is not None and problem.cost(choice.half_width) > problem.cost_limit * (1 + 1e-9)
-    if not (spent or any(_broken_rules(problem, terms, choice.fiducials_mm))):
+    if not (spent or any(broken_rules(problem, terms, choice.fiducials_mm))):
         try:
             if not is_singular(problem.system, choice.fiducials_mm):
                 ratios = tuple(float(ratio) for ratio in exact_ratios(problem, terms, choice))
@@ -150,7 +150,7 @@ def _outside_bounds(problem: PlacementProblem, here: Choice, inside: Choice) -> 
             yield f"{told}, cost_limit is {problem.cost_limit:g}"
 
 
-def _broken_rules(problem: PlacementProblem, terms: tuple[DemandTerms, ...], layout: Array) -> Iterator[str]:
+def broken_rules(problem: PlacementProblem, terms: tuple[DemandTerms, ...], layout: Array) -> Iterator[str]:
     """Rules that a layout (N, 3) does not keep."""
     for row, value in geometric_rows(problem, terms, layout):
         if row.kind != "region" and not value >= row.lower - ROUNDED:

@@ -446,9 +446,10 @@ class ConstraintRow:
     fiducials: tuple[int, ...] = ()
 
 
-def geometric_rows(
-    problem: PlacementProblem, terms: tuple[DemandTerms, ...], points: ArrayLike
-) -> Iterator[tuple[ConstraintRow, Any]]:
+Rows = Iterator[tuple[ConstraintRow, Any]]
+
+
+def geometric_rows(problem: PlacementProblem, terms: tuple[DemandTerms, ...], points: ArrayLike) -> Rows:
     """Row and expression, each about 1 in size; points (N, 3) mm, floats or symbols."""
     if not problem.places:
         return
@@ -457,83 +458,63 @@ def geometric_rows(
     for view, projection in zip(problem.system.views, problem.estimation.projections, strict=True):
         homogeneous = assumed @ plain(projection[:, :3]).T + plain(projection[:, 3])
         image = image_of(homogeneous)
-        yield from _projected_spacing(problem, view, image)
-        yield from _image_gap(problem, view, image, homogeneous[:, 2])
+        yield from _image_distances(problem, view, image, homogeneous[:, 2])
         yield from _target_clearance(problem, terms, view, projection, image)
         yield from _field(problem, view, projection, homogeneous)
     yield from _regions(problem, points)
 
 
-def _pairs(problem: PlacementProblem) -> list[tuple[int, int]]:
-    free = set(problem.free_fiducials)
-    count = len(problem.system.fiducial_labels)
-    return [(i, j) for i, j in combinations(range(count), 2) if i in free or j in free]
+def _pairs(problem: PlacementProblem) -> Iterator[tuple[tuple[int, int], str]]:
+    """Fiducials of which one is free, and their labels."""
+    free, labels = set(problem.free_fiducials), problem.system.fiducial_labels
+    for i, j in combinations(range(len(labels)), 2):
+        if i in free or j in free:
+            yield (i, j), f"{labels[i]} and {labels[j]}"
 
 
-def _spacing(problem: PlacementProblem, points: ArrayLike) -> Iterator[tuple[ConstraintRow, Any]]:
+def _apart(kind: str, text: str, fiducials: tuple[int, ...], gap: ArrayLike, least: Any) -> tuple[ConstraintRow, Any]:
+    """That a difference of places, or of images, is at least so long."""
+    return ConstraintRow(kind, text, 0.0, np.inf, fiducials), (gap @ gap) / least**2 - 1
+
+
+def _spacing(problem: PlacementProblem, points: ArrayLike) -> Rows:
     """One row per distance: under a symmetry two free fiducials and their images are equally far apart."""
     if problem.min_spacing_mm <= 0:
         return
-    labels = problem.system.fiducial_labels
     copy_of = {i: copy for place in problem.places for copy, i in enumerate(place.fiducials)}
-    for i, j in _pairs(problem):
+    for (i, j), labels in _pairs(problem):
         if problem.symmetry and i in copy_of and j in copy_of and 0 not in (copy_of[i], copy_of[j]):
             continue
-        gap = points[i] - points[j]
-        text = f"spacing of {labels[i]} and {labels[j]}"
-        yield ConstraintRow("spacing", text, 0.0, np.inf, (i, j)), (gap @ gap) / problem.min_spacing_mm**2 - 1
+        yield _apart("spacing", f"spacing of {labels}", (i, j), points[i] - points[j], problem.min_spacing_mm)
 
 
-def _projected_spacing(problem: PlacementProblem, view: View, image: ArrayLike) -> Iterator[tuple[ConstraintRow, Any]]:
-    if problem.min_projected_spacing_px <= 0:
-        return
-    labels = problem.system.fiducial_labels
-    for i, j in _pairs(problem):
-        gap = image[i] - image[j]
-        text = f"images of {labels[i]} and {labels[j]} in {view.name}"
-        yield (
-            ConstraintRow("projected_spacing", text, 0.0, np.inf, (i, j)),
-            (gap @ gap) / problem.min_projected_spacing_px**2 - 1,
-        )
-
-
-def _image_gap(
-    problem: PlacementProblem, view: View, image: ArrayLike, depth: ArrayLike
-) -> Iterator[tuple[ConstraintRow, Any]]:
-    """Shadows of balls must not merge, whatever distance of their middles is asked for."""
-    if problem.system.fiducial_radius_mm is None:
-        return
-    labels, radius = problem.system.fiducial_labels, problem.system.fiducial_radius_mm
-    for i, j in _pairs(problem):
-        gap, needed = image[i] - image[j], needed_gap(view.projection, radius, depth[i], depth[j])
-        text = f"shadows of {labels[i]} and {labels[j]} in {view.name}"
-        yield ConstraintRow("image_gap", text, 0.0, np.inf, (i, j)), (gap @ gap) / needed**2 - 1
+def _image_distances(problem: PlacementProblem, view: View, image: ArrayLike, depth: ArrayLike) -> Rows:
+    """The distance that is asked for; shadows of balls must not merge, whatever that is."""
+    least, radius = problem.min_projected_spacing_px, problem.system.fiducial_radius_mm
+    if least > 0:
+        for (i, j), labels in _pairs(problem):
+            text = f"images of {labels} in {view.name}"
+            yield _apart("projected_spacing", text, (i, j), image[i] - image[j], least)
+    if radius is not None:
+        for (i, j), labels in _pairs(problem):
+            needed = needed_gap(view.projection, radius, depth[i], depth[j])
+            yield _apart("image_gap", f"shadows of {labels} in {view.name}", (i, j), image[i] - image[j], needed)
 
 
 def _target_clearance(
     problem: PlacementProblem, terms: tuple[DemandTerms, ...], view: View, projection: Array, image: ArrayLike
-) -> Iterator[tuple[ConstraintRow, Any]]:
+) -> Rows:
     if problem.target_clearance_px <= 0:
         return
-    named = {
-        target.name: aim
-        for term in terms
-        for target, aim in zip(term.demand.targets, term.reconstructed_mm, strict=True)
-    }
-    for name, reconstructed in named.items():
-        centre = projection[:, :3] @ reconstructed + projection[:, 3]
+    each = (zip(term.demand.targets, term.reconstructed_mm, strict=True) for term in terms)
+    for name, aim in {target.name: aim for pairs in each for target, aim in pairs}.items():
+        centre = plain(image_of(projection[:, :3] @ aim + projection[:, 3]))
         for i in problem.free_fiducials:
-            gap = image[i] - plain(image_of(centre))
             text = f"images of {problem.system.fiducial_labels[i]} and of target {name!r} in {view.name}"
-            yield (
-                ConstraintRow("target_clearance", text, 0.0, np.inf, (i,)),
-                (gap @ gap) / problem.target_clearance_px**2 - 1,
-            )
+            yield _apart("target_clearance", text, (i,), image[i] - centre, problem.target_clearance_px)
 
 
-def _field(
-    problem: PlacementProblem, view: View, projection: Array, homogeneous: ArrayLike
-) -> Iterator[tuple[ConstraintRow, Any]]:
+def _field(problem: PlacementProblem, view: View, projection: Array, homogeneous: ArrayLike) -> Rows:
     """Inside the image with its margin, multiplied by the depth: linear in the position.
 
     A side that the whole bounding box of a region keeps (its corners do, and the constraint is linear) gives no rows.
@@ -556,7 +537,7 @@ def _field(
                 yield ConstraintRow("field", text, 0.0, np.inf, (i,)), inside
 
 
-def _regions(problem: PlacementProblem, points: ArrayLike) -> Iterator[tuple[ConstraintRow, Any]]:
+def _regions(problem: PlacementProblem, points: ArrayLike) -> Rows:
     """A box is held by the bounds of its variables; other regions, and boxes of copies, by rows."""
     for place in problem.places:
         for copy, i in enumerate(place.fiducials):

@@ -234,11 +234,11 @@ def careless_layouts(problem: PlacementProblem, terms: tuple[DemandTerms, ...], 
     return layouts
 
 
-def textbook_layout(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -> tuple[str, Array] | None:
+def textbook_layout(problem: PlacementProblem) -> tuple[str, Array] | None:
     """What a textbook would do with the free fiducials, as (name, layout (N, 3) mm), or None where it has no answer.
 
     One box for all: its corners, then midpoints of edges, centres of faces, its centre; six or seven leave out opposite
-    corners.  One cylinder for all: two rings at its ends.  The name says so when the layout breaks a rule.
+    corners.  One cylinder for all: two rings at its ends.  It may break rules.
     """
     regions, _ = distinct(place.region for place in problem.places)
     free = list(problem.free_fiducials)
@@ -252,12 +252,9 @@ def textbook_layout(problem: PlacementProblem, terms: tuple[DemandTerms, ...]) -
         made = _on_rings(region, len(free))
     if made is None:
         return None
-    name, points = made
     layout = problem.system.fiducials_mm.copy()
-    layout[free] = points
-    if not _keeps_every_rule(problem, terms, region, layout):
-        name += ", which breaks a rule on spacing, view or keep-out"
-    return name, layout
+    layout[free] = made[1]
+    return made[0], layout
 
 
 def _on_lattice(box: BoxRegion, count: int) -> tuple[str, Array] | None:
@@ -288,17 +285,6 @@ def _on_rings(cylinder: Cylinder, count: int) -> tuple[str, Array] | None:
         rim = cylinder.radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across
         rings.append(cylinder.base_mm + along * cylinder.axis + rim)
     return "two rings at the ends of the cylinder", np.concatenate(rings)
-
-
-def _keeps_every_rule(problem: PlacementProblem, terms: tuple[DemandTerms, ...], region: Shape, layout: Array) -> bool:
-    """Whether the free fiducials of a layout without symmetry keep every rule."""
-    projections, spacing = problem.estimation.projections, _spacing(problem)
-    free = np.array(problem.free_fiducials, dtype=np.int64)
-    assumed = problem.estimation.assume(layout)
-    return bool(_keep_rules(problem, terms, region, layout[free, None]).all()) and all(
-        keeps_distance(assumed, free[m : m + 1], assumed[free[m : m + 1]], projections, spacing)
-        for m in range(len(free))
-    )
 
 
 class Spacing(NamedTuple):
