@@ -63,7 +63,6 @@ _TABLE = {
         0.2 tail.spectrum.brought_near          f1 f1
         0.2 tail.declared.column_slopes         f1 f2 f2
         0.1 tail.gaussian.norm_mean_jit         f1 f2
-        0.1 tail.spectrum._law_fault            f1 f2
         0.1 tail.lattice.balls                  f f1
     """,
     "batch": f"""

@@ -29,9 +29,8 @@ from .gaussian import (
     gaussian_cumulants,
     mean_on_axes,
     norm_cdf,
-    norm_cvar,
+    norm_excess,
     norm_gradient_jit,
-    norm_mean,
     norm_sf,
     normal_quantile,
     probability_iv,
@@ -187,6 +186,10 @@ class DeclaredLaw:
             return self.points.probability(r)
         return min(max(float(ball_sums(rho, self.frame.dimension, lattice.t, lattice.w)[0]), 0.0), 1.0)
 
+    def exceedance(self, r: float) -> float:
+        """P(|e| > r)"""
+        return 1.0 - self.probability(r)
+
     def excess(self, r: float) -> float:
         """E[(|e| - r)+] = int_r^R (1 - P(|e| <= x)) dx, mm, R at the end of the law."""
         radius, lattice = self._outer
@@ -221,7 +224,7 @@ class DeclaredLaw:
         A uniform column h is the factor sin x / x of every term, x = k'h, whose logarithm has the derivative
         ``(cot x - 1 / x) k`` by h.
         """
-        if total.method == SAMPLED_METHOD or self.frame.dimension < 3:
+        if total.method == SAMPLED_METHOD or total.density == 0.0 or self.frame.dimension < 3:
             return None
         lattice = self._centred_lattice(total)
         if lattice.volume == 0.0:
@@ -255,55 +258,64 @@ class DeclaredLaw:
         return np.bincount(self.source, by_column, self.law.kinds.size).astype(np.float64)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class GaussianLaw:
+    """A law without columns: what :class:`DeclaredLaw` answers, by the contour integral."""
+
+    law: LinearLaw
+
+    def quantile(self, p: float) -> LawQuantile:
+        law = self.law
+        if not law.covariance.any():
+            return LawQuantile(p, float(np.linalg.norm(law.mean)), 0.0, GAUSSIAN_METHOD, 0.0)
+        r, density, _, _ = norm_gradient_jit(law.mean, law.covariance, p)
+        if r != r:
+            detail = f"the Gaussian quantile did not converge for {law}"
+            raise NotConvergedError(Problem("", "tail-not-converged", detail))
+        return LawQuantile(p, float(r), float(density), GAUSSIAN_METHOD, 1e-12 * float(r))
+
+    def probability(self, r: float) -> float:
+        """P(|e| <= r)"""
+        return norm_cdf(r, self.law.mean, self.law.covariance)
+
+    def exceedance(self, r: float) -> float:
+        """P(|e| > r), to 1e-12 of itself."""
+        return norm_sf(r, self.law.mean, self.law.covariance)
+
+    def excess(self, r: float) -> float:
+        """E[(|e| - r)+], mm."""
+        return norm_excess(r, self.law.mean, self.law.covariance)
+
+    def gradient(self, total: LawQuantile) -> LawGradient:
+        _, _, by_mean, by_covariance = norm_gradient_jit(self.law.mean, self.law.covariance, total.p)
+        return LawGradient(by_mean, by_covariance, np.zeros(self.law.kinds.size))
+
+    def column_gradient(self, total: LawQuantile) -> Array | None:
+        return np.zeros_like(self.law.columns)
+
+
+def evaluation_of(law: LinearLaw, p: float, fine: bool = True) -> DeclaredLaw | GaussianLaw:
+    """What answers about a law near the probability p.  Raises ValueError for p outside (0, 1)."""
+    accuracy = accuracy_for(probability_iv(p), fine)
+    return DeclaredLaw(law, accuracy) if law.columns.any() else GaussianLaw(law)
+
+
 def law_quantile(law: LinearLaw, p: float, *, fine: bool = True) -> LawQuantile:
     """The r with P(|e| <= r) = p; not fine: to about 1e-4 and several times faster, for averages over many laws.
 
     Raises ValueError for p outside (0, 1).
     """
-    p = probability_iv(p)
-    if law.columns.any():
-        return DeclaredLaw(law, accuracy_for(p, fine)).quantile(p)
-    if not law.covariance.any():
-        return LawQuantile(p, float(np.linalg.norm(law.mean)), 0.0, GAUSSIAN_METHOD, 0.0)
-    r, density, _, _ = norm_gradient_jit(law.mean, law.covariance, p)
-    if r != r:
-        raise NotConvergedError(Problem("", "tail-not-converged", f"the Gaussian quantile did not converge for {law}"))
-    return LawQuantile(p, float(r), float(density), GAUSSIAN_METHOD, 1e-12 * float(r))
+    return evaluation_of(law, p, fine).quantile(float(p))
 
 
 def law_cdf(law: LinearLaw, r: float, *, fine: bool = True) -> float:
     """P(|e| <= r), r >= 0 mm; absolute error about 1e-8 (sampled laws: 1e-4), not fine: 1e-4.  Raises ValueError."""
     if not r >= 0:
         raise ValueError(f"a radius must be >= 0 mm, got {r}")
-    if not law.columns.any():
-        return norm_cdf(r, law.mean, law.covariance)
-    return DeclaredLaw(law, accuracy_for(0.5, fine)).probability(float(r))
+    return evaluation_of(law, 0.5, fine).probability(float(r))
 
 
 MIXED_METHOD = "mixture over missed fiducials of exact laws"
-
-
-class _Member:
-    """One law of a mixture, evaluated about its p-quantile: radii up to a little above it are read from one lattice."""
-
-    def __init__(self, law: LinearLaw, p: float) -> None:
-        self.law = law
-        self._declared = DeclaredLaw(law, accuracy_for(p, True)) if law.columns.any() else None
-        if self._declared is not None:
-            self._declared.quantile(p)
-
-    def probability(self, r: float) -> float:
-        """P(|e| <= r)"""
-        if self._declared is None:
-            return norm_cdf(r, self.law.mean, self.law.covariance)
-        return self._declared.probability(r)
-
-    def excess(self, r: float) -> float:
-        """E[(|e| - r)+], mm."""
-        if self._declared is None and not self.law.covariance.any():
-            return max(float(np.linalg.norm(self.law.mean)) - r, 0.0)
-        declared = self._declared or DeclaredLaw(self.law, accuracy_for(0.95, True))
-        return declared.excess(r)
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,8 +327,11 @@ class MixedLaw:
     near: float = 0.95  # the quantile about which it is asked
 
     @cached_property
-    def _members(self) -> list[_Member]:
-        return [_Member(law, self.near) for law in self.laws]
+    def _members(self) -> list[DeclaredLaw | GaussianLaw]:
+        members = [evaluation_of(law, self.near) for law in self.laws]
+        for member in members:
+            member.quantile(self.near)  # radii up to a little above it are read from one lattice
+        return members
 
     def probabilities(self, radii: Array) -> Array:
         """(S,) P_k(|e| <= r_k) of each of the laws; radii (S,) mm."""
@@ -391,10 +406,10 @@ def find_radius(probability: Callable[[float], float], p: float, start: float) -
 
 
 def law_exceedance(law: LinearLaw, limit: float) -> float:
-    """P(|e| > limit), limit >= 0 mm; absolute error about 1e-8, relative 1e-12 for Gaussian laws."""
-    if law.columns.any():
-        return 1.0 - law_cdf(law, limit)
-    return norm_sf(limit, law.mean, law.covariance)
+    """P(|e| > limit), limit >= 0 mm; absolute error about 1e-8, for Gaussian laws 1e-12 of itself."""
+    if not limit >= 0:
+        raise ValueError(f"a limit must be >= 0 mm, got {limit}")
+    return evaluation_of(law, 0.5).exceedance(float(limit))
 
 
 def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSummary:
@@ -402,37 +417,27 @@ def law_summary(law: LinearLaw, p: float, limit: float | None = None) -> LawSumm
 
     Raises ValueError for p outside (0, 1) or a limit below 0 mm.
     """
-    p = probability_iv(p)
     if limit is not None and not limit >= 0:
         raise ValueError(f"a limit must be >= 0 mm, got {limit}")
-    if not law.columns.any():
-        exceedance = None if limit is None else norm_sf(limit, law.mean, law.covariance)
-        mean, tail_mean = norm_mean(law.mean, law.covariance), norm_cvar(p, law.mean, law.covariance)
-        return LawSummary(law_quantile(law, p), mean, tail_mean, exceedance)
-    evaluation = DeclaredLaw(law, accuracy_for(p, True))
-    quantile = evaluation.quantile(p)
+    evaluation = evaluation_of(law, p)
+    quantile = evaluation.quantile(float(p))
     tail_mean = quantile.quantile_mm + evaluation.excess(quantile.quantile_mm) / (1.0 - p)
-    exceedance = None if limit is None else 1.0 - evaluation.probability(float(limit))
+    exceedance = None if limit is None else evaluation.exceedance(float(limit))
     return LawSummary(quantile, evaluation.excess(0.0), tail_mean, exceedance)
 
 
 def law_mean(law: LinearLaw, p: float) -> float:
     """E|e|, mm, with the accuracy that :func:`law_summary` has it for a quantile at p."""
-    if not law.columns.any():
-        return norm_mean(law.mean, law.covariance)
-    return DeclaredLaw(law, accuracy_for(probability_iv(p), True)).excess(0.0)
+    return evaluation_of(law, p).excess(0.0)
 
 
 def law_gradient(law: LinearLaw, total: LawQuantile, *, fine: bool = True) -> LawGradient:
     """Derivatives of a quantile of this law; fine: as exact as the quantile itself, to drive an optimiser."""
-    k = law.kinds.size
     if total.density == 0.0:
         size = float(np.linalg.norm(law.mean))
-        return LawGradient(law.mean / size if size > 0 else np.zeros(3), np.zeros((3, 3)), np.zeros(k))
-    if not law.columns.any():
-        _, _, by_mean, by_covariance = norm_gradient_jit(law.mean, law.covariance, total.p)
-        return LawGradient(by_mean, by_covariance, np.zeros(k))
-    return DeclaredLaw(law, accuracy_for(total.p, fine)).gradient(total)
+        by_mean = law.mean / size if size > 0 else np.zeros(3)
+        return LawGradient(by_mean, np.zeros((3, 3)), np.zeros(law.kinds.size))
+    return evaluation_of(law, total.p, fine).gradient(total)
 
 
 def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
@@ -440,9 +445,7 @@ def column_gradient(law: LinearLaw, total: LawQuantile) -> Array | None:
 
     None where the law has no lattice in three dimensions, and a derivative is not known as exactly as the quantile.
     """
-    if not law.columns.any() or total.density == 0.0:
-        return None if law.columns.any() else np.zeros_like(law.columns)
-    return DeclaredLaw(law, accuracy_for(total.p, True)).column_gradient(total)
+    return evaluation_of(law, total.p).column_gradient(total)
 
 
 def differences(law: LinearLaw, total: LawQuantile) -> LawGradient:

@@ -215,20 +215,24 @@ def norm_mean(mean: Array, covariance: Array) -> float:
 
 def norm_cvar(p: float, mean: Array, covariance: Array) -> float:
     """E[|e| given |e| >= r_p], mm: the mean of the worst 1 - p (expected shortfall).  Raises ValueError."""
-    p = probability_iv(p)
+    r = norm_quantile(p, mean, covariance)
+    return r + norm_excess(r, mean, covariance) / (1.0 - p)
+
+
+def norm_excess(r: float, mean: Array, covariance: Array) -> float:
+    """E[(|e| - r)+], mm.  r >= 0 mm, mean (3,) mm, covariance (3, 3) mm^2.  Raises ValueError."""
     mean, covariance = law_iv(mean, covariance)
     l, m, _ = principal_axes(mean, covariance)  # noqa: E741
     m, shift = brought_near(l, m)
-    square = float((m * m).sum())
+    size, r = sqrt(float((m * m).sum())), r - shift
     if l[0] == 0.0:
-        return sqrt(square)
-    d, _, converged = excess_quantile(p, l, m)
-    r = sqrt(max(square + d, 0.0))
-    if d > l.sum():
+        return max(size - r, 0.0)
+    d = (r - size) * (r + size)
+    if r > 0.0 and d > l.sum():
         above = _mean_above(d, r, l, m)
     else:
-        above = norm_mean(m, np.diag(l)) - r + _mean_below(r, l, m)
-    return sound(shift + r + above / (1.0 - p) if converged else np.nan, "the tail mean", mean, covariance)
+        above = norm_mean(m, np.diag(l)) - r + (_mean_below(r, l, m) if r > 0.0 else 0.0)
+    return sound(above, "the tail mean", mean, covariance)
 
 
 def _mean_above(d: float, r: float, l: Array, m: Array) -> float:  # noqa: E741

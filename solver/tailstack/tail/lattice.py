@@ -658,45 +658,17 @@ def build(radius: float, frame: PrincipalLaw, accuracy: Accuracy, keep: bool) ->
 
 @kernel()
 def bessel_j01(x: float) -> tuple[float, float]:
-    """J0 and J1 at x >= 0: Miller's backward recurrence, Hankel's expansion beyond 30 (both to about 1e-15)."""
-    if x < 1e-8:
-        return 1.0, 0.5 * x
-    if x < 30.0:
-        order = 2 * int((x + 36.0) / 2.0)
-        above = 0.0
-        here = 1e-200
-        even = 0.0
-        for j in range(order, 0, -1):
-            below = 2.0 * j / x * here - above
-            above = here
-            here = below
-            if j % 2 == 1 and j > 1:
-                even += here
-        norm = here + 2.0 * even
-        return here / norm, above / norm
-    out0 = 0.0
-    out1 = 0.0
-    for nu in range(2):
-        mu = 4.0 * nu * nu
-        p = 1.0
-        q = 0.0
-        term = 1.0
-        for j in range(1, 24):
-            term *= (mu - (2.0 * j - 1.0) ** 2) / (8.0 * j * x)
-            sign = 1.0 if (j // 2) % 2 == 0 else -1.0
-            if j % 2 == 1:
-                q += sign * term
-            else:
-                p += sign * term
-            if fabs(term) < 1e-17:
-                break
-        angle = x - 0.5 * nu * pi - 0.25 * pi
-        value = sqrt(2.0 / (pi * x)) * (p * cos(angle) - q * sin(angle))
-        if nu == 0:
-            out0 = value
-        else:
-            out1 = value
-    return out0, out1
+    """J0 and J1 at x >= 0, to about 1e-15: the means of cos(x sin a) and sin(a) sin(x sin a) over all angles a.
+
+    The rule of equal steps is exact but for J_n(x), n four times the nodes of a quarter turn: nothing is left of it.
+    """
+    nodes = 8 + int(x / 3.0)
+    first, second = 0.0, 0.0
+    for k in range(nodes):
+        s = sin(0.5 * pi * (k + 0.5) / nodes)
+        first += cos(x * s)
+        second += s * sin(x * s)
+    return first / nodes, second / nodes
 
 
 @kernel()
