@@ -169,13 +169,9 @@ def test_hadolint_has_nothing_to_say() -> None:
 # --- compose --------------------------------------------------------------------------------------
 
 
-def test_compose_keeps_to_the_specification() -> None:
+def test_compose_keeps_to_the_specification_which_would_notice() -> None:
     schema = json.loads((ROOT / "tests" / "data" / "compose-spec.json").read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator(schema).validate(COMPOSE)
-
-
-def test_the_schema_would_notice() -> None:
-    schema = json.loads((ROOT / "tests" / "data" / "compose-spec.json").read_text(encoding="utf-8"))
     wrong = {**COMPOSE, "services": {"tailstack": {**SERVICES["tailstack"], "read_onyl": True}}}
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.Draft202012Validator(schema).validate(wrong)
@@ -412,18 +408,16 @@ def test_the_demo_design_is_shipped(unpacked: Path) -> None:
     assert done.stdout.replace("\n", "").startswith(f"{shipped}: valid")  # a long path goes on in the next line
 
 
-def test_the_page_of_the_api_is_shipped(unpacked: Path) -> None:
+def test_the_wheel_has_the_page_of_the_api_the_manual_and_the_command(unpacked: Path) -> None:
     ours = ROOT / "service" / "tailstack_service" / "docs_page"
     shipped = {path.name: path.read_bytes() for path in (unpacked / "tailstack_service" / "docs_page").iterdir()}
     assert shipped == {path.name: path.read_bytes() for path in ours.iterdir()}
     assert {"index.html", "LICENSE", "NOTICE", "swagger-ui-bundle.js"} <= set(shipped)
-
-
-def test_the_manual_is_shipped_without_its_pictures_and_programs(unpacked: Path) -> None:
-    shipped = unpacked / "tailstack_service" / "manual"
-    pages = {path.relative_to(shipped): path.read_bytes() for path in shipped.rglob("*") if path.is_file()}
-    docs = ROOT / "docs"
+    manual, docs = unpacked / "tailstack_service" / "manual", ROOT / "docs"
+    pages = {path.relative_to(manual): path.read_bytes() for path in manual.rglob("*") if path.is_file()}
     assert pages == {path.relative_to(docs): path.read_bytes() for path in docs.rglob("*.md")}
+    entry = next(unpacked.glob("tailstack-*.dist-info/entry_points.txt")).read_text()
+    assert "tailstack = tailstack_service.__main__:command" in entry
 
 
 @pytest.mark.long
@@ -438,11 +432,6 @@ def test_no_example_of_an_answer_is_shipped(unpacked: Path, document: dict[str, 
     assert "create_score" in shown
     assert not [path for path in unpacked.rglob("*") if path.stem in shown]
     assert not shown & document["components"]["examples"].keys()
-
-
-def test_the_command_is_declared(unpacked: Path) -> None:
-    entry = next(unpacked.glob("tailstack-*.dist-info/entry_points.txt")).read_text()
-    assert "tailstack = tailstack_service.__main__:command" in entry
 
 
 @pytest.mark.long

@@ -117,18 +117,19 @@ def test_a_verb_whose_extra_is_missing_names_the_command_that_installs_it(
     assert "Traceback" not in done.stderr
 
 
-def test_the_demo_names_all_that_it_misses_at_once(tmp_path: Path) -> None:
+def test_what_is_missing_is_told_at_once_to_people_programs_and_python(tmp_path: Path) -> None:
     done = tailstack("demo", without=EVERYTHING, folder=tmp_path)
     assert command("optimise,serve,report") in done.stderr
     assert done.returncode == 2
     assert not list(tmp_path.iterdir())  # refused before anything is written
-
-
-def test_a_refusal_can_be_read_by_programs(tmp_path: Path) -> None:
     done = tailstack("optimise", DEMO, "--json", without=MODULES_OF["optimise"], folder=tmp_path)
     problem = json.loads(done.stderr)
     assert problem["type"] == "/v1/problems/missing-extra"
     assert problem["errors"][0]["hint"] == command("optimise")
+    code = f"import sys; sys.modules.update(dict.fromkeys({MODULES_OF['optimise']!r}))\nfrom tailstack import optimise"
+    done = run_python("-c", code, said={"PYTHONPATH": SOURCES})
+    assert "MissingExtraError" in done.stderr
+    assert command("optimise") in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize(
@@ -205,13 +206,6 @@ def test_a_service_without_the_optimiser_says_what_is_missing(tmp_path: Path) ->
             assert page.status_code == 501
             assert command("report") in page.json()["errors"][0]["hint"]
             assert client.get("/v1/problems/missing-extra").status_code == 200
-
-
-def test_python_is_told_too() -> None:
-    code = f"import sys; sys.modules.update(dict.fromkeys({MODULES_OF['optimise']!r}))\nfrom tailstack import optimise"
-    done = run_python("-c", code, said={"PYTHONPATH": SOURCES})
-    assert "MissingExtraError" in done.stderr
-    assert command("optimise") in done.stderr.splitlines()[-1]
 
 
 # --- where the command takes it from ---------------------------------------------------------------------------

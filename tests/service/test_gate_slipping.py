@@ -340,15 +340,12 @@ def wide(entry: dict[str, Any], name: str = "guide.yaml", limit_mm: float = 0.5,
     return [f"{finding.pointer}: {finding.message}" for finding in found]
 
 
-@pytest.mark.parametrize("designs", [None, ["*"], ["*.yaml"], ["designs/*", "guide.yaml"], ["?*.y*ml"], ["g*"]])
-def test_a_waiver_of_every_design_is_wide(designs: list[str] | None) -> None:
-    said = wide({"designs": designs})
-    assert any("names no design" in words for words in said), said
-
-
-@pytest.mark.parametrize("designs", [["guide.yaml"], ["designs/guide-*.yaml", "guide.yaml"], ["guid?.yaml"]])
-def test_a_waiver_that_names_its_design_is_not_wide(designs: list[str]) -> None:
-    assert wide({"designs": designs}) == []
+def test_a_waiver_is_wide_where_it_names_no_design() -> None:
+    for designs in (None, ["*"], ["*.yaml"], ["designs/*", "guide.yaml"], ["?*.y*ml"], ["g*"]):
+        said = wide({"designs": designs})
+        assert any("names no design" in words for words in said), said
+    for designs in (["guide.yaml"], ["designs/guide-*.yaml", "guide.yaml"], ["guid?.yaml"]):
+        assert wide({"designs": designs}) == []
 
 
 def test_a_waiver_far_beyond_the_limit_or_the_value_is_wide() -> None:

@@ -171,11 +171,14 @@ def test_routes_in_texts_exist() -> None:
         assert any(method.lower() in entry for entry in found), f"{method} {path}"
 
 
-def test_settings_in_texts_exist() -> None:
+def test_settings_and_pages_in_texts_exist() -> None:
     known = {variable(name) for name in Settings.model_fields} | {*OTHERS, *GONE}
     told = {name for path in SOURCES for text in texts(path) for name in SETTING.findall(text)}
     ours = {name for name in told if not name.endswith("_") and not name.startswith("TAILSTACK_TESTS")}
     assert ours - known <= read_from_environment()
+    told = {page for path in SOURCES for text in texts(path) for page in PAGE.findall(text)}
+    assert told
+    assert [page for page in sorted(told) if not (ROOT / page).exists()] == []
 
 
 def read_from_environment() -> set[str]:
@@ -213,12 +216,6 @@ def test_fields_in_hints_exist() -> None:
     }
     assert len(told) > 25
     assert sorted((file, field) for file, field in told if field not in known) == []
-
-
-def test_pages_in_texts_exist() -> None:
-    told = {page for path in SOURCES for text in texts(path) for page in PAGE.findall(text)}
-    assert told
-    assert [page for page in sorted(told) if not (ROOT / page).exists()] == []
 
 
 def test_there_is_a_hint_to_hold() -> None:

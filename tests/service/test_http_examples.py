@@ -47,14 +47,11 @@ def test_every_example_is_answered_as_it_was_written(client: httpx.Client) -> No
         ], entry["name"]
 
 
-def test_an_example_says_what_it_shows(client: httpx.Client) -> None:
+def test_an_example_says_what_it_shows_and_an_unknown_one_which_there_are(client: httpx.Client) -> None:
     words = {entry["name"]: entry["description"] for entry in client.get("/v1/examples").json()["examples"]}
     assert words["gallery-flat_plate"] == "The classic mistake: ten beads on one plate."
     assert not [name for name, text in words.items() if "yaml-language-server" in text]
     assert all(text for name, text in words.items() if name.startswith("gallery-"))
-
-
-def test_an_unknown_example_is_404_with_the_names_that_there_are(client: httpx.Client) -> None:
     problem = check_problem(client.get("/v1/examples/demo.yaml"), 404, "not-found")
     assert "demo" in problem["errors"][0]["hint"]
 
