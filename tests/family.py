@@ -95,18 +95,3 @@ def forked_of(pid: int) -> list[psutil.Process]:
                 if "tailstack_service.processes.nursery" in child.cmdline():
                     found += child.children()
     return found
-
-
-def peak_bytes(pid: int) -> int:
-    """The most memory that a process has held (Linux)."""
-    return next(
-        1024 * int(line.split()[1])
-        for line in Path(f"/proc/{pid}/status").read_text().splitlines()
-        if line.startswith("VmHWM")
-    )
-
-
-def forget_peak(pid: int) -> int:
-    """Begin the count of the peak anew; gives what is held now."""
-    Path(f"/proc/{pid}/clear_refs").write_text("5")
-    return peak_bytes(pid)

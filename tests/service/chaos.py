@@ -1,7 +1,6 @@
 """Random kills while jobs are computed; every answer must be that of an undisturbed run, byte for byte.
 
     python tests/service/chaos.py [--kills N] [--database sqlite|postgresql|both] [--engine pool|dask|both] [--seed N]
-    python tests/service/chaos.py --floods [--connections N] [--scores N]
 
 A service (``tailstack serve``) and a worker beside it share one database.  What ends is started again, as a service
 manager would.  Jobs come in until all kills are done, then everything is waited for.  Not all is killed: workers and
@@ -37,7 +36,6 @@ import psutil
 import sqlalchemy as sa
 from dask_cluster import Cluster
 from dask_cluster import installed as dask_installed
-from floods import run_floods
 from postgres import Server, find_binaries
 from service_scenes import ask
 from worker_scenes import end
@@ -671,16 +669,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--engine", choices=("pool", "dask", "both"), default="both")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the kills (default %(default)s)")
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="of each worker (default %(default)s)")
-    parser.add_argument("--floods", action="store_true", help="no kills: one tenant floods, another's scores are timed")
-    parser.add_argument("--connections", type=int, default=12, metavar="N", help="of a flood (default %(default)s)")
-    parser.add_argument(
-        "--scores", type=int, default=50, metavar="N", help="timed beside a flood (default %(default)s)"
-    )
     parser.add_argument("--logs", type=Path, metavar="DIR", help="keep what the processes say")
     arguments = parser.parse_args(argv)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("chaos: told to stop"))  # by way of every finally
-    if arguments.floods:
-        return 0 if run_floods(arguments.connections, arguments.scores) else 1
     sound = True
     for database, engine in _choices(arguments):
         if engine == "dask" and not dask_installed():

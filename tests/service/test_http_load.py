@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from itertools import count
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -45,12 +44,12 @@ class Place:
         url = self.service.url + path
         return ask("POST", url, content=body, headers=headers)
 
-    def begin(self, key: str, path: str, body: bytes, media: str = "application/json") -> socket.socket:
+    def begin(self, key: str, path: str, body: bytes) -> socket.socket:
         """Send a request and leave the answer for later."""
         host, _, port = self.service.url.removeprefix("http://").partition(":")
         connection = socket.create_connection((host, int(port)), timeout=LIMIT_SECONDS)
         head = f"POST {path} HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {self.keys[key]}\r\n"
-        head += f"Content-Type: {media}\r\nContent-Length: {len(body)}\r\n\r\n"
+        head += f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
         connection.sendall(head.encode() + body)
         return connection
 
@@ -94,8 +93,8 @@ class Place:
 
 
 @contextmanager
-def flooded(begin: Callable[[], socket.socket], connections: int, looks: int | None = None) -> Iterator[list[bytes]]:
-    """Let so many callers ask again and again, who hang up after so many looks for an answer, and at the end.
+def flooded(begin: Callable[[], socket.socket], connections: int) -> Iterator[list[bytes]]:
+    """Let so many callers ask again and again, who hang up at the end.
 
     Yields what they were answered so far, the first line of each.
     """
@@ -105,9 +104,7 @@ def flooded(begin: Callable[[], socket.socket], connections: int, looks: int | N
         while not ended.is_set():
             with suppress(OSError), begin() as connection:
                 connection.settimeout(LOOK_SECONDS)
-                for _ in count() if looks is None else range(looks):
-                    if ended.is_set():
-                        break
+                while not ended.is_set():
                     with suppress(TimeoutError):
                         answered.append(connection.recv(1_000).partition(b"\r\n")[0])
                         break
@@ -160,10 +157,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 
 @pytest.mark.long
 def test_a_small_score_beside_sixty_of_the_largest(place: Place) -> None:
-    """It never waits for the turns of others: while it is computed, about as many of them end as there are processes.
-
-    Its time beside them is a row of the floods of ./run chaos.
-    """
+    """It never waits for the turns of others: while it is computed, about as many end as there are processes."""
     before, turns = place.wait_until_quiet(), []
     with flooded(partial(place.begin, "greedy", "/v1/scores", LARGE), CONNECTIONS) as answered:
         place.wait_until_used(before, 2.0)
