@@ -33,7 +33,7 @@ CHECKS = (
     ("lint-imports",),
 )
 # Tests that run a kernel whose instructions differ between processors
-OF_PROCESSORS = ("unit/test_montecarlo_*.py", "unit/test_tail_*.py", "unit/test_verification.py")
+OF_PROCESSORS = ("unit/test_montecarlo_*.py", "unit/test_tail_*.py")
 MOST_SECONDS = 3.0  # of CPU, of a test without the mark
 CHEAP_SECONDS = 1.0  # of CPU, of a test that --quick may choose
 UNMEASURED_SECONDS = 0.1  # of a test that COSTS does not name: it cost less than RECORDED_SECONDS

@@ -1,24 +1,262 @@
-"""A design as a function of its numbers: P95 as the score has it, and its derivative against differences of scores.
+"""Other values of a design: one, checked anew and refused with a pointer; sweeps, each point against the design written
+by hand; and a design as a function of its numbers.
 
 The derivative is `independent` of what it is compared with: central differences of fourth order of ``score()``, which
-knows no derivative.  The numerical error of P95 over the step bounds what they can see.
-"""
+knows no derivative.  The numerical error of P95 over the step bounds what they can see."""
 
 from __future__ import annotations
 
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from laws import linear_law
-from plain_data import EXAMPLES
-from tailstack import DesignError, OutOfRangeError, load_design, score
+from plain_data import DEMO as DATA
+from plain_data import EXAMPLES, problems_of, replaced
+from tailstack import DesignError, OutOfRangeError, load_design, score, verify
+from tailstack.design.pointers import pointer_of
 from tailstack.design_function import DesignFunction
+from tailstack.results.outline import Curves
+from tailstack.sweeping import PointCheck, SweepError, count_points, read_axes, sweep, sweep_points
 from tailstack.tail.declared import column_gradient, law_gradient, law_quantile
 
 DEMO = load_design(EXAMPLES / "demo.yaml")
+
+SEATED = load_design(Path(__file__).parents[1] / "data" / "designs" / "tibial_plate.yaml")
+
+NOISE = "/views/0/fiducial_noise_px"
+
+RZ = "/interfaces/structure_connector/tolerances/rz/half_width_deg"
+
+
+def with_numbers(noise_px: float, rz_deg: float) -> dict[str, Any]:
+    """The demo with two numbers replaced, independently of the code under test."""
+    data = replaced(DATA, ("views", 0, "fiducial_noise_px"), noise_px)
+    return replaced(data, ("interfaces", "structure_connector", "tolerances", "rz", "half_width_deg"), rz_deg)
+
+
+def test_points_are_the_scores_of_their_designs_in_row_major_order() -> None:
+    axes = read_axes(
+        DEMO, [{"pointer": NOISE, "values": [0.2, 0.8]}, {"pointer": RZ, "start": 0.1, "stop": 0.3, "count": 3}]
+    )
+    found = sweep(DEMO, axes)
+    assert [point.values for point in found.points] == [
+        (0.2, 0.1), (0.2, 0.2), (0.2, 0.3), (0.8, 0.1), (0.8, 0.2), (0.8, 0.3),
+    ]  # fmt: skip
+    for point in found.points:
+        expected = score(load_design(with_numbers(*point.values)))
+        target = expected.targets[0]
+        assert point.status == "ok"
+        assert point.verdict == expected.verdict.status
+        assert point.targets[0].p95_mm == target.p95_mm
+        assert point.targets[0].p95_interval_mm is None
+        assert point.targets[0].mean_norm_mm == target.mean_norm_mm
+        assert point.targets[0].localisation_p95_mm == target.localisation.p95_mm
+        assert point.targets[0].bias_norm_mm == pytest.approx(np.linalg.norm(target.bias_mm), rel=1e-15)
+    assert [(axis.unit, axis.base) for axis in found.axes] == [("px", 0.3), ("deg", 0.15)]
+    assert (found.seed, found.trials) == (None, None)
+    assert found.provenance.design_sha256 == DEMO.sha256
+
+
+def test_points_of_a_verification_are_checks_with_one_seed() -> None:
+    found = sweep(DEMO, {RZ: [0.1, 0.4]}, check="verification", trials=20_000, seed=6, threads=1)
+    for point in found.points:
+        expected = verify(load_design(with_numbers(0.3, point.values[0])), trials=20_000, seed=6)
+        assert point.targets[0].p95_interval_mm == expected.targets[0].p95_interval_mm
+        assert point.verdict == expected.verdict.status
+    assert (found.seed, found.trials) == (6, 20_000)
+
+
+def test_a_refused_point_is_a_row_and_the_others_are_as_they_were() -> None:
+    """Not valid (a negative half-width) and, seven fiducials on one plane and the eighth moved into it, ill-posed."""
+    found = sweep(DEMO, {RZ: [0.1, -0.1, 0.2]}).points
+    assert [point.status for point in found] == ["ok", "refused", "ok"]
+    assert found[1].targets == ()
+    assert found[1].verdict is None
+    assert "at least 0" in (found[1].reason or "")
+    corners = product((-30.0, 0.0, 30.0), (-30.0, 5.0, 30.0))
+    points = [{"label": f"F{k}", "position_mm": [x, y, 40.0 * (k < 2)]} for k, (x, y) in enumerate(corners)]
+    axes = {f"/fiducials/points/{k}/position_mm/2": [20.0, 0.0] for k in (0, 1)}
+    statuses = [
+        point.status for point in sweep(load_design(replaced(DATA, ("fiducials", "points"), points)), axes).points
+    ]
+    assert statuses[0] == "ok"
+    assert statuses[-1] == "refused"
+
+
+def test_every_element_takes_the_value_of_a_star() -> None:
+    """By a path of names, and the design itself is left as it was."""
+    found = sweep(DEMO, {"views.*.fiducial_noise_px": np.array([0.9])})
+    data = replaced(DATA, ("views",), [view | {"fiducial_noise_px": 0.9} for view in DATA["views"]])
+    assert found.points[0].targets[0].p95_mm == score(load_design(data)).targets[0].p95_mm
+    assert found.axes[0].base == 0.3
+    assert DEMO.source.data == DATA
+
+
+def test_ranges_are_even_and_end_where_they_say() -> None:
+    def values(**given: Any) -> tuple[float, ...]:
+        return read_axes(DEMO, [{"pointer": NOISE, **given}])[0].values
+
+    assert values(start=0.1, stop=0.5, count=5) == (0.1, 0.2, 0.3, 0.4, 0.5)
+    assert values(start=1, stop=-1, count=3) == (1.0, 0.0, -1.0)
+    assert values(start=0.25, stop=9.0, count=1) == (0.25,)
+    assert values(values=[3, 1, 2]) == (3.0, 1.0, 2.0)
+
+
+def test_whole_numbers_stay_whole() -> None:
+    """A field that counts takes no 4.0 and no 4.5."""
+    design = load_design(replaced(DATA, ("optimise", "starts"), 8))
+    assert [point.status for point in sweep(design, {"/optimise/starts": [4.0, 4.5]}).points] == ["ok", "refused"]
+
+
+def test_parts_of_the_grid_are_the_grid() -> None:
+    axes = read_axes(DEMO, [{"pointer": NOISE, "values": [0.2, 0.4]}, {"pointer": RZ, "values": [0.1, 0.2, 0.3]}])
+    assert count_points(axes) == 6
+    whole = sweep(DEMO, axes).points
+    parts = [sweep_points(DEMO, axes, numbers, PointCheck()) for numbers in (range(4), range(4, len(whole)))]
+    assert (*parts[0], *parts[1]) == whole
+
+
+@pytest.mark.parametrize(
+    ("path", "pointer"),
+    [
+        ("interfaces.structure_connector.tolerances.rz.half_width_deg", RZ),
+        ("views.AP.fiducial_noise_px", NOISE),
+        ("views.0.fiducial_noise_px", NOISE),
+        ("views.*.fiducial_noise_px", "/views/*/fiducial_noise_px"),
+        ("fiducials.points.F3.position_mm.2", "/fiducials/points/2/position_mm/2"),
+        (NOISE, NOISE),
+        ("nothing.like/this", "/nothing/like~1this"),
+    ],
+)
+def test_paths_as_people_write_them(path: str, pointer: str) -> None:
+    assert pointer_of(DEMO.source.data, path) == pointer
+
+
+@pytest.mark.parametrize(
+    ("axes", "pointer", "code"),
+    [
+        ([], "/axes", "axes"),
+        ([{"pointer": f"/views/0/{k}", "values": [1.0]} for k in range(7)], "/axes", "axes"),
+        ([{"values": [1.0]}], "/axes/0/pointer", "missing-field"),
+        ([{"pointer": "/views/0/noise", "values": [1.0]}], "/axes/0/pointer", "not-found"),
+        ([{"pointer": "views/0/fiducial_noise_px", "values": [1.0]}], "/axes/0/pointer", "not-found"),
+        ([{"pointer": "/views/7/fiducial_noise_px", "values": [1.0]}], "/axes/0/pointer", "not-found"),
+        ([{"pointer": "/views/0/name", "values": [1.0]}], "/axes/0/pointer", "not-a-number"),
+        ([{"pointer": "/views/0", "values": [1.0]}], "/axes/0/pointer", "not-a-number"),
+        ([{"pointer": "", "values": [1.0]}], "/axes/0/pointer", "not-found"),
+        ([{"pointer": NOISE}], "/axes/0", "one-of"),
+        ([{"pointer": NOISE, "values": [1.0], "count": 2}], "/axes/0", "one-of"),
+        ([{"pointer": NOISE, "start": 1.0, "stop": 2.0}], "/axes/0", "one-of"),
+        ([{"pointer": NOISE, "values": []}], "/axes/0/values", "wrong-type"),
+        ([{"pointer": NOISE, "values": [1.0, float("nan")]}], "/axes/0/values/1", "wrong-type"),
+        ([{"pointer": NOISE, "values": [True]}], "/axes/0/values/0", "wrong-type"),
+        ([{"pointer": NOISE, "start": 0.0, "stop": 1.0, "count": 0}], "/axes/0/count", "out-of-range"),
+        ([{"pointer": NOISE, "start": 0.0, "stop": 1.0, "count": 2.0}], "/axes/0/count", "out-of-range"),
+        ([{"pointer": NOISE, "start": -1.7e308, "stop": 1.7e308, "count": 3}], "/axes/0", "wrong-type"),
+        ([{"pointer": NOISE, "values": [1.0], "step": 2}], "/axes/0/step", "unknown-field"),
+        (
+            [{"pointer": p, "values": [1.0]} for p in (NOISE, "/views/*/fiducial_noise_px")],
+            "/axes/1/pointer",
+            "given-twice",
+        ),
+        ([{"pointer": p, "start": 0.0, "stop": 1.0, "count": 2000} for p in (NOISE, RZ)], "/axes", "too-many"),
+    ],
+)
+def test_axes_that_are_refused(axes: list[dict[str, Any]], pointer: str, code: str) -> None:
+    problem = problems_of(read_axes, DEMO, axes, error=SweepError)[0]
+    assert (problem.pointer, problem.code) == (pointer, code)
+
+
+@pytest.mark.parametrize(
+    ("path", "hint"),
+    [
+        ("interfaces.structure_connector.locators.A33.half_width_mm",
+         "did you mean interfaces.structure_connector.locators.A3.half_width_mm?"),
+        ("interfaces.structure_connector.locators.A3", "interfaces.structure_connector.locators.A3.half_width_mm"),
+        ("interfaces.nope", "in interfaces there is structure_connector, connector_flange."),
+        ("interfaces.structur_connector.pivot_mm.0", "did you mean interfaces.structure_connector.pivot_mm.0?"),
+        ("/views/0/fiducial_noise", "did you mean views.AP.fiducial_noise_px?"),
+    ],
+)  # fmt: skip
+def test_what_was_perhaps_meant_is_said_by_names(path: str, hint: str) -> None:
+    said = problems_of(sweep, SEATED, {path: [1.0]}, error=SweepError)[0].hint
+    assert hint in said
+    assert "locators/3" not in said
+
+
+def test_a_record_names_its_axes_as_people_do_and_holds_the_limits() -> None:
+    found = sweep(SEATED, {"/interfaces/structure_connector/locators/2/half_width_mm": [0.01, 0.05]})
+    (axis,) = found.axes
+    assert axis.name == "interfaces.structure_connector.locators.A3.half_width_mm"
+    assert axis.short == "structure_connector.A3.half_width_mm"
+    assert found.limits() == [(0.6, "limit of entry"), (0.8, "limit of exit")]  # of its file
+    chart = found.outline().chart
+    assert isinstance(chart, Curves)
+    assert chart.across == f"{axis.name}, mm"
+    assert chart.limits == tuple(found.limits())
+
+
+@pytest.mark.parametrize(
+    "path", ["/views/0/fiducial_noise_px", "views.AP.fiducial_noise_px", "views.0.fiducial_noise_px"]
+)
+def test_a_pointer_and_a_path_of_names_change_the_same_number(path: str) -> None:
+    changed = DEMO.with_value(path, 0.7)
+    assert [view.fiducial_noise_px for view in changed.document.views] == [0.7, 0.3]
+    assert [view.fiducial_noise_px for view in DEMO.document.views] == [0.3, 0.3]
+    text = (EXAMPLES / "demo.yaml").read_text().replace("fiducial_noise_px: 0.3", "fiducial_noise_px: 0.7", 1)
+    assert changed.sha256 == load_design(text).sha256 != DEMO.sha256
+
+
+def test_what_is_a_list_a_default_or_a_label_can_be_set() -> None:
+    moved = DEMO.with_value("fiducials.points.0.position_mm", (-41.0, 30, -60))
+    assert moved.fiducials.positions_mm[0] == (-41.0, 30.0, -60.0)
+    tighter = DEMO.with_value("requirements", [{"name": "tip-accuracy", "limit_mm": 0.5}])
+    assert score(tighter).verdict.checks[0].limit == 0.5
+    assert "model" not in DATA
+    assert DEMO.with_value("model.rotation", "small_angle").document.model.rotation == "small_angle"
+    typed = "interfaces.kinematic connector (3-2-1).locators.A3.half_width_mm"
+    assert pointer_of(SEATED.source.data, typed) == "/interfaces/structure_connector/locators/2/half_width_mm"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "pointer", "code", "words"),
+    [
+        ("views.AP.fiducial_noise_px", -1.0, "/views/0/fiducial_noise_px", "out-of-range", "0"),
+        ("views.AP.fiducial_noise_px", "0.3", "/views/0/fiducial_noise_px", "wrong-type", "number"),
+        ("views.AP.fiducial_noise_mm", 0.3, "/views/0/fiducial_noise_mm", "unknown-field", "fiducial_noise_px"),
+        ("view.0.fiducial_noise_px", 0.3, "/view/0/fiducial_noise_px", "not-found", "views.AP.fiducial_noise_px"),
+        ("view", [], "/view", "unknown-field", "views"),
+        ("/views/7/fiducial_noise_px", 0.3, "/views/7/fiducial_noise_px", "not-found", "in views there is AP, LAT"),
+        ("views.OBLIQUE.fiducial_noise_px", 0.3, "/views/OBLIQUE/fiducial_noise_px", "not-found", "there is AP, LAT"),
+        ("name.x", 1, "/name/x", "not-found", "no /name/x"),
+        ("schema", "tailstack/design/9", "/schema", "unsupported-schema", "tailstack/design/1"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_refused_with_its_pointer(
+    path: str, value: object, pointer: str, code: str, words: str
+) -> None:
+    problem = problems_of(DEMO.with_value, path, value, error=DesignError)[0]
+    assert (problem.pointer, problem.code) == (pointer, code)
+    assert words in f"{problem.detail} {problem.hint}"
+
+
+def test_fiducials_from_a_file_stay_and_say_where_they_are() -> None:
+    design = load_design(EXAMPLES / "small_cluster_far_target.yaml")
+    changed = design.with_value("views.AP.fiducial_noise_px", 0.4)
+    assert changed.fiducials.positions_mm == design.fiducials.positions_mm
+    with pytest.raises(DesignError, match="the points stand in a file"):
+        design.with_value("fiducials.points.0.position_mm", [0, 0, 0])
+
+
+# --- a design as a function of its numbers --------------------------------------------------------
+
+
 P95_ERROR_MM = 2e-8  # numerical error of the score itself
+
 INPUTS = {
     "demo.yaml": [
         "fiducials.points.F1.position_mm.0",
@@ -121,11 +359,13 @@ def test_a_number_without_a_known_derivative_is_refused_by_name_and_can_be_evalu
     assert function.score(function.present).targets[0].p95_mm == score(DEMO).targets[0].p95_mm
 
 
-def test_a_target_that_is_not_the_first_may_not_move_unseen() -> None:
+def test_what_moves_unseen_or_is_sampled_has_no_derivative() -> None:
     targets = [{"name": "tip", "position_mm": [0, 0, 70]}, {"name": "far", "position_mm": [0, 5, 90]}]
     function = DesignFunction(DEMO.with_value("targets", targets), ["targets.far.position_mm.2"])
     with pytest.raises(OutOfRangeError, match="a target"):
         function.p95_gradient(function.present, target="far")
+    flat = linear_law([0.1, 0, 0], np.zeros((3, 3)), np.eye(3)[:, :2] * 0.3, [0, 0])
+    assert column_gradient(flat, law_quantile(flat, 0.95)) is None
 
 
 def test_what_leads_to_no_number_is_refused_with_what_may_have_been_meant() -> None:
@@ -153,8 +393,3 @@ def test_the_derivative_by_a_column_is_that_of_differences_across_and_along_it()
                 law_quantile(linear_law(law.mean, law.covariance, columns + s * step, kinds), 0.95) for s in (1, -1)
             )
             assert slopes[axis, j] == pytest.approx((high.quantile_mm - low.quantile_mm) / 2e-3, abs=3e-6)
-
-
-def test_a_law_that_is_sampled_has_no_derivative_by_its_columns() -> None:
-    flat = linear_law([0.1, 0, 0], np.zeros((3, 3)), np.eye(3)[:, :2] * 0.3, [0, 0])
-    assert column_gradient(flat, law_quantile(flat, 0.95)) is None
